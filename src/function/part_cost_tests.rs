@@ -165,15 +165,11 @@ fn the_other_data_by_32_bits() {
     let mut rig = Rig::with_access(Access::Bits32);
     let (mut reader, _) = variables(&mut rig, &[X; 128], VariableMode::SingleUser);
     let now = Instant::now();
-    let mut report = |rig: &mut Rig| {
-        rig.put(VARIABLE_READ_CONTROL, DATA_READY);
-        rig.cost(|bus| {
-            let looks = std::iter::repeat_with(|| reader.poll(bus, now).unwrap());
-            looks.take(50).find(|look| *look != VariablePoll::Partial)
-        })
-    };
-    report(&mut rig);
-    let (look, cost) = report(&mut rig);
+    rig.put(VARIABLE_READ_CONTROL, DATA_READY);
+    let (look, cost) = rig.cost(|bus| {
+        let looks = std::iter::repeat_with(|| reader.poll(bus, now).unwrap());
+        looks.take(50).find(|look| *look != VariablePoll::Partial)
+    });
     assert_eq!((look, cost), (Some(VariablePoll::Report(0)), documented("variable read by 32 bits")));
     assert!(PLACE.start.bytes().is_multiple_of(4));
     assert_eq!(dpram(&PMAC, 20, 20, Access::Bits32), documented("ASCII line by 32 bits"));

@@ -11,12 +11,13 @@
 //! | table, X words | writes the kinds; clears bit 15 when it took a value (multi-user mode) | sets bit 15 |
 //! | behind the table | reads | writes the values, 2 or 4 words an entry |
 //!
-//! A table is changed in the order count 0, silence, start, table, control, count. PMAC may be in the middle of a pass
-//! when the count becomes 0, and no word tells when that pass ends. Two things keep what it still writes out: the
-//! table is touched only after a silence ([`SETTLE`]), so that PMAC does not normally read half an entry; and, however
-//! long the pass lasts, the first value that is announced after the change is dropped, as it may be the old pass's,
-//! while a second one must come from a pass that began after it. A late pass may also write back a word it had read
-//! before, so the mode and the kinds are compared with what was set, and set again.
+//! A table is changed in the order count 0, silence, start, table, control, count, announcement, table, control. PMAC may be
+//! in the middle of a pass when the count becomes 0, and no word tells when that pass ends. After the silence ([`SETTLE`])
+//! PMAC does not normally read half an entry. But a pass may last longer, and then writes the old table's values and kinds
+//! over the new table. So PMAC first has to announce a report of single-user mode, whichever mode is wanted. From then on
+//! it makes no pass until the host clears the ready bit (p. 22: it copies "if the data ready bit is 0"), and a pass from before
+//! is over, however long it took: PMAC makes one after the other. That report is dropped, the table is written once more, and
+//! every pass from then on goes by it.
 //!
 //! A report of single-user mode is read in many polls, in which the board may be reset or lose its power. So the servo
 //! timer is read before and after its words, and the control word once more after them: unless both are as they were,
@@ -33,8 +34,10 @@ use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VA
 use crate::map::{HostOffset, Region, StartRule, VariableKind, VariableName, VariableRead};
 pub use crate::protocol::VariableMode;
 
-/// How long after the count became 0 the table is left alone.
+/// How long after the count became 0 the table is left alone: longer than most passes last.
 pub const SETTLE: Duration = Duration::from_millis(50);
+/// The control word while PMAC is to announce a report that is dropped: single-user mode.
+const FENCING: u16 = 0;
 /// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
 pub const POLL_WORDS: usize = 32;
 
@@ -110,10 +113,13 @@ enum State {
     Silent {
         until: Instant,
     },
-    /// Entries before `next` are written.
+    /// Entries before `next` are written; `is_last`: while PMAC makes no pass.
     Writing {
         next: usize,
+        is_last: bool,
     },
+    /// A pass from before may still write over the table: waits until PMAC announces a report.
+    Fencing,
     /// Single-user mode waits for the ready bit; multi-user mode looks at entry `next` next.
     Running {
         next: usize,
@@ -138,8 +144,6 @@ pub struct VariableReader {
     /// Values being read, before the whole report is known to stand.
     pending: [[u16; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
     count: usize,
-    /// Entries whose first announced value was dropped; in single-user mode bit 0 stands for all.
-    dropped: u128,
     /// The servo timer of the report being read, when its reading began.
     report_timer: u16,
     repairs: u64,
@@ -160,7 +164,6 @@ impl VariableReader {
             values: [VariableValue::default(); VARIABLE_READ_ENTRIES],
             pending: [[0; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
             count: 0,
-            dropped: 0,
             report_timer: 0,
             repairs: 0,
         }
@@ -179,7 +182,7 @@ impl VariableReader {
     }
 
     /// Replaces the table by `entries`; none stops the function. From here on there are no values until polls bring
-    /// them. 1 write; the polls that follow write 2 words an entry and 3 more.
+    /// them. 1 write; the polls that follow write 4 words an entry and 4 more.
     ///
     /// # Errors
     /// A table that cannot be, or a bus out of reach.
@@ -202,7 +205,6 @@ impl VariableReader {
         self.values[..entries.len()].fill(VariableValue::default());
         self.count = entries.len();
         self.mode = mode;
-        self.dropped = 0;
         self.state = if entries.is_empty() { State::Off } else { State::Silent { until: now + SETTLE } };
         Ok(())
     }
@@ -263,11 +265,12 @@ impl VariableReader {
             State::Silent { until } => {
                 if now >= until {
                     bus.write16(self.read.start, self.start.start_word(self.place.start))?;
-                    self.state = State::Writing { next: 0 };
+                    self.state = State::Writing { next: 0, is_last: false };
                 }
                 Ok(VariablePoll::SettingUp)
             }
-            State::Writing { next } => self.write_table(bus, next),
+            State::Writing { next, is_last } => self.write_table(bus, next, is_last),
+            State::Fencing => self.await_fence(bus),
             State::Running { next } => self.poll_control(bus, next),
             State::Reading { next } => self.read_report(bus, next),
         }
@@ -287,7 +290,12 @@ impl VariableReader {
         self.read.entry.words(kind, address)
     }
 
-    fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
+    fn write_table(
+        &mut self,
+        bus: &mut impl Bus,
+        next: usize,
+        is_last: bool,
+    ) -> Result<VariablePoll, BusError> {
         let end = self.count.min(next + POLL_WORDS / VARIABLE_READ_ENTRY_WORDS);
         for index in next..end {
             let [address, kind] = self.words(index);
@@ -295,15 +303,35 @@ impl VariableReader {
             bus.write16(self.kind_word(index), kind)?;
         }
         if end < self.count {
-            self.state = State::Writing { next: end };
+            self.state = State::Writing { next: end, is_last };
             return Ok(VariablePoll::SettingUp);
         }
-        bus.write16(self.read.ready.word, self.control())?;
-        bus.order_writes();
-        bus.write16(self.read.count, self.count as u16)?;
-        bus.order_writes();
-        self.state = State::Running { next: 0 };
+        if is_last {
+            bus.order_writes();
+            self.write_control(bus, self.control())?;
+            self.state = State::Running { next: 0 };
+        } else {
+            self.write_control(bus, FENCING)?;
+            bus.write16(self.read.count, self.count as u16)?;
+            bus.order_writes();
+            self.state = State::Fencing;
+        }
         Ok(VariablePoll::SettingUp)
+    }
+
+    /// Waits for the announcement after which PMAC makes no pass.
+    fn await_fence(&mut self, bus: &mut impl Bus) -> Result<VariablePoll, BusError> {
+        let control = bus.read16(self.read.ready.word)?;
+        let VariableRead { ready, multi_user, .. } = self.read;
+        // All ones is an absent board.
+        if control != u16::MAX && multi_user.is_set(control) {
+            self.repairs += 1;
+            self.write_control(bus, FENCING)?;
+        } else if control != u16::MAX && ready.is_set(control) {
+            self.state = State::Writing { next: 0, is_last: true };
+            return Ok(VariablePoll::SettingUp);
+        }
+        Ok(VariablePoll::Nothing)
     }
 
     fn poll_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
@@ -318,7 +346,7 @@ impl VariableReader {
         let ours = many.mask | if multi_user { ready.mask } else { 0 };
         if control & ours != self.control() {
             self.repairs += 1;
-            self.write_control(bus)?;
+            self.write_control(bus, self.control())?;
             return Ok(VariablePoll::Nothing);
         }
         if multi_user {
@@ -327,19 +355,14 @@ impl VariableReader {
         if !ready.is_set(control) {
             return Ok(VariablePoll::Nothing);
         }
-        if self.dropped == 0 {
-            self.dropped = 1;
-            self.write_control(bus)?;
-            return Ok(VariablePoll::Nothing);
-        }
         bus.order_reads();
         self.report_timer = bus.read16(self.read.timer)?;
         self.state = State::Reading { next: 0 };
         Ok(VariablePoll::Partial)
     }
 
-    fn write_control(&self, bus: &mut impl Bus) -> Result<(), BusError> {
-        bus.write16(self.read.ready.word, self.control())?;
+    fn write_control(&self, bus: &mut impl Bus, control: u16) -> Result<(), BusError> {
+        bus.write16(self.read.ready.word, control)?;
         bus.order_writes();
         Ok(())
     }
@@ -369,7 +392,7 @@ impl VariableReader {
         if timer != self.report_timer || !is_ready || control == u16::MAX {
             return Ok(VariablePoll::Nothing);
         }
-        self.write_control(bus)?;
+        self.write_control(bus, self.control())?;
         for (value, words) in self.values[..self.count].iter_mut().zip(&self.pending) {
             *value = VariableValue { words: *words, timer, updates: value.updates + 1 };
         }
@@ -409,26 +432,22 @@ impl VariableReader {
         Ok(VariablePoll::Values(new))
     }
 
-    /// Takes the value PMAC announced with the X word `word`, unless it is to be dropped, and asks for the next.
+    /// Takes the value PMAC announced with the X word `word`, unless that is not as set, and asks for the next.
     fn take_entry(&mut self, bus: &mut impl Bus, index: usize, word: u16) -> Result<bool, BusError> {
         let [_, kind] = self.words(index);
-        let bit = 1u128 << index;
         let as_set = word & self.read.entry.mask() == kind;
-        let wanted = as_set && self.dropped & bit != 0;
-        if wanted {
+        if as_set {
             bus.order_reads();
             let words = self.read_value(bus, index)?;
             bus.order_reads();
             self.values[index].words = words;
             self.values[index].updates += 1;
-        } else if as_set {
-            self.dropped |= bit;
         } else {
             self.repairs += 1;
         }
         bus.write16(self.kind_word(index), kind)?;
         bus.order_writes();
-        Ok(wanted)
+        Ok(as_set)
     }
 
     fn read_value(

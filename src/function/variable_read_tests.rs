@@ -56,9 +56,23 @@ impl Rig {
         self.reader.poll(&mut self.bus, self.now).unwrap()
     }
 
-    fn set_up(&mut self, entries: &[VariableEntry], mode: VariableMode) {
+    /// Writes the table for the first time: PMAC may announce a report.
+    fn set_up_to_fence(&mut self, entries: &[VariableEntry], mode: VariableMode) {
         self.begin(entries, mode);
         self.now += SETTLE;
+        while self.reader.state != State::Fencing {
+            assert_eq!(self.poll(), VariablePoll::SettingUp);
+        }
+    }
+
+    fn set_up(&mut self, entries: &[VariableEntry], mode: VariableMode) {
+        self.set_up_to_fence(entries, mode);
+        self.pass(0x4000);
+        self.write_again();
+    }
+
+    /// PMAC has announced its first report.
+    fn write_again(&mut self) {
         while !self.reader.is_running() {
             assert_eq!(self.poll(), VariablePoll::SettingUp);
         }
@@ -131,6 +145,11 @@ fn the_table_is_written_as_the_manual_says_and_the_count_last() {
         assert_eq!(header, [0, 0, 3, start]);
         let table: Vec<_> = (0..6).map(|index| rig.word(0x2A00 + 2 * index)).collect();
         assert_eq!(table, [0x0028, kind(family, 2), 0x1005, kind(family, 1), 0x0700, 0]);
+        assert_eq!(
+            (rig.poll(), rig.reader.is_running()),
+            (VariablePoll::Nothing, false),
+            "PMAC has to answer"
+        );
     }
 }
 
@@ -139,8 +158,6 @@ fn a_report_is_taken_whole_and_the_next_asked_for() {
     for family in FAMILIES {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::SingleUser);
-        assert_eq!(rig.poll(), VariablePoll::Nothing);
-        rig.pass(0x4000);
         assert_eq!(rig.poll(), VariablePoll::Nothing, "the first one may be an old pass's");
         assert_eq!(rig.word(rig.control()), 0);
         rig.pass(0x1000);
@@ -170,8 +187,6 @@ fn a_report_across_a_reset_is_not_taken() {
             for what in ["cleared", "without power", "another report"] {
                 let mut rig = Rig::new(family);
                 rig.set_up(&entries, VariableMode::SingleUser);
-                rig.pass(1);
-                assert_eq!(rig.poll(), VariablePoll::Nothing, "dropped");
                 rig.pass(2);
                 for _ in 0..looks {
                     assert_eq!(rig.poll(), VariablePoll::Partial);
@@ -214,7 +229,7 @@ fn a_long_table_is_set_up_and_read_in_bounded_steps() {
                 reports += 1;
             }
             assert!(rig.bus.accesses() - before <= POLL_WORDS as u64 + 3);
-            if rig.reader.state == (State::Running { next: 0 }) {
+            if matches!(rig.reader.state, State::Running { next: 0 } | State::Fencing) {
                 rig.pass(7);
             }
             steps += 1;
@@ -230,8 +245,6 @@ fn in_multi_user_mode_entries_are_taken_and_freed_one_by_one() {
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::MultiUser);
         assert_eq!(rig.word(rig.control()), 0x0100);
-        rig.pass(0x4000);
-        assert_eq!(rig.poll(), VariablePoll::Nothing, "first values are dropped");
         rig.pass(0x1000);
         let before = rig.bus.accesses();
         assert_eq!(rig.poll(), VariablePoll::Values(0b111));
@@ -269,29 +282,82 @@ fn no_entry_of_a_long_table_starves() {
     }
 }
 
-#[test]
-fn a_pass_that_outlasts_the_silence_brings_no_value() {
-    for family in FAMILIES {
-        // It set the ready bit for a table that is gone.
-        let mut rig = Rig::new(family);
-        rig.set_up(&THREE, VariableMode::SingleUser);
-        rig.put(rig.control(), 1);
-        assert_eq!(rig.poll(), VariablePoll::Nothing);
-        assert_eq!(rig.reader.values()[0].updates, 0);
+/// What a pass that latched `table` at its begin writes at its end: values and kinds, and its announcement.
+fn end_of_latched_pass(rig: &mut Rig, table: &[VariableEntry], mode: VariableMode) {
+    let mut data = 0x2A00 + 4 * table.len() as u32;
+    for (index, entry) in table.iter().enumerate() {
+        for word in 0..entry.kind.words() as u32 {
+            rig.put(data, 0xBAD0 + word as u16);
+            data += 2;
+        }
+        if mode == VariableMode::MultiUser {
+            let word = kind(rig.family, entry.kind.code()) | VARIABLE_READ_ENTRY_READY;
+            rig.put(0x2A02 + 4 * index as u32, word);
+        }
+    }
+    if mode == VariableMode::SingleUser {
+        let control = rig.word(rig.control());
+        rig.put(rig.control(), control | 1);
+    }
+}
 
-        // It wrote back the control word of single-user mode.
+#[test]
+fn b3_a_pass_that_outlasts_the_silence_spoils_no_table() {
+    use VariableMode::{MultiUser, SingleUser};
+    let old = [entry(0x1005, VariableKind::Long)];
+    let new: Vec<_> = (0..10).map(|index| entry(0x0100 + index, VariableKind::X)).collect();
+    for family in FAMILIES {
+        for (before, after) in
+            [SingleUser, MultiUser].into_iter().flat_map(|mode| [(mode, SingleUser), (mode, MultiUser)])
+        {
+            // It ends before PMAC reads the new table, or while the host writes that.
+            for ends_early in [false, true] {
+                let mut rig = Rig::new(family);
+                rig.set_up(&old, before);
+                rig.begin(&new, after);
+                rig.now += SETTLE;
+                if ends_early {
+                    assert_eq!((rig.poll(), rig.poll()), (VariablePoll::SettingUp, VariablePoll::SettingUp));
+                    end_of_latched_pass(&mut rig, &old, before);
+                }
+                while rig.reader.state != State::Fencing {
+                    rig.poll();
+                }
+                if !ends_early {
+                    end_of_latched_pass(&mut rig, &old, before);
+                }
+                // PMAC's own pass, by whatever the table holds; it is none while the old one has announced its report.
+                rig.pass(0x4000);
+                rig.write_again();
+                rig.pass(1);
+                (0..4).for_each(|_| _ = rig.poll());
+                for (value, entry) in rig.reader.values().iter().zip(&new) {
+                    assert_eq!(value.words[0], entry.address as u16 + 1, "{before:?} {after:?} {ends_early}");
+                }
+                assert_eq!(rig.reader.repairs(), 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_somebody_else_writes_over_the_mode_or_a_kind_is_set_again() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        rig.set_up_to_fence(&THREE, VariableMode::SingleUser);
+        rig.put(rig.control(), 0x0100);
+        assert_eq!((rig.poll(), rig.word(rig.control())), (VariablePoll::Nothing, 0));
+        assert_eq!(rig.reader.repairs(), 1);
+
         let mut rig = Rig::new(family);
         rig.set_up(&THREE, VariableMode::MultiUser);
         rig.put(rig.control(), 1);
         assert_eq!(rig.poll(), VariablePoll::Nothing);
         assert_eq!((rig.word(rig.control()), rig.reader.repairs()), (0x0100, 1));
 
-        // It wrote back an entry's kind, with its ready bit.
         rig.put(0x2A02, 0x8000 | kind(family, 1));
         assert_eq!(rig.poll(), VariablePoll::Nothing);
         assert_eq!((rig.word(0x2A02), rig.reader.repairs()), (kind(family, 2), 2));
-        rig.pass(0);
-        assert_eq!(rig.poll(), VariablePoll::Nothing, "and this was the entry's first value by its own kind");
         rig.pass(0);
         assert_eq!(rig.poll(), VariablePoll::Values(0b111));
     }
@@ -340,8 +406,6 @@ fn an_address_of_19_bits_goes_on_in_the_x_word() {
     let mut rig = Rig::new(&TURBO2);
     rig.set_up(&[entry(0x7_8000, VariableKind::X)], VariableMode::MultiUser);
     assert_eq!([rig.word(0x2A00), rig.word(0x2A02)], [0x8000, 0x0027]);
-    rig.pass(0);
-    assert_eq!(rig.poll(), VariablePoll::Nothing, "dropped");
     rig.pass(1);
     assert_eq!(rig.poll(), VariablePoll::Values(1));
     assert_eq!((rig.reader.values()[0].words[0], rig.reader.repairs()), (0x8001, 0));

@@ -48,7 +48,7 @@ pub static READINGS: &[Reading] = &[
     found_out("reply_count_order", &["before_control", "after_control"]),
     found_out("panel_mask", &["at_once", "when_done"]),
     found_out("variable_write_count", &["at_once", "when_done"]),
-    found_out("variable_read_pass", &["in_one", "in_many"]),
+    found_out("variable_read_pass", &["in_one", "in_many", "latched"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
     found_out("global_words", &["y_first", "x_first"]),
     found_out("background_timer", &["before_ready", "after_ready"]),
@@ -260,6 +260,8 @@ pub enum ReadPass {
     InOne,
     /// One background pass an entry, which is read only then; the size is read at the cycle's begin.
     InMany,
+    /// Many passes: size, addresses and kinds are read at the cycle's begin, values and kinds written at its end.
+    Latched,
 }
 
 /// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 266).

@@ -124,6 +124,35 @@ fn every_function_works_under_the_default_readings() {
 }
 
 #[test]
+fn b3_a_slow_pass_over_the_table_before_spoils_no_table() {
+    // The board goes by the table before for 133 ms, and then writes two words where the new one has its second entry.
+    for mode in ["single-user", "multi-user"] {
+        let config = format!("[variables]\nmode = {mode:?}\n");
+        let site = VirtualSite::configured(&["--reading", "variable_read_pass=latched"], &config);
+        site.wait_for_identity();
+        let mut board = site.connection();
+        for number in 0..10 {
+            board.send(&format!("WY$70{number},{}", 100 + number), PATIENCE).unwrap();
+        }
+        let names: Vec<_> = (0..10).map(|number| format!("Y:$070{number}")).collect();
+        let expected: String = (0..10).map(|number| format!(" Y:$070{number}={}", 100 + number)).collect();
+        for _ in 0..10 {
+            done(&site, &["variable", "watch", "L:$0720", "--count", "2"]);
+            let all: Vec<_> = ["variable", "watch", "--count", "3"]
+                .into_iter()
+                .chain(names.iter().map(String::as_str))
+                .collect();
+            let shown = done(&site, &all);
+            assert!(
+                shown.lines().count() >= 3 && shown.lines().all(|line| line.ends_with(&expected)),
+                "{mode}: {shown}"
+            );
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn b3_a_request_that_was_withdrawn_and_is_at_work_hides_no_other() {
     // The daemon waits a second for a request. The board clears the first one's mask while the second one waits, or after it.
     for late in ["fault panel_late 4000", "fault panel_late 6000"] {

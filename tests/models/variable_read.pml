@@ -9,15 +9,13 @@
  * PASSES      passes are counted modulo this
  * MULTI       multi-user mode: a ready bit an entry; MULTI=2: the host changes the mode with the table
  * CRASH       the host is killed anywhere, any number of times, and started again
- * NO_SILENCE  the host does not wait, after it has set the count to 0, until a pass under way has ended (50 ms). FAILS: a
- *             pass begun with the short table writes its value where the long one has its second entry by now: that
- *             entry names another register for ever, and nobody reads it back. So the silence must be longer than
- *             PMAC's longest pass. Only between tables of the same length (SAME) it need not: there the next rule is
- *             enough.
- * NO_DROP     the first value announced after a change is taken. FAILS with NO_SILENCE and SAME: a pass begun with the
+ * NO_SILENCE  the host does not wait, after it has set the count to 0, until a pass under way has ended (50 ms). Holds: the
+ *             silence only keeps PMAC from reading half an entry, which is not asserted here.
+ * NO_REWRITE  the table is not written once more after the report that is dropped. FAILS with NO_SILENCE: a pass begun with
+ *             the short table writes its value where the long one has its second entry by now: that entry names another
+ *             register for ever, and nobody reads it back. Only between tables of the same length (SAME) it need not be.
+ * NO_FENCE    the first value announced after a change is taken. FAILS with NO_SILENCE and SAME: a pass begun with the
  *             old table announces its values when the new one is set up.
- * NO_RELEASE  the host does not set the count to 0 at its start, and takes what is ready. FAILS with CRASH: PMAC reads
- *             the table while it is written.
  * RESET       the board is reset anywhere while the function runs, once, in single-user mode: it clears the control word,
  *             and perhaps table and values; its timer goes on by one meanwhile (that a new report has the very timer of the old one is
  *             not modelled: 1 in 65536).
@@ -39,11 +37,6 @@
 #define MULTI 0
 #endif
 #define LONGS 4
-#ifdef NO_DROP
-#define DROPPED 3
-#else
-#define DROPPED 0
-#endif
 
 byte control;                                         /* bit 0 Data-Ready, bit 1 stands for bit 8, multi-user mode */
 byte count, start;
@@ -109,19 +102,18 @@ ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updat
 #define ADDRESS(i) (2 * table + (i))                  /* the registers of the first table, of the second */
 
 proctype Host() {
-  byte n, table, mode, dropped, i, word, a, b, p;
+  byte n, table, mode, i, word, a, b, p;
+  bool fenced = false;
   bool is_mixed = false;
 #ifdef RESET
   byte stamp;
 #endif
   do
   :: {
-#ifndef NO_RELEASE
     count = 0;                                        /* VariableReader::release, at the start */
     control = 0;
-#endif
     do
-    :: atomic { i = 0; if :: table = 1 :: table = 2 fi; n = (SAME -> 2 : table); dropped = DROPPED;
+    :: atomic { i = 0; if :: table = 1 :: table = 2 fi; n = (SAME -> 2 : table);
 #if MULTI == 0
          mode = 0
 #elif MULTI == 1
@@ -130,9 +122,7 @@ proctype Host() {
          if :: mode = 0 :: mode = MULTI_USER fi
 #endif
        };
-#ifndef NO_RELEASE
        count = 0;                                     /* VariableReader::begin */
-#endif
 #ifndef NO_SILENCE
        !in_pass;                                      /* SETTLE */
 #endif
@@ -141,12 +131,44 @@ proctype Host() {
        :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
        :: else -> break
        od;
+#ifdef NO_FENCE
        control = mode;
+#else
+       control = 0;                                   /* State::Fencing: single-user mode */
+#endif
        atomic { count = n; i = 0;
 #ifdef RESET
          running = true
 #endif
        };
+#ifndef NO_FENCE
+       do
+       :: atomic { word = control; fenced = (word & 1) && !(word & MULTI_USER) };
+          if
+          :: word & MULTI_USER -> control = 0
+          :: fenced -> break
+          :: else
+          fi
+#ifdef RESET
+       :: atomic { running = false; break }
+#else
+       :: break                                       /* another table is wanted */
+#endif
+       od;
+       atomic { word = 0; i = 0 };
+       if
+       :: !fenced -> goto changed
+       :: else
+       fi;
+       fenced = false;
+#ifndef NO_REWRITE
+       do
+       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
+       :: else -> break
+       od;
+#endif
+       atomic { control = mode; i = 0 };
+#endif
        do                                             /* VariableReader::look */
        ::
 #ifdef RESET
@@ -164,8 +186,7 @@ proctype Host() {
                    word = x[start + i];
                    if
                    :: !(word & READY) -> goto unready
-                   :: (word & READY) && !(dropped & (1 << i)) && word == READY -> dropped = dropped | (1 << i)
-                   :: (word & READY) && (dropped & (1 << i)) && word == READY ->
+                   :: word == READY ->
                       a = y[start + n + i];
                       atomic { b = x[start + n + i]; assert(a == b && a / PASSES == ADDRESS(i)); a = 0; b = 0; taken = true }
                    :: else
@@ -175,8 +196,7 @@ unready:           i++
                 :: else -> break
                 od
              :: !mode && !(word & 1)
-             :: !mode && (word & 1) && !dropped -> dropped = 1; control = mode
-             :: !mode && (word & 1) && dropped -> i = 0;
+             :: !mode && (word & 1) -> i = 0;
 #ifdef RESET
                 stamp = timer;
 #endif
@@ -212,9 +232,10 @@ gone:           atomic { is_mixed = false; p = 0
              fi
           fi;
           atomic { i = 0; word = 0 }
-       od
+       od;
+changed: skip
     od
-  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; dropped = 0; n = 0; table = 0; mode = 0; is_mixed = false
+  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; fenced = false; n = 0; table = 0; mode = 0; is_mixed = false
 #ifdef RESET
     ; stamp = 0; running = false
 #endif

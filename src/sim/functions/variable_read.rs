@@ -7,7 +7,8 @@
 //! PMAC copies every entry whose own ready bit is clear and sets that; it stores the timer in every pass and only reads
 //! the control word.
 //!
-//! How long a cycle takes is played as [`crate::map::Readings`] say: a pass, or a pass an entry, which PMAC reads only then.
+//! How long a cycle takes is played as [`crate::map::Readings`] say: a pass; a pass an entry, which PMAC reads only then; or
+//! 300 passes, with the table as it was at the begin and the values as they are at the end.
 //!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 128, or on a table that does not fit into the user area.
@@ -47,6 +48,25 @@ impl Entry {
     }
 }
 
+/// Background passes of a cycle that latches its table: 133 ms at the default rate.
+const LATCHED_PASSES: u32 = 300;
+
+/// A cycle that takes more than a pass.
+#[derive(Debug, Clone)]
+enum Cycle {
+    ByEntry(LongCycle),
+    Latched(LatchedCycle),
+}
+
+/// A cycle that goes by what it read at its begin.
+#[derive(Debug, Clone)]
+struct LatchedCycle {
+    multi_user: bool,
+    /// The entries that are due, each with its type word.
+    due: Vec<(Entry, u16)>,
+    passes_left: u32,
+}
+
 /// A cycle of a pass an entry.
 #[derive(Debug, Clone, Copy)]
 struct LongCycle {
@@ -63,7 +83,7 @@ struct LongCycle {
 #[derive(Debug, Clone, Default)]
 pub struct VariableRead {
     /// The cycle under way, where it takes more than a pass.
-    cycle: Option<LongCycle>,
+    cycle: Option<Cycle>,
     /// Where the table lies.
     first: Option<HostOffset>,
     table: Vec<Entry>,
@@ -93,9 +113,10 @@ impl VariableRead {
             *self = Self::default();
             return;
         }
-        if let Some(cycle) = self.cycle.take() {
-            self.go_on(cycle, board);
-            return;
+        match self.cycle.take() {
+            Some(Cycle::ByEntry(cycle)) => return self.go_on(cycle, board),
+            Some(Cycle::Latched(cycle)) => return self.go_on_latched(cycle, board),
+            None => {}
         }
         let control = board.memory.dpram.read16(function.ready.word);
         let multi_user = function.multi_user.is_set(control);
@@ -113,8 +134,7 @@ impl VariableRead {
             return;
         }
         if table != self.table || first != self.first {
-            let cycle = self.cycle;
-            *self = Self { cycle, first, written: vec![false; table.len()], table, ..Self::default() };
+            *self = Self { first, written: vec![false; table.len()], table, ..Self::default() };
         }
         self.judge(control, board);
         let fault = board.faults.variable_read.clone();
@@ -124,11 +144,12 @@ impl VariableRead {
         if fault.stuck {
             return;
         }
-        if let (ReadPass::InMany, Some(first)) = (board.identity.readings.variable_read_pass, self.first) {
+        let reading = board.identity.readings.variable_read_pass;
+        if let (ReadPass::InMany, Some(first)) = (reading, self.first) {
             let count = self.table.len();
             if multi_user || !function.ready.is_set(control) {
                 let data = first.plus_words(VARIABLE_READ_ENTRY_WORDS * count);
-                self.cycle = Some(LongCycle { multi_user, first, count, index: 0, data });
+                self.cycle = Some(Cycle::ByEntry(LongCycle { multi_user, first, count, index: 0, data }));
             }
             return;
         }
@@ -141,6 +162,15 @@ impl VariableRead {
                 }
             })
             .collect();
+        if reading == ReadPass::Latched {
+            let flagged = due.iter().map(|&index| {
+                let entry = self.table[index];
+                (entry, board.memory.dpram.read16(entry.flag))
+            });
+            let cycle = LatchedCycle { multi_user, due: flagged.collect(), passes_left: LATCHED_PASSES };
+            self.cycle = (!due.is_empty()).then_some(Cycle::Latched(cycle));
+            return;
+        }
         if !due.is_empty() && self.delay.over(fault.late) {
             board.memory.dpram.order_reads();
             let now = if fault.torn { due.len() / 2 } else { due.len() };
@@ -171,8 +201,29 @@ impl VariableRead {
             }
         }
         if next.index < count {
-            self.cycle = Some(next);
+            self.cycle = Some(Cycle::ByEntry(next));
         } else if multi_user {
+            self.store_timer(board);
+        } else {
+            self.announce(&[], false, board);
+        }
+    }
+
+    /// A pass of a latched cycle: nothing, but at its end values and announcement, over whatever lies there by then.
+    fn go_on_latched(&mut self, mut cycle: LatchedCycle, board: &mut Board) {
+        cycle.passes_left -= 1;
+        if cycle.passes_left > 0 {
+            self.cycle = Some(Cycle::Latched(cycle));
+            return;
+        }
+        for &(entry, _) in &cycle.due {
+            store(entry, &mut board.memory);
+        }
+        board.memory.dpram.order_writes();
+        if cycle.multi_user {
+            for (entry, flag) in cycle.due {
+                board.memory.dpram.write16(entry.flag, flag | VARIABLE_READ_ENTRY_READY);
+            }
             self.store_timer(board);
         } else {
             self.announce(&[], false, board);
