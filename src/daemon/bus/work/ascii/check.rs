@@ -217,7 +217,11 @@ impl AsciiQueue {
                 self.state = CommandState::Answers;
                 return self.has_answered(value, now);
             }
-            (Asks::Buffer, Some(value)) => return self.has_answered(value, now),
+            // Its whole reply came, without an end. The next handshake says whether there is one after all.
+            (Asks::Buffer, Some(value)) => {
+                self.set_reply_end(ReplyEnd::Silence);
+                return self.has_answered(value, now);
+            }
             _ => {}
         }
         self.check.not_before = now + AGAIN;
