@@ -100,6 +100,18 @@ fn b1_3_a_silent_gather_ends() {
 }
 
 #[test]
+fn b1_3_a_daemon_that_is_gone_leaves_samples_and_a_board_that_may_gather() {
+    let site = running();
+    let gather = gathering(&site, &["--seconds", "60"]);
+    site.with_world(|world| world.daemon = None);
+    let Output { status, stderr, .. } = ended(&site, gather);
+    let told = String::from_utf8(stderr).unwrap();
+    assert_eq!(status.code(), Some(2), "{told}");
+    assert!(told.contains("samples came, which are kept; the board may go on gathering"), "{told}");
+    assert!(!told.contains("nothing of it was carried out"), "{told}");
+}
+
+#[test]
 fn b1_7_a_reset_ends_the_gather_and_is_not_undone() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);

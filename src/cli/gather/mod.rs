@@ -164,7 +164,8 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         outcome = outcome.and(finished);
     }
     if let Err(failure) = outcome {
-        if let Some(trouble) = trouble(&stopped) {
+        // A daemon that is gone has been told of.
+        if let (Ok(_) | Err(CommandError::Refused(_)), Some(trouble)) = (&stopped, trouble(&stopped)) {
             // Nobody reads it: nothing to be done.
             let _ = writeln!(io::stderr(), "{trouble}");
         }
@@ -215,6 +216,13 @@ fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
         Some(GatherPhase::Interrupted) => Some("gathering paused for an unknown number of samples"),
         Some(GatherPhase::Running | GatherPhase::Ended) | None => None,
     }
+}
+
+/// What is to be said of a daemon that is gone while samples come.
+fn gone(samples: u64) -> String {
+    format!(
+        "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I19 may          stay as the gather set it: pmacctl gather --stop, when pmacd is there again"
+    )
 }
 
 /// What is to be said of the end of a gather.
@@ -304,7 +312,8 @@ impl Run<'_> {
                 match connection.sequence_renew() {
                     // The daemon has ended the gather, and says why when asked to.
                     Err(CommandError::Refused(_)) => break,
-                    other => other?,
+                    Ok(()) => {}
+                    Err(_) => return Err(Failure::Request(gone(self.samples))),
                 }
             }
             if shows && shown.elapsed() > PROGRESS {
