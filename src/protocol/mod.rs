@@ -15,6 +15,7 @@ pub mod function;
 pub mod i_lines;
 pub mod message;
 pub mod mirror_selection;
+pub mod moved_motors;
 pub mod parameters;
 pub mod password;
 pub mod settings;

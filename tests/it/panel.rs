@@ -230,6 +230,23 @@ fn is_open(board: &mut Connection) -> bool {
 }
 
 #[test]
+fn b2_6_a_line_by_hand_does_not_move_a_motor_that_somebody_holds() {
+    let site = running();
+    let (mut holder, mut other) = (site.connection(), site.connection());
+    holder.panel_hold("jog+", &[1]).unwrap();
+    let mut renewed = |line: &str| {
+        holder.panel_renew().unwrap();
+        other.send(line, PATIENCE).map_err(|error| error.to_string())
+    };
+    for line in ["#1J-", "#2J+ #1J=500", "#1HM"] {
+        let refused = renewed(line).unwrap_err();
+        assert!(refused.contains("holds a jog of motor 1; nothing was sent"), "{line}: {refused}");
+    }
+    assert!(renewed("#2J+").is_ok() && renewed("#1J/").is_ok(), "another motor, and what stops");
+    site.assert_no_violations();
+}
+
+#[test]
 fn b2_6_without_servo_data_a_killed_motor_stays_killed_too() {
     let site = running();
     let mut board = site.connection();

@@ -19,6 +19,7 @@ use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
+use crate::protocol::moved_motors::motors_moved;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -103,6 +104,10 @@ impl Service {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, .. } => {
+                let moved = motors_moved(&line);
+                if let Some((holder, held)) = self.leases.held_by_another(caller.client, moved) {
+                    return Err(held_by_another(holder, held));
+                }
                 let shown = without_password(&line);
                 let audit = Some(format!("sends {shown:?}"));
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
