@@ -179,7 +179,7 @@ fn a_function_that_is_off_is_told_before_board_or_file_is_touched() {
     let csv = site.path("data.csv");
     std::fs::write(&csv, "what was there").unwrap();
     let ran = site.run(&["gather", "--source", "servo_timer", "-o", csv.to_str().unwrap()]);
-    assert!(ran.code == Some(1) && ran.stderr.contains("`gather`, which is switched off"), "{ran:?}");
+    assert!(ran.code == Some(1) && ran.stderr.contains("the function `gather` is switched off"), "{ran:?}");
     assert_eq!(std::fs::read_to_string(&csv).unwrap(), "what was there");
     assert_eq!(site.ask("I19 I20 I45"), ["2", "$1", "0"]);
     site.assert_no_violations();
