@@ -44,7 +44,7 @@ const OUTPUT_MAX: usize = 360 * 1024;
 const SOCKET: usize = 4096;
 
 /// Calls, `@` is the number that comes back in the answer; whether they begin something that is not over with one reply.
-const CALLS: [(&str, bool); 24] = [
+const CALLS: [(&str, bool); 25] = [
     (r#""Send","parameters":{"line":"@"}"#, false),
     (r#""Send","parameters":{"line":"@","timeout_ms":20}"#, false),
     (r#""Read","parameters":{"host_offset":@,"words":3}"#, false),
@@ -58,6 +58,7 @@ const CALLS: [(&str, bool); 24] = [
     (r#""PanelHold","parameters":{"action":"jog-","numbers":[3]},"oneway":true"#, false),
     (r#""PanelRenew""#, false),
     (r#""Panel","parameters":{"action":"jog-stop","numbers":[1,3]}"#, false),
+    (r#""JogTo","parameters":{"motor":2,"position":-0.5}"#, false),
     (r#""FeedOverride","parameters":{"coordinate_system":1,"raw":7}"#, false),
     (r#""Write","parameters":{"host_offset":12288,"words":[1,2]}"#, false),
     (r#""WatchVariables","parameters":{"registers":["X:$0028","Y:$0003"]},"more":true"#, true),

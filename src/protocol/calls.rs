@@ -137,6 +137,14 @@ parameters! {
         numbers: Vec<usize>,
     }
 
+    /// Of `JogTo`.
+    JogTo {
+        /// The motor, from 1 on.
+        motor: usize,
+        /// Where to, in counts from home; rounded to 1/32.
+        position: f64,
+    }
+
     /// Of `FeedOverride`.
     FeedOverride {
         /// The coordinate system.

@@ -121,6 +121,36 @@ fn b5_7_a_jog_is_refused_with_nothing_sent() {
 }
 
 #[test]
+fn b5_7_a_jog_to_a_position_is_refused_while_somebody_else_holds_the_motor() {
+    let site = running("");
+    let (mut holder, mut other, mut board) = (site.connection(), site.connection(), site.connection());
+    board.send("#5", PATIENCE).unwrap();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    site.run_for(Duration::from_millis(100));
+    holder.panel_renew().unwrap();
+    let told = other.jog_to(1, -5000.0).unwrap_err().to_string();
+    assert!(
+        told.contains("holds a jog of motor 1; nothing was sent; panel jog-stop or abort ends that"),
+        "{told}"
+    );
+    other.jog_to(2, 100.0).unwrap();
+    holder.panel_renew().unwrap();
+    holder.jog_to(1, 0.0).unwrap();
+    // Time would wait for who holds a jog.
+    drop(holder);
+    board.send("#3K#5", PATIENCE).unwrap();
+    site.wait_until("the open loop", || site.pmacctl(&["motors"]).1.contains("open-loop"));
+    let told = other.jog_to(3, 100.0).unwrap_err().to_string();
+    assert!(told.contains("the loop of motor 3 is open") && told.contains("nothing was sent"), "{told}");
+    let log = site.log();
+    assert!(log.contains("sends \"#2J=100#5\"") && log.contains("sends \"#1J=0#5\""), "{log}");
+    assert!(!log.contains("J=-5000") && !log.contains("#3J"), "{log}");
+    assert_eq!(site.ask("#"), ["5"], "the address is put back");
+    refused(&site, &["jog", "1", "=40000000000"], 2, "a motor counts no farther");
+    site.assert_no_violations();
+}
+
+#[test]
 fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
     let site = running("");
     site.ask("I113=1000");
@@ -184,6 +214,16 @@ fn b5_7_a_home_search_is_waited_for() {
 }
 
 #[test]
+fn b5_7_a_wait_says_which_motors_nobody_reports() {
+    let site = running("[servo]\nmotors = [1, 2]\n");
+    for line in ["&1 #1->X", "OPEN PROG 7 CLEAR", "LINEAR INC TM300 TA50 TS0", "X2000", "CLOSE", "&1 B7"] {
+        site.ask(line);
+    }
+    let ran = run(&site, &["panel", "start", "1", "--wait"]);
+    assert!(ran.code == Some(0) && ran.stderr.contains("stands is not known: nothing reports it"), "{ran:?}");
+}
+
+#[test]
 fn b5_7_a_program_is_waited_for() {
     let site = running("");
     let lines =
@@ -210,5 +250,14 @@ fn b5_7_a_program_is_waited_for() {
     assert!(ran.code == Some(1) && ran.stderr.contains("was ended by an abort"), "{ran:?}");
     // There is no program: the board takes the key and does nothing.
     refused(&site, &["panel", "start", "3", "--wait"], 1, "was not seen to run");
+    refused(&site, &["panel", "start", "3"], 1, "coordinate system 3 was not seen to run");
+    site.ask("#1K");
+    site.wait_until("the open loop", || site.pmacctl(&["motors"]).1.contains("open-loop"));
+    refused(
+        &site,
+        &["panel", "start", "1"],
+        1,
+        "program ended at once; motor 1: its loop is open: it was killed",
+    );
     site.assert_no_violations();
 }

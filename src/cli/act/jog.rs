@@ -1,10 +1,6 @@
 //! `pmacctl jog`: moves one motor by hand: to a position, in a direction, or to a stop.
 //!
-//! Directions and stops are keys of the control panel, which any operator may press. A position goes by command line,
-//! `#nJ={constant}`, sent as a question: while a program buffer is open the daemon refuses it, for it would become a piece of
-//! the program. The line puts the address back, which is everybody's (UM p. 29).
-
-use std::time::Duration;
+//! Directions and stops are keys of the control panel. A position goes by command line, which the daemon makes.
 
 use clap::Args;
 
@@ -17,12 +13,8 @@ use crate::client::Connection;
 use crate::function::panel::PanelAction;
 use crate::segment::{Identity, UserUnit};
 
-/// Time limit of a line.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// The unit that every motor has.
 const COUNTS: &str = "counts";
-/// As far as PMAC's software limits go: 2^35 counts (Software Reference p. 72).
-const FARTHEST: f64 = 34_359_738_368.0;
 
 /// `jog`.
 #[derive(Debug, Args)]
@@ -109,46 +101,28 @@ fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -> Re
 /// The position in counts. A number alone is not taken where it could be meant in either of two units.
 fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> Result<f64, Failure> {
     let (typed, has_name) = (short(value), has.as_ref().map(|unit| &unit.name[..]));
-    let counts = match (unit, has) {
-        (Some(COUNTS), _) | (None, None) => value,
-        (Some(unit), Some(has)) if unit == &has.name[..] => value * has.counts_per_unit,
+    match (unit, has) {
+        (Some(COUNTS), _) | (None, None) => Ok(value),
+        (Some(unit), Some(has)) if unit == &has.name[..] => Ok(value * has.counts_per_unit),
         (None, Some(has)) => {
             let name = &has.name[..];
             let why = format!(
                 "motor {number} has the unit {name}: write ={typed}{name} or ={typed}{COUNTS}; nothing was sent"
             );
-            return Err(Failure::Request(why));
+            Err(Failure::Request(why))
         }
         (Some(unit), _) => {
             let known = has_name.map_or_else(String::new, |name| format!("{name} and "));
             let why =
                 format!("motor {number} has no unit {unit:?}: it knows {known}{COUNTS}; nothing was sent");
-            return Err(Failure::Request(why));
+            Err(Failure::Request(why))
         }
-    };
-    if counts.abs() < FARTHEST {
-        return Ok(counts);
     }
-    Err(Failure::Request(format!(
-        "{} {COUNTS} are farther than a motor counts; nothing was sent",
-        short(counts)
-    )))
-}
-
-/// The position as the board takes it: to 1/32 of a count, without an exponent.
-fn constant(counts: f64) -> String {
-    ((counts * 32.0).round() / 32.0 + 0.0).to_string()
 }
 
 fn send(connection: &mut Connection, number: u8, target: f64) -> Result<(), Failure> {
-    let addressed: Option<u32> =
-        connection.question("#", PATIENCE)?.first().and_then(|line| line.trim().parse().ok());
-    let addressed = addressed.ok_or_else(|| {
-        Failure::Refused("the board does not say which motor is addressed; nothing was sent".to_owned())
-    })?;
-    let line = format!("#{number}J={}#{addressed}", constant(target));
-    match connection.question(&line, PATIENCE).map_err(LineError::from) {
-        Ok(_) => Ok(()),
+    match connection.jog_to(number, target).map_err(LineError::from) {
+        Ok(()) => Ok(()),
         Err(LineError::Uncertain { failure, .. }) => {
             Err(failure.at(format_args!("motor {number} MAY BE MOVING")))
         }
@@ -196,20 +170,6 @@ mod tests {
         assert!(told.contains("write =90deg or =90counts; nothing was sent"), "{told}");
         assert!(of(1.0, Some("mm"), Some(DEGREES())).unwrap_err().contains("it knows deg and counts"));
         assert!(of(1.0, Some("deg"), None).unwrap_err().contains("it knows counts"));
-        assert!(of(4e10, None, None).unwrap_err().contains("farther"));
-    }
-
-    #[test]
-    fn b5_7_a_position_is_sent_to_a_32nd_of_a_count() {
-        for (counts, text) in [
-            (5000.0, "5000"),
-            (-0.001, "0"),
-            (0.1, "0.09375"),
-            (-34_359_738_367.9, "-34359738367.90625"),
-            (1e10, "10000000000"),
-        ] {
-            assert_eq!(constant(counts), text);
-        }
     }
 
     #[test]

@@ -54,6 +54,16 @@ impl Connection {
         Ok(())
     }
 
+    /// Jogs `motor` (from 1) to `position`, in counts from home, and returns when the board has taken the line. Rounded to 1/32 of a
+    /// count.
+    ///
+    /// # Errors
+    /// [`CommandError`]; refused, with nothing sent, while another connection holds a jog of the motor, while its loop is open, and
+    /// while a program buffer is open.
+    pub fn jog_to(&mut self, motor: u8, position: f64) -> Result<(), CommandError> {
+        self.job("JogTo", &calls::JogTo { motor: motor.into(), position })
+    }
+
     /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
     /// default I10), until it is released by `None`. Returns what speaks against an effect: an Ix93 that points elsewhere, or
     /// that the board could not be asked.

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
+use super::jog_to::JogTo;
 use super::policy::Peer;
 use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
@@ -65,6 +66,8 @@ pub(super) enum Then {
     },
     /// The stop of this number goes on.
     Stop(u64),
+    /// This jog goes on, until then: the board was asked what is addressed.
+    JogTo(JogTo, Instant),
     /// The caller hears how many resets were found; the board was asked then for its servo counter.
     Resets(Instant),
     /// The sequence of this number goes on.
@@ -232,7 +235,8 @@ impl CallTable {
 
     /// Whether `ticket` is a question that the daemon asks for a call's sake.
     fn is_own_question(&self, ticket: Ticket) -> bool {
-        let is_callers = |then: &Then| matches!(then, Then::Sequence(_) | Then::ReplyLines);
+        let is_callers =
+            |then: &Then| matches!(then, Then::Sequence(_) | Then::ReplyLines | Then::ReplyDone(_));
         self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
 

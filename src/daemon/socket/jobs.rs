@@ -251,7 +251,7 @@ pub(super) fn inside(
 }
 
 /// Whether `number` is one of `count`, which count from 1; `name` is the parameter's.
-fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError> {
+pub(super) fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError> {
     let is_one = (1..=count).contains(&number);
     if is_one { Ok(()) } else { Err(CallError::invalid(name, format_args!("1 to {count}, not {number}"))) }
 }

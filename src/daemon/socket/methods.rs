@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::jobs::{self, JobCall};
+use super::jog_to::JogTo;
 use super::policy::{Characters, Role};
 use super::sequences::{Batch, GatherCall, RotaryCall, SequenceCall};
 use crate::daemon::shared::info::Info;
@@ -75,6 +76,8 @@ pub enum Action {
     Watch(Vec<VariableEntry>),
     /// Pass on every unsolicited text from now on.
     Stream,
+    /// Jog a motor to a position.
+    JogTo(JogTo),
     /// Renew the caller's lease on a jog.
     Renew,
     /// Ask the board whether it was reset.
@@ -103,7 +106,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 23] = {
+const METHODS: [Method; 24] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -146,6 +149,9 @@ const METHODS: [Method; 23] = {
         method("PanelRenew", Observe, Some(Panel), |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::Renew)
+        }),
+        method("JogTo", Operate, Some(Ascii), |call, info| {
+            JogTo::of(&parameters(call)?, info.family()).map(Action::JogTo)
         }),
         method("FeedOverride", Stop, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
         method("Write", Engineer, None, |call, info| job(call, info, jobs::write)),
@@ -370,6 +376,7 @@ mod tests {
             ("Panel", json!({"action": "jog+", "numbers": [1]}), Role::Operate),
             ("Panel", json!({"action": "step", "numbers": [1]}), Role::Operate),
             ("PanelHold", json!({"action": "jog+", "numbers": [1]}), Role::Operate),
+            ("JogTo", json!({"motor": 1, "position": -0.5}), Role::Operate),
             ("FeedOverride", json!({"coordinate_system": 1, "raw": 0}), Role::Stop),
             ("FeedOverride", json!({"coordinate_system": 1, "raw": 1}), Role::Operate),
             ("FeedOverride", json!({"coordinate_system": 1, "raw": null}), Role::Operate),
@@ -447,7 +454,7 @@ mod tests {
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-        assert_eq!(methods.len(), 23, "{methods:?}");
+        assert_eq!(methods.len(), 24, "{methods:?}");
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();

@@ -7,6 +7,7 @@ mod clients;
 mod connection;
 mod fair_queue;
 pub mod jobs;
+mod jog_to;
 mod leases;
 pub mod listener;
 pub mod methods;

@@ -7,6 +7,7 @@
 //! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
 
 mod calls;
+mod jogging;
 mod sequencing;
 pub mod stepper;
 mod stopping;

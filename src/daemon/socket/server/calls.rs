@@ -70,6 +70,7 @@ impl Service {
                 return Reply::with(&board).map(Some);
             }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
+            Action::JogTo(jog) => self.jog_to(caller, jog, now)?,
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
                 if guard.is_open(self.info.enabling(), self.answers(), now) {
@@ -223,7 +224,7 @@ impl Service {
     }
 
     /// Asks the board `question`; `then` begins if its answer is what its guard wants.
-    fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
+    pub(super) fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
         let line = Text::of(&question);
         let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&question), stays: false };
         self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
@@ -235,7 +236,7 @@ impl Service {
         });
     }
 
-    fn wait_for_board(
+    pub(super) fn wait_for_board(
         &mut self,
         caller: Caller,
         deadline: Instant,
@@ -266,6 +267,9 @@ impl Service {
         match ended.then {
             Then::Sequence(number) => self.step_done(number, ended, outcome, Found::default(), now),
             Then::Stop(number) => self.stop_step(number, &ended.lines, outcome, now),
+            Then::JogTo(jog, deadline) => {
+                self.jog_addressed(ended.caller, (jog, deadline), &ended.lines, outcome, now);
+            }
             Then::PanelStop { target, ends_hold } => {
                 self.stop_by_line(target, Some(ended.caller), ends_hold, now);
             }
@@ -313,6 +317,9 @@ impl Service {
                 });
             }
             Then::Stop(number) => return self.stop_step(number, &lines, outcome, now),
+            Then::JogTo(jog, deadline) => {
+                return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
+            }
             Then::Reason(guard, reason) => {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
                     let reason = match guard.check(found.and_then(|found| found.first().copied())) {
@@ -504,7 +511,7 @@ impl Service {
 }
 
 /// What a call is answered whose command ended so.
-fn outcome_reply(
+pub(super) fn outcome_reply(
     outcome: Outcome,
     lines: Vec<String>,
     is_overlong: bool,
@@ -556,7 +563,7 @@ fn lease_over(end: Option<LeaseEnd>) -> CallError {
 }
 
 /// What a client is told who would move a motor that another one holds.
-fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
+pub(super) fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
     let held = Target::Motors(motors);
     let reason = match holder {
         Some(holder) => {

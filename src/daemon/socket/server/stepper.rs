@@ -137,6 +137,7 @@ mod tests {
     use crate::daemon::shared::job::Job;
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
     use crate::daemon::shared::status::BoardStatus;
+    use crate::function::ascii::ResponseText;
     use crate::map::PMAC;
     use crate::protocol::{BoardInfo, BoardSettings};
 
@@ -204,6 +205,42 @@ mod tests {
         let Some(Command::Job { job, .. }) = taken.try_receive() else { panic!("there is no stop") };
         assert_eq!(*job, Job::EndHold(1));
         assert!(taken.try_receive().is_none(), "no jog follows its stop");
+    }
+
+    #[test]
+    fn b5_7_a_motor_that_somebody_begins_to_hold_meanwhile_is_not_jogged() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (answers, events) = queue(at_once::ALL).unwrap();
+        let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
+        let backend = Backend { commands, events, info };
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
+        let now = Instant::now();
+        let call = |method: &str, parameters: &str| {
+            format!(r#"{{"method":"io.github.pmac-dpram.Board.{method}","parameters":{parameters}}}"#)
+        };
+        let jog = |motor| call("JogTo", &format!(r#"{{"motor":{motor},"position":500}}"#));
+        // Each has asked what is addressed. The first jog's motor is held before the answer comes.
+        let mut first = client(&mut server, &jog(1), now);
+        let _second = client(&mut server, &jog(2), now);
+        settle(&mut server, now);
+        let _holder = client(&mut server, &call("PanelHold", r#"{"action":"jog+","numbers":[1]}"#), now);
+        settle(&mut server, now);
+        let mut sent = Vec::new();
+        while let Some(command) = taken.try_receive() {
+            if let Command::Send { ticket, line, .. } = command {
+                sent.push(line.to_string());
+                assert!(answers.try_send(Event::Line(ticket, ResponseText::cut(b"3"))).is_ok());
+                assert!(answers.try_send(Event::Done(ticket, Outcome::Done)).is_ok());
+                settle(&mut server, now);
+            }
+        }
+        assert_eq!(sent, ["#", "#", "#2J=500#3"]);
+        let mut reply = [0; 512];
+        let length = first.read(&mut reply).unwrap();
+        let reply = String::from_utf8_lossy(&reply[..length]);
+        assert!(reply.contains("holds a jog of motor 1; nothing was sent"), "{reply}");
     }
 
     #[test]

@@ -1,0 +1,103 @@
+//! A jog to a position: what a call asks for, and the command line that does it.
+//!
+//! The control panel has no key for it, so it goes by command line: `#nJ={constant}`. The address that `#n` changes is everybody's
+//! (UM p. 29), so the line puts it back.
+
+use std::time::{Duration, Instant};
+
+use super::jobs::check_number;
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Text};
+use crate::map::Family;
+use crate::protocol::{CallError, calls};
+
+/// How long the question and the line may take together.
+const TIMEOUT: Duration = DEFAULT_TIMEOUT;
+/// As far as PMAC's software limits go: 2^35 counts (Software Reference p. 72).
+const FARTHEST: f64 = 34_359_738_368.0;
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JogTo {
+    /// The motor, from 1 on.
+    motor: u32,
+    /// Where to, in counts.
+    position: f64,
+}
+
+impl JogTo {
+    /// Asks what is addressed.
+    pub(super) const QUESTION: &str = "#";
+
+    /// What `call` asks for.
+    ///
+    /// # Errors
+    /// When `family` has no such motor, or motors do not count so far.
+    pub(super) fn of(call: &calls::JogTo, family: &Family) -> Result<Self, CallError> {
+        check_number(call.motor, family.motors, "motor")?;
+        if call.position.is_nan() || call.position.abs() >= FARTHEST {
+            return Err(CallError::invalid(
+                "position",
+                format_args!("less than {FARTHEST} counts either way: a motor counts no farther"),
+            ));
+        }
+        Ok(Self { motor: u32::try_from(call.motor).unwrap_or_default(), position: call.position })
+    }
+
+    /// When it is given up if it begins `now`.
+    pub(super) fn deadline(now: Instant) -> Instant {
+        now + TIMEOUT
+    }
+
+    /// Its motor: bit 0 is motor 1.
+    pub(super) const fn mask(self) -> u32 {
+        1_u32.unbounded_shl(self.motor.saturating_sub(1))
+    }
+
+    /// The line that does it and then addresses motor `addressed` again.
+    pub(super) fn line(self, addressed: u32) -> Text<LINE_MAX> {
+        let Self { motor, position } = self;
+        Text::of(&format_args!("#{motor}J={}#{addressed}", constant(position)))
+    }
+}
+
+/// The position as the board takes it: to 1/32 of a count, without an exponent.
+fn constant(counts: f64) -> String {
+    ((counts * 32.0).round() / 32.0 + 0.0).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    #[test]
+    fn b5_7_a_position_is_sent_to_a_32nd_of_a_count() {
+        for (counts, text) in [
+            (5000.0, "5000"),
+            (-0.001, "0"),
+            (0.1, "0.09375"),
+            (-34_359_738_367.9, "-34359738367.90625"),
+            (1e10, "10000000000"),
+        ] {
+            let jog = JogTo::of(&calls::JogTo { motor: 3, position: counts }, &PMAC).unwrap();
+            assert_eq!((&*jog.line(2), jog.mask()), (&*format!("#3J={text}#2"), 0b100));
+        }
+    }
+
+    #[test]
+    fn b5_7_a_jog_of_no_motor_or_too_far_is_refused() {
+        for (motor, position, name) in [
+            (0, 1.0, "motor"),
+            (9, 1.0, "motor"),
+            (1, 4e10, "position"),
+            (1, -FARTHEST, "position"),
+            (1, f64::NAN, "position"),
+        ] {
+            let refused = JogTo::of(&calls::JogTo { motor, position }, &PMAC).unwrap_err();
+            assert!(
+                matches!(&refused, CallError::InvalidParameter { parameter, .. } if parameter == name),
+                "{refused}"
+            );
+        }
+    }
+}
