@@ -65,7 +65,11 @@ impl fmt::Display for LeaseEnd {
             }
             Self::Stands(motors) => {
                 let target = Target::Motors(*motors);
-                write!(f, "the held jog is over: {target} stands; somebody stopped it, or it is at a limit")
+                write!(
+                    f,
+                    "the held jog is over: {target} stands; somebody stopped it, or it is at a limit; pmacd stops every motor of \
+                     the hold"
+                )
             }
         }
     }
@@ -82,7 +86,7 @@ struct Lease {
     holder: Account,
     /// The motors that were seen to move since the jog was asked for.
     moved: u32,
-    /// Since when some of them stand, and which.
+    /// Since when some of them have stood without a break, and which.
     stands: Option<(Instant, u32)>,
 }
 
@@ -153,8 +157,13 @@ impl Leases {
         for (_, lease) in leases {
             lease.moved |= motion.moving & lease.motors;
             let standing = lease.moved & motion.standing & lease.motors;
-            let since = lease.stands.map_or(now, |(since, _)| since);
-            lease.stands = (standing != 0).then_some((since, standing));
+            // One that begins to stand while another one does has its own time, after that one's.
+            let (since, still) = lease.stands.map_or((now, 0), |(since, stood)| (since, stood & standing));
+            lease.stands = match (still, standing) {
+                (_, 0) => None,
+                (0, standing) => Some((now, standing)),
+                (still, _) => Some((since, still)),
+            };
         }
     }
 
@@ -494,6 +503,22 @@ mod tests {
         assert_eq!(ended(&mut leases, at(1099), |_| true), None);
         assert_eq!(ended(&mut leases, at(1100), |_| true), Some(1));
         let told = leases.renew(7, at(1100)).unwrap_err().unwrap().to_string();
-        assert!(told.contains("motor 1 stands"), "{told}");
+        assert!(told.contains("motor 1 stands") && told.contains("every motor of the hold"), "{told}");
+    }
+
+    #[test]
+    fn b2_6_two_held_motors_that_turn_round_one_after_the_other_are_held() {
+        let now = Instant::now();
+        let at = |ms| now + Duration::from_millis(ms);
+        let standing = |standing: u32| Motion { moving: 0b11 & !standing, standing };
+        let mut leases = Leases::default();
+        leases.begin(7, HOLDER, 0b11, at(10_000));
+        for (ms, motors) in [(0, 0), (10, 0b01), (80, 0b11), (90, 0b10)] {
+            leases.see_motion(standing(motors), at(ms));
+        }
+        assert_eq!(ended(&mut leases, at(150), |_| true), None, "neither has stood for long enough");
+        leases.see_motion(standing(0b11), at(160));
+        assert_eq!(ended(&mut leases, at(190), |_| true), Some(0b11), "both are stopped");
+        assert_eq!(leases.renew(7, at(190)), Err(Some(LeaseEnd::Stands(0b10))));
     }
 }
