@@ -120,6 +120,7 @@ fn b2_6_the_holder_is_told_that_the_motor_moves() {
     board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
     let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
     assert!(told.contains("motor 1 MAY STILL MOVE") && told.contains("pmacctl abort"), "{told}");
+    assert!(told.contains("no command line can stop it while a program buffer is open"), "{told}");
     // With ^A the answer says what that did.
     let site = running("");
     let mut board = site.connection();

@@ -36,7 +36,7 @@ impl Service {
 
     /// A step of stop `number` is over.
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
-        let open = self.info.open_loops();
+        let (open, buffer_is_open) = (self.info.open_loops(), self.info.board().open_buffer.is_some());
         let Some(stop) = self.stops.get_mut(number) else { return };
         let target = stop.target;
         match stop.at {
@@ -58,7 +58,7 @@ impl Service {
                     return self.stop_over(number, Ok(()), now);
                 }
                 if is_over {
-                    return self.stop_over(number, Err(may_go_on(target)), now);
+                    return self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
                 }
                 self.stop_watched(number, now);
             }
@@ -75,7 +75,7 @@ impl Service {
             At::AbortAll => {
                 // Not taken: the stop has to be requested again.
                 stop.at = At::Watch;
-                self.stop_over(number, Err(may_go_on(target)), now);
+                self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
             }
             At::Watch => {}
         }
@@ -116,7 +116,10 @@ impl Service {
                         self.stop_step(number, &[], Outcome::Busy, now);
                     }
                 }
-                Seen::Move => self.stop_over(number, Err(may_go_on(target)), now),
+                Seen::Move => {
+                    let buffer_is_open = self.info.board().open_buffer.is_some();
+                    self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
+                }
             }
         }
     }
@@ -160,10 +163,15 @@ impl Service {
 }
 
 /// What is told of a stop that nobody has seen to be taken.
-fn may_go_on(target: Target) -> String {
+fn may_go_on(target: Target, buffer_is_open: bool) -> String {
+    let line = if buffer_is_open {
+        "no command line can stop it while a program buffer is open (it could become a piece of the program)"
+    } else {
+        "no command line is known to have stopped it"
+    };
     format!(
-        "{target} MAY STILL MOVE: neither the control panel nor a command line is known to have stopped it; pmacctl abort stops \
-         everything (^A), an emergency stop does so without the computer"
+        "{target} MAY STILL MOVE: the control panel did not take the stop, and {line}; pmacctl abort stops everything (^A), an \
+         emergency stop does so without the computer"
     )
 }
 
