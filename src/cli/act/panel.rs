@@ -10,7 +10,7 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Serialize;
 
-use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors, wait_for_programs};
+use crate::cli::act::wait::{Goal, Wait, Watch, see_programs_begin, wait_for_motors, wait_for_programs};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::table::{Align, Table};
@@ -47,7 +47,7 @@ pub enum PanelCommand {
     PreJog(Motors),
     /// Home motors
     Home(Motions),
-    /// Run the programs of coordinate systems
+    /// Run the programs of coordinate systems. Exit status 1: one was not seen to run
     Start(Programs),
     /// Execute one step of the programs of coordinate systems. A running program stops, as after Q
     Step(Systems),
@@ -193,7 +193,19 @@ pub fn press(
         Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
         watch => watch,
     };
+    // The board takes the key of a program that it cannot run, and drops it.
+    let start = (action == PanelAction::Start && watch.is_none()).then(|| Watch::begin(context));
     connection.panel(action.name(), numbers)?;
+    match start {
+        Some(Ok(mut watch)) => return see_programs_begin(&mut watch, numbers),
+        Some(Err(failure)) => {
+            let _ = writeln!(
+                io::stderr(),
+                "pmacctl: the start was taken; whether the program runs is not known: {failure}"
+            );
+        }
+        None => {}
+    }
     let Some(watch) = watch else { return Ok(Verdict::Yes) };
     let mut watch = watch.map_err(|failure| failure.at("the stop was taken"))?;
     if action.is_for_motors() {

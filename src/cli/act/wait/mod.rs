@@ -21,7 +21,7 @@ use crate::decode::ServoData;
 use crate::segment::identity::MOTORS;
 
 pub use motors::{Goal, wait_for_motors};
-pub use systems::wait_for_programs;
+pub use systems::{see_programs_begin, wait_for_programs};
 
 /// The longest sleep until the next look.
 const LOOK: Duration = Duration::from_millis(20);

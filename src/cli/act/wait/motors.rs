@@ -146,24 +146,23 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
     let number = motor.servo.motor;
     let moved = look.seen.get(number - 1).is_some_and(|seen| seen.moved);
     let has_begun = moved || look.elapsed >= BEGINS;
-    let there = match goal {
+    let missed = match goal {
         Goal::At(target) => {
             let commanded = motor.servo.commanded_position.and_then(|quantity| quantity.value);
-            commanded.is_some_and(|commanded| (commanded - target).abs() <= NEAR)
+            let is_there = commanded.is_some_and(|commanded| (commanded - target).abs() <= NEAR);
+            (!is_there).then(|| format!("not at {}", fixed(target, 1)))
         }
-        Goal::Home => has_begun && motor.has("home_complete") == Some(true),
-        Goal::Stands => has_begun,
+        Goal::Home => {
+            let is_home = has_begun && motor.has("home_complete") == Some(true);
+            (!is_home).then(|| "and has not found home".to_owned())
+        }
+        Goal::Stands if has_begun => None,
+        Goal::Stands => return Progress::GoesOn,
     };
-    if there {
-        return Progress::Done;
-    }
+    let Some(wanted) = missed else { return Progress::Done };
     if !has_begun || stood < STANDS {
         return Progress::GoesOn;
     }
-    let wanted = match goal {
-        Goal::At(target) => format!("not at {}", fixed(target, 1)),
-        Goal::Home | Goal::Stands => "and has not found home".to_owned(),
-    };
     let limits: Vec<&str> = [
         ("positive_limit_set", "+limit"),
         ("negative_limit_set", "-limit"),

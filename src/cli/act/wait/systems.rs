@@ -6,6 +6,7 @@
 //! No report tells a program that somebody ends by `Q` or at the end of a block from one that has come to its end.
 
 use std::collections::BTreeSet;
+use std::io::{self, Write};
 use std::time::Duration;
 
 use serde_json::json;
@@ -13,9 +14,11 @@ use serde_json::json;
 use super::motors::{fault, position, stands};
 use super::{BEGINS, Look, Progress, Watch};
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::motor::Motor;
 use crate::cli::show::motors::motors;
-use crate::client::Snapshot;
+use crate::client::{Snapshot, identity};
 use crate::decode::CoordinateSystem;
+use crate::map::DEFAULT_FAMILY;
 
 /// Flags of the program status word that say why a program has ended, and what is said of it.
 const FAULTS: [(&str, &str); 5] = [
@@ -45,6 +48,27 @@ impl Watch {
     }
 }
 
+/// How long the reports have to show that a program has begun.
+const SEEN_TO_BEGIN: Duration = Duration::from_secs(3);
+
+/// Waits until the programs of the coordinate systems `numbers` are seen to run, or to have moved their motors.
+///
+/// # Errors
+/// [`Failure::Refused`] where one is not.
+pub fn see_programs_begin(watch: &mut Watch, numbers: &[u8]) -> Result<Verdict, Failure> {
+    let moving = "the start was taken, and nobody has seen yet whether the program runs";
+    let failed = watch.until_over(numbers, SEEN_TO_BEGIN, moving, |number, snapshot, look| {
+        let Some(system) = system(snapshot, number) else { return Progress::GoesOn };
+        let motors = motors(snapshot);
+        let own = own_motors(&motors, number.into(), snapshot);
+        if running(system) == Some(true) || moved(&own, look) {
+            return Progress::Done;
+        }
+        if look.elapsed < BEGINS { Progress::GoesOn } else { not_begun(system, &own) }
+    })?;
+    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
 /// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand.
 ///
 /// # Errors
@@ -71,6 +95,14 @@ pub fn wait_for_programs(
         }
         judge(system, snapshot, look, ran.contains(&number))
     })?;
+    let unseen = unseen_motors(&watch.snapshot()?, numbers);
+    if !unseen.is_empty() {
+        let _ = writeln!(
+            io::stderr(),
+            "pmacctl: whether motor {} stands is not known: nothing reports it (I59; [servo] motors in pmacd's configuration)",
+            unseen.join(", ")
+        );
+    }
     if context.output.is_json() {
         context.output.json(&json!({ "coordinate_systems": numbers, "failed": failed }))?;
         context.output.flush()?;
@@ -82,40 +114,85 @@ pub fn wait_for_programs(
 fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Look<'_>, ran: bool) -> Progress {
     let number = system.coordinate_system;
     let motors = motors(snapshot);
-    let own = |motor: usize| {
-        let background = snapshot.background.as_ref()?;
-        background.data.motors.iter().find(|other| other.motor == motor)?.coordinate_system
-    };
-    let own: Vec<_> = motors
-        .iter()
-        .filter(|motor| own(motor.servo.motor).is_some_and(|system| system as usize == number))
-        .collect();
+    let own = own_motors(&motors, number, snapshot);
     let failed =
         |why: &str| Progress::Failed(format!("the program of coordinate system {number} was ended by {why}"));
     if !ran && look.elapsed < BEGINS {
         return Progress::GoesOn;
     }
-    let flags = system.program_status;
-    if let Some((_, why)) = FAULTS.iter().find(|(flag, _)| flags.is_some_and(|flags| flags.has(flag))) {
+    let has_run = ran || moved(&own, look);
+    // The flags of an earlier program stay until the next one runs.
+    if let Some(why) = program_fault(system).filter(|_| has_run) {
         return failed(why);
     }
-    for motor in &own {
+    for motor in own.iter().filter(|_| has_run) {
         if let Some(why) = fault(motor) {
             return failed(&format!("motor {}: {why}; it is at {}", motor.servo.motor, position(motor)));
         }
     }
-    if !own.iter().all(|motor| stands(motor)) {
+    if has_run && !own.iter().all(|motor| stands(motor)) {
         return Progress::GoesOn;
     }
     let seen = |motor: usize| look.seen.get(motor - 1).copied().unwrap_or_default();
     if own.iter().any(|motor| seen(motor.servo.motor).aborted) {
         return failed("an abort");
     }
-    if ran || own.iter().any(|motor| seen(motor.servo.motor).moved) {
-        return Progress::Done;
-    }
+    if has_run { Progress::Done } else { not_begun(system, &own) }
+}
+
+/// What has ended the last program, if its status tells.
+fn program_fault(system: &CoordinateSystem) -> Option<&'static str> {
+    let flags = system.program_status?;
+    FAULTS.iter().find(|(flag, _)| flags.has(flag)).map(|(_, why)| *why)
+}
+
+/// The reported motors of coordinate system `number`.
+fn own_motors<'a, 'b>(motors: &'b [Motor<'a>], number: usize, snapshot: &Snapshot) -> Vec<&'b Motor<'a>> {
+    let is_own = |motor: &&Motor<'_>| system_of(motor.servo.motor, snapshot) == Some(number);
+    motors.iter().filter(is_own).collect()
+}
+
+/// The coordinate system that a motor belongs to, as the background report tells.
+fn system_of(motor: usize, snapshot: &Snapshot) -> Option<usize> {
+    let background = snapshot.background.as_ref()?;
+    background
+        .data
+        .motors
+        .iter()
+        .find(|other| other.motor == motor)?
+        .coordinate_system
+        .map(|system| system as usize)
+}
+
+/// The motors that may belong to the coordinate systems `numbers` and are in no servo report.
+fn unseen_motors(snapshot: &Snapshot, numbers: &[u8]) -> Vec<String> {
+    let seen = motors(snapshot);
+    let count = identity::family(&snapshot.identity).unwrap_or(DEFAULT_FAMILY).motors;
+    let is_seen = |motor: usize| seen.iter().any(|seen| seen.servo.motor == motor);
+    let may_belong = |motor: usize| {
+        system_of(motor, snapshot)
+            .is_none_or(|system| numbers.iter().any(|number| usize::from(*number) == system))
+    };
+    (1..=count)
+        .filter(|motor| !is_seen(*motor) && may_belong(*motor))
+        .map(|motor| motor.to_string())
+        .collect()
+}
+
+/// Whether one of the motors was seen to move.
+fn moved(own: &[&Motor<'_>], look: &Look<'_>) -> bool {
+    own.iter().any(|motor| look.seen.get(motor.servo.motor - 1).is_some_and(|seen| seen.moved))
+}
+
+/// What is told of a program that was not seen to run, with what may be the cause.
+fn not_begun(system: &CoordinateSystem, own: &[&Motor<'_>]) -> Progress {
+    let earlier = program_fault(system).map(|why| format!("; an earlier program was ended by {why}"));
+    let faults =
+        own.iter().filter_map(|motor| Some(format!("; motor {}: {}", motor.servo.motor, fault(motor)?)));
+    let signs: String = earlier.into_iter().chain(faults).collect();
     Progress::Failed(format!(
-        "coordinate system {number} was not seen to run: the board did not start its program, or the program ended at once"
+        "coordinate system {} was not seen to run: the board did not start its program, or the program ended at once{signs}",
+        system.coordinate_system
     ))
 }
 
