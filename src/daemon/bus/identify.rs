@@ -146,7 +146,13 @@ impl Identifier {
     /// Whether a question has waited so long that other lines wait for it now.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
-        self.next < self.questions.len() && now >= self.not_before + LONGEST
+        self.due().is_some_and(|due| now >= due + LONGEST)
+    }
+
+    /// From when on a question is to be asked.
+    fn due(&self) -> Option<Instant> {
+        let again = self.wanted.then_some(self.asked + self.recheck);
+        if self.next < self.questions.len() { Some(self.not_before) } else { again }
     }
 
     /// The line was not sent after all: it is asked again.
@@ -180,13 +186,7 @@ impl Identifier {
     pub fn due_in(&self, now: Instant) -> Duration {
         let compares = self.comparison.as_ref().and_then(|comparison| comparison.due(now));
         let compares = compares.map_or(Duration::MAX, |due| due.saturating_duration_since(now));
-        let asks = if self.next < self.questions.len() {
-            self.not_before.saturating_duration_since(now)
-        } else if self.wanted {
-            (self.asked + self.recheck).saturating_duration_since(now)
-        } else {
-            Duration::MAX
-        };
+        let asks = self.due().map_or(Duration::MAX, |due| due.saturating_duration_since(now));
         asks.min(compares)
     }
 
@@ -210,6 +210,8 @@ impl Identifier {
             let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
             self.next = self.questions.iter().position(is_report)?;
             self.asking = self.known.clone();
+            // Callers' lines go between them as usual.
+            self.not_before = now;
         }
         let (line, _) = self.questions.get(self.next)?;
         if now < self.not_before {
@@ -438,6 +440,21 @@ mod tests {
         assert_eq!(identifier.next_line(later), None);
         assert_eq!(answer(&mut identifier, later + global_words::AGAIN, &["000001008000"]), "???");
         assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::YFirst));
+    }
+
+    #[test]
+    fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
+        let start = Instant::now();
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
+        for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &["96"]] {
+            answer(&mut identifier, start, lines);
+        }
+        assert!(!identifier.is_overdue(start + RECHECK));
+        let now = start + RECHECK + LONGEST;
+        assert!(identifier.is_overdue(now), "lines wait for it now");
+        answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "3", "1", "2"]);
+        assert!(!identifier.is_overdue(now), "lines go before the next question");
+        assert!(identifier.is_overdue(now + LONGEST));
     }
 
     #[test]
