@@ -55,6 +55,7 @@ pub static READINGS: &[Reading] = &[
     found_out("report_ready", &["ignored", "awaited"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     set("gather_words", &["size_first", "index_first"]),
+    found_out("error_ack", &["none", "follows"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -346,6 +347,17 @@ impl GlobalWords {
     }
 }
 
+/// Whether `<ACK>` follows the control word of an error (DPRAM manual p. 28 and 29).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ErrorAck {
+    /// The error ends the reply: steps 3 to 6, the last of which waits for `<ACK>`, are for what "does not show an error".
+    #[default]
+    None,
+    /// It does: "the last transmission should be an `<ACK>`".
+    Follows,
+}
+
 impl fmt::Display for GatherPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -416,6 +428,8 @@ pub struct Readings {
     pub write_record: RecordLayout,
     /// Turbo: which of the two words before the gather buffer is which.
     pub gather_words: GatherWords,
+    /// Whether `<ACK>` follows an error.
+    pub error_ack: ErrorAck,
 }
 
 /// A name or value that is none.

@@ -53,6 +53,10 @@ pub struct Faults {
     pub ascii_slow: u64,
     /// Servo cycles by which the closing `<ACK>` comes late.
     pub ascii_late_ack: u64,
+    /// Passes by which `^X` clears the words of the port late.
+    pub ascii_late_cancel: u64,
+    /// `SIZE` is refused.
+    pub ascii_no_size: bool,
     /// Interrupts still to be swallowed; `u64::MAX` is all of them.
     pub lost_interrupts: u64,
     /// Interrupts to raise with nothing behind them.
@@ -214,6 +218,12 @@ static FAULTS: &[&[Fault]] = &[
             effect: "the closing <ACK> comes so late",
             place: Place::Cycles(|f| &mut f.ascii_late_ack),
         },
+        Fault {
+            name: "ascii_late_cancel",
+            effect: "^X clears the words of the port so late, with whatever the host has put there by then",
+            place: Place::Cycles(|f| &mut f.ascii_late_cancel),
+        },
+        switch("ascii_no_size", "SIZE is answered with an error", |f| &mut f.ascii_no_size),
         switch("ascii_torn", "a response's control word comes before the second half of its text", |f| {
             &mut f.ascii_torn
         }),

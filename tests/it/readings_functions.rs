@@ -115,6 +115,7 @@ every_function_works_under! {
     b3_every_function_works_under_report_ready
     b3_every_function_works_under_write_record
     b3_every_function_works_under_gather_words
+    b3_every_function_works_under_error_ack
 }
 
 #[test]

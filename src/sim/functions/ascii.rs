@@ -10,13 +10,13 @@
 //!
 //! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
 //! the control word does, whether a control
-//! character needs the line's flag, when that flag is cleared, and whether every reply has an end. While a line is at
+//! character needs the line's flag, when that flag is cleared, whether every reply has an end, and an error one, too. While a line is at
 //! work PMAC looks at nothing else: its background pass is the one that works.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
 use crate::map::functions::response;
-use crate::map::readings::{ControlFlag, CountOrder, LineFlag, ReplyCount, ReplyEnd};
+use crate::map::readings::{ControlFlag, CountOrder, ErrorAck, LineFlag, ReplyCount, ReplyEnd};
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
@@ -24,6 +24,9 @@ use crate::sim::language::control::takes_line;
 use crate::sim::language::interpreter::Interpreter;
 use crate::sim::language::reply::Reply;
 use crate::sim::program::Programs;
+
+/// `<CTRL-X>`.
+const CANCEL: u8 = 0x18;
 
 /// The port's state.
 #[derive(Debug, Clone, Default)]
@@ -36,6 +39,8 @@ pub struct AsciiPort {
     work: Option<Work>,
     /// Passes left until a late `<ACK>` may go.
     late: Option<u64>,
+    /// Passes left until the words are cleared for a `^X`.
+    cancel: Option<u64>,
     /// Words of a torn response that are not written yet.
     rest: Vec<(HostOffset, u16)>,
     /// The last response, which a fault has PMAC give again.
@@ -60,6 +65,7 @@ impl AsciiPort {
     /// One background pass: takes a control character, then a line, then writes a response.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         self.follow_cancel(board);
+        self.cancel_late(board);
         if self.work.is_none() && board.takes_ascii() && !board.faults.ascii_deaf {
             self.take_character(board, programs, interpreter);
             self.take_line(board);
@@ -95,6 +101,22 @@ impl AsciiPort {
         board.dpram_becomes_active();
         control(board, programs, interpreter, character);
         self.follow_cancel(board);
+        if character == CANCEL && board.faults.ascii_late_cancel > 0 {
+            self.cancel = Some(board.faults.ascii_late_cancel);
+        }
+    }
+
+    /// The manual has `^X` "clear the control words" (p. 27), and does not say when.
+    fn cancel_late(&mut self, board: &mut Board) {
+        match &mut self.cancel {
+            Some(0) => {
+                self.cancel = None;
+                board.cancel_queues();
+                self.follow_cancel(board);
+            }
+            Some(left) => *left -= 1,
+            None => {}
+        }
     }
 
     fn take_line(&mut self, board: &mut Board) {
@@ -120,7 +142,7 @@ impl AsciiPort {
                 self.commands += 1;
                 board.dpram_becomes_active();
                 if line.len() > port.line_limit {
-                    board.output.respond_error(CommandError::SYNTAX);
+                    refuse(board, CommandError::SYNTAX);
                 } else {
                     self.work = Some(Work { line, left: board.faults.ascii_slow });
                     if board.identity.readings.line_flag == LineFlag::Done {
@@ -134,7 +156,7 @@ impl AsciiPort {
             }
             None => {
                 self.first_part = None;
-                board.output.respond_error(CommandError::SYNTAX);
+                refuse(board, CommandError::SYNTAX);
             }
         }
         board.memory.dpram.order_writes();
@@ -237,6 +259,10 @@ fn execute(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpr
         control(board, programs, interpreter, character);
         return;
     }
+    if board.faults.ascii_no_size && line.starts_with(b"SIZE") {
+        refuse(board, CommandError::SYNTAX);
+        return;
+    }
     let resets = board.stats.resets;
     let reply = interpreter.execute(board, programs, line);
     // A reset empties the queues; its own acknowledgement is lost with them.
@@ -253,11 +279,21 @@ fn answer(board: &mut Board, reply: Reply) {
         board.output.respond(response::LINE, text.as_bytes());
     }
     match reply.error {
-        Some(error) => board.output.respond_error(error),
-        None if ends_with_acknowledge(board) => {
-            board.output.respond(response::ACKNOWLEDGE, &[]);
-        }
-        None => {}
+        Some(error) => refuse(board, error),
+        None => acknowledge(board),
+    }
+}
+
+fn refuse(board: &mut Board, error: CommandError) {
+    board.output.respond_error(error);
+    if board.identity.readings.error_ack == ErrorAck::Follows {
+        acknowledge(board);
+    }
+}
+
+fn acknowledge(board: &mut Board) {
+    if ends_with_acknowledge(board) {
+        board.output.respond(response::ACKNOWLEDGE, &[]);
     }
 }
 
