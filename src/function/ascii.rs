@@ -15,7 +15,8 @@
 //!
 //! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
 //! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's.
-//! So the port is held until the board shows that it is free ([`hold`]).
+//! So the port is held until the board shows that it is free ([`hold`]), and after an error, or a control character's reply,
+//! until an `<ACK>` that may follow has come ([`late_mark`]).
 //!
 //! The manual lets a reply end with `<ACK>` (p. 28, step 6). With I3=0 there is none: I58=1 makes I3=0 of an I3=1 (p. 27),
 //! which is the factory's. A port that was told so ([`DpramPort::set_reply_end`]) ends a reply [`REPLY_END`] after its last
@@ -23,11 +24,13 @@
 
 pub mod control;
 pub mod hold;
+mod late_mark;
 
 use std::time::{Duration, Instant};
 
 use control::Lying;
-use hold::Hold;
+use hold::{After, Hold};
+use late_mark::LateMarks;
 
 use crate::device::{Access, Bus, BusError};
 use crate::format::{Text, TextOrder};
@@ -107,6 +110,8 @@ pub struct DpramPort {
     last_text: Option<ResponseText>,
     /// The board was seen to mark the last line of a reply itself, instead of an acknowledgement of its own.
     marks_last_line: bool,
+    /// Which replies the board marks late.
+    late_marks: LateMarks,
 }
 
 impl DpramPort {
@@ -130,12 +135,21 @@ impl DpramPort {
             open_ended: false,
             last_text: None,
             marks_last_line: false,
+            late_marks: LateMarks::default(),
         }
     }
 
     /// Begins held: a host that died may have left the board at a line, and the rest of a reply to come.
     pub fn hold(&mut self, now: Instant) {
         self.state = State::Held(Hold::asking(now, false));
+    }
+
+    /// The board has taken `^X`, which "will also clear the control words" (DPRAM manual p. 27), with whatever lies there by then.
+    /// It does not say when. So nothing is begun before the board has answered a question and been silent.
+    pub fn follow_cancel(&mut self, now: Instant) {
+        if self.is_idle() || self.awaits_mark() {
+            self.hold(now);
+        }
     }
 
     /// Lets pass what still comes before the next line is begun.
@@ -393,6 +407,9 @@ impl DpramPort {
             self.last_text = Some(text);
         }
         let stale = self.is_stale(bus, control, &text, now)?;
+        if stale {
+            self.late_marks.came();
+        }
         bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
         if let (response::TO_PROGRAM | response::MESSAGE, State::Held(hold)) = (control, &mut self.state) {
@@ -450,7 +467,7 @@ impl DpramPort {
                     >= if answered { CONTROL_REPLY_END } else { CONTROL_REPLY_BEGIN } =>
             {
                 // Should more come after all, it is not the next command's.
-                self.state = State::Held(Hold::silence(now));
+                self.await_mark(After::ControlReply, now);
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,
@@ -469,9 +486,17 @@ impl DpramPort {
             }
             State::Held(hold) => {
                 hold.response_came(now);
+                if control == response::ACKNOWLEDGE {
+                    self.mark_came(now);
+                }
                 return AsciiEvent::Stale(control);
             }
-            State::Idle => return AsciiEvent::Stale(control),
+            State::Idle => {
+                if control == response::ACKNOWLEDGE {
+                    self.late_marks.came();
+                }
+                return AsciiEvent::Stale(control);
+            }
         }
         match control {
             response::LINE => AsciiEvent::Line(text),
@@ -488,7 +513,7 @@ impl DpramPort {
             }
             _ => match errors::from_control(control) {
                 Some(number) => {
-                    self.end_reply(now);
+                    self.end_with_error(now);
                     AsciiEvent::Done(Err(number))
                 }
                 None => AsciiEvent::Stale(control),

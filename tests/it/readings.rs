@@ -4,7 +4,9 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
+use pmac_dpram::client::CommandError;
 use pmac_dpram::map::{READINGS, Readings};
+use pmac_dpram::protocol::CallError;
 
 use crate::support::{PATIENCE, VirtualSite};
 
@@ -90,6 +92,45 @@ fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
     site.wait_for_identity();
     assert_eq!(site.pmacctl(&["send", "&1 #1->X #2->Y"]).0, 0);
     site
+}
+
+#[test]
+fn b3_3_an_acknowledgement_behind_an_error_ends_no_other_reply() {
+    for value in ["none", "follows"] {
+        for late in ["0ms", "100ms", "250ms"] {
+            let site = board_that_reads("error_ack", value);
+            // The doubts of the start are over.
+            site.run_for(Duration::from_secs(15));
+            site.control(&format!("fault ascii_late_ack {late}"));
+            let mut board = site.connection();
+            for _ in 0..3 {
+                for _ in 0..2 {
+                    let error = board.send("BAD", PATIENCE).unwrap_err();
+                    assert!(
+                        matches!(error, CommandError::Refused(CallError::Board { code: 3, .. })),
+                        "{value} {late}: {error:?}"
+                    );
+                }
+                assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0], "{value} {late}");
+                assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"], "{value} {late}");
+            }
+            site.assert_no_violations();
+        }
+    }
+}
+
+#[test]
+fn b3_3_an_acknowledgement_behind_a_control_characters_reply_ends_no_other_reply() {
+    let site = board_that_reads("error_ack", "none");
+    site.run_for(Duration::from_secs(15));
+    site.control("fault ascii_late_ack 150ms");
+    let mut board = site.connection();
+    for _ in 0..3 {
+        assert_eq!(site.pmacctl(&["send", "^F"]), (0, "0 0 0 0 0 0 0 0\n".to_owned(), String::new()));
+        assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0]);
+        assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"]);
+    }
+    site.assert_no_violations();
 }
 
 #[test]

@@ -47,6 +47,15 @@ pub(super) struct Hold {
     in_vain: bool,
 }
 
+/// What has ended, though an `<ACK>` may follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum After {
+    /// A reply, by an error.
+    Error,
+    /// The reply to a control character, by a silence.
+    ControlReply,
+}
+
 /// Where the question is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asking {
@@ -58,6 +67,8 @@ enum Asking {
     Taken { since: Instant },
     /// It need not be asked (any more).
     Over,
+    /// It need not be asked: the reply to the last command has ended, but for an `<ACK>` that may come until then.
+    Mark { after: After, until: Instant },
 }
 
 impl Hold {
@@ -69,6 +80,16 @@ impl Hold {
     /// The board is asked; with `cancels`, to forget the first half of a line before.
     pub(super) const fn asking(now: Instant, cancels: bool) -> Self {
         Self { quiet_since: now, texts: 0, asking: Asking::Due { from: now, cancels }, in_vain: false }
+    }
+
+    /// Until then an `<ACK>` may come.
+    pub(super) const fn mark(now: Instant, after: After, until: Instant) -> Self {
+        Self { quiet_since: now, texts: 0, asking: Asking::Mark { after, until }, in_vain: false }
+    }
+
+    /// Whether it is an `<ACK>` that may come.
+    pub(super) const fn is_for_mark(&self) -> bool {
+        matches!(self.asking, Asking::Mark { .. })
     }
 
     /// A response came that is nobody's.
@@ -199,6 +220,11 @@ impl DpramPort {
                 return Ok(());
             }
             Asking::Over => {}
+            Asking::Mark { after, until } if now >= until && now >= hold.quiet_since + SETTLE => {
+                self.no_mark_came(after, now);
+                return Ok(());
+            }
+            Asking::Mark { .. } => {}
         }
         self.state = State::Held(hold);
         Ok(())

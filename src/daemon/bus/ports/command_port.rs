@@ -122,6 +122,13 @@ impl CommandPorts {
         self.in_doubt = true;
     }
 
+    /// The board has taken `^X` and clears its words, sooner or later. See [`DpramPort::follow_cancel`].
+    pub fn follow_cancel(&mut self, now: Instant) {
+        if self.in_use == CommandPort::Dpram {
+            self.dpram.follow_cancel(now);
+        }
+    }
+
     /// Whether the board may still be at a command given up, whose reply would be taken for the next one's. A line of our own,
     /// whose reply nobody needs, ends the doubt: the board answers lines in their order.
     #[must_use]

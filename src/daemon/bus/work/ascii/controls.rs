@@ -29,7 +29,7 @@ impl AsciiQueue {
                 self.control_pending = None;
                 self.state = CommandState::Answers;
                 if pending.character == CANCEL {
-                    self.cancelled_by(pending.uid);
+                    self.cancelled_by(pending.uid, now);
                 }
                 self.kills += u64::from(pending.character == control::KILL);
                 self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));

@@ -109,8 +109,9 @@ impl AsciiQueue {
     }
 
     /// The board has taken `^X` of this user: it works on nothing any more.
-    pub(super) fn cancelled_by(&mut self, uid: u32) {
+    pub(super) fn cancelled_by(&mut self, uid: u32, now: Instant) {
         self.check.reset();
+        self.ports.follow_cancel(now);
         if let Some(under_way) = &mut self.under_way {
             under_way.cancelled_by = Some(uid);
         }

@@ -56,6 +56,8 @@ impl AsciiQueue {
     fn has_untouched(&self, now: Instant) -> bool {
         match self.under_way {
             Some(under_way) => !under_way.taken && !self.ports.was_taken(),
+            // What waits does so for the board's own sake.
+            None if self.ports.dpram.awaits_mark() => false,
             None => {
                 let has_question = self.ports.in_doubt() || self.identifier.due_in(now).is_zero();
                 let asks = has_question && self.questions_barred_for(now).is_zero();
