@@ -244,3 +244,35 @@ fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
     site.start_daemon(&[]);
     assert_eq!(site.ask("P5"), ["3"]);
 }
+
+#[test]
+fn b2_4_a_board_that_clears_its_words_some_time_after_a_cancel_loses_no_line() {
+    for late in ["10ms", "30ms", "45ms"] {
+        let site = board("line_flag=taken");
+        site.control(&format!("fault ascii_late_cancel {late}"));
+        let mut connection = site.connection();
+        for _ in 0..3 {
+            assert_eq!(site.pmacctl(&["send", "^X"]).0, 0);
+            let took = seconds(&site, || {
+                assert_eq!(connection.send("P5=7 P5", PATIENCE).unwrap(), ["7"], "{late}");
+            });
+            assert!(took < 0.5, "{late}: {took} s");
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b1_2_a_board_that_refuses_the_question_for_a_buffer_takes_lines() {
+    for late in ["0ms", "250ms"] {
+        let site = VirtualSite::running(&["--reading", "error_ack=follows"], &[]);
+        site.wait_for_identity();
+        site.stop_daemon();
+        site.control("fault servo_silent on");
+        site.control("fault ascii_no_size on");
+        site.control(&format!("fault ascii_late_ack {late}"));
+        site.start_daemon(&[]);
+        site.wait_until("a line by hand", || site.pmacctl(&["send", "P5=7"]).0 == 0);
+        assert_eq!(site.ask("P5 P5"), ["7", "7"], "{late}");
+    }
+}

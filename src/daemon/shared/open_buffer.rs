@@ -25,6 +25,8 @@ use crate::protocol::OpenBufferInfo;
 pub const QUESTION: &[u8] = b"SIZE";
 /// How long its answer is believed.
 pub const ANSWER_AGE: Duration = Duration::from_millis(200);
+/// How long a board that does not know the question is not asked again: it answers the same.
+const REFUSAL_AGE: Duration = Duration::from_secs(10);
 /// Servo reports after a line that are not believed when they say otherwise: the board may have made them before it took the
 /// line.
 const OLD_REPORTS: u64 = 50;
@@ -127,8 +129,10 @@ pub struct OpenBuffer {
     seen: bool,
     /// Reports come, and tell.
     has_reports: bool,
-    /// When the board was asked last.
-    asked: Option<Instant>,
+    /// Until then what the board has answered last is believed.
+    believed_until: Option<Instant>,
+    /// It has refused the question, with this error.
+    refusal: Option<u16>,
     /// What became of a line that opens or closes one is not known.
     in_doubt: bool,
     /// The number of the last report, and of the first one that is believed again.
@@ -158,7 +162,7 @@ impl OpenBuffer {
     /// Whether that is the board's own word, and not too old.
     #[must_use]
     pub fn is_known(&self, now: Instant) -> bool {
-        let is_fresh = self.asked.is_some_and(|asked| now < asked + ANSWER_AGE);
+        let is_fresh = self.believed_until.is_some_and(|until| now < until);
         self.has_reports && !self.in_doubt || is_fresh
     }
 
@@ -211,11 +215,20 @@ impl OpenBuffer {
     /// Takes note of what the board has answered to [`QUESTION`]: the free memory, 0 of which has no sign; or nothing of use. Then
     /// the lines alone tell.
     pub fn learn(&mut self, size: Option<i64>, now: Instant) {
-        self.asked = Some(now);
+        self.believed_until = Some(now + ANSWER_AGE);
+        self.refusal = self.refusal.filter(|_| size.is_none());
         match size {
             Some(size) if size != 0 => self.settle(size < 0),
             _ => (self.seen, self.in_doubt) = (false, false),
         }
+    }
+
+    /// The board does not know [`QUESTION`]: it has refused it with this error, if it was one. The lines alone tell. Whether that is
+    /// news.
+    pub fn refuses(&mut self, error: u16, now: Instant) -> bool {
+        self.learn(None, now);
+        self.believed_until = Some(now + REFUSAL_AGE);
+        self.refusal.replace(error) != Some(error)
     }
 
     fn settle(&mut self, open: bool) {
@@ -228,7 +241,7 @@ impl OpenBuffer {
     /// No report comes any more: the board has to be asked.
     pub fn unsee(&mut self) {
         if std::mem::take(&mut self.has_reports) {
-            self.asked = None;
+            self.believed_until = None;
         }
     }
 
@@ -262,7 +275,7 @@ impl OpenBuffer {
     /// Takes note of a line that may have been carried out or not: what it opens or closes may be open or not.
     pub fn doubt(&mut self, line: &[u8]) {
         if effect(line).is_some() {
-            (self.in_doubt, self.asked) = (true, None);
+            (self.in_doubt, self.believed_until) = (true, None);
             self.distrust();
         }
     }

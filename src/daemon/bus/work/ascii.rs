@@ -436,7 +436,7 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
-                    return self.end_check(now);
+                    return self.end_check(result, now);
                 }
                 match self.under_way.take().map(|under_way| under_way.command) {
                     Some(InFlight::Line(line)) => {
@@ -450,7 +450,7 @@ impl AsciiQueue {
                     // The board took it for a program line: its answer is still to come.
                     Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
                     Some(InFlight::Identify) => self.identifier.done(),
-                    Some(InFlight::Buffer) => self.buffer_answered(now),
+                    Some(InFlight::Buffer) => self.buffer_answered(result, now),
                     Some(InFlight::Check) | None => {}
                 }
             }

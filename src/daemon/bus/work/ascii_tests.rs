@@ -312,6 +312,7 @@ fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for
     rig.poll();
     rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     rig.poll();
+    rig.free_port();
     assert_eq!(rig.take(), "#1P", "it stores nothing, so it does not wait");
     rig.now += Duration::from_secs(1);
     rig.send(2, "P5=7", Duration::from_secs(60));
@@ -354,6 +355,9 @@ fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
     rig.poll();
     assert_eq!(rig.take(), "SIZE");
     rig.respond(response::ERROR | 3);
+    // An <ACK> may follow.
+    rig.now += Duration::from_millis(300);
+    rig.poll();
     rig.poll();
     assert_eq!(rig.take(), "P5=7");
 }

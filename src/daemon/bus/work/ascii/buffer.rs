@@ -4,6 +4,8 @@
 
 use std::time::{Duration, Instant};
 
+use log::warn;
+
 use super::{AsciiQueue, InFlight, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::QUESTION;
@@ -60,10 +62,22 @@ impl AsciiQueue {
     }
 
     /// The board has answered, or refused the question. Who does not know it is believed to have none open.
-    pub(super) fn buffer_answered(&mut self, now: Instant) {
-        self.buffer.learn(self.buffer_question.size.take(), now);
+    pub(super) fn buffer_answered(&mut self, result: Result<(), u16>, now: Instant) {
+        match (self.buffer_question.size.take(), result) {
+            (None, Err(error)) => self.buffer_refused(error, now),
+            (size, _) => self.buffer.learn(size, now),
+        }
         if self.buffer.is_open() {
             self.buffer_question.not_before = now + AGAIN;
+        }
+    }
+
+    /// The board does not know the question. Lines must reach it all the same: an engineer could not even turn the report on.
+    pub(super) fn buffer_refused(&mut self, error: u16, now: Instant) {
+        if self.buffer.refuses(error, now) {
+            warn!(
+                "the board refuses SIZE (ERR{error:03}): whether another host has opened a program buffer is not known, and a line                  that is sent may enter it; turn the servo report on, which tells (pmacctl setup enable)"
+            );
         }
     }
 

@@ -74,6 +74,8 @@ pub(super) struct Check {
     lines: usize,
     /// A reply ended that was none to a line of ours.
     is_answered: bool,
+    /// The error of the last one that ended so.
+    error: Option<u16>,
     /// How many lines were answered otherwise.
     tries: u8,
     /// The command that was given up.
@@ -89,6 +91,7 @@ impl Check {
             values: [None; VALUES],
             lines: 0,
             is_answered: false,
+            error: None,
             tries: 0,
             given_up: None,
         }
@@ -113,6 +116,7 @@ impl Check {
     const fn sent(&mut self, asks: Asks) {
         (self.asks, self.kind) = (asks, (self.kind + 1) % KINDS);
         self.is_answered = false;
+        self.error = None;
         self.forget_values();
     }
 
@@ -195,10 +199,12 @@ impl AsciiQueue {
     }
 
     /// A reply has ended: that to our line, or a late one.
-    pub(super) fn end_check(&mut self, now: Instant) {
+    pub(super) fn end_check(&mut self, result: Result<(), u16>, now: Instant) {
         let Some(value) = self.check.own_answer() else {
             // A late one to a line of ours says nothing of how the board answers them.
             self.check.is_answered |= self.check.answer().is_none();
+            // An <ACK> may come behind it.
+            self.check.error = result.err().or(self.check.error);
             self.check.forget_values();
             return self.see_check(now);
         };
@@ -232,9 +238,17 @@ impl AsciiQueue {
         }
         self.check.tries = 0;
         self.state = CommandState::Answers;
-        match self.check.asks {
-            Asks::Handshake => self.end_doubt(now),
-            Asks::Buffer => self.buffer.learn(None, now),
+        match (self.check.asks, self.check.error) {
+            (Asks::Handshake, _) => self.end_doubt(now),
+            (Asks::Buffer, Some(error)) => {
+                // The handshake is next, while this is believed.
+                self.check.not_before = now;
+                self.buffer_refused(error, now);
+            }
+            (Asks::Buffer, None) => {
+                self.check.not_before = now;
+                self.buffer.learn(None, now);
+            }
         }
     }
 
