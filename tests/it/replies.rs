@@ -118,8 +118,17 @@ pub fn vectors() -> Vec<Vector> {
 impl Vector {
     /// The board of its context. The manual's Turbo boards answer `VERSION` with 1.934.
     fn board(&self) -> Identity {
-        let turbo = self.context.starts_with("Turbo");
+        let turbo = self.is_turbo();
         if turbo { Identity::new(&turbo::TURBO2, "1.934") } else { Identity::new(&firmware::PMAC, "1.16D") }
+    }
+
+    fn is_turbo(&self) -> bool {
+        self.context.starts_with("Turbo")
+    }
+
+    /// The same board as `pmac-sim` is told.
+    pub fn options(&self) -> &'static [&'static str] {
+        if self.is_turbo() { &["--family", "turbo2", "--firmware", "1.934"] } else { &[] }
     }
 }
 

@@ -55,7 +55,7 @@ fn the_printed_vectors_hold_over_the_port_byte_for_byte() {
         let site = VirtualSite::new();
         // Time stands still: what a setup writes into registers is not overtaken by the servo.
         site.hold();
-        site.start_simulator(&[]);
+        site.start_simulator(vector.options());
         let mut terminal = Terminal::open(&site);
         let prepared = terminal.talk(setup.as_bytes(), 0);
         assert!(!prepared.contains(&7), "the preparation of vector {} fails", vector.id);

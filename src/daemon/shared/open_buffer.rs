@@ -138,6 +138,8 @@ pub struct OpenBuffer {
     /// The number of the last report, and of the first one that is believed again.
     report: u64,
     believed: u64,
+    /// A buffer was opened or closed while no report came: the first ones that come may be older.
+    changed_unseen: bool,
 }
 
 impl OpenBuffer {
@@ -207,6 +209,9 @@ impl OpenBuffer {
     /// Takes note of what report number `report` of the board says.
     pub fn see(&mut self, open: bool, report: u64) {
         (self.has_reports, self.report) = (true, report);
+        if std::mem::take(&mut self.changed_unseen) {
+            self.distrust();
+        }
         if report >= self.believed {
             self.settle(open);
         }
@@ -302,6 +307,7 @@ impl OpenBuffer {
     /// The reports may be old for a while.
     fn distrust(&mut self) {
         self.believed = self.report + OLD_REPORTS;
+        self.changed_unseen = !self.has_reports;
     }
 }
 
@@ -452,6 +458,18 @@ mod tests {
         assert!(asks(&buffer, "X1", ANNE), "the board may have refused it");
         buffer.learn(Some(41301), now);
         assert!(!asks(&buffer, "X1", ANNE) && !buffer.is_open());
+    }
+
+    #[test]
+    fn b1_2_the_first_reports_may_be_older_than_what_was_opened_before_they_came() {
+        let mut buffer = OpenBuffer::default();
+        sent(&mut buffer, "OPEN PROG 1", ANNE);
+        for report in 700..700 + OLD_REPORTS {
+            buffer.see(false, report);
+            assert!(buffer.is_open(), "report {report}");
+        }
+        buffer.see(false, 700 + OLD_REPORTS);
+        assert!(!buffer.is_open(), "closed over the serial port");
     }
 
     #[test]
