@@ -16,7 +16,7 @@
 //! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
 //! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's.
 //! So the port is held until the board shows that it is free ([`hold`]), and after an error, or a control character's reply,
-//! until an `<ACK>` that may follow has come ([`late_mark`]).
+//! until an `<ACK>` that may follow has come (`late_mark`).
 //!
 //! The manual lets a reply end with `<ACK>` (p. 28, step 6). With I3=0 there is none: I58=1 makes I3=0 of an I3=1 (p. 27),
 //! which is the factory's. A port that was told so ([`DpramPort::set_reply_end`]) ends a reply [`REPLY_END`] after its last
