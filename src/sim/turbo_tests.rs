@@ -1,6 +1,5 @@
 //! Turbo PMAC and Turbo PMAC2: a DPRAM of 16 or 64 KiB with 32 motors, addresses of 19 bits, masks and 24-bit timers.
 
-use crate::map::TURBO2;
 use crate::map::readings::{RecordLayout, ReportReady};
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::turbo;
@@ -153,7 +152,7 @@ fn c1_the_host_takes_every_update_of_the_motors() {
                 bench.set(47, period.into());
                 bench.set(48, 1.0);
                 let mut bus = bench.bus();
-                let mut reader = ServoReader::new(&TURBO2.servo, reading);
+                let mut reader = ServoReader::new(&crate::map::TURBO2.servo, reading);
                 reader.set_motors(1 << 31 | 1);
                 let mut timers = Vec::new();
                 for _ in 0..60 {
@@ -189,7 +188,7 @@ fn c1_the_host_asks_for_coordinate_systems() {
         bench.set(50, period.into());
         bench.write(0x0676, 1 << 15);
         let mut bus = bench.bus();
-        let mut reader = BackgroundReader::new(&TURBO2.background);
+        let mut reader = BackgroundReader::new(&crate::map::TURBO2.background);
         let mut reports = 0;
         reader.ask(&mut bus).unwrap();
         for _ in 0..100 {
