@@ -2,7 +2,7 @@
 
 use std::os::unix::fs::FileExt;
 use std::process::{Child, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
 use pmac_dpram::client::{Connection, HeldJog};
@@ -458,6 +458,32 @@ fn words_and_bits_are_written_where_they_are_open() {
     site.assert_no_violations();
 }
 
+/// The board's time that `call` takes from when the daemon has `logged` it. None passes before, nor while the machine is busy.
+fn board_time_of(site: &VirtualSite, logged: &str, call: impl FnOnce() + Send) -> Duration {
+    const STEP: Duration = Duration::from_millis(5);
+    site.hold();
+    std::thread::scope(|scope| {
+        let call = scope.spawn(call);
+        let is_over_within = |time: Duration, over: &dyn Fn() -> bool| {
+            let until = Instant::now() + time;
+            while !over() && Instant::now() < until {
+                std::thread::sleep(Duration::from_micros(300));
+            }
+            over()
+        };
+        let has_begun = is_over_within(PATIENCE, &|| site.log().contains(logged));
+        let mut took = Duration::ZERO;
+        while !is_over_within(Duration::from_millis(20), &|| call.is_finished()) && took < PATIENCE {
+            site.run_for(STEP);
+            took += STEP;
+        }
+        // The call ends in any case.
+        site.go_on();
+        assert!(has_begun, "{logged}: never begun");
+        took
+    })
+}
+
 #[test]
 fn what_stops_waits_for_nobody_elses_lines() {
     let site = running();
@@ -466,12 +492,11 @@ fn what_stops_waits_for_nobody_elses_lines() {
     // The board takes no line: a question would be asked until its time is over.
     site.connection().confirming(true).send("I58=0", PATIENCE).unwrap();
     let lines = start(&site, &["send", "P1"]);
-    for stop in [&["panel", "jog-stop", "1"] as &[&str], &["panel", "hold", "1"], &["panel", "stop", "1"]] {
-        let begun = site.with_world(|world| world.now());
-        done(&site, stop);
-        let took = site.with_world(|world| world.now()) - begun;
-        // A question takes 500 ms; the time passes while a program starts, too.
-        assert!(took < Duration::from_millis(400), "{stop:?}: {took:?}");
+    site.wait_until("the line to be sent", || site.log().contains("sends \"P1\""));
+    for stop in ["jog-stop", "hold", "stop"] {
+        let took = board_time_of(&site, &format!("panel {stop} [1]"), || board.panel(stop, &[1]).unwrap());
+        // A question takes 500 ms.
+        assert!(took < Duration::from_millis(400), "{stop}: {took:?}");
     }
     let _ = status(lines);
     site.assert_no_violations();
