@@ -71,6 +71,39 @@ fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
 }
 
 #[test]
+fn c4_a_daemon_starts_a_simulated_turbo_board_that_reports_everything() {
+    let family = "family = \"turbo2\"\n";
+    for (board, config, family, length) in [
+        ("sim,family=turbo2", "", "turbo2", 0x1_0000),
+        ("sim,dpram=8k", family, "turbo2", 0x4000),
+        ("sim,family=turbo,dpram=32k", "", "turbo", 0x1_0000),
+    ] {
+        let site = Site::new();
+        let config = site.file("pmacd.toml", config);
+        let daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+            .args(["--board", board, "--config", &config, "--name", &site.name, "--socket"])
+            .arg(site.socket())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let pid = daemon.id();
+        let site = site.adopt(daemon);
+        let is_live = |region| Subscriber::attach(&site.segment()).is_ok_and(|seen| is_live(&seen, region));
+        wait_until("both reports", || is_live(RegionId::Servo) && is_live(RegionId::Background));
+        let json = |command| serde_json::from_str::<serde_json::Value>(&site.pmacctl(&[command, "--json"]).1);
+        let status = json("status").unwrap();
+        assert_eq!((&status["family"], &status["board"]["family"]), (&family.into(), &family.into()));
+        assert_eq!(json("motors").unwrap()["motors"].as_array().unwrap().len(), 32);
+        assert_eq!(json("coordinates").unwrap()["coordinate_systems"].as_array().unwrap().len(), 16);
+        let prefix = format!("pmac-sim-{pid}-");
+        let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        let mut own = files.filter(|file| file.file_name().to_string_lossy().starts_with(&prefix));
+        let memory = own.next().unwrap().path().join("dpram");
+        assert_eq!(std::fs::metadata(memory).unwrap().len(), length, "{board}");
+    }
+}
+
+#[test]
 fn a_malformed_request_is_one_line_and_its_status() {
     let site = Site::new();
     let config = tempfile::NamedTempFile::new().unwrap();
@@ -80,6 +113,7 @@ fn a_malformed_request_is_one_line_and_its_status() {
         (&["--board", "boat"] as &[&str], 64),
         (&["--board", "sim", "--nonsense"], 64),
         (&["--board", "sim", "--name", "a/b"], 64),
+        (&["--board", "sim,dpram=32k"], 64),
         (&["--config", config], 78),
         (&["--config", "/nonexistent"], 78),
         (&["--board", "sim", "--user", "no-such-user-here"], 78),

@@ -181,7 +181,7 @@ fn bad_options_get_one_line_and_status_2() {
         (&["--memory", &short], "100 bytes"),
         (&["--memory", &memory, "--motors", "9"], "--motors"),
         (&["--memory", &memory, "--family", "turbo", "--motors", "33"], "--motors"),
-        (&["--memory", &memory, "--dpram", "32k"], "give --dpram 8k"),
+        (&["--memory", &memory, "--dpram", "32k"], "has a DPRAM of `32k`; write 8k"),
         (&["--memory", &memory, "--family", "turbo2", "--dpram", "16k"], "--dpram"),
         (&["--memory", &memory, "--servo-hz", "nan"], "--servo-hz"),
         (&["--memory", &memory, "--servo-hz", "0"], "--servo-hz"),

@@ -142,7 +142,7 @@ pub fn names(page: &str) -> Vec<Names> {
             ),
         ],
         "pmacctl" => vec![families(), functions(), roles()],
-        "pmacctl-map" | "pmacctl-decode" | "pmacctl-doctor" => vec![families()],
+        "pmacctl-map" | "pmacctl-decode" | "pmacctl-doctor" | "pmacctl-demo" => vec![families()],
         "pmacctl-read" | "pmacctl-write" => vec![words(), families()],
         "pmacctl-gather" | "pmacctl-variable" => vec![registers()],
         "pmacctl-panel" => {
@@ -202,7 +202,10 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("The positions for a script:", &["pmacctl --json motors"]),
             ("Stop everything:", &["pmacctl abort"]),
         ],
-        "pmacctl-demo" => &[("Ten seconds of a simulated board:", &["pmacctl demo --seconds 10"])],
+        "pmacctl-demo" => &[
+            ("Ten seconds of a simulated board:", &["pmacctl demo --seconds 10"]),
+            ("The same of a Turbo PMAC2:", &["pmacctl demo --seconds 10 --family turbo2"]),
+        ],
         "pmacctl-status" => &[("Of the board called rig, as JSON:", &["pmacctl --name rig --json status"])],
         "pmacctl-doctor" => &[
             ("What keeps this user from live data:", &["pmacctl doctor"]),

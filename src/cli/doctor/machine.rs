@@ -90,7 +90,7 @@ pub fn probe_board(
 ) -> Result<(), Failure> {
     let dpram = family.length as usize;
     let mut bus: Box<dyn Board> = match spec {
-        BoardSpec::Simulator { .. } => {
+        BoardSpec::Simulator(_) => {
             return Err(Failure::Request(
                 "sim has no window to read; start pmac-sim and probe file: with its path".to_owned(),
             ));

@@ -16,11 +16,12 @@ use clap::Args;
 use nix::sys::signal::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use crate::cli::args::values::{rate, seconds};
+use crate::cli::args::values::{family, rate, seconds};
 use crate::cli::console::keys::Keys;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::screen::Screen;
 use crate::client::{Board, ClientError};
+use crate::map::Family;
 use crate::segment::{Counter, RegionId, SegmentName};
 
 #[derive(Debug, Args)]
@@ -28,6 +29,9 @@ pub struct Demo {
     /// Stop after this time, in seconds; without it, on q or ^C
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
+    /// The family of the simulated board
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
     /// The most views a second
     #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Duration,
@@ -50,7 +54,7 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     for signal in [SIGTERM, SIGINT, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
     }
-    let mut stage = Stage::set(context, &interrupted)?;
+    let mut stage = Stage::set(context, options.family, &interrupted)?;
     let mut board = stage.wait_for_data(&interrupted)?;
     let interactive = context.output.is_terminal();
     let keys = Keys::listen(interactive);
@@ -114,7 +118,7 @@ struct Stage {
 
 impl Stage {
     /// With the name and the socket that `context` was told; else with its own.
-    fn set(context: &Context, interrupted: &AtomicBool) -> Result<Self, Failure> {
+    fn set(context: &Context, family: &Family, interrupted: &AtomicBool) -> Result<Self, Failure> {
         let template = std::env::temp_dir().join(format!("pmac-demo-{}-XXXXXX", std::process::id()));
         let directory = nix::unistd::mkdtemp(&template).map_err(|error| {
             Failure::request(format!("cannot make a directory like {}: {error}", template.display()))
@@ -125,7 +129,8 @@ impl Stage {
         let log = std::fs::File::create(directory.join("log")).map_err(Failure::request)?;
         let program = program();
         let daemon = Command::new(&program)
-            .args(["--board", "sim", "--name", name.as_str(), "--socket"])
+            .args(["--board", &format!("sim,family={}", family.name)])
+            .args(["--name", name.as_str(), "--socket"])
             .arg(&socket)
             // If the demo is killed, the daemon ends too.
             .args(["--with-parent", &std::process::id().to_string()])

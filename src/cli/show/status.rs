@@ -117,6 +117,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let segment = subscriber.path().to_owned();
     let (fault, reason) = fault(board, condition, &socket).unzip();
     let global_status = global_status(board);
+    let family = identity.family.and_then(Family::by_number).map(|family| family.name);
     json!({
         "name": board.name().as_str(),
         "segment": segment,
@@ -126,9 +127,10 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
         "owner_pid": header.owner_pid,
         "owner_uid": header.owner_uid,
         "heartbeat_age_ms": age_ms(header.heartbeat_ns),
+        "family": family,
         "uptime_s": end_ns.saturating_sub(header.created_ns) as f64 / 1e9,
         "board": {
-            "family": identity.family.and_then(Family::by_number).map(|family| family.name),
+            "family": family,
             "type": identity.board_type,
             "firmware": identity.firmware,
             "motors": identity.motors,

@@ -44,8 +44,8 @@ pub struct Board {
 pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, OpenError> {
     let (order, dpram) = (settings.word_order, settings.family.length as usize);
     match &settings.board {
-        BoardSpec::Simulator { readings } => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref(), readings)?;
+        BoardSpec::Simulator(spec) => {
+            let simulator = Simulator::start(settings.family, settings.firmware.as_deref(), &spec.readings)?;
             let source = Some(simulator.interrupt());
             let open = open_file(simulator.memory(), dpram, order, Access::Bits16);
             Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })

@@ -14,6 +14,7 @@ use super::board_settings::CheckedSettings;
 use super::checks::{
     functions, groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do,
 };
+use super::family;
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
@@ -24,7 +25,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{BufferSettings, DEFAULT_FAMILY, Family, Readings};
+use crate::map::{BufferSettings, Family, Readings};
 use crate::protocol::{BoardSettings, Function, Functions, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
@@ -227,8 +228,11 @@ impl Settings {
         })?;
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let roles = file.roles.unwrap_or_default().decide()?;
-        let family = file.family.as_deref().map_or(Ok(DEFAULT_FAMILY), Family::by_name);
-        let family = family.map_err(|error| Refusal::of("family", error))?;
+        let of_board = |reason: String| refused("board", options.board.is_some(), reason);
+        let board: BoardSpec = board_text.parse().map_err(|error: SpecError| of_board(error.to_string()))?;
+        let written = file.family.as_deref().map(Family::by_name).transpose();
+        let written = written.map_err(|error| Refusal::of("family", error))?;
+        let family = family::decide(&board, written).map_err(of_board)?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
         let functions = functions(file.functions, family)?;
         something_to_do(&functions, &servo)?;
@@ -253,12 +257,8 @@ impl Settings {
             readings: needed(file.readings)?,
             rotary: file.rotary,
         };
-        let board: BoardSpec = board_text
-            .parse()
-            .map_err(|error: SpecError| refused("board", options.board.is_some(), error))?;
         if let BoardSpec::Window(window) = &board {
-            let bytes = window.bytes(family.length as usize);
-            bytes.map_err(|reason| refused("board", options.board.is_some(), reason))?;
+            window.bytes(family.length as usize).map_err(of_board)?;
         }
         if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
             let text = "access=32 and word_order = \"swapped\" do not go together, because a bridge may swap 32 bits in more than one way; leave access=32 out";
@@ -347,6 +347,7 @@ fn parse(path: &Path, text: &str) -> Result<ConfigFile, SettingsError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::board::spec::SimulatorSpec;
     use std::io::Write;
 
     fn with_file(text: &str) -> Result<Settings, String> {
@@ -408,7 +409,7 @@ mod tests {
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_the_default() {
         let settings = with_file("board = \"sim\"\nname = \"lathe\"\nmotors = 4\n").unwrap();
-        assert_eq!(settings.board, BoardSpec::Simulator { readings: Vec::new() });
+        assert_eq!(settings.board, BoardSpec::Simulator(SimulatorSpec::default()));
         assert_eq!((settings.name.as_str(), &settings.socket), ("lathe", &None));
         assert_eq!((settings.motors, settings.socket_mode, settings.segment_mode), (Some(4), 0o660, 0o644));
         let options = Options {
@@ -439,6 +440,11 @@ mod tests {
                 "board = \"sim\"\nfamily = \"turbo2\"\nfunctions = [\"servo\", \"panel\"]\n",
                 "FILE:3:23: pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather",
             ),
+            (
+                "board = \"sim,family=pmac\"\nfamily = \"turbo2\"\n",
+                "FILE:1:9: the board is sim,family=pmac, but family = \"turbo2\" in the configuration says otherwise",
+            ),
+            ("board = \"sim,dpram=32k\"\n", "FILE:1:9: no PMAC has a DPRAM of `32k`; write 8k"),
             ("board = \"sim\"\nmotors = 9\n", "FILE:2:10: motors = 9 is out of range: write 1 to 8"),
             ("board = \"sim\"\nsocket_mode = \"9\"\n", "FILE:2:15: socket_mode = \"9\" is not a file mode"),
             (

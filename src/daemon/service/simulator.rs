@@ -49,7 +49,7 @@ impl Simulator {
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
         command.arg("--serial").arg(socket(&directory, "serial"));
         command.arg("--control").arg(socket(&directory, "control"));
-        command.arg("--family").arg(family.name);
+        command.args(["--family", family.name, "--dpram", family.dpram()]);
         if let Some(firmware) = firmware {
             command.arg("--firmware").arg(firmware);
         }

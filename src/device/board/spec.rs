@@ -7,7 +7,7 @@ use std::str::FromStr;
 use crate::device::board::pci::PciAddress;
 use crate::device::machine::system::number;
 use crate::device::{Access, InterruptSource};
-use crate::map::Readings;
+use crate::map::{DPRAM_SIZES, Family, Readings};
 
 /// The longest window to map: no DPRAM is longer.
 const LONGEST: u64 = 0x10_0000;
@@ -16,11 +16,8 @@ const LONGEST: u64 = 0x10_0000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
-    /// `sim[,reading=NAME=VALUE]`: start a simulator and use its memory.
-    Simulator {
-        /// The sentences of the manual that it takes otherwise ([`crate::map::Readings`]), each as NAME=VALUE.
-        readings: Vec<String>,
-    },
+    /// `sim[,family=NAME][,dpram=SIZE][,reading=NAME=VALUE]`: start a simulator and use its memory.
+    Simulator(SimulatorSpec),
     /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
         /// The memory file.
@@ -32,6 +29,17 @@ pub enum BoardSpec {
     },
     /// A window of the machine's memory: a board in a slot.
     Window(WindowSpec),
+}
+
+/// A simulator to start.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SimulatorSpec {
+    /// The name of its family, if it is given here.
+    pub family: Option<&'static str>,
+    /// The size of its DPRAM by name ([`crate::map::DPRAM_SIZES`]); `None`: what boards of the family come with.
+    pub dpram: Option<&'static str>,
+    /// The sentences of the manual that it takes otherwise ([`crate::map::Readings`]), each as NAME=VALUE.
+    pub readings: Vec<String>,
 }
 
 /// A board in a slot.
@@ -127,7 +135,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim[,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
     or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
 )]
 pub struct SpecError {
@@ -140,7 +148,7 @@ impl BoardSpec {
     #[must_use]
     pub const fn access(&self) -> Access {
         match self {
-            Self::Simulator { .. } => Access::Bits16,
+            Self::Simulator(_) => Access::Bits16,
             Self::File { access, .. } | Self::Window(WindowSpec { access, .. }) => *access,
         }
     }
@@ -156,7 +164,7 @@ impl FromStr for BoardSpec {
 
 fn parse(spec: &str) -> Result<BoardSpec, String> {
     if let Some(options) = spec.strip_prefix("sim") {
-        return Ok(BoardSpec::Simulator { readings: simulator_readings(options)? });
+        return simulator(options).map(BoardSpec::Simulator);
     }
     let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
     let (subject, mut given) = Given::split(rest)?;
@@ -173,17 +181,36 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
 }
 
 /// What stands behind `sim`.
-fn simulator_readings(options: &str) -> Result<Vec<String>, String> {
+fn simulator(options: &str) -> Result<SimulatorSpec, String> {
     let mut parts = options.split(',');
     if parts.next() != Some("") {
-        return Err("sim takes only ,reading=NAME=VALUE after it".to_owned());
+        return Err("sim takes only ,family=NAME, ,dpram=SIZE and ,reading=NAME=VALUE after it".to_owned());
     }
-    let reading = |option: &str| {
-        let given = option.strip_prefix("reading=").ok_or_else(|| format!("unknown option `{option}`"))?;
-        Readings::default().with(given).map_err(|error| error.to_string())?;
-        Ok(given.to_owned())
-    };
-    parts.map(reading).collect()
+    let mut simulator = SimulatorSpec::default();
+    for option in parts {
+        let (key, value) = option.split_once('=').ok_or_else(|| format!("unknown option `{option}`"))?;
+        let twice = match key {
+            "family" => {
+                let family = Family::by_name(value).map_err(|error| error.to_string())?;
+                simulator.family.replace(family.name).is_some()
+            }
+            "dpram" => {
+                let known = DPRAM_SIZES.iter().find(|(name, _)| *name == value);
+                let (name, _) = known.ok_or_else(|| format!("{option}: write dpram=8k or dpram=32k"))?;
+                simulator.dpram.replace(name).is_some()
+            }
+            "reading" => {
+                Readings::default().with(value).map_err(|error| error.to_string())?;
+                simulator.readings.push(value.to_owned());
+                false
+            }
+            _ => return Err(format!("unknown option `{option}`")),
+        };
+        if twice {
+            return Err(format!("{key}= is given twice"));
+        }
+    }
+    Ok(simulator)
 }
 
 pub(in crate::device) fn needed<'a>(kind: &str, what: &str, subject: &'a str) -> Result<&'a str, String> {
@@ -309,12 +336,21 @@ mod tests {
         let uio = |map| Place::Uio { node: "/dev/uio0".into(), map };
         let irq = || Some(InterruptSource::Uio("/dev/uio0".into()));
         for (text, spec) in [
-            ("sim", BoardSpec::Simulator { readings: Vec::new() }),
+            ("sim", BoardSpec::Simulator(SimulatorSpec::default())),
+            (
+                "sim,family=TURBO2,dpram=8k",
+                BoardSpec::Simulator(SimulatorSpec {
+                    family: Some("turbo2"),
+                    dpram: Some("8k"),
+                    readings: Vec::new(),
+                }),
+            ),
             (
                 "sim,reading=line_flag=done,reading=panel_mask=when_done",
-                BoardSpec::Simulator {
+                BoardSpec::Simulator(SimulatorSpec {
                     readings: vec!["line_flag=done".to_owned(), "panel_mask=when_done".to_owned()],
-                },
+                    ..SimulatorSpec::default()
+                }),
             ),
             (
                 "file:/dev/shm/dpram",
@@ -390,8 +426,11 @@ mod tests {
     fn anything_else_is_refused_with_its_reason() {
         for (spec, reason) in [
             ("", "no board kind ``"),
-            ("sim:x", "takes only ,reading=NAME=VALUE"),
-            ("sim:", "takes only ,reading=NAME=VALUE"),
+            ("sim:x", "sim takes only ,family=NAME"),
+            ("sim:", "sim takes only ,family=NAME"),
+            ("sim,family=turbo3", "there are pmac, pmac2, turbo, turbo2"),
+            ("sim,family=turbo,family=turbo", "family= is given twice"),
+            ("sim,dpram=16k", "write dpram=8k or dpram=32k"),
             ("sim,irq=unix:b", "unknown option `irq=unix:b`"),
             ("sim,reading=line_flag=never", "expected `taken` or `done`"),
             ("file:", "path after file: is missing"),

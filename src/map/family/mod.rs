@@ -229,6 +229,9 @@ pub static TURBO_32K: Family = turbo_of(turbo::LENGTH_32K);
 /// Turbo PMAC2 with 8K x 16 bits.
 pub static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 
+/// The names of the sizes of a DPRAM, in thousands of 16-bit words, and the bytes.
+pub const DPRAM_SIZES: [(&str, u32); 2] = [("8k", turbo::LENGTH_8K), ("32k", turbo::LENGTH_32K)];
+
 /// What a board is taken for where nothing says its family.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 
@@ -281,6 +284,24 @@ impl Family {
     pub fn lengths(&self) -> impl Iterator<Item = u32> {
         let families = FAMILIES.iter().chain(OTHER_LENGTHS);
         families.filter(|family| family.name == self.name).map(|family| family.length)
+    }
+
+    /// This family with a DPRAM of the size that `name` of [`DPRAM_SIZES`] says.
+    ///
+    /// # Errors
+    /// The names of the sizes that the family has.
+    pub fn with_dpram(&self, name: &str) -> Result<&'static Self, String> {
+        let size = DPRAM_SIZES.iter().find(|(known, _)| *known == name);
+        let family = size.and_then(|(_, bytes)| self.with_length(*bytes));
+        let named = DPRAM_SIZES.iter().filter(|(_, bytes)| self.lengths().any(|length| length == *bytes));
+        let names = || named.map(|(name, _)| *name).collect::<Vec<_>>().join(" or ");
+        family.ok_or_else(|| format!("no {} has a DPRAM of `{name}`; write {}", self.title, names()))
+    }
+
+    /// The name of its DPRAM's size.
+    #[must_use]
+    pub fn dpram(&self) -> &'static str {
+        DPRAM_SIZES.iter().find(|(_, bytes)| *bytes == self.length).map_or("", |(name, _)| name)
     }
 
     /// The family with this number in the segment, or `None` for one that is not known here.

@@ -6,7 +6,7 @@ use clap::Parser;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::map::readings::UnknownReading;
-use crate::map::{Family, Firmware, Readings};
+use crate::map::{DPRAM_SIZES, Family, Firmware, Readings};
 use crate::sim::board::families::{SIMULATED, with_length};
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::identity::Identity;
@@ -58,8 +58,8 @@ pub struct Options {
     #[arg(long, default_value = "pmac", value_parser = family())]
     pub family: &'static FirmwareTables,
     /// The size of the DPRAM in 16-bit words; without it, what boards of the family come with
-    #[arg(long, value_name = "8k|32k", value_parser = dpram_size())]
-    pub dpram: Option<u32>,
+    #[arg(long, value_name = "8k|32k", value_parser = PossibleValuesParser::new(DPRAM_SIZES.map(|(name, _)| name)))]
+    pub dpram: Option<String>,
     /// Firmware that VERSION answers; it also decides where the gather buffer is. Without it 1.16D, of a Turbo board 1.947
     #[arg(long)]
     pub firmware: Option<Firmware>,
@@ -100,8 +100,8 @@ pub enum NoSuchBoard {
     #[error(transparent)]
     Reading(#[from] UnknownReading),
     /// A DPRAM of a size that the family does not have.
-    #[error("no {} has such a DPRAM; give --dpram {}", .0.title, sizes(.0))]
-    Dpram(&'static Family),
+    #[error("--dpram: {0}")]
+    Dpram(String),
     /// More motors than the family has.
     #[error("a {} has at most {} motors; give --motors 1 to {}", .0.title, .0.motors, .0.motors)]
     Motors(&'static Family),
@@ -135,8 +135,11 @@ impl Options {
     /// A reading that is none, or a DPRAM or motors that no board of the family has.
     pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
         let readings = self.readings.iter().try_fold(Readings::default(), |all, given| all.with(given))?;
-        let tables = match self.dpram {
-            Some(length) => with_length(self.family, length).ok_or(NoSuchBoard::Dpram(self.family.family))?,
+        let tables = match &self.dpram {
+            Some(size) => {
+                let family = self.family.family.with_dpram(size).map_err(NoSuchBoard::Dpram)?;
+                with_length(self.family, family.length).unwrap_or(self.family)
+            }
             None => self.family,
         };
         let firmware =
@@ -162,20 +165,6 @@ fn family() -> impl TypedValueParser<Value = &'static FirmwareTables> {
     PossibleValuesParser::new(SIMULATED.iter().map(name)).map(|name| {
         SIMULATED.iter().copied().find(|tables| tables.family.name == name).unwrap_or(SIMULATED[0])
     })
-}
-
-/// The sizes of `--dpram`: its name, and the bytes.
-const DPRAM_SIZES: [(&str, u32); 2] = [("8k", 0x4000), ("32k", 0x1_0000)];
-
-fn dpram_size() -> impl TypedValueParser<Value = u32> {
-    PossibleValuesParser::new(DPRAM_SIZES.map(|(name, _)| name))
-        .map(|given| DPRAM_SIZES.iter().find(|(name, _)| *name == given).map_or(0, |&(_, bytes)| bytes))
-}
-
-/// The sizes that boards of a family have.
-fn sizes(family: &Family) -> String {
-    let names = DPRAM_SIZES.iter().filter(|(_, bytes)| family.lengths().any(|length| length == *bytes));
-    names.map(|(name, _)| *name).collect::<Vec<_>>().join(" or ")
 }
 
 /// The most motors that a simulated board has.
