@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::console::output::Output;
 use crate::client::{Board, ClientError, CommandError, Connection};
 use crate::map::Family;
+use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::{CallError, socket_place};
 use crate::segment::SegmentName;
 
@@ -173,14 +174,16 @@ impl Context {
         given: Option<&'static Family>,
         connection: &mut Connection,
     ) -> Result<&'static Family, Failure> {
-        let board = Family::by_name(&connection.info()?.family).map_err(Failure::request)?;
-        match given {
-            Some(family) if family.base != board.base => Err(Failure::Request(format!(
+        let told = connection.info()?.family;
+        match (given, Family::by_name(&told)) {
+            (Some(family), Ok(board)) if family.base != board.base => Err(Failure::Request(format!(
                 "--family {}: the board is a {}, whose DPRAM is laid out otherwise",
                 family.name, board.title
             ))),
-            Some(family) => Ok(family),
-            None => Ok(board),
+            (Some(family), _) => Ok(family),
+            (None, Ok(board)) => Ok(board),
+            (None, Err(_)) if told == NO_FAMILY => Err(Failure::request(UNKNOWN_FAMILY)),
+            (None, Err(error)) => Err(Failure::request(error)),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Starts and stops the daemon: the whole order in one place.
 //!
-//! settings → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. A
+//! settings → a look at the board → board → privileges given up → segment → socket → bus thread → wait for a signal → the same backwards. A
 //! board that needs no special right opens after the name is taken, so that a second daemon learns who has the name.
 
 use std::ffi::OsString;
@@ -15,6 +15,7 @@ use super::exit::{self, Failure};
 use super::machine::Machine;
 use super::options::Options;
 use super::parts::{Parts, segment_options};
+use super::recognise;
 use super::service::journal;
 use super::service::log_sink::{LogSink, LogWriter};
 use super::service::privilege::{self, Account, Holdings};
@@ -87,6 +88,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     privilege::allow_locking();
     let inherited = Inherited::take_all();
+    let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
     let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
     let usual = socket_places(settings.name.as_str());

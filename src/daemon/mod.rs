@@ -10,6 +10,7 @@ pub mod exit;
 pub mod machine;
 pub mod options;
 pub mod parts;
+pub mod recognise;
 pub mod service;
 pub mod shared;
 pub mod socket;

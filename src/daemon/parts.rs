@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
+use super::config::family::FamilyKnown;
 use super::config::settings::Settings;
 use super::exit::{self, Failure};
 use super::machine::Machine;
@@ -27,6 +28,7 @@ use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::device::Counted;
 use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
+use crate::protocol::function::NO_FAMILY;
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity::{self, first_motors};
 use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, RegionId, RegionSpec};
@@ -164,10 +166,11 @@ fn identity_region() -> RegionSpec {
 }
 
 fn configured_identity(settings: &Settings) -> Identity {
+    let known = (settings.family_known != FamilyKnown::Unknown).then_some(settings.family);
     let mut identity = Identity {
-        family: Some(settings.family.number),
-        motors: Some(settings.family.motors as u32),
-        coordinate_systems: Some(settings.family.coordinate_systems as u32),
+        family: known.map(|family| family.number),
+        motors: known.map(|family| family.motors as u32),
+        coordinate_systems: known.map(|family| family.coordinate_systems as u32),
         servo_period_ps: settings.i10.map(servo_period_ps),
         i10: settings.i10,
         servo_report_cycles: settings.i19,
@@ -194,7 +197,10 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
         name: settings.name.as_str().to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         board: settings.board_text.clone(),
-        family: settings.family.name.to_owned(),
+        family: match settings.family_known {
+            FamilyKnown::Unknown => NO_FAMILY.to_owned(),
+            _ => settings.family.name.to_owned(),
+        },
         firmware: settings.firmware.clone(),
         motors: settings.motors.unwrap_or(settings.family.motors as u32),
         generation: publisher.generation(),

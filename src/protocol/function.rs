@@ -4,6 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::map::{Family, Function};
 
+/// What is told as the family of a board that is not known.
+pub const NO_FAMILY: &str = "unknown";
+
+/// Why no function is used then.
+pub const UNKNOWN_FAMILY: &str = "the board's family is not known, so pmacd writes nothing to it; write family = \"pmac\", \"pmac2\", \"turbo\" \
+     or \"turbo2\" in its configuration, or switch the servo report on by another way, and start pmacd again";
+
 /// The functions that are used, every one unless told otherwise. One that is not makes no bus access at all.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -22,6 +29,18 @@ impl Functions {
         Self(family.functions.to_vec())
     }
 
+    /// None: the daemon does not know the board's family, and leaves it alone.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self(Vec::new())
+    }
+
+    /// Whether none is used.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The first of them that `pmacd` cannot use on a board of `family`, and its place in the list.
     #[must_use]
     pub fn impossible(&self, family: &Family) -> Option<(usize, Function)> {
@@ -31,7 +50,10 @@ impl Functions {
 
     /// Why `function` is not used on a board of `family`.
     #[must_use]
-    pub fn why_not(function: Function, family: &Family) -> String {
+    pub fn why_not(&self, function: Function, family: &Family) -> String {
+        if self.is_empty() {
+            return UNKNOWN_FAMILY.to_owned();
+        }
         let name = function.name();
         if family.functions.contains(&function) {
             return format!(

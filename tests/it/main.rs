@@ -15,6 +15,7 @@ mod dependencies;
 mod dirty;
 mod doctor;
 mod download;
+mod family;
 mod fields;
 mod format;
 mod fuzz_corpus;

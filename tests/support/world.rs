@@ -6,9 +6,11 @@ use clap::Parser;
 use pmac_dpram::clock::ManualTime;
 use pmac_dpram::daemon::bus::board_loop::BoardLoop;
 use pmac_dpram::daemon::config::settings::Settings;
+use pmac_dpram::daemon::exit::Failure;
 use pmac_dpram::daemon::machine::Machine;
 use pmac_dpram::daemon::options::Options;
 use pmac_dpram::daemon::parts::{Parts, segment_options};
+use pmac_dpram::daemon::recognise;
 use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::stepper::ServerStepper;
 use pmac_dpram::device::Inherited;
@@ -80,7 +82,8 @@ impl World {
         let options = std::iter::once("pmacd".to_owned()).chain(options.iter().cloned());
         let options = Options::try_parse_from(options).map_err(|error| error.to_string())?;
         let settings = Settings::decide(&options).map_err(|error| error.to_string())?;
-        let failed = |failure: pmac_dpram::daemon::exit::Failure| failure.to_string();
+        let failed = |failure: Failure| failure.to_string();
+        let settings = self.look(settings, &options).map_err(failed)?;
         let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;
         let publisher = Publisher::create(&segment).map_err(|error| error.to_string())?;
         let machine = Machine::open(&settings, &Inherited::default()).map_err(failed)?;
@@ -98,6 +101,17 @@ impl World {
         self.daemon = Some(Daemon { board_loop: parts.board_loop, server });
         self.poll();
         Ok(())
+    }
+
+    /// What the daemon does before it starts: it looks at the board, while that works.
+    fn look(&mut self, settings: Settings, options: &Options) -> Result<Settings, Failure> {
+        recognise::settled(settings, options, &Inherited::default(), || {
+            let end = self.now() + recognise::PAUSE;
+            while self.now() < end {
+                self.step();
+            }
+            self.time.ns()
+        })
     }
 
     /// Runs one servo cycle of the board, and everything that the daemon does meanwhile.

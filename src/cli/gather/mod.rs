@@ -20,7 +20,7 @@ use crate::decode::Scales;
 use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, column, plan};
 use crate::map::{BufferLayout, DEFAULT_FAMILY, Family, Layout};
 use crate::protocol::board::GatherStopReply;
-use crate::protocol::{BoardSettings, Function, Functions};
+use crate::protocol::{BoardSettings, Function};
 
 /// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
@@ -240,7 +240,7 @@ fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
 fn check_functions(settings: &BoardSettings, family: &Family, needed: &[Function]) -> Result<(), Failure> {
     match needed.iter().find(|function| !settings.functions.has(**function)) {
         Some(function) => {
-            Err(Failure::Refused(format!("cannot gather: {}", Functions::why_not(*function, family))))
+            Err(Failure::Refused(format!("cannot gather: {}", settings.functions.why_not(*function, family))))
         }
         None => Ok(()),
     }

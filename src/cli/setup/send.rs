@@ -15,7 +15,7 @@ use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
-use crate::map::{Family, Generation};
+use crate::map::Generation;
 use crate::protocol::deadlines;
 
 /// Time limit of a plain line.
@@ -79,7 +79,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
 
 /// Refuses lines for another generation of boards than the daemon's: their variables have other meanings there.
 fn is_for(connection: &mut Connection, generation: Generation) -> Result<(), Failure> {
-    let board = Family::by_name(&connection.info()?.family).map_err(Failure::request)?;
+    let board = Context::family(None, connection)?;
     if board.generation == generation {
         return Ok(());
     }

@@ -7,6 +7,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::global_status;
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
+use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::{Function, OpenBufferInfo};
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
@@ -235,7 +236,9 @@ fn text(document: &Value) -> String {
         say("enabled", enabled.join(" "));
         let functions = socket["functions"].as_array();
         let used: Vec<_> = functions.into_iter().flatten().map(plain).collect();
-        if used.len() < Function::ALL.len() {
+        if used.is_empty() {
+            say("functions", format!("none: {UNKNOWN_FAMILY}"));
+        } else if used.len() < Function::ALL.len() {
             say("functions", used.join(" "));
         }
         let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));

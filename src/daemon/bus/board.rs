@@ -67,6 +67,24 @@ pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Resu
     }
 }
 
+/// Opens the board, `bytes` of it, to look at it. It takes no interrupt.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_to_look(
+    settings: &Settings,
+    bytes: usize,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn device::Board>, OpenError> {
+    let order = settings.word_order;
+    match &settings.board {
+        BoardSpec::Simulator(_) => Err("a simulator is not looked at".into()),
+        BoardSpec::File { path, .. } => Ok(open_file(path.clone(), bytes, order, Access::Bits16)()?.bus),
+        BoardSpec::Window(spec) => Ok(open_window(spec, bytes, order, system, inherited)?.bus),
+    }
+}
+
 fn of_file(
     mut open: OpenBus,
     source: Option<InterruptSource>,

@@ -13,7 +13,7 @@ mod questions;
 use std::time::{Duration, Instant};
 
 use self::global_words::Comparison;
-use self::questions::{Meaning, Question, questions};
+use self::questions::{Meaning, Question, note_type, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
 use crate::daemon::shared::status::{CHANGES, Change, Enabling};
@@ -254,7 +254,7 @@ impl Identifier {
         let value = answer::integer(std::str::from_utf8(line).unwrap_or_default());
         let asking = &mut self.asking;
         match question {
-            Question::Type => asking.board_type = Some(Text::from_bytes(line)),
+            Question::Type => note_type(asking, line),
             Question::Version => asking.firmware = Some(Text::from_bytes(line)),
             Question::Reports(variables) => {
                 let value = value.and_then(|value| u32::try_from(value).ok());

@@ -94,7 +94,7 @@ pub(super) fn functions(written: Option<Functions>, family: &Family) -> Result<F
     let Some(functions) = written else { return Ok(Functions::all(family)) };
     match functions.impossible(family) {
         Some((index, function)) => {
-            Err(Refusal::of(format!("functions.{index}"), Functions::why_not(function, family)))
+            Err(Refusal::of(format!("functions.{index}"), functions.why_not(function, family)))
         }
         None => Ok(functions),
     }

@@ -1,23 +1,94 @@
 //! Which family the board is of, as the settings say it.
 
 use crate::device::BoardSpec;
-use crate::map::{DEFAULT_FAMILY, Family};
+use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 
-/// The family of `board`, where `written` is what the configuration says.
+/// What the configuration writes to have the board recognised.
+const AUTO: &str = "auto";
+
+/// How the family is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FamilyKnown {
+    /// It is the default of a board that is a file, or the simulator's own.
+    Assumed,
+    /// The configuration says it.
+    Written,
+    /// The board is to be recognised, before anything is written to it.
+    Sought,
+    /// The board was recognised.
+    Recognised,
+    /// The board could not be recognised: nothing is written to it.
+    Unknown,
+}
+
+/// What has come of the look at the board: its family, if it could be told.
+pub type Recognised = Option<&'static Family>;
+
+/// The families that the board may be of, the likeliest first, and how that is known. `written` is the configuration's
+/// `family`, `seen` what the board was recognised as.
 ///
 /// # Errors
-/// The two contradict each other, or no board of the family has such a DPRAM.
-pub(super) fn decide(board: &BoardSpec, written: Option<&'static Family>) -> Result<&'static Family, String> {
-    let BoardSpec::Simulator(simulator) = board else { return Ok(written.unwrap_or(DEFAULT_FAMILY)) };
-    let started = simulator.family.map(Family::by_name).transpose().map_err(|error| error.to_string())?;
-    if let (Some(started), Some(written)) = (started, written)
-        && started != written
-    {
-        return Err(format!(
-            "the board is sim,family={}, but family = \"{}\" in the configuration says otherwise; remove one of the two",
-            started.name, written.name
-        ));
+/// The setting that is wrong, and why: an unknown family; a simulator of another family than is written, or with a DPRAM that
+/// no board of the family has.
+pub(super) fn candidates(
+    board: &BoardSpec,
+    written: Option<&str>,
+    seen: Option<Recognised>,
+) -> Result<(Vec<&'static Family>, FamilyKnown), (&'static str, String)> {
+    let sought = written.is_some_and(|written| written.eq_ignore_ascii_case(AUTO));
+    let named = written.filter(|_| !sought).map(Family::by_name).transpose();
+    let named = named.map_err(|error| ("family", format!("{error}; or write \"{AUTO}\"")))?;
+    match (board, named, seen) {
+        (BoardSpec::Simulator(simulator), ..) => {
+            let started = simulator.family.map(Family::by_name).transpose();
+            let started = started.map_err(|error| ("board", error.to_string()))?;
+            if let (Some(started), Some(named)) = (started, named)
+                && started != named
+            {
+                let text = format!(
+                    "the board is sim,family={}, but family = \"{}\" in the configuration says otherwise; remove one of the two",
+                    started.name, named.name
+                );
+                return Err(("board", text));
+            }
+            let family = started.or(named).unwrap_or(DEFAULT_FAMILY);
+            let family = simulator.dpram.map_or(Ok(family), |size| family.with_dpram(size));
+            Ok((vec![family.map_err(|reason| ("board", reason))?], FamilyKnown::Assumed))
+        }
+        (_, Some(named), _) => Ok((vec![named], FamilyKnown::Written)),
+        (_, None, Some(Some(seen))) => Ok((vec![seen], FamilyKnown::Recognised)),
+        (BoardSpec::File { .. }, ..) if !sought => Ok((vec![DEFAULT_FAMILY], FamilyKnown::Assumed)),
+        (_, None, Some(None)) => Ok((vec![&PMAC, &TURBO2], FamilyKnown::Unknown)),
+        // One family of each generation: what only the other one knows is no mistake.
+        (_, None, None) => Ok((vec![&PMAC, &TURBO2], FamilyKnown::Sought)),
     }
-    let family = started.or(written).unwrap_or(DEFAULT_FAMILY);
-    simulator.dpram.map_or(Ok(family), |size| family.with_dpram(size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{PMAC2, TURBO};
+
+    fn known(
+        board: &str,
+        written: Option<&str>,
+        seen: Option<Recognised>,
+    ) -> (Vec<&'static Family>, FamilyKnown) {
+        candidates(&board.parse().unwrap(), written, seen).unwrap()
+    }
+
+    #[test]
+    fn c2_a_board_in_a_slot_is_recognised_unless_its_family_is_written() {
+        let slots = ["mem:0xD4000", "uio:/dev/uio0", "pci:03:00.0", "vme:/dev/bus/vme/m0"];
+        for (board, written) in slots.map(|slot| (slot, None)).into_iter().chain([("file:m", Some("auto"))]) {
+            assert_eq!(known(board, written, None).1, FamilyKnown::Sought, "{board}");
+            assert_eq!(known(board, Some("turbo"), None), (vec![&TURBO], FamilyKnown::Written), "{board}");
+            let seen = known(board, written, Some(Some(&TURBO2)));
+            assert_eq!(seen, (vec![&TURBO2], FamilyKnown::Recognised), "{board}");
+            assert_eq!(known(board, written, Some(None)).1, FamilyKnown::Unknown, "{board}");
+        }
+        for (board, family) in [("file:m", &PMAC), ("sim", &PMAC), ("sim,family=pmac2", &PMAC2)] {
+            assert_eq!(known(board, None, None), (vec![family], FamilyKnown::Assumed), "{board}");
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 pub mod board_settings;
 mod checks;
-mod family;
+pub mod family;
 pub mod mirrored;
 pub mod motors;
 pub mod ports;

@@ -14,7 +14,7 @@ use super::board_settings::CheckedSettings;
 use super::checks::{
     functions, groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do,
 };
-use super::family;
+use super::family::{self, FamilyKnown, Recognised};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
@@ -48,7 +48,7 @@ pub struct ConfigFile {
     segment_group: Option<String>,
     /// Mode of the segment, as "0644".
     segment_mode: Option<toml::Value>,
-    /// pmac, pmac2, turbo or turbo2.
+    /// pmac, pmac2, turbo, turbo2 or auto.
     family: Option<String>,
     /// Firmware, as "1.16D", for a board that cannot be asked.
     firmware: Option<String>,
@@ -145,6 +145,8 @@ pub struct Settings {
     pub segment_group: Option<String>,
     /// The board's family.
     pub family: &'static Family,
+    /// How that is known.
+    pub family_known: FamilyKnown,
     /// Firmware, for a board that cannot be asked.
     pub firmware: Option<String>,
     /// Motors to read, for a board that cannot be asked.
@@ -212,30 +214,61 @@ impl Settings {
     /// # Errors
     /// The first mistake, with file, line and column if it is in the file.
     pub fn decide(options: &Options) -> Result<Self, SettingsError> {
+        Self::decide_for(options, None)
+    }
+
+    /// As [`Settings::decide`], of a board that was looked at.
+    ///
+    /// # Errors
+    /// As [`Settings::decide`]; some settings are none of a board of this family.
+    pub fn decide_seen(options: &Options, seen: Recognised) -> Result<Self, SettingsError> {
+        Self::decide_for(options, Some(seen))
+    }
+
+    fn decide_for(options: &Options, seen: Option<Recognised>) -> Result<Self, SettingsError> {
         let Some(path) = &options.config else {
-            let decided = Self::of(options, ConfigFile::default());
+            let decided = Self::of(options, &ConfigFile::default(), seen);
             return decided.map_err(|refusal| SettingsError { text: refusal.text, typed: true });
         };
         let text = read(path)?;
         let file = parse(path, &text)?;
-        Self::of(options, file)
+        Self::of(options, &file, seen)
             .map_err(|refusal| SettingsError { text: refusal.placed(path, &text), typed: refusal.typed })
     }
 
-    fn of(options: &Options, file: ConfigFile) -> Result<Self, Refusal> {
-        let board_text = options.board.clone().or(file.board).ok_or_else(|| {
+    /// The settings of the first of the families that the board may be of and whose settings these can be.
+    fn of(options: &Options, file: &ConfigFile, seen: Option<Recognised>) -> Result<Self, Refusal> {
+        let board_text = options.board.clone().or_else(|| file.board.clone()).ok_or_else(|| {
             Refusal::anywhere("no board given: write --board SPEC, or board = \"SPEC\" in the configuration")
         })?;
+        let typed = options.board.is_some();
+        let board = board_text.parse().map_err(|error: SpecError| refused("board", typed, error))?;
+        let (families, known) = family::candidates(&board, file.family.as_deref(), seen)
+            .map_err(|(key, reason)| refused(key, typed && key == "board", reason))?;
+        let of = |family| Self::of_family(options, file.clone(), (&board, &board_text), family, known);
+        let mut refusal = None;
+        for family in families {
+            match of(family) {
+                Ok(settings) => return Ok(settings),
+                Err(other) => refusal = refusal.or(Some(other)),
+            }
+        }
+        Err(refusal.unwrap_or_else(|| Refusal::anywhere("there is no board family")))
+    }
+
+    fn of_family(
+        options: &Options,
+        file: ConfigFile,
+        (board, board_text): (&BoardSpec, &str),
+        family: &'static Family,
+        known: FamilyKnown,
+    ) -> Result<Self, Refusal> {
         let name = options.name.clone().or(file.name).unwrap_or_else(|| "pmac0".to_owned());
         let roles = file.roles.unwrap_or_default().decide()?;
-        let of_board = |reason: String| refused("board", options.board.is_some(), reason);
-        let board: BoardSpec = board_text.parse().map_err(|error: SpecError| of_board(error.to_string()))?;
-        let written = file.family.as_deref().map(Family::by_name).transpose();
-        let written = written.map_err(|error| Refusal::of("family", error))?;
-        let family = family::decide(&board, written).map_err(of_board)?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
         let functions = functions(file.functions, family)?;
         something_to_do(&functions, &servo)?;
+        let unknown = known == FamilyKnown::Unknown;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !functions.has(Function::Ascii) {
             if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
@@ -249,7 +282,7 @@ impl Settings {
         }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let board_settings = BoardSettings {
-            functions,
+            functions: if unknown { Functions::none() } else { functions },
             servo,
             background,
             plan: file.plan,
@@ -257,8 +290,9 @@ impl Settings {
             readings: needed(file.readings)?,
             rotary: file.rotary,
         };
-        if let BoardSpec::Window(window) = &board {
-            window.bytes(family.length as usize).map_err(of_board)?;
+        if let BoardSpec::Window(window) = board {
+            let bytes = window.bytes(family.length as usize);
+            bytes.map_err(|reason| refused("board", options.board.is_some(), reason))?;
         }
         if file.word_order == Some(WordOrder::Swapped) && board.access() == Access::Bits32 {
             let text = "access=32 and word_order = \"swapped\" do not go together, because a bridge may swap 32 bits in more than one way; leave access=32 out";
@@ -267,8 +301,8 @@ impl Settings {
         groups(file.socket_group.iter().map(|name| ("socket_group".to_owned(), name.clone())))?;
         groups(file.segment_group.iter().map(|name| ("segment_group".to_owned(), name.clone())))?;
         Ok(Self {
-            board,
-            board_text,
+            board: board.clone(),
+            board_text: board_text.to_owned(),
             socket: options.socket.clone().or(file.socket),
             name: SegmentName::new(&name).map_err(|error| refused("name", options.name.is_some(), error))?,
             socket_mode: socket_mode(file.socket_mode.as_ref())?,
@@ -276,6 +310,7 @@ impl Settings {
             segment_group: file.segment_group,
             segment_mode: segment_mode(file.segment_mode.as_ref())?,
             family,
+            family_known: known,
             board_settings: CheckedSettings::decide(board_settings, family, file.firmware.as_deref())?,
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, family.motors as u32)?,
@@ -292,8 +327,8 @@ impl Settings {
                 .map_or(Some(1000), |ms| (ms > 0).then_some(ms))
                 .map(|ms| Duration::from_millis(ms.into())),
             roles,
-            mailbox,
-            host_port,
+            mailbox: mailbox.filter(|_| !unknown),
+            host_port: host_port.filter(|_| !unknown),
         })
     }
 }

@@ -17,9 +17,10 @@ use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset, VariableKind};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
+use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::{
-    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Functions, Reply, SERVICE, SERVICE_DESCRIPTION,
-    calls, check_line, control, deadlines, parameters,
+    BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
+    check_line, control, deadlines, parameters,
 };
 
 /// What a call asks of the bus thread.
@@ -154,7 +155,12 @@ const METHODS: [Method; 24] = {
             JogTo::of(&parameters(call)?, info.family()).map(Action::JogTo)
         }),
         method("FeedOverride", Stop, Some(Panel), |call, info| job(call, info, jobs::feed_override)),
-        method("Write", Engineer, None, |call, info| job(call, info, jobs::write)),
+        method("Write", Engineer, None, |call, info| {
+            if info.settings().functions.is_empty() {
+                return Err(CallError::Refused { reason: UNKNOWN_FAMILY.to_owned() });
+            }
+            job(call, info, jobs::write)
+        }),
         method("WatchVariables", Observe, Some(Variables), |call, info| {
             streams(call, Action::Watch(jobs::watched(parameters(call)?, info)?))
         }),
@@ -212,10 +218,11 @@ fn needs_lines(info: &Info) -> Result<(), CallError> {
 
 /// Whether `function` is used.
 fn needs(function: Function, info: &Info) -> Result<(), CallError> {
-    if info.settings().functions.has(function) {
+    let functions = &info.settings().functions;
+    if functions.has(function) {
         return Ok(());
     }
-    Err(CallError::Refused { reason: Functions::why_not(function, info.family()) })
+    Err(CallError::Refused { reason: functions.why_not(function, info.family()) })
 }
 
 /// `action`, of a method that answers more than once.
@@ -458,17 +465,22 @@ mod tests {
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
-            let refused = |functions: Value| match parse_call(
+            let reason = |functions: Value| match parse_call(
                 &call,
                 Role::Engineer,
                 Characters::default(),
                 &with(functions),
             ) {
-                Err(CallError::Refused { reason }) => reason.contains("is switched off"),
-                _ => false,
+                Err(CallError::Refused { reason }) => reason,
+                _ => String::new(),
             };
+            let refused = |functions: Value| reason(functions).contains("is switched off");
             let needed = METHODS.iter().find(|known| known.name == method).unwrap().function;
-            assert_eq!(refused(json!([])), needed.is_some(), "{method}");
+            let other = if needed == Some(Function::Rotary) { Function::Servo } else { Function::Rotary };
+            assert_eq!(refused(json!([other])), needed.is_some(), "{method}");
+            // None is used: the board's family is not known.
+            let writes = needed.is_some() || method == "Write";
+            assert_eq!(reason(json!([])) == UNKNOWN_FAMILY, writes, "{method}");
             assert_eq!(
                 needed.is_none(),
                 ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Write"].contains(&method)

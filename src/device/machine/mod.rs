@@ -7,5 +7,6 @@ pub mod inherited;
 pub mod kernel;
 pub mod node_owner;
 pub mod probe;
+pub mod recognise;
 pub mod scheduling;
 pub mod system;

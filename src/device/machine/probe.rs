@@ -108,7 +108,7 @@ pub fn probe_by<B: Bus>(
 }
 
 /// The servo timer, or `None` while PMAC writes its report.
-fn timer(bus: &mut impl Bus, servo: &ServoBlock) -> Result<Option<u32>, BusError> {
+pub(super) fn timer(bus: &mut impl Bus, servo: &ServoBlock) -> Result<Option<u32>, BusError> {
     let status = bus.read16(servo.pmac_status.word)?;
     if servo.busy.is_busy(servo.pmac_status.is_set(status)) {
         return Ok(None);

@@ -304,6 +304,20 @@ impl Family {
         DPRAM_SIZES.iter().find(|(_, bytes)| *bytes == self.length).map_or("", |(name, _)| name)
     }
 
+    /// What `TYPE` answers tells more of this family: which board of its generation it is.
+    #[must_use]
+    pub fn told_by_type(&'static self, answer: &str) -> &'static Self {
+        // `PMAC1`, `PMAC2`, `TURBO1`, `TURBO2`; an Ultralite (`PMACUL`, `TURBOU`) is a PMAC2 without its own axes.
+        let told = match answer.split(',').next().map(str::trim) {
+            Some("PMAC1") => &PMAC,
+            Some("PMAC2" | "PMACUL") => &PMAC2,
+            Some("TURBO1") => &TURBO,
+            Some("TURBO2" | "TURBOU") => &TURBO2,
+            _ => self,
+        };
+        if told.generation == self.generation { told } else { self }
+    }
+
     /// The family with this number in the segment, or `None` for one that is not known here.
     #[must_use]
     pub fn by_number(number: u32) -> Option<&'static Self> {

@@ -3,8 +3,10 @@
 use std::ops::RangeInclusive;
 
 use crate::daemon::bus::scale_doubts::I10;
+use crate::format::Text;
 use crate::map::{Family, IVariables};
 use crate::protocol::LINE_MAX;
+use crate::segment::Identity;
 
 /// The I-variable of the serial handshake, which says how a reply ends, in every family.
 const HANDSHAKE: u16 = 3;
@@ -73,6 +75,14 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
     }
     questions.push(Question::Scales(first..=family.motors));
     questions
+}
+
+/// Takes note of the answer to `TYPE`. It tells the family, within the generation that is known.
+pub(super) fn note_type(identity: &mut Identity, answer: &[u8]) {
+    let family = identity.family.and_then(Family::by_number);
+    let answer = Text::from_bytes(answer);
+    identity.family = family.map(|family| family.told_by_type(&answer).number);
+    identity.board_type = Some(answer);
 }
 
 impl Question {

@@ -1,0 +1,114 @@
+//! Looks at the board before anything is written to it: what it is, and whether the configuration says so, too.
+
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+
+use super::config::family::{FamilyKnown, Recognised};
+use super::config::settings::Settings;
+use super::exit::{self, Failure};
+use super::options::Options;
+use crate::daemon::bus::board;
+use crate::device::machine::recognise::{WINDOW, recognise};
+use crate::device::{BoardSpec, Inherited, System};
+use crate::map::{Family, Generation, PMAC, TURBO2, TURBO2_8K};
+use crate::protocol::function::UNKNOWN_FAMILY;
+
+/// Between two looks: some milliseconds, and no multiple of a usual servo period.
+pub const PAUSE: Duration = Duration::from_micros(5300);
+
+/// The settings for the board that is there: `settings`, unless their family is to be found out. `pause` waits [`PAUSE`] and
+/// tells the time in nanoseconds.
+///
+/// # Errors
+/// The board cannot be opened, is another one than the configuration says, or has not what the configuration names.
+pub fn settled(
+    settings: Settings,
+    options: &Options,
+    inherited: &Inherited,
+    pause: impl FnMut() -> u64,
+) -> Result<Settings, Failure> {
+    match settings.family_known {
+        FamilyKnown::Assumed | FamilyKnown::Recognised | FamilyKnown::Unknown => Ok(settings),
+        FamilyKnown::Written => {
+            let seen = look(&settings, inherited, pause)?;
+            match contradiction(settings.family, seen) {
+                Some(reason) => Err(Failure::new(exit::CONFIGURATION, reason)),
+                None => Ok(settings),
+            }
+        }
+        FamilyKnown::Sought => {
+            let seen = look(&settings, inherited, pause)?.map(|seen| of_size(seen, &settings.board));
+            match seen {
+                Some(family) => info!("the board is a {} by what it shows", family.title),
+                None => warn!("{UNKNOWN_FAMILY}"),
+            }
+            let settings = Settings::decide_seen(options, seen);
+            settings.map_err(|error| Failure::new(exit::CONFIGURATION, error))
+        }
+    }
+}
+
+/// [`settled`] in real time.
+///
+/// # Errors
+/// As [`settled`].
+pub fn settled_now(
+    settings: Settings,
+    options: &Options,
+    inherited: &Inherited,
+) -> Result<Settings, Failure> {
+    let begin = Instant::now();
+    settled(settings, options, inherited, || {
+        std::thread::sleep(PAUSE);
+        u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    })
+}
+
+/// What the board is by its size, where that is sure, and by its reports. Where nothing tells, and where its page is not
+/// selected yet, nothing is known.
+fn look(
+    settings: &Settings,
+    inherited: &Inherited,
+    mut pause: impl FnMut() -> u64,
+) -> Result<Recognised, Failure> {
+    // PMAC's DPRAM has 8K x 16 bits (so the DPRAM manual's title); 32K came with Turbo (Turbo User Manual p. 397).
+    if file_length(&settings.board).is_some_and(|length| length >= TURBO2.length as usize) {
+        return Ok(Some(&TURBO2));
+    }
+    let bus = board::open_to_look(settings, WINDOW, &System::here(), inherited);
+    let mut bus = bus.map_err(|error| Failure::board(error.as_ref()))?;
+    recognise(&mut bus, |_| pause()).map_err(|error| Failure::board(&error))
+}
+
+/// The family that was seen, with as much DPRAM as there surely is. Within the generation, `TYPE` tells more.
+fn of_size(seen: &'static Family, board: &BoardSpec) -> &'static Family {
+    let length = match board {
+        BoardSpec::Window(window) => window.length,
+        _ => file_length(board),
+    };
+    match seen.generation {
+        Generation::Pmac => &PMAC,
+        Generation::Turbo if length.is_some_and(|length| length >= TURBO2.length as usize) => &TURBO2,
+        Generation::Turbo => &TURBO2_8K,
+    }
+}
+
+/// The length of a board that is a file, which is that of its DPRAM.
+fn file_length(board: &BoardSpec) -> Option<usize> {
+    let BoardSpec::File { path, .. } = board else { return None };
+    std::fs::metadata(path).ok().map(|file| file.len() as usize)
+}
+
+/// Why the configuration's family cannot be the board's. What the board does not show contradicts nothing.
+fn contradiction(written: &Family, seen: Recognised) -> Option<String> {
+    let seen = seen.filter(|seen| seen.generation != written.generation)?;
+    let right = match seen.generation {
+        Generation::Pmac => "family = \"pmac\" or \"pmac2\"",
+        Generation::Turbo => "family = \"turbo\" or \"turbo2\"",
+    };
+    Some(format!(
+        "the configuration says family = \"{}\", but the board is a {} by what it shows, and nothing was written to it; write {right}",
+        written.name, seen.title
+    ))
+}

@@ -1,0 +1,137 @@
+//! `family = "auto"`: the daemon finds out which board it has, and writes nothing before it knows.
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::support::{VirtualSite, is_live};
+use pmac_dpram::segment::RegionId;
+
+const FAMILIES: [&str; 4] = ["pmac", "pmac2", "turbo", "turbo2"];
+/// An engineer's board that is to be recognised.
+const AUTO: &str = "family = \"auto\"\n";
+
+/// A board with these options of the simulator.
+fn board(options: &[&str]) -> VirtualSite {
+    let site = VirtualSite::new();
+    site.start_simulator(options);
+    // It is not recognised by what happened before its first servo cycle.
+    site.run_for(Duration::from_millis(20));
+    site
+}
+
+fn configured(site: &VirtualSite, config: &str) {
+    let config = site.file("pmacd.toml", config);
+    site.start_daemon(&["--config", &config]);
+}
+
+/// The daemon's refusal to start.
+fn refusal(site: &VirtualSite, config: &str) -> String {
+    let config = site.file("pmacd.toml", config);
+    let board = format!("file:{}", site.path("dpram").display());
+    let mut all = vec!["--board".to_owned(), board, "--name".to_owned(), site.name.clone()];
+    all.extend(["--socket".to_owned(), site.socket().display().to_string(), "--config".to_owned(), config]);
+    site.with_world(move |world| world.start_daemon(&all)).unwrap_err()
+}
+
+fn memory(site: &VirtualSite) -> Vec<u8> {
+    std::fs::read(site.path("dpram")).unwrap()
+}
+
+fn status(site: &VirtualSite) -> Value {
+    site.hurried(|| serde_json::from_str(&site.pmacctl(&["status", "--json"]).1).unwrap())
+}
+
+#[test]
+fn c2_a_board_that_reports_is_recognised() {
+    for family in FAMILIES {
+        for garbage in ["off", "1", "7"] {
+            let site = board(&["--family", family, "--dpram-startup", "--garbage", garbage]);
+            configured(&site, AUTO);
+            site.wait_until("its own family", || status(&site)["family"] == family);
+            site.wait_until("servo data", || is_live(&site.attach(), RegionId::Servo));
+            let (code, text, error) = site.hurried(|| site.pmacctl(&["send", "TYPE"]));
+            assert_eq!(code, 0, "{family} {garbage}: {text}{error}");
+            site.assert_no_violations();
+        }
+    }
+}
+
+#[test]
+fn c2_nothing_is_written_to_a_board_that_is_not_recognised() {
+    for family in FAMILIES {
+        for garbage in ["off", "3", "11"] {
+            // 32K x 16 bits would tell.
+            let site = board(&["--family", family, "--dpram", "8k", "--garbage", garbage]);
+            let before = memory(&site);
+            configured(&site, AUTO);
+            site.run_for(Duration::from_secs(3));
+            let status = status(&site);
+            assert_eq!(
+                (&status["family"], &status["socket"]["functions"]),
+                (&Value::Null, &serde_json::json!([]))
+            );
+            let text = site.hurried(|| site.pmacctl(&["status"]).1);
+            assert!(text.contains("write family = \"pmac\""), "{text}");
+            for line in [
+                &["send", "I10"] as &[&str],
+                &["write", "--engineer", "--family", "pmac", "0x3000", "1"],
+                &["abort"],
+            ] {
+                let (code, _, error) = site.hurried(|| site.pmacctl(line));
+                assert!(code != 0 && error.contains("write family = \"pmac\""), "{line:?}: {code} {error}");
+            }
+            let (code, _, error) = site.hurried(|| site.pmacctl(&["read", "--family", "pmac", "0x0024"]));
+            assert_eq!(code, 0, "reading goes on: {error}");
+            site.stop_daemon();
+            assert_eq!(memory(&site), before, "{family} {garbage}");
+        }
+    }
+}
+
+#[test]
+fn c2_a_configuration_that_contradicts_the_board_is_refused() {
+    for (family, written, message) in [
+        (
+            "turbo2",
+            "pmac",
+            "is a Turbo PMAC2 by what it shows, and nothing was written to it; write family = \"turbo\"",
+        ),
+        ("turbo", "pmac2", "is a Turbo PMAC by what it shows"),
+        (
+            "pmac",
+            "turbo",
+            "is a PMAC by what it shows, and nothing was written to it; write family = \"pmac\"",
+        ),
+    ] {
+        let site = board(&["--family", family, "--dpram-startup"]);
+        let error = refusal(&site, &format!("family = \"{written}\"\n"));
+        assert!(error.contains(message), "{error}");
+        site.assert_no_violations();
+    }
+    let site = board(&["--dpram-startup"]);
+    let error = refusal(&site, "family = \"auto\"\nmotors = 20\n");
+    assert!(error.contains("motors = 20 is out of range: write 1 to 8"), "{error}");
+    let error = refusal(&site, "family = \"turbo3\"\n");
+    assert!(error.contains("or write \"auto\""), "{error}");
+}
+
+#[test]
+fn c2_a_file_without_a_family_stays_a_pmac() {
+    let site = board(&["--family", "pmac2", "--dpram-startup"]);
+    configured(&site, "");
+    site.wait_until("TYPE", || status(&site)["board"]["type"].is_string());
+    // What TYPE says within the generation is told.
+    assert_eq!(status(&site)["family"], "pmac2");
+}
+
+#[test]
+fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
+    let site = board(&["--family", "turbo2", "--garbage", "off"]);
+    configured(&site, AUTO);
+    site.run_for(Duration::from_secs(1));
+    assert_eq!(status(&site)["family"], "turbo2");
+    site.assert_no_violations();
+    let error = refusal(&board(&["--family", "turbo2"]), "family = \"pmac\"\n");
+    assert!(error.contains("is a Turbo PMAC2 by what it shows"), "{error}");
+}
