@@ -1,5 +1,6 @@
 //! The fault campaign: a board that misbehaves, while a function is used, while the daemon or a client dies. Every
-//! combination is drawn from a seed, so that a run that fails can be repeated alone.
+//! combination is drawn from the run's number, and the board of each hundred runs from theirs: how it reads the manual, how
+//! slow it is, what it powers up with. A run that fails says how to repeat it.
 //!
 //! Ten thousand: `PMAC_CAMPAIGN_RUNS=10000 cargo test --release --test realtime campaign:: -- --nocapture`
 //! (`PMAC_CAMPAIGN_FIRST=n` begins with run n). Among the other tests it is short.
@@ -21,6 +22,7 @@ use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber};
 
 use crate::bystander::{self, Bystander, JOGGED};
 use crate::campaign_uses::{Count, TIMEOUT, USES, Use, use_it};
+use crate::drawn_board::{DrawnBoard, Random};
 use crate::misbehaviour::{MISBEHAVIOURS, Misbehaviour, disturb, garbles};
 use crate::mixing::tagged_longs;
 use crate::support::{Ended, PATIENCE, Site, Weight, is_live, own_kib, wait_until};
@@ -45,26 +47,6 @@ fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-/// Evenly spread numbers from a seed (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ mixed >> 31
-    }
-
-    fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
-
-    fn one_of<T: Copy>(&mut self, among: &[T]) -> T {
-        among[self.below(among.len() as u64) as usize]
-    }
-}
-
 /// What happens meanwhile to those who use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Event {
@@ -74,9 +56,14 @@ enum Event {
     DaemonEnded,
 }
 
+/// The hundred that a run is of: these share a board.
+fn hundred(run: u64) -> u64 {
+    (run.max(1) - 1) / RUNS_A_SITE
+}
+
 /// Every other hundred runs the daemon lives through all of them, so that what it grows by adds up.
 fn lives_on(run: u64) -> bool {
-    (run.max(1) - 1) / RUNS_A_SITE % 2 == 1
+    hundred(run) % 2 == 1
 }
 
 fn event(random: &mut Random, run: u64) -> Event {
@@ -147,6 +134,7 @@ impl Scales {
 }
 
 struct Campaign<'a> {
+    board: DrawnBoard,
     site: Site,
     scales: Vec<Scales>,
     /// Every servo sample from now on carries its update's number in every field.
@@ -159,11 +147,12 @@ struct Campaign<'a> {
 }
 
 impl<'a> Campaign<'a> {
-    fn new(tagged: &'a AtomicBool) -> Self {
-        let site = Site::running(&[], &[]);
+    fn new(board: DrawnBoard, tagged: &'a AtomicBool) -> Self {
+        let site = board.site(&[]);
         bystander::prepare(&site);
         let dpram = File::open(site.path("dpram")).unwrap();
         let mut campaign = Self {
+            board,
             site,
             scales: Vec::new(),
             tagged,
@@ -215,6 +204,7 @@ impl<'a> Campaign<'a> {
     }
 
     fn run(&mut self, run: u64) {
+        let _repeat = Repeat(run);
         let mut random = Random(run);
         let misbehaviour = random.one_of(MISBEHAVIOURS);
         let used = random.one_of(USES);
@@ -296,7 +286,7 @@ impl<'a> Campaign<'a> {
         if misbehaviour == Misbehaviour::Power {
             self.tagged.store(false, Ordering::SeqCst);
             self.site.kill_simulator();
-            self.site.start_simulator(&["--dpram-startup"]);
+            self.board.power_up(&mut self.site, &[]);
         } else {
             disturb(&self.site, misbehaviour);
         }
@@ -320,7 +310,7 @@ impl<'a> Campaign<'a> {
             }
             Event::DaemonStopped | Event::Nothing => return,
         }
-        self.site.start_daemon(&[]);
+        self.board.start_daemon(&mut self.site, "");
     }
 
     /// Everything works again.
@@ -386,6 +376,28 @@ impl<'a> Campaign<'a> {
     }
 }
 
+/// Says how to repeat the run when it fails.
+struct Repeat(u64);
+
+impl Drop for Repeat {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let first = hundred(self.0) * RUNS_A_SITE + 1;
+            let command = |first: u64| {
+                let runs = self.0 - first + 1;
+                format!(
+                    "PMAC_CAMPAIGN_FIRST={first} PMAC_CAMPAIGN_RUNS={runs} cargo test --test realtime campaign::"
+                )
+            };
+            println!(
+                "repeat this run on its board: {}\nwith all that came before it there: {}",
+                command(self.0),
+                command(first)
+            );
+        }
+    }
+}
+
 /// Looks at every servo sample it can get, of whichever daemon there is, while they are `tagged`.
 fn check_samples(segment: &SegmentName, tagged: &AtomicBool, done: &AtomicBool) -> (u64, Vec<String>) {
     let (mut checked, mut mixed, mut last) = (0, Vec::new(), (0, 0));
@@ -433,14 +445,16 @@ fn whatever_the_board_does_everything_works_again() {
     let mut grown_kib = [0; 2];
     while done < runs {
         let tagged = AtomicBool::new(false);
-        let mut campaign = Campaign::new(&tagged);
+        let board = hundred(first + done);
+        let mut campaign = Campaign::new(DrawnBoard::new(board), &tagged);
+        let until = runs.min((board + 1) * RUNS_A_SITE + 1 - first);
         let segment = campaign.site.segment();
         let over = AtomicBool::new(false);
         let (samples, mixed) = std::thread::scope(|scope| {
             let checker = scope.spawn(|| check_samples(&segment, &tagged, &over));
             // Ended also when a run fails, or the scope would wait for ever.
             let _ended = Ended(&over);
-            for run in done..runs.min(done + RUNS_A_SITE) {
+            for run in done..until {
                 campaign.run(first + run);
             }
             over.store(true, Ordering::Relaxed);
@@ -448,7 +462,7 @@ fn whatever_the_board_does_everything_works_again() {
         });
         assert!(mixed.is_empty(), "of {samples} samples: {mixed:#?}");
         checked += samples;
-        done = runs.min(done + RUNS_A_SITE);
+        done = until;
         longest = longest.max(campaign.longest);
         recovery = recovery.max(campaign.longest_recovery);
         for (most, scales) in grown_kib.iter_mut().zip(&campaign.scales) {

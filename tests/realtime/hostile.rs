@@ -4,6 +4,7 @@
 //! Short among the other tests. For long, in a release build:
 //! `PMAC_HOSTILE_MS=10000 PMAC_HOSTILE_FLOODERS=200 PMAC_HOSTILE_CYCLES=20000 cargo test --release --test it hostile -- --nocapture
 //! --test-threads=1`. It prints what the servo data and an honest client noticed, with and without each attack.
+//! `PMAC_HOSTILE_BOARD=n` draws another board: how it reads the manual, how slow it is, what it powers up with.
 
 use std::io::{ErrorKind, IoSlice, Read, Write};
 use std::net::Shutdown;
@@ -112,7 +113,7 @@ fn allow_many_descriptors() {
 #[test]
 fn attackers_are_not_noticed_by_others() {
     allow_many_descriptors();
-    let mut site = site(&[]);
+    let mut site = site();
     let pid = site.daemon_pid();
     let socket = site.socket();
     print_head();
@@ -323,7 +324,7 @@ fn few_descriptors_are_few_places() {
 /// When the system gives no descriptor at all, that is said once and does not keep a processor busy; it passes.
 #[test]
 fn no_descriptor_at_all_is_waited_out() {
-    let mut site = site(&[]);
+    let mut site = site();
     let pid = site.daemon_pid();
     let limit = |soft: usize| {
         let program =

@@ -11,8 +11,9 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use crate::drawn_board::DrawnBoard;
 use crate::hostile::{call, connect, flood};
-use crate::hostile_witness::{print_head, watch};
+use crate::hostile_witness::{BOARD, print_head, watch};
 use crate::support::{PATIENCE, Site, wait_until};
 
 const ROLE: &str = "PMAC_HOSTILE_TEST_ROLE";
@@ -69,11 +70,11 @@ impl Users {
         let mut site = Site::new();
         let everybody = Permissions::from_mode(0o755);
         std::fs::set_permissions(site.directory.path(), everybody.clone()).unwrap();
-        let config = site.path("config.toml");
-        std::fs::write(&config, format!("socket_mode = \"0666\"\n[roles]\nengineer = [\"{group}\"]\n"))
-            .unwrap();
-        site.start_simulator(&["--dpram-startup", "--servo-hz", "1000"]);
-        site.start_daemon(&["--config", config.to_str().unwrap()]);
+        let board = DrawnBoard::asked_by(BOARD);
+        println!("{board}");
+        board.power_up(&mut site, &["--servo-hz", "1000"]);
+        let roles = format!("socket_mode = \"0666\"\n[roles]\nengineer = [\"{group}\"]\n");
+        board.start_daemon(&mut site, &roles);
         site.wait_for_live_servo();
         site.control("time on");
         let programs = tempfile::tempdir().unwrap();

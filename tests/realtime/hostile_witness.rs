@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use pmac_dpram::client::Connection;
 use pmac_dpram::segment::{Counter, RegionId, Sample, monotonic_ns};
 
+use crate::drawn_board::DrawnBoard;
 use crate::hostile::flooders;
 use crate::support::{PATIENCE, Site, Weight, wait_until};
 
@@ -174,9 +175,12 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
     verdict
 }
 
+/// The variable of the environment that says which board is attacked.
+pub const BOARD: &str = "PMAC_HOSTILE_BOARD";
+
 /// A board and its daemon that live, with the board's own time in each report.
-pub fn site(daemon: &[&str]) -> Site {
-    let site = Site::running(&["--servo-hz", "1000"], daemon);
+pub fn site() -> Site {
+    let site = DrawnBoard::asked_by(BOARD).site(&["--servo-hz", "1000"]);
     site.wait_for_live_servo();
     site.control("time on");
     let mut connection = site.connection();

@@ -13,6 +13,7 @@ mod board_races;
 mod bystander;
 mod campaign;
 mod campaign_uses;
+mod drawn_board;
 mod gather;
 mod held_jogs;
 mod hostile;
