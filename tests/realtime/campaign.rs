@@ -270,8 +270,14 @@ impl<'a> Campaign<'a> {
         self.mend(misbehaviour, event);
         self.recover(misbehaviour);
         self.tagged.store(true, Ordering::SeqCst);
-        if undisturbed && bystander == Some(Bystander::Jogging) {
-            self.assert_stopped();
+        if bystander == Some(Bystander::Jogging) {
+            // A killed daemon stops nobody (docs/operations.md, "When pmacd dies").
+            if event == Event::DaemonKilled {
+                self.stop_jogged();
+            }
+            if undisturbed || event == Event::DaemonKilled {
+                self.assert_stopped();
+            }
         }
         let recovery = started.elapsed();
         if recovery > LONG {
@@ -349,6 +355,11 @@ impl<'a> Campaign<'a> {
             self.count = Count { asked: found, done: found };
         }
         assert_eq!(connection.send("I59 I58", Duration::from_secs(2)).unwrap(), ["8", "1"]);
+    }
+
+    fn stop_jogged(&self) {
+        let mut connection = self.site.connection();
+        wait_until("a stop", || connection.send(&format!("#{JOGGED}J/"), TIMEOUT).is_ok());
     }
 
     /// A button that was held down is let go when its holder dies.

@@ -1,8 +1,10 @@
 //! Daemons and boards that are killed, stopped and started again in the middle of their work.
 
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use pmac_dpram::client::Connection;
+use pmac_dpram::map::readings::ReplyEnd;
 use pmac_dpram::segment::{Condition, Counter, RegionId, WaitOutcome};
 
 use crate::support::{PATIENCE, Site, counter, is_live, wait_until};
@@ -124,4 +126,20 @@ fn nothing_is_live_in_the_status_of_a_daemon_that_is_gone() {
         "{text}"
     );
     assert!(text.contains(", gone after "), "{text}");
+}
+
+#[test]
+fn b3_the_simulator_that_a_daemon_starts_reads_the_manual_as_the_board_is_named() {
+    for (board, reply_end) in
+        [("sim", ReplyEnd::Ack), ("sim,reading=reply_end=silence,reading=line_flag=done", ReplyEnd::Silence)]
+    {
+        let site = Site::new();
+        let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"));
+        daemon.args(["--board", board, "--name", &site.name]).arg("--socket").arg(site.socket());
+        let mut site = site.adopt(daemon.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
+        let info = || Connection::open(&site.socket()).ok()?.info().ok();
+        wait_until("the board's identity", || info().is_some_and(|info| info.firmware.is_some()));
+        assert_eq!(info().unwrap().reply_end, reply_end, "{board}");
+        assert_eq!(site.stop_daemon(), 0);
+    }
 }
