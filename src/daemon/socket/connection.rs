@@ -2,16 +2,18 @@
 //!
 //! Nothing here blocks. Every buffer is bounded, and a client that stops half-way is dropped after a time.
 
+use std::borrow::Cow;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
+use serde::Deserialize;
 
 use super::policy::{Peer, Role};
 use crate::daemon::shared::queue::Unsolicited;
-use crate::protocol::{CALL_MAX, Inbox, Message, Reply, frame::TooLong, message::encode};
+use crate::protocol::{BOARD, CALL_MAX, Inbox, Message, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
 pub(super) const HIGH_WATER: usize = 64 * 1024;
@@ -20,8 +22,22 @@ const OBSERVER_CALL_MAX: usize = 8 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
-/// The methods that may stop the machine, or keep a jog held, as they begin in a call.
-const URGENT: [&[u8]; 3] = [b".SendControl\"", b".Panel", b".FeedOverride\""];
+/// The methods that may stop the machine, or keep a jog held.
+const URGENT: [&str; 5] = ["SendControl", "Panel", "PanelHold", "PanelRenew", "FeedOverride"];
+
+/// The method of a call.
+#[derive(Deserialize)]
+struct Named<'a> {
+    #[serde(borrow)]
+    method: Cow<'a, str>,
+}
+
+/// Whether `call` is one of these, whatever its parameters say.
+fn is_urgent(call: &[u8]) -> bool {
+    let method = serde_json::from_slice(call).map(|Named { method }| method);
+    let name = method.as_deref().ok().and_then(|method| method.strip_prefix(BOARD)?.strip_prefix('.'));
+    name.is_some_and(|name| URGENT.contains(&name))
+}
 
 /// What a client waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,10 +123,8 @@ impl Client {
 
     /// Whether its next call may stop the machine, or keep a jog held: it is served before all others.
     pub(super) fn is_urgent(&self) -> bool {
-        let held = self.inbox.held();
-        let call = held.split(|byte| *byte == 0).next().unwrap_or_default();
-        let names = |name: &[u8]| call.windows(name.len()).any(|part| part == name);
-        self.role >= Role::Stop && !self.waits() && URGENT.iter().any(|name| names(name))
+        let call = || self.inbox.held().split(|byte| *byte == 0).next().unwrap_or_default();
+        self.role >= Role::Stop && !self.waits() && is_urgent(call())
     }
 
     /// Whether it has had its turn, and may have more calls to begin.
@@ -283,5 +297,28 @@ impl Client {
 impl AsFd for Client {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.stream.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_urgent_is_known_by_the_name_of_the_method_alone() {
+        let call = |method: &str, line: &str| {
+            let parameters = serde_json::json!({"line": line});
+            serde_json::json!({"parameters": parameters, "method": format!("{BOARD}.{method}")}).to_string()
+        };
+        for method in URGENT {
+            assert!(is_urgent(call(method, "").as_bytes()), "{method}");
+            assert!(is_urgent(call(method, "").replace("Board", "\\u0042oard").as_bytes()), "{method}");
+            assert!(
+                !is_urgent(call("Send", &format!(".{method}\"")).as_bytes()),
+                "a line that names {method}"
+            );
+            assert!(!is_urgent(format!("{{\"method\":\"{BOARD}.{method}\"").as_bytes()), "not whole");
+        }
+        assert!(!is_urgent(call("PanelX", "").as_bytes()) && !is_urgent(b"") && !is_urgent(b"[1]"));
     }
 }
