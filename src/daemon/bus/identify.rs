@@ -56,6 +56,8 @@ pub struct Identifier {
     doubts: ScaleDoubts,
     /// Lines of the present reply so far.
     lines: usize,
+    /// The present question was acknowledged without an answer before.
+    is_repeated: bool,
     /// What the last answers said is switched on.
     enabling: Enabling,
     /// The answer to publish, once.
@@ -92,6 +94,7 @@ impl Identifier {
             overdue: false,
             not_before: now,
             lines: 0,
+            is_repeated: false,
             enabling: Enabling::default(),
             wanted: ask,
             changes: ChangeWatch::default(),
@@ -203,6 +206,7 @@ impl Identifier {
             && comparison.due(now) == Some(now)
         {
             comparison.begin(now);
+            self.lines = 0;
             return Some((Text::from_bytes(global_words::QUESTION), PATIENCE));
         }
         if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
@@ -244,11 +248,11 @@ impl Identifier {
 
     /// A line of the reply came.
     pub fn line(&mut self, line: &[u8]) {
+        let index = self.lines;
+        self.lines += 1;
         if let Some(comparison) = self.comparison.as_mut().filter(|comparison| comparison.is_under_way()) {
             return comparison.answer(line);
         }
-        let index = self.lines;
-        self.lines += 1;
         let Some((_, question)) = self.questions.get(self.next) else { return };
         let line = line.trim_ascii();
         let value = answer::integer(std::str::from_utf8(line).unwrap_or_default());
@@ -293,6 +297,13 @@ impl Identifier {
                 }
             }
         }
+    }
+
+    /// Whether a question that the board only acknowledged is to be repeated: that may have been another line's acknowledgement.
+    /// Once: a board may have nothing else to say.
+    pub fn repeats(&mut self) -> bool {
+        self.is_repeated = self.lines == 0 && !self.is_repeated;
+        self.is_repeated
     }
 
     /// The reply is complete, or the board refused the question (which leaves its answers unknown).
@@ -346,252 +357,4 @@ pub fn servo_period_ps(i10: u32) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::map::readings::GlobalWords;
-    use crate::map::{FAMILIES, PMAC, TURBO2};
-
-    fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
-        let (line, _) = identifier.next_line(now).unwrap();
-        identifier.sent();
-        for line in lines {
-            identifier.line(line.as_bytes());
-        }
-        identifier.done();
-        String::from_utf8(line.as_bytes().to_vec()).unwrap()
-    }
-
-    #[test]
-    fn it_asks_everything_once_and_tells_it_once() {
-        let now = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-        assert_eq!(
-            identifier.take_update(),
-            Some(Identity::default()),
-            "what is configured is known at once"
-        );
-        assert_eq!(answer(&mut identifier, now, &["PMAC1, ISA, FLASH, PID, CLK X1"]), "TYPE");
-        answer(&mut identifier, now, &["1.16D"]);
-        answer(&mut identifier, now, &["3713707", "I19=1", "1", "1", "$8", "3", "0"]);
-        let enabling = Enabling { panel: Some(true), variables: Some(false), asked: Some(now) };
-        assert_eq!(identifier.enabling(), enabling);
-        assert_eq!(identifier.take_update(), None);
-        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
-        let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
-        let line = answer(&mut identifier, now, &scales);
-        assert!(line.starts_with("I107I108I109I160I207") && line.len() <= LINE_MAX);
-        let identity = identifier.take_update().unwrap();
-        assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
-        assert_eq!((identity.servo_report_cycles, identity.reported_motors()), (Some(1), Some(8)));
-        assert_eq!(identity.servo_period_ps, Some(442_708_373));
-        assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(120)));
-        assert_eq!(identity.ix08[8], None);
-        assert!(identifier.next_line(now).is_none());
-        assert_eq!(identifier.due_in(now), RECHECK);
-    }
-
-    #[test]
-    fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
-        let start = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
-        let mut scales: Vec<&str> = scales.iter().map(String::as_str).collect();
-        for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &scales] {
-            answer(&mut identifier, start, lines);
-        }
-        let first = identifier.take_update().unwrap();
-        let now = start + RECHECK;
-        scales[1] = "48";
-        let asked = answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "1", "1", "2"]);
-        assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3", "who it is, is not asked again");
-        answer(&mut identifier, now, &scales);
-        let change = identifier.changes()[5].unwrap();
-        assert_eq!((change.variable, change.was, change.is, change.since), (2, 3, 1, start));
-        assert_eq!(identifier.enabling().panel, Some(false));
-        let second = identifier.take_update().unwrap();
-        assert_eq!((second.ix08[0], second.board_type), (Some(48), first.board_type));
-        identifier.line_goes(b"I2=3");
-        assert_eq!(identifier.changes()[5], None);
-        identifier.begin_anew(now);
-        assert!(identifier.changes().iter().all(Option::is_none));
-    }
-
-    #[test]
-    fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset() {
-        let start = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-        assert_eq!(answer(&mut identifier, start, &["PMAC1"]), "TYPE", "no copies come yet");
-        identifier.see_global_status(Some([1, 0x8000]));
-        assert_eq!(answer(&mut identifier, start, &["000001008000"]), "???");
-        assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::XFirst));
-        assert_eq!(answer(&mut identifier, start, &["1.16D"]), "VERSION", "it goes on where it was");
-        identifier.begin_anew(start);
-        assert_eq!(identifier.take_update().unwrap().global_words, None);
-        assert_eq!(answer(&mut identifier, start, &["000000000000"]), "???");
-        assert_eq!(identifier.take_update(), None, "the reply fits neither way");
-        assert_eq!(identifier.next_line(start), None, "it is asked again later");
-        let later = start + global_words::AGAIN;
-        identifier.see_global_status(None);
-        assert_ne!(answer(&mut identifier, later, &[]), "???");
-        identifier.see_global_status(Some([0x8000, 1]));
-        identifier.next_line(later).unwrap();
-        identifier.sent();
-        identifier.failed(later);
-        assert_eq!(identifier.next_line(later), None);
-        assert_eq!(answer(&mut identifier, later + global_words::AGAIN, &["000001008000"]), "???");
-        assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::YFirst));
-    }
-
-    #[test]
-    fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
-        let start = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-        for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &["96"]] {
-            answer(&mut identifier, start, lines);
-        }
-        assert!(!identifier.is_overdue(start + RECHECK));
-        let now = start + RECHECK + LONGEST;
-        assert!(identifier.is_overdue(now), "lines wait for it now");
-        answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "3", "1", "2"]);
-        assert!(!identifier.is_overdue(now), "lines go before the next question");
-        assert!(identifier.is_overdue(now + LONGEST));
-    }
-
-    #[test]
-    fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
-        for family in FAMILIES {
-            let now = Instant::now();
-            let mut identifier = Identifier::new(family, Identity::default(), true, now);
-            let mut asked = Vec::new();
-            while let Some((line, _)) = identifier.next_line(now) {
-                assert!(line.len() <= family.ascii.line_limit.min(LINE_MAX), "{line:?}");
-                let numbers: Vec<_> =
-                    line.split('I').skip(1).map(|number| number.trim().to_owned()).collect();
-                identifier.sent();
-                for number in &numbers {
-                    identifier.line(number.as_bytes());
-                }
-                if numbers.first().is_some_and(|number| number.ends_with("07")) {
-                    asked.extend(numbers);
-                }
-                identifier.done();
-            }
-            let all = (1..=family.motors)
-                .flat_map(|motor| [7, 8, 9, 60].map(|which| (100 * motor + which).to_string()));
-            assert_eq!(asked, all.collect::<Vec<_>>(), "{}", family.name);
-            identifier.take_update();
-            for motor in 1..=family.motors {
-                let scale = |table: &[Option<i32>]| table[motor - 1];
-                let asking = &identifier.asking;
-                let scales =
-                    [&asking.ix07, &asking.ix08, &asking.ix09, &asking.ix60].map(|table| scale(table));
-                assert_eq!(scales, [7, 8, 9, 60].map(|which| Some(100 * motor as i32 + which)));
-            }
-        }
-    }
-
-    #[test]
-    fn a_family_is_asked_for_the_variables_it_has() {
-        let line = |family| questions(family)[2].line();
-        assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
-        // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-        assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
-    }
-
-    #[test]
-    fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
-        let now = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-        identifier.next_line(now).unwrap();
-        identifier.failed(now);
-        assert!(identifier.next_line(now).is_none());
-        assert!(identifier.next_line(now + AGAIN).is_some());
-        identifier.ask_again(now);
-        assert!(identifier.next_line(now + SETTLE).is_some());
-        let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
-        quiet.ask_again(now);
-        assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
-    }
-
-    #[test]
-    fn a_board_without_reports_is_asked_again_and_again() {
-        let now = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now).without_reports();
-        while identifier.next_line(now).is_some() {
-            identifier.sent();
-            identifier.done();
-        }
-        assert_eq!(identifier.due_in(now), AGAIN);
-        assert!(identifier.next_line(now + AGAIN).is_some());
-        let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now).without_reports();
-        assert_eq!((quiet.next_line(now + AGAIN), quiet.due_in(now)), (None, Duration::MAX));
-    }
-
-    #[test]
-    fn a_change_in_mid_question_neither_mixes_the_answers_nor_is_forgotten() {
-        let now = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-        answer(&mut identifier, now, &["PMAC1"]);
-        answer(&mut identifier, now, &["1.16D"]);
-        identifier.next_line(now).unwrap();
-        identifier.sent();
-        identifier.ask_again(now);
-        for line in ["3713707", "1", "1", "1", "8", "3", "1"] {
-            identifier.line(line.as_bytes());
-        }
-        identifier.done();
-        assert_eq!(identifier.enabling(), Enabling::default(), "asked before the change");
-        assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
-    }
-
-    #[test]
-    fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
-        let now = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-        let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
-        let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
-        let all = |identifier: &mut Identifier, now| {
-            for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1"], &scales] {
-                answer(identifier, now, lines);
-            }
-        };
-        all(&mut identifier, now);
-        identifier.take_update();
-        identifier.line_sent(b"I122=3", now);
-        assert_eq!(identifier.take_update(), None, "no scale");
-        identifier.line_sent(b"I208=48", now);
-        let told = identifier.take_update().unwrap();
-        assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(94)));
-        assert_eq!(told.firmware.as_deref(), Some("1.16D"));
-        // A further change while the board is asked.
-        answer(&mut identifier, now + SETTLE, &["PMAC1"]);
-        identifier.line_sent(b"I308=48", now + SETTLE);
-        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);
-        all(&mut identifier, now + 2 * SETTLE);
-        assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(95), Some(99)]);
-    }
-
-    #[test]
-    fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
-        let start = Instant::now();
-        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-        identifier.take_update();
-        let mut answered_at = None;
-        for step in 0..100 {
-            let now = start + Duration::from_millis(50 * step);
-            identifier.ask_again(now);
-            if identifier.next_line(now).is_some() {
-                identifier.sent();
-                identifier.line(b"1");
-                identifier.done();
-            }
-            if identifier.take_update().is_some() {
-                answered_at.get_or_insert(now - start);
-            }
-        }
-        let answered_at = answered_at.expect("an answer in spite of them");
-        assert!((LONGEST..2 * LONGEST).contains(&answered_at), "{answered_at:?}");
-        assert!(!identifier.is_overdue(identifier.not_before + SETTLE));
-        assert!(identifier.is_overdue(identifier.not_before + LONGEST));
-    }
-}
+mod tests;

@@ -88,6 +88,15 @@ pub enum Barred {
     Closed,
 }
 
+/// Why the board does not say whether a buffer is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unsaid {
+    /// It refuses [`QUESTION`] with this error.
+    Refused(u16),
+    /// It answers it with something else.
+    Otherwise,
+}
+
 /// Whether a buffer is open, as far as known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Standing {
@@ -95,6 +104,8 @@ pub struct Standing {
     pub is_open: bool,
     /// Which, and who has opened it, where that was done through this daemon.
     pub opened: Option<Opened>,
+    /// The board does not say whether another host has opened one.
+    pub is_unsaid: bool,
 }
 
 impl Standing {
@@ -131,8 +142,8 @@ pub struct OpenBuffer {
     has_reports: bool,
     /// Until then what the board has answered last is believed.
     believed_until: Option<Instant>,
-    /// It has refused the question, with this error.
-    refusal: Option<u16>,
+    /// It does not answer the question.
+    unsaid: Option<Unsaid>,
     /// What became of a line that opens or closes one is not known.
     in_doubt: bool,
     /// The number of the last report, and of the first one that is believed again.
@@ -158,7 +169,8 @@ impl OpenBuffer {
     /// What others are told.
     #[must_use]
     pub const fn standing(&self) -> Standing {
-        Standing { is_open: self.is_open(), opened: self.opened }
+        let is_unsaid = self.unsaid.is_some() && !self.has_reports;
+        Standing { is_open: self.is_open(), opened: self.opened, is_unsaid }
     }
 
     /// Whether that is the board's own word, and not too old.
@@ -211,6 +223,8 @@ impl OpenBuffer {
         (self.has_reports, self.report) = (true, report);
         if std::mem::take(&mut self.changed_unseen) {
             self.distrust();
+            // Nor is it known what others have opened meanwhile.
+            self.in_doubt = true;
         }
         if report >= self.believed {
             self.settle(open);
@@ -221,19 +235,18 @@ impl OpenBuffer {
     /// the lines alone tell.
     pub fn learn(&mut self, size: Option<i64>, now: Instant) {
         self.believed_until = Some(now + ANSWER_AGE);
-        self.refusal = self.refusal.filter(|_| size.is_none());
+        self.unsaid = self.unsaid.filter(|_| size.is_none());
         match size {
             Some(size) if size != 0 => self.settle(size < 0),
             _ => (self.seen, self.in_doubt) = (false, false),
         }
     }
 
-    /// The board does not know [`QUESTION`]: it has refused it with this error, if it was one. The lines alone tell. Whether that is
-    /// news.
-    pub fn refuses(&mut self, error: u16, now: Instant) -> bool {
+    /// The board does not answer [`QUESTION`]. The lines alone tell. Whether that is news.
+    pub fn is_not_said(&mut self, why: Unsaid, now: Instant) -> bool {
         self.learn(None, now);
         self.believed_until = Some(now + REFUSAL_AGE);
-        self.refusal.replace(error) != Some(error)
+        self.unsaid.replace(why) != Some(why)
     }
 
     fn settle(&mut self, open: bool) {
@@ -308,6 +321,15 @@ impl OpenBuffer {
     fn distrust(&mut self) {
         self.believed = self.report + OLD_REPORTS;
         self.changed_unseen = !self.has_reports;
+    }
+}
+
+impl fmt::Display for Unsaid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Refused(error) => write!(f, "refuses SIZE (ERR{error:03})"),
+            Self::Otherwise => f.write_str("answers SIZE with something else"),
+        }
     }
 }
 
@@ -451,6 +473,11 @@ mod tests {
         assert!(buffer.must_ask(b"P1", ANNE, now + ANSWER_AGE), "too old");
         buffer.learn(None, now);
         assert_eq!(buffer.bars(b"P1", ANNE), None, "the lines alone tell");
+        assert!(buffer.is_not_said(Unsaid::Refused(3), now) && !buffer.is_not_said(Unsaid::Refused(3), now));
+        assert!(!asks(&buffer, "P1", ANNE) && buffer.standing().is_unsaid);
+        assert_eq!(Unsaid::Refused(3).to_string(), "refuses SIZE (ERR003)");
+        assert_eq!(Unsaid::Otherwise.to_string(), "answers SIZE with something else");
+        buffer.learn(None, now);
         sent(&mut buffer, "OPEN PROG 1", ANNE);
         let later = now + ANSWER_AGE;
         assert!(!buffer.must_ask(b"X1", ANNE, later) && buffer.must_ask(b"X1", BOB, later));
@@ -467,9 +494,11 @@ mod tests {
         for report in 700..700 + OLD_REPORTS {
             buffer.see(false, report);
             assert!(buffer.is_open(), "report {report}");
+            assert!(buffer.must_ask(b"P1", BOB, Instant::now()), "others may have opened one, too");
         }
         buffer.see(false, 700 + OLD_REPORTS);
         assert!(!buffer.is_open(), "closed over the serial port");
+        assert!(!buffer.must_ask(b"P1", BOB, Instant::now()));
     }
 
     #[test]

@@ -86,7 +86,7 @@ impl BoardStatus {
         silent_since: None,
         changes: [None; CHANGES],
         reply_end: ReplyEnd::Ack,
-        buffer: Standing { is_open: false, opened: None },
+        buffer: Standing { is_open: false, opened: None, is_unsaid: false },
         given_up: None,
         enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,

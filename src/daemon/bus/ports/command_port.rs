@@ -142,6 +142,11 @@ impl CommandPorts {
         self.in_use == CommandPort::Dpram && self.dpram.is_unheard()
     }
 
+    /// A reply may have been another command's, and the next one as well.
+    pub const fn doubt(&mut self) {
+        self.in_doubt = true;
+    }
+
     /// Starts sending a line of our own, whose reply is known when it is seen; false: try later. It goes on until
     /// [`CommandPorts::end_doubt`] or [`CommandPorts::give_up`].
     ///

@@ -449,6 +449,10 @@ impl AsciiQueue {
                     }
                     // The board took it for a program line: its answer is still to come.
                     Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
+                    Some(InFlight::Identify) if result.is_ok() && self.identifier.repeats() => {
+                        self.identifier.not_sent();
+                        self.ports.doubt();
+                    }
                     Some(InFlight::Identify) => self.identifier.done(),
                     Some(InFlight::Buffer) => self.buffer_answered(result, now),
                     Some(InFlight::Check) | None => {}

@@ -12,6 +12,9 @@ use crate::map::functions::response;
 use crate::map::readings::ReplyEnd;
 use crate::segment::{CreateOptions, Identity, SegmentName};
 
+#[path = "ascii/buffer_tests.rs"]
+mod buffer;
+
 struct Rig {
     bus: FileBoard,
     queue: AsciiQueue,
@@ -326,58 +329,6 @@ fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for
     assert_eq!(rig.take(), "I3 I10 I10 I3");
     rig.answer(&["2", "3713707", "3713707", "2"]);
     assert_eq!(rig.take(), "P5=7");
-}
-
-#[test]
-fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
-    for (size, expected) in [("-41301", None), ("41301", Some("P5=7")), ("0", Some("P5=7"))] {
-        let mut rig = Rig::without_reports();
-        rig.send(1, "P5=7", Duration::from_secs(60));
-        rig.poll();
-        assert_eq!(rig.take(), "SIZE");
-        rig.answer(&[size]);
-        assert_eq!(rig.loaded(), expected.is_some(), "{size}");
-        if let Some(line) = expected {
-            assert_eq!(rig.take(), line);
-            rig.respond(response::ACKNOWLEDGE);
-            assert_eq!(rig.ended(), [(1, Outcome::Done)]);
-        } else {
-            assert_eq!(rig.ended(), [(1, Outcome::Barred(Barred::Open(None)))]);
-            assert!(rig.queue.standing().0.is_open);
-        }
-    }
-}
-
-#[test]
-fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
-    let mut rig = Rig::without_reports();
-    rig.send(1, "P5=7", Duration::from_secs(60));
-    rig.poll();
-    assert_eq!(rig.take(), "SIZE");
-    rig.respond(response::ERROR | 3);
-    // An <ACK> may follow.
-    rig.now += Duration::from_millis(300);
-    rig.poll();
-    rig.poll();
-    assert_eq!(rig.take(), "P5=7");
-}
-
-#[test]
-fn b1_2_what_may_have_entered_a_buffer_is_not_told_as_done() {
-    let mut rig = Rig::new();
-    rig.send(1, "P5=7", Duration::from_secs(60));
-    rig.poll();
-    assert_eq!(rig.take(), "P5=7");
-    // The serial port was a little sooner.
-    rig.queue.see_buffer(Some((true, 2)));
-    rig.respond(response::ACKNOWLEDGE);
-    let reason = Text::of(&Barred::Open(None).too_late());
-    assert_eq!(rig.ended(), [(1, Outcome::Interrupted(reason))]);
-    rig.send(2, "#1P", Duration::from_secs(60));
-    rig.poll();
-    assert_eq!(rig.take(), "#1P");
-    rig.respond(response::ACKNOWLEDGE);
-    assert_eq!(rig.ended(), [(2, Outcome::Done)], "it stores nothing");
 }
 
 #[test]

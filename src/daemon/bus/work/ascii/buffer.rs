@@ -8,7 +8,7 @@ use log::warn;
 
 use super::{AsciiQueue, InFlight, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::open_buffer::QUESTION;
+use crate::daemon::shared::open_buffer::{QUESTION, Unsaid};
 use crate::daemon::shared::queue::{Outcome, Text};
 use crate::device::Bus;
 use crate::protocol::answer;
@@ -61,10 +61,12 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// The board has answered, or refused the question. Who does not know it is believed to have none open.
+    /// The board has answered, or refused the question. Who does not know it is believed to have none open. Where it only
+    /// acknowledged, that may have been another line's acknowledgement, and the answer is still to come.
     pub(super) fn buffer_answered(&mut self, result: Result<(), u16>, now: Instant) {
         match (self.buffer_question.size.take(), result) {
-            (None, Err(error)) => self.buffer_refused(error, now),
+            (None, Err(error)) => self.buffer_unsaid(Unsaid::Refused(error), now),
+            (None, Ok(())) => self.ports.doubt(),
             (size, _) => self.buffer.learn(size, now),
         }
         if self.buffer.is_open() {
@@ -72,11 +74,12 @@ impl AsciiQueue {
         }
     }
 
-    /// The board does not know the question. Lines must reach it all the same: an engineer could not even turn the report on.
-    pub(super) fn buffer_refused(&mut self, error: u16, now: Instant) {
-        if self.buffer.refuses(error, now) {
+    /// The board does not say. Lines must reach it all the same: an engineer could not even turn the report on.
+    pub(super) fn buffer_unsaid(&mut self, why: Unsaid, now: Instant) {
+        if self.buffer.is_not_said(why, now) {
             warn!(
-                "the board refuses SIZE (ERR{error:03}): whether another host has opened a program buffer is not known, and a line                  that is sent may enter it; turn the servo report on, which tells (pmacctl setup enable)"
+                "the board {why}: whether another host has opened a program buffer is not known, and a line that is sent may \
+                 enter it; turn the servo report on, which tells (pmacctl setup enable)"
             );
         }
     }

@@ -21,6 +21,7 @@ use log::{info, warn};
 
 use super::{AsciiQueue, InFlight, UnderWay};
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::GivenUp;
 use crate::device::Bus;
 use crate::map::readings::ReplyEnd;
@@ -238,16 +239,12 @@ impl AsciiQueue {
         }
         self.check.tries = 0;
         self.state = CommandState::Answers;
-        match (self.check.asks, self.check.error) {
-            (Asks::Handshake, _) => self.end_doubt(now),
-            (Asks::Buffer, Some(error)) => {
+        match self.check.asks {
+            Asks::Handshake => self.end_doubt(now),
+            Asks::Buffer => {
                 // The handshake is next, while this is believed.
                 self.check.not_before = now;
-                self.buffer_refused(error, now);
-            }
-            (Asks::Buffer, None) => {
-                self.check.not_before = now;
-                self.buffer.learn(None, now);
+                self.buffer_unsaid(self.check.error.map_or(Unsaid::Otherwise, Unsaid::Refused), now);
             }
         }
     }
