@@ -100,6 +100,9 @@ pub struct BoardInfo {
     /// The program buffer that is open, as far as known.
     #[serde(default)]
     pub open_buffer: Option<OpenBufferInfo>,
+    /// The board does not say whether another host has opened one: no report tells, and it refuses the question.
+    #[serde(default)]
+    pub open_buffer_unsaid: bool,
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,

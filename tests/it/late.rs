@@ -274,5 +274,13 @@ fn b1_2_a_board_that_refuses_the_question_for_a_buffer_takes_lines() {
         site.start_daemon(&[]);
         site.wait_until("a line by hand", || site.pmacctl(&["send", "P5=7"]).0 == 0);
         assert_eq!(site.ask("P5 P5"), ["7", "7"], "{late}");
+        let warned = "the board refuses SIZE (ERR003): whether another host has opened a program buffer is not known, and a \
+                      line that is sent may enter it; turn the servo report on, which tells (pmacctl setup enable)";
+        assert_eq!(site.log().matches(warned).count(), 1, "{late}: {}", site.log());
+        let status = site.run(&["status"]).stdout;
+        let told = "open buffer     not known: no report tells, and the board refuses SIZE\n";
+        assert!(status.contains(told), "{late}: {status}");
+        site.control("fault servo_silent off");
+        site.wait_until("a report that tells", || !site.run(&["status"]).stdout.contains("open buffer"));
     }
 }

@@ -168,6 +168,7 @@ fn socket(context: &Context, board: &mut Board) -> Value {
         Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
             "command_port": info.command_port, "open_buffer": open_buffer(info.open_buffer.as_ref()),
+            "open_buffer_unsaid": info.open_buffer_unsaid,
             "host_port": info.host_port, "unfinished": info.unfinished,
             "elsewhere": elsewhere::documents(&info.elsewhere) }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
@@ -250,6 +251,8 @@ fn text(document: &Value) -> String {
         say("command lines", port.to_owned());
         if let Some(text) = socket["open_buffer"]["text"].as_str() {
             say("open buffer", text.to_owned());
+        } else if socket["open_buffer_unsaid"] == true {
+            say("open buffer", "not known: no report tells, and the board refuses SIZE".to_owned());
         }
         let host_port = &socket["host_port"];
         if !host_port.is_null() {

@@ -172,6 +172,7 @@ impl Info {
         board.command_state = status.command_state;
         board.reply_end = status.reply_end;
         board.open_buffer = status.buffer.info();
+        board.open_buffer_unsaid = status.buffer.is_unsaid;
         if let Some(host_port) = &mut board.host_port {
             let HostPortCounts { served, old, unannounced } = status.host_port;
             (host_port.served, host_port.old, host_port.unannounced) = (served, old, unannounced);
