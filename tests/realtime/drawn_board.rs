@@ -76,9 +76,9 @@ impl DrawnBoard {
         site.start_daemon(&["--config", &config]);
     }
 
-    /// The board that the variable `name` of the environment says, 1 without it.
-    pub fn asked_by(name: &str) -> Self {
-        Self::new(std::env::var(name).ok().map_or(1, |seed| seed.parse().expect("the seed of a board")))
+    /// The board that the variable `name` of the environment says, without it the one of seed `seed`.
+    pub fn asked_by(name: &str, seed: u64) -> Self {
+        Self::new(std::env::var(name).ok().map_or(seed, |seed| seed.parse().expect("the seed of a board")))
     }
 
     /// The board and its daemon.

@@ -11,9 +11,8 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::drawn_board::DrawnBoard;
 use crate::hostile::{call, connect, flood};
-use crate::hostile_witness::{BOARD, print_head, watch};
+use crate::hostile_witness::{attacked, print_head, watch};
 use crate::support::{PATIENCE, Site, wait_until};
 
 const ROLE: &str = "PMAC_HOSTILE_TEST_ROLE";
@@ -70,7 +69,7 @@ impl Users {
         let mut site = Site::new();
         let everybody = Permissions::from_mode(0o755);
         std::fs::set_permissions(site.directory.path(), everybody.clone()).unwrap();
-        let board = DrawnBoard::asked_by(BOARD);
+        let board = attacked();
         println!("{board}");
         board.power_up(&mut site, &["--servo-hz", "1000"]);
         let roles = format!("socket_mode = \"0666\"\n[roles]\nengineer = [\"{group}\"]\n");

@@ -175,12 +175,14 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
     verdict
 }
 
-/// The variable of the environment that says which board is attacked.
-pub const BOARD: &str = "PMAC_HOSTILE_BOARD";
+/// The board that is attacked.
+pub fn attacked() -> DrawnBoard {
+    DrawnBoard::asked_by("PMAC_HOSTILE_BOARD", 15)
+}
 
 /// A board and its daemon that live, with the board's own time in each report.
 pub fn site() -> Site {
-    let site = DrawnBoard::asked_by(BOARD).site(&["--servo-hz", "1000"]);
+    let site = attacked().site(&["--servo-hz", "1000"]);
     site.wait_for_live_servo();
     site.control("time on");
     let mut connection = site.connection();

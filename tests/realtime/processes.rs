@@ -3,8 +3,6 @@
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use pmac_dpram::client::Connection;
-use pmac_dpram::map::readings::ReplyEnd;
 use pmac_dpram::segment::{Condition, Counter, RegionId, WaitOutcome};
 
 use crate::support::{PATIENCE, Site, counter, is_live, wait_until};
@@ -130,16 +128,16 @@ fn nothing_is_live_in_the_status_of_a_daemon_that_is_gone() {
 
 #[test]
 fn b3_the_simulator_that_a_daemon_starts_reads_the_manual_as_the_board_is_named() {
-    for (board, reply_end) in
-        [("sim", ReplyEnd::Ack), ("sim,reading=reply_end=silence,reading=line_flag=done", ReplyEnd::Silence)]
-    {
+    for (board, takes_it_otherwise) in [("sim", false), ("sim,reading=rotary_bit_codes=table", true)] {
         let site = Site::new();
         let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"));
         daemon.args(["--board", board, "--name", &site.name]).arg("--socket").arg(site.socket());
         let mut site = site.adopt(daemon.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
-        let info = || Connection::open(&site.socket()).ok()?.info().ok();
-        wait_until("the board's identity", || info().is_some_and(|info| info.firmware.is_some()));
-        assert_eq!(info().unwrap().reply_end, reply_end, "{board}");
+        wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
+        let (status, _, stderr) = site.pmacctl(&["rotary", "check", "--define", "200"]);
+        assert_eq!(status == 1, takes_it_otherwise, "{board}: {stderr}");
+        let told = "the board reads the manual by rotary_bit_codes = \"table\"";
+        assert_eq!(stderr.contains(told), takes_it_otherwise, "{board}: {stderr}");
         assert_eq!(site.stop_daemon(), 0);
     }
 }

@@ -219,7 +219,7 @@ impl Run<'_> {
 
 #[test]
 fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
-    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD").site(&[]);
+    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1).site(&[]);
     site.wait_for_live_servo();
     let ready = "&1 #1->X #2->Y I55=1";
     wait_until("a board that takes commands", || site.pmacctl(&["send", ready]).0 == 0);
