@@ -31,7 +31,7 @@ const LARGEST: u64 = 64 << 20;
 /// `download`.
 #[derive(Debug, Args)]
 pub struct Download {
-    /// Files of command lines: ; and // start comments, #include "FILE" and #define NAME text work; - is stdin
+    /// Files of command lines: ; and // start comments, /* and */ enclose one, #include "FILE" and #define NAME text work; - is stdin
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print the lines that would be sent, and send none

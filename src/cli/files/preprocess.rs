@@ -1,9 +1,11 @@
 //! Turns program files into lines for the board.
 //!
-//! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment. The
-//! directives are `#include "FILE"` (relative to the file it stands in), `#define NAME text`, `#undef NAME`, `#ifdef NAME`,
-//! `#ifndef NAME`, `#else` and `#endif`, each alone on its line, in upper or lower case. A defined name is replaced wherever
-//! it is a whole word, also in the text of other names. Names are case-sensitive. Text in double quotes never changes.
+//! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment; `/*` and `*/`
+//! enclose one, also over lines. The directives are `#include "FILE"` (relative to the file it stands in; the quotes may be
+//! missing), `#define NAME text`, `#undef NAME`, `#ifdef NAME`, `#ifndef NAME`, `#else` and `#endif`, each alone on its line,
+//! in upper or lower case. A defined name is replaced wherever it is a whole word, also in the text of other names. Behind `$`
+//! hex digits may follow it: with `#define BASE 30`, `$BASE10` is `$3010`; no command of a board looks like that, and files of
+//! sites build addresses so. Names are case-sensitive. Text in double quotes never changes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -119,12 +121,15 @@ impl Source<'_> {
         // Bytes other than UTF-8 are allowed in comments. The check of the line refuses them elsewhere.
         let text = String::from_utf8_lossy(bytes);
         let mut conditions = Vec::new();
+        let mut comment = None;
         for (line, number) in text.lines().zip(1..) {
             let place = Place { file: shown(path), line: number };
-            if let Err(what) = self.line(path, &place, line, &mut conditions) {
+            let line = without_comments(line, &place, &mut comment);
+            if let Err(what) = self.line(path, &place, &line, &mut conditions) {
                 self.mistakes.push(Mistake { place, what });
             }
         }
+        self.mistakes.extend(comment.map(|place| Mistake { place, what: "no */ for this".to_owned() }));
         for condition in conditions {
             self.mistakes.push(Mistake { place: condition.place, what: "no #endif for this".to_owned() });
         }
@@ -138,7 +143,7 @@ impl Source<'_> {
         line: &str,
         conditions: &mut Vec<Condition>,
     ) -> Result<(), String> {
-        let text = without_comment(line).replace('\t', " ");
+        let text = line.replace('\t', " ");
         let text = text.trim();
         let holds = conditions.last().is_none_or(|condition| condition.holds);
         let Some((directive, rest)) = directive(text) else {
@@ -195,9 +200,11 @@ impl Source<'_> {
     }
 
     fn include(&mut self, path: &Path, rest: &str) -> Result<(), String> {
-        let file =
-            rest.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).filter(|file| !file.is_empty());
-        let file = file.ok_or("write #include \"FILE\"")?;
+        let quoted = rest.strip_prefix('"').and_then(|rest| rest.strip_suffix('"'));
+        let file = quoted.unwrap_or(rest);
+        if file.is_empty() || file.contains('"') {
+            return Err("write #include \"FILE\"".to_owned());
+        }
         let file = path.parent().unwrap_or(Path::new("")).join(file);
         if self.open.contains(&file) {
             return Err(format!("{} includes itself", file.display()));
@@ -244,10 +251,12 @@ impl Source<'_> {
             let (part, tail) = rest.split_at(length);
             rest = tail;
             quoted ^= c == '"';
-            match self.names.get(part).filter(|_| !quoted) {
+            let name = if out.ends_with('$') { self.name_before_hex(part) } else { part };
+            match self.names.get(name).filter(|_| !quoted) {
                 Some(text) => {
                     found = true;
                     out.push_str(text);
+                    out.push_str(&part[name.len()..]);
                 }
                 None => out.push_str(part),
             }
@@ -257,6 +266,20 @@ impl Source<'_> {
             }
         }
         found.then_some(out)
+    }
+
+    /// The longest name that `word` behind a `$` begins with, when hex digits are all that follows it. A number is none.
+    fn name_before_hex<'w>(&self, word: &'w str) -> &'w str {
+        let is_hex = |text: &str| text.chars().all(|c| c.is_ascii_hexdigit());
+        if is_hex(word) || self.names.contains_key(word) {
+            return word;
+        }
+        let starts = (1..word.len()).rev().map(|at| word.split_at(at));
+        starts
+            .filter(|(name, rest)| self.names.contains_key(*name) && is_hex(rest))
+            .map(|(name, _)| name)
+            .next()
+            .unwrap_or(word)
     }
 }
 
@@ -299,19 +322,31 @@ fn name(text: &str) -> Result<&str, String> {
     if starts && text.chars().all(is_word) { Ok(text) } else { Err(format!("{text:?} is not a name")) }
 }
 
-fn without_comment(line: &str) -> &str {
+/// `line` without its comments. `open` says where a comment that goes over lines began.
+fn without_comments(line: &str, place: &Place, open: &mut Option<Place>) -> String {
+    let mut out = String::new();
     let mut quoted = false;
-    let mut before = ' ';
-    for (at, c) in line.char_indices() {
-        match c {
-            '"' => quoted = !quoted,
-            ';' if !quoted => return &line[..at],
-            '/' if !quoted && before == '/' => return &line[..at - 1],
-            _ => {}
+    let mut rest = line;
+    loop {
+        if open.is_some() {
+            let Some((_, behind)) = rest.split_once("*/") else { return out };
+            rest = behind;
+            *open = None;
+            out.push(' ');
         }
-        before = c;
+        let Some(c) = rest.chars().next() else { return out };
+        if !quoted && (c == ';' || rest.starts_with("//")) {
+            return out;
+        }
+        if !quoted && let Some(behind) = rest.strip_prefix("/*") {
+            rest = behind;
+            *open = Some(place.clone());
+            continue;
+        }
+        quoted ^= c == '"';
+        out.push(c);
+        rest = &rest[c.len_utf8()..];
     }
-    line
 }
 
 #[cfg(test)]
@@ -340,6 +375,40 @@ mod tests {
             lines(text),
             ["f:3: I100=1", "f:4: P1=2", "f:5: SEND\"a;b//c\"", "f:6: /", "f:7: P2=P3/2"]
         );
+    }
+
+    #[test]
+    fn c4b_comments_go_over_lines() {
+        let text =
+            "/* title ; one\n\"two\" P9=9 */ P1=1 /* on */ P2=2\nSEND\"/* no */\"\nP3=4/*x*//2//*\nP4=1\n";
+        assert_eq!(lines(text), ["f:2: P1=1   P2=2", "f:3: SEND\"/* no */\"", "f:4: P3=4 /2", "f:5: P4=1"]);
+        assert_eq!(run(&[("f", "P1=1\nP2=2 /* never\nP3=3\n")]).unwrap_err(), ["f:2: no */ for this"]);
+    }
+
+    #[test]
+    fn c4b_a_name_behind_a_dollar_may_have_digits_behind_it() {
+        let text = "#define Base B8\n#define Store Base3\n#define B 7\n#define Based 10\nM1->X:$Base30,0,4\n\
+                    M2->L:$Based0\nM3->L:$Basement\nP1=$B0\nM4->L:$Base\nBase30=1\n#define Next BaseC\nM5->L:$Next\n";
+        assert_eq!(
+            lines(text),
+            [
+                "f:5: M1->X:$B830,0,4",
+                "f:6: M2->L:$100",
+                "f:7: M3->L:$Basement",
+                "f:8: P1=$B0",
+                "f:9: M4->L:$B8",
+                "f:10: Base30=1",
+                "f:12: M5->L:$B8C"
+            ]
+        );
+    }
+
+    #[test]
+    fn c4b_an_include_needs_no_quotes() {
+        let files =
+            [("dir/main.pmc", "#include a b.pmc ; beside it\nP1=A\n"), ("dir/a b.pmc", "#define A 7\n")];
+        assert_eq!(run(&files).unwrap(), ["dir/main.pmc:2: P1=7"]);
+        assert_eq!(run(&[("f", "#include \"a\n")]).unwrap_err(), ["f:1: write #include \"FILE\""]);
     }
 
     #[test]
@@ -383,7 +452,7 @@ mod tests {
     fn everything_wrong_is_told_with_its_place() {
         let long = "P".repeat(201);
         let text = format!(
-            "#include nothing\n#include \"gone\"\n#include \"f\"\n#define 1A 2\n#define F(x) x\n#else\n#endif\n\
+            "#include\n#include \"gone\"\n#include \"f\"\n#define 1A 2\n#define F(x) x\n#else\n#endif\n\
              #define A B\n#define B A\nP1=A\n{long}\nP1=\u{b}5\nP1=\u{fc}\n#ifdef A\n"
         );
         let mistakes = run(&[("f", &text)]).unwrap_err();
