@@ -337,8 +337,8 @@ fn c4_status_words_have_turbos_bits() {
     assert_eq!(send(&mut bench, "???"), ["000000000000"]);
     send(&mut bench, "&16 #32->X I3200=1 #32J/");
     bench.run(3);
-    // Amplifier enabled, standing; C.S. 16, assigned, in position.
-    assert_eq!(send(&mut bench, "#32?"), ["892000F08001"]);
+    // Amplifier enabled, standing; C.S. 16, an axis of XYZ, assigned, in position.
+    assert_eq!(send(&mut bench, "#32?"), ["892000F78001"]);
     assert_eq!(send(&mut bench, "&16??"), ["A80020020000000000"]);
     send(&mut bench, "OPEN PROG 1");
     bench.run(1);
@@ -391,7 +391,7 @@ fn c4_what_the_board_does_not_have_is_answered_as_a_board_without_it() {
     for (line, error) in [
         ("MS0,MI910", 8),
         ("ms8,i910=7", 8),
-        ("MSR0,MI4", 8),
+        ("MSR0,MI4,P1", 8),
         ("LIST FORWARD", 3),
         ("LIST INVERSE", 3),
         ("#33", 3),

@@ -37,7 +37,31 @@ pub struct AxisDefinition {
     pub offset: f64,
 }
 
+/// The letter of Turbo for a motor whose position the inverse kinematic program says (Turbo Software Reference p. 284: code 5
+/// in the second word of `?`).
+pub const INVERSE_KINEMATIC: char = 'I';
+
 impl AxisDefinition {
+    /// Whether the inverse kinematic program says where the motor goes. This board never runs that program: the motor stays.
+    #[must_use]
+    pub fn is_kinematic(&self) -> bool {
+        self.terms.iter().any(|&(_, axis)| axis == INVERSE_KINEMATIC)
+    }
+
+    /// The kind of axis as Turbo's second word of `?` tells it (Turbo Software Reference p. 284).
+    #[must_use]
+    pub fn code(&self) -> u32 {
+        match self.terms.first() {
+            Some((_, 'A')) => 1,
+            Some((_, 'B')) => 2,
+            Some((_, 'C')) => 3,
+            Some((_, 'U' | 'V' | 'W')) => 4,
+            Some((_, 'X' | 'Y' | 'Z')) => 7,
+            Some(&(_, INVERSE_KINEMATIC)) => 5,
+            _ => 0,
+        }
+    }
+
     /// The definition as `#n->` lists it.
     #[must_use]
     pub fn text(&self, decimals: usize) -> String {

@@ -56,7 +56,9 @@ impl Board {
     fn equations(&self, cs: usize) -> Vec<(usize, Row)> {
         let mut equations = Vec::new();
         for motor in self.motors_of(cs) {
-            let Some(definition) = self.axes.definition(motor) else { continue };
+            let Some(definition) = self.axes.definition(motor).filter(|axis| !axis.is_kinematic()) else {
+                continue;
+            };
             let mut row = [0.0; AXES.len() + 1];
             for (index, letter) in AXES.iter().enumerate() {
                 row[index] = definition.terms.iter().filter(|(_, axis)| axis == letter).map(|(k, _)| k).sum();
@@ -98,7 +100,10 @@ impl Board {
         let vector = self.motor_vector(cs, axes);
         let mut targets = *otherwise;
         for motor in self.motors_of(cs) {
-            let offset = self.axes.definition(motor).map_or(0.0, |definition| definition.offset);
+            let Some(definition) = self.axes.definition(motor).filter(|axis| !axis.is_kinematic()) else {
+                continue;
+            };
+            let offset = definition.offset;
             targets[motor] = vector[motor] + offset - self.bias(motor);
         }
         targets

@@ -14,6 +14,8 @@ pub struct Identity {
     pub date_text: &'static str,
     /// How many motors there are, from 1 to those of the family.
     pub motors: usize,
+    /// Whether MACRO stations are on its ring.
+    pub stations: bool,
     /// What it makes of the sentences that can be read two ways.
     pub readings: Readings,
 }
@@ -27,6 +29,7 @@ impl Identity {
             firmware: firmware.into(),
             date_text: "07/17/1999",
             motors: tables.family.motors,
+            stations: false,
             readings: Readings::default(),
         }
     }

@@ -31,6 +31,7 @@ pub mod i_rows;
 pub mod identity;
 pub mod jog;
 pub mod m_definition;
+pub mod macro_stations;
 pub mod memory;
 pub mod motor;
 pub mod number;
@@ -56,6 +57,7 @@ use bus_setup::BusSetup;
 use coordinate::CoordinateSystem;
 use gather::Gather;
 use identity::Identity;
+use macro_stations::MacroStations;
 use memory::Memory;
 use motor::{Events, Inputs, Motor};
 use output::{Output, Port};
@@ -101,6 +103,8 @@ pub struct Board {
     pub memory: Memory,
     /// I-variables and definitions.
     pub variables: Variables,
+    /// The MACRO stations.
+    pub stations: MacroStations,
     /// Axis definitions.
     pub axes: AxisDefinitions,
     /// The faults in force.
@@ -147,6 +151,7 @@ impl Board {
             saved: Saved::factory(&variables, &memory, false),
             memory,
             variables,
+            stations: MacroStations::default(),
             axes: AxisDefinitions::default(),
             faults: Faults::default(),
             judge: Judge::new(family),

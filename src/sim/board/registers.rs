@@ -3,6 +3,7 @@
 //! Bits: Software Reference pp. 189-198.
 
 use crate::format::int24;
+use crate::sim::board::axes::AxisDefinition;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::motor::{Loop, Motors};
 use crate::sim::board::output::Port;
@@ -129,7 +130,9 @@ impl Board {
         let state = &self.motors[motor];
         let cs = self.axes.coordinate_system(motor);
         let bits = &self.identity.tables.status_bits;
+        let axis = self.axes.definition(motor).filter(|_| bits.axis_codes).map_or(0, AxisDefinition::code);
         mask(bits.assigned, cs.is_some())
+            | axis << 16
             | (cs.unwrap_or(0) as u32) << 20
             | mask(bits.amplifier_in_second, state.servo != Loop::Killed)
             | bit(11, state.on_limit)

@@ -18,6 +18,8 @@ pub struct StatusBits {
     pub amplifier_in_second: u32,
     /// There: the motor is assigned to a coordinate system, whose number less 1 begins at bit 20.
     pub assigned: u32,
+    /// There: the kind of axis begins at bit 16.
+    pub axis_codes: bool,
     /// In the second word of `???`: responses go to a port of the host.
     pub host_port: u32,
     /// There: it is a VME board.
@@ -33,6 +35,7 @@ pub const PMAC: StatusBits = StatusBits {
     stands_in_open_loop: true,
     amplifier_in_second: 1 << 14,
     assigned: 1 << 23,
+    axis_codes: false,
     host_port: 1 << 22 | 1 << 15,
     vme_board: 0,
 };
@@ -46,6 +49,7 @@ pub const TURBO: StatusBits = StatusBits {
     stands_in_open_loop: false,
     amplifier_in_second: 0,
     assigned: 1 << 15,
+    axis_codes: true,
     host_port: 0,
     vme_board: 1 << 22,
 };

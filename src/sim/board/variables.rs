@@ -37,6 +37,17 @@ impl VariableKind {
             _ => None,
         }
     }
+
+    /// Its letter.
+    #[must_use]
+    pub const fn letter(self) -> char {
+        match self {
+            Self::I => 'I',
+            Self::P => 'P',
+            Self::Q => 'Q',
+            Self::M => 'M',
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -1,17 +1,23 @@
 //! Axis definitions and lists of axes, as typed.
 
-use crate::sim::board::axes::{AxisDefinition, is_axis};
+use crate::map::Generation;
+use crate::sim::board::axes::{AxisDefinition, INVERSE_KINEMATIC, is_axis};
 use crate::sim::board::error::CommandError;
 use crate::sim::language::scanner::Scanner;
 
-/// Parses what follows `->`. `Ok(None)` is `0`: no axis.
+/// Parses what follows `->`. `Ok(None)` is `0`: no axis. `I` is Turbo's (Turbo Software Reference p. 284).
 ///
 /// # Errors
 /// ERR003 for more than three terms, an axis named twice, axes of two groups, or any other text.
 pub fn definition(
     scanner: &mut Scanner,
     coordinate_system: usize,
+    generation: Generation,
 ) -> Result<Option<AxisDefinition>, CommandError> {
+    if generation == Generation::Turbo && scanner.take(b'I') {
+        let terms = vec![(1.0, INVERSE_KINEMATIC)];
+        return Ok(Some(AxisDefinition { coordinate_system, terms, offset: 0.0 }));
+    }
     let mut terms: Vec<(f64, char)> = Vec::new();
     let mut offset = None;
     loop {
@@ -81,7 +87,7 @@ mod tests {
     use crate::sim::board::axes::{AxisDefinitions, AxisMode, with_mode};
 
     fn parse(text: &str) -> Result<Option<AxisDefinition>, CommandError> {
-        definition(&mut Scanner::new(text.as_bytes()), 0)
+        definition(&mut Scanner::new(text.as_bytes()), 0, Generation::Pmac)
     }
 
     #[test]
@@ -127,8 +133,9 @@ mod tests {
     #[test]
     fn motors_of_a_coordinate_system() {
         let mut axes = AxisDefinitions::default();
-        axes.set(3, definition(&mut Scanner::new(b"X"), 1).unwrap());
-        axes.set(5, definition(&mut Scanner::new(b"Y"), 1).unwrap());
+        let on = |axis: &[u8]| definition(&mut Scanner::new(axis), 1, Generation::Pmac).unwrap();
+        axes.set(3, on(b"X"));
+        axes.set(5, on(b"Y"));
         assert_eq!(axes.motors_in(1).collect::<Vec<_>>(), [3, 5]);
         axes.undefine(1);
         assert_eq!(axes.motors_in(1).count(), 0);

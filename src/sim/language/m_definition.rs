@@ -1,5 +1,6 @@
 //! M-variable definitions, as typed after `->`.
 
+use crate::map::{Family, Generation};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::m_definition::{Format, Half, MDefinition};
 use crate::sim::language::scanner::Scanner;
@@ -13,6 +14,11 @@ const FORMATS: [(u8, Format); 4] = [
 
 /// The field widths allowed in a definition.
 const WIDTHS: [u8; 7] = [1, 4, 8, 12, 16, 20, 24];
+
+/// The registers on the chip of Turbo's processor, above the addresses of the board's memory: the vendor's suggested
+/// M-variables for a Turbo PMAC2 point to `X:$FFFF8C`. Here nothing is behind them.
+const ON_CHIP: u32 = 0xFF_FF80;
+const ON_CHIP_LAST: u32 = 0xFF_FFFF;
 
 #[derive(Clone, Copy)]
 enum Prefix {
@@ -40,8 +46,8 @@ const PREFIXES: &[(&str, Prefix)] = &[
 /// Parses what follows `->`. `None` at the end of the line: a query, not a definition.
 ///
 /// # Errors
-/// ERR003 for an address above `last`, a field that exceeds a word, and any other text.
-pub fn definition(scanner: &mut Scanner, last: u32) -> Result<Option<MDefinition>, CommandError> {
+/// ERR003 for an address that boards of `family` do not have, a field that exceeds a word, and any other text.
+pub fn definition(scanner: &mut Scanner, family: &Family) -> Result<Option<MDefinition>, CommandError> {
     if scanner.take(b'*') {
         return Ok(Some(MDefinition::None));
     }
@@ -55,7 +61,11 @@ pub fn definition(scanner: &mut Scanner, last: u32) -> Result<Option<MDefinition
     if let Prefix::Thumbwheel(kind) = prefix {
         return thumbwheel(scanner, kind).map(Some);
     }
-    let address = scanner.address(last)?;
+    let address = scanner.address(ON_CHIP_LAST)?;
+    let on_chip = family.generation == Generation::Turbo && address >= ON_CHIP;
+    if address > family.last_address() && !on_chip {
+        return Err(CommandError::SYNTAX);
+    }
     Ok(Some(match prefix {
         Prefix::Half(half) => field(scanner, half, address)?,
         Prefix::Fixed => MDefinition::Fixed(address),
@@ -117,7 +127,7 @@ mod tests {
     use crate::sim::testing;
 
     fn parse(text: &str) -> Result<Option<MDefinition>, CommandError> {
-        definition(&mut Scanner::new(text.as_bytes()), 0xFFFF)
+        definition(&mut Scanner::new(text.as_bytes()), &crate::map::PMAC)
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //! | file | idea |
 //! |---|---|
 //! | [`scanner`], [`words`] | blanks, numbers, keywords |
-//! | [`expression`], [`axis`], [`m_definition`] | arithmetic, axis definitions, definitions of M-variables |
+//! | [`expression`], [`axis`], [`m_definition`], [`station`] | arithmetic, axis definitions, definitions of M-variables, variables of MACRO stations |
 //! | [`interpreter`], [`ports`] | one line, command by command; what each port addresses |
 //! | [`reply`], [`serial`] | the reply, and its raw bytes on the serial port |
 //! | [`control`] | control characters |
@@ -24,6 +24,7 @@ pub mod ports;
 pub mod reply;
 pub mod scanner;
 pub mod serial;
+pub mod station;
 pub mod words;
 
 pub use interpreter::Interpreter;

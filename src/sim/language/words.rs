@@ -90,6 +90,8 @@ pub enum Word {
     Gather,
     /// `ENDGATHER`.
     EndGather,
+    /// `END`; `GATHER` follows.
+    End,
     /// `VERSION`.
     Version,
     /// `TYPE`.
@@ -118,8 +120,12 @@ pub enum Word {
     Today,
     /// `TIME`.
     Time,
-    /// A command to a MACRO station.
-    Macro,
+    /// `MS`: a variable of a MACRO station.
+    Station,
+    /// `MSR`, or `MSW` with `true`: a variable of a MACRO station to or from one of the board.
+    StationTransfer(bool),
+    /// `MSCLRF`: the faults of a MACRO station.
+    StationClears,
     /// A word of another family: ERR003 here.
     Foreign,
 }
@@ -140,8 +146,7 @@ pub const fn tables(generation: Generation) -> &'static [&'static [(&'static str
     }
 }
 
-/// What Turbo PMAC has on top, or in place of a word above. A board without MACRO stations answers ERR008 to the commands to them (Software Reference,
-/// list of errors).
+/// What Turbo PMAC has on top, or in place of a word above.
 const TURBO: &[(&str, Word)] = &[
     ("CID", W::Part),
     ("VID", W::Vendor),
@@ -150,12 +155,14 @@ const TURBO: &[(&str, Word)] = &[
     ("TIME", W::Time),
     ("CLOSE", W::Buffer(B::CloseAll)),
     ("CLS", W::Buffer(B::CloseAll)),
-    ("MS", W::Macro),
-    ("MSR", W::Macro),
-    ("MSW", W::Macro),
-    ("MACROSLV", W::Macro),
-    ("MACROSLVREAD", W::Macro),
-    ("MACROSLVWRITE", W::Macro),
+    ("MS", W::Station),
+    ("MACROSLV", W::Station),
+    ("MSR", W::StationTransfer(false)),
+    ("MSW", W::StationTransfer(true)),
+    ("MACROSLVREAD", W::StationTransfer(false)),
+    ("MACROSLVWRITE", W::StationTransfer(true)),
+    ("MSCLRF", W::StationClears),
+    ("MACROSLVCLRF", W::StationClears),
 ];
 
 /// Keywords of every board.
@@ -196,6 +203,7 @@ pub const COMMON: &[(&str, Word)] = &[
     ("GAT", W::Gather),
     ("ENDGATHER", W::EndGather),
     ("ENDG", W::EndGather),
+    ("END", W::End),
     ("VERSION", W::Version),
     ("VER", W::Version),
     ("TYPE", W::Type),
@@ -270,6 +278,8 @@ pub const COMMON: &[(&str, Word)] = &[
     ("WHILE", W::Program),
     ("ENDWHILE", W::Program),
     ("ENDW", W::Program),
+    ("AND", W::Program),
+    ("OR", W::Program),
     ("GOTO", W::Program),
     ("GOSUB", W::Program),
     ("RETURN", W::Program),

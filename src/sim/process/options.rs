@@ -63,6 +63,9 @@ pub struct Options {
     /// Firmware that VERSION answers; it also decides where the gather buffer is. Without it 1.16D, of a Turbo board 1.947
     #[arg(long)]
     pub firmware: Option<Firmware>,
+    /// Put MACRO stations on the ring of a Turbo board: they keep what MS and MSW write, and do nothing else
+    #[arg(long = "macro")]
+    pub stations: bool,
     /// File of on-line command lines sent at start; comments begin with ;
     #[arg(long, value_name = "FILE", conflicts_with = "dpram_startup")]
     pub startup: Option<PathBuf>,
@@ -149,7 +152,7 @@ impl Options {
         if motors > tables.family.motors {
             return Err(NoSuchBoard::Motors(tables.family));
         }
-        Ok(Identity { motors, readings, ..identity })
+        Ok(Identity { motors, readings, stations: self.stations, ..identity })
     }
 
     /// The I10 that the asked rate means.

@@ -6,6 +6,7 @@
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::AxisMode;
+use crate::sim::board::macro_stations::Transfer;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::evaluate;
 use crate::sim::language::scanner::Scanner;
@@ -123,6 +124,26 @@ pub enum Operator {
     And,
 }
 
+/// How a line with a condition of its own joins the condition above it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Joint {
+    /// `AND`.
+    And,
+    /// `OR`.
+    Or,
+}
+
+impl Joint {
+    /// Its word.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::And => "AND",
+            Self::Or => "OR",
+        }
+    }
+}
+
 /// One command of a program.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Item {
@@ -176,6 +197,13 @@ pub enum Item {
         /// The programs.
         plcs: u32,
     },
+    /// `ENABLE PLCC`, `DISABLE PLCC`; bit n for compiled PLC n.
+    Compiled {
+        /// `ENABLE`.
+        enable: bool,
+        /// The programs.
+        plcs: u32,
+    },
     /// `STOP`.
     Stop,
     /// `BLOCKSTART`.
@@ -198,6 +226,8 @@ pub enum Item {
     Assign(VariableKind, Data, Operator, Data),
     /// `IF` and the condition between its parentheses.
     If(Box<str>),
+    /// `AND`, or `OR`, and a condition that goes on from the line of an `IF` or `WHILE`.
+    Also(Joint, Box<str>),
     /// `ELSE`.
     Else,
     /// `ENDIF`.
@@ -218,6 +248,8 @@ pub enum Item {
     Display(Box<str>),
     /// `ADDRESS#m&n`, 0-based.
     Address(Option<usize>, Option<usize>),
+    /// `MSR` or `MSW`.
+    Station(Transfer),
 }
 
 impl Item {
@@ -243,7 +275,9 @@ impl Item {
             | Self::Select(data)
             | Self::Transform(_, data) => data.words(),
             Self::Assign(_, number, _, value) => number.words() + value.words(),
-            Self::If(text) | Self::While(text) => Data::Expression(text.clone()).words(),
+            Self::If(text) | Self::While(text) | Self::Also(_, text) => {
+                Data::Expression(text.clone()).words()
+            }
             Self::Command(text) | Self::Send(text) | Self::Display(text) => text.len().div_ceil(6),
             _ => 0,
         }

@@ -30,6 +30,8 @@ pub mod plc;
 pub mod rotary;
 mod run;
 mod servo;
+#[cfg(test)]
+mod site_tests;
 pub mod spline;
 pub mod store;
 pub mod structure;

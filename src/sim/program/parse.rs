@@ -9,8 +9,9 @@ use crate::sim::board::variables::VariableKind;
 use crate::sim::language::axis::parse_list;
 use crate::sim::language::expression::{check, check_condition, check_number};
 use crate::sim::language::scanner::Scanner;
+use crate::sim::language::station;
 use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
-use crate::sim::program::words::{Keyword, WORDS};
+use crate::sim::program::words::{ENDED, Keyword, WORDS};
 
 /// The kind of buffer that is open; each rejects some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,10 +47,15 @@ pub fn item(scanner: &mut Scanner, board: &Board, kind: Kind) -> Parsed<Option<I
 
 fn allowed(item: &Item, kind: Kind) -> bool {
     let flow = matches!(item, Item::If(_) | Item::Else | Item::EndIf | Item::While(_) | Item::EndWhile);
+    // All files seen have conditions on lines of their own in PLCs only. What a board lists of a PLC may end with RETURN.
+    let only_plcs = matches!(item, Item::Also(..));
+    let ends = matches!(item, Item::Return);
     let general = matches!(
         item,
         Item::Assign(..)
             | Item::Plc { .. }
+            | Item::Compiled { .. }
+            | Item::Station(_)
             | Item::Command(_)
             | Item::CommandCharacter(_)
             | Item::Send(_)
@@ -62,9 +68,9 @@ fn allowed(item: &Item, kind: Kind) -> bool {
         Item::Goto(_) | Item::Gosub(_) | Item::Label(_) | Item::Return | Item::Read(_) | Item::Wait
     );
     match kind {
-        Kind::Motion => !matches!(item, Item::Address(..)),
-        Kind::Rotary => !flow && !branch && !matches!(item, Item::Address(..)),
-        Kind::Plc => flow || general && !later,
+        Kind::Motion => !only_plcs && !matches!(item, Item::Address(..)),
+        Kind::Rotary => !flow && !branch && !only_plcs && !matches!(item, Item::Address(..)),
+        Kind::Plc => flow || only_plcs || ends || general && !later,
     }
 }
 
@@ -77,6 +83,9 @@ impl Reader<'_, '_> {
     fn item(&mut self) -> Parsed<Option<Item>> {
         if let Some(keyword) = self.scanner.keyword(&[WORDS]) {
             return self.keyword(keyword);
+        }
+        if let Some(transfer) = station::transfer(&mut self.scanner, self.board)? {
+            return Ok(Some(Item::Station(transfer)));
         }
         let Some(letter) = self.scanner.next_character() else { return Ok(None) };
         if let Some(kind) = VariableKind::from_letter(letter)
@@ -155,6 +164,13 @@ impl Reader<'_, '_> {
             Keyword::Address => self.address()?,
             Keyword::If => Item::If(self.condition()?),
             Keyword::While => Item::While(self.condition()?),
+            Keyword::Also(joint) => Item::Also(joint, self.condition()?),
+            // `END GATHER` is an on-line command.
+            Keyword::End => match self.scanner.keyword(&[ENDED]) {
+                Some(Keyword::EndIf) => Item::EndIf,
+                Some(Keyword::EndWhile) => Item::EndWhile,
+                _ => return Ok(None),
+            },
             Keyword::Else => Item::Else,
             Keyword::EndIf => Item::EndIf,
             Keyword::EndWhile => Item::EndWhile,
@@ -180,7 +196,9 @@ impl Reader<'_, '_> {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
                 }
-                Item::Plc { enable, plcs: numbers(&mut self.scanner, 0, 31)? as u32 }
+                let compiled = self.scanner.take_tight(b"C");
+                let plcs = numbers(&mut self.scanner, 0, 31)? as u32;
+                if compiled { Item::Compiled { enable, plcs } } else { Item::Plc { enable, plcs } }
             }
         }))
     }

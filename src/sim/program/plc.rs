@@ -118,10 +118,10 @@ impl Scan<'_> {
             let last = index + 1 == line.items.len();
             let cs = self.state.cs;
             match item {
-                Item::If(text) if !self.holds(text) => {
+                Item::If(text) if !self.holds(text, last) => {
                     return if last { self.skip(Tracker::in_if(), true) } else { self.skip_short() };
                 }
-                Item::While(text) if !self.holds(text) => {
+                Item::While(text) if !self.holds(text, last) => {
                     return if last {
                         self.skip(Tracker::in_while(), false)
                     } else {
@@ -142,6 +142,8 @@ impl Scan<'_> {
                         self.board.assign(*kind, cs, number, value);
                     }
                 }
+                Item::Return => return Next::Scan,
+                Item::Station(transfer) => transfer.carry_out(self.board, cs),
                 Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
                 Item::Command(text) => {
                     let State { motor, cs, .. } = self.state;
@@ -165,8 +167,14 @@ impl Scan<'_> {
         Next::Line
     }
 
-    fn holds(&self, text: &str) -> bool {
-        condition(&mut Scanner::new(text.as_bytes()), self.board, self.state.cs).unwrap_or(false)
+    /// Whether the condition on the line at `at` is true; with `goes_on`, the lines below it that go on with it belong to it.
+    fn holds(&self, text: &str, goes_on: bool) -> bool {
+        let mut whole = format!("({text})");
+        for line in (self.at + 1..).map_while(|number| self.line(number).filter(|_| goes_on)) {
+            let Some(Item::Also(joint, text)) = line.items.first() else { break };
+            whole += &format!("{}({text})", joint.word());
+        }
+        condition(&mut Scanner::new(whole.as_bytes()), self.board, self.state.cs).unwrap_or(false)
     }
 
     /// Skips a short IF; continues in the `ELSE` of the next line if there is one.

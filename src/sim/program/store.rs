@@ -66,6 +66,13 @@ pub enum Open {
     Rotary,
     /// A PLC program.
     Plc(usize),
+    /// The kinematic program of the 0-based coordinate system; the board keeps it, and never runs it.
+    Kinematics {
+        /// `OPEN INVERSE`, else `OPEN FORWARD`.
+        inverse: bool,
+        /// The coordinate system.
+        cs: usize,
+    },
 }
 
 /// A kind of table.
@@ -133,6 +140,8 @@ impl Table {
 pub struct Store {
     programs: BTreeMap<u32, Program>,
     plcs: Vec<Program>,
+    /// By 0-based coordinate system, and whether it is the inverse one.
+    kinematics: BTreeMap<(usize, bool), Program>,
     /// By 0-based coordinate system; shorter when the last ones are not defined.
     rotary: Vec<Option<Rotary>>,
     /// The tables, in order of definition.
@@ -146,6 +155,7 @@ impl Default for Store {
         Self {
             programs: BTreeMap::new(),
             plcs: vec![Program::default(); PLCS],
+            kinematics: BTreeMap::new(),
             rotary: Vec::new(),
             tables: Vec::new(),
             open: None,
@@ -189,6 +199,9 @@ impl Store {
                 self.programs.entry(number).or_default();
             }
             Open::Plc(_) => {}
+            Open::Kinematics { inverse, cs } => {
+                self.kinematics.entry((cs, inverse)).or_default();
+            }
         }
         self.open = Some(which);
         if let Some(program) = self.open_program() {
@@ -214,6 +227,7 @@ impl Store {
         match self.open? {
             Open::Program(number) => self.programs.get(&number),
             Open::Plc(number) => self.plcs.get(number),
+            Open::Kinematics { inverse, cs } => self.kinematics(cs, inverse),
             Open::Rotary => None,
         }
     }
@@ -230,6 +244,9 @@ impl Store {
                 if let Some(plc) = self.plcs.get_mut(number) {
                     *plc = Program::default();
                 }
+            }
+            Open::Kinematics { inverse, cs } => {
+                self.kinematics.insert((cs, inverse), Program::default());
             }
             Open::Rotary => self.rotary_mut(cs).ok_or(CommandError::NO_OPEN_BUFFER)?.clear(),
         }
@@ -248,6 +265,7 @@ impl Store {
         let program = match open {
             Open::Program(number) => self.programs.get_mut(&number),
             Open::Plc(number) => self.plcs.get_mut(number),
+            Open::Kinematics { inverse, cs } => self.kinematics.get_mut(&(cs, inverse)),
             Open::Rotary => None,
         };
         let program = program.ok_or(CommandError::NO_OPEN_BUFFER)?;
@@ -274,6 +292,12 @@ impl Store {
     #[must_use]
     pub fn plc(&self, number: usize) -> Option<&Program> {
         self.plcs.get(number)
+    }
+
+    /// The inverse or the forward kinematic program of the 0-based `cs`.
+    #[must_use]
+    pub fn kinematics(&self, cs: usize, inverse: bool) -> Option<&Program> {
+        self.kinematics.get(&(cs, inverse))
     }
 
     /// The rotary buffer of the 0-based `cs`.
@@ -327,7 +351,13 @@ impl Store {
     /// Long words of all buffers.
     #[must_use]
     pub fn words(&self) -> usize {
-        let fixed: usize = self.programs.values().chain(&self.plcs).map(Program::words).sum();
+        let fixed: usize = self
+            .programs
+            .values()
+            .chain(&self.plcs)
+            .chain(self.kinematics.values())
+            .map(Program::words)
+            .sum();
         let rotary: usize = self.rotary.iter().flatten().map(|rotary| rotary.size).sum();
         fixed + rotary + self.tables.iter().map(|table| table.size).sum::<usize>()
     }

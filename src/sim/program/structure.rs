@@ -1,7 +1,8 @@
 //! The block structure of `IF`, `ELSE`, `ENDIF`, `WHILE` and `ENDWHILE` (Software Reference, program commands).
 //!
 //! An `IF` or `ELSE` with statements behind it on its line governs only that line and has no `ENDIF`; one at the end of
-//! its line opens a block. An `ELSE` may follow the line of such a short `IF`.
+//! its line opens a block. An `ELSE` may follow the line of such a short `IF`. Lines with `AND` or `OR` go on with the
+//! condition of the line above that opens a block.
 
 use crate::sim::program::item::{Item, Line};
 
@@ -34,19 +35,22 @@ pub struct Tracker {
     /// The last line was a short `IF`.
     after_short_if: bool,
     short_if: bool,
+    /// The line before ends with a condition, so that this one may go on with it.
+    after_condition: bool,
+    condition: bool,
 }
 
 impl Tracker {
     /// The state after the line of an `IF` that opens a block.
     #[must_use]
     pub fn in_if() -> Self {
-        Self { blocks: vec![Block::If], ..Self::default() }
+        Self { blocks: vec![Block::If], condition: true, ..Self::default() }
     }
 
     /// The state after the line of a `WHILE` that opens a block.
     #[must_use]
     pub fn in_while() -> Self {
-        Self { blocks: vec![Block::While], ..Self::default() }
+        Self { blocks: vec![Block::While], condition: true, ..Self::default() }
     }
 
     /// How many blocks are open.
@@ -62,13 +66,18 @@ impl Tracker {
     pub fn item(&mut self, line: &Line, index: usize) -> Result<Effect, Unmatched> {
         if index == 0 {
             self.after_short_if = std::mem::take(&mut self.short_if);
+            self.after_condition = std::mem::take(&mut self.condition);
         }
         let last = index + 1 == line.items.len();
+        self.condition =
+            last && matches!(line.items.get(index), Some(Item::If(_) | Item::While(_) | Item::Also(..)));
         let top = self.blocks.last().copied();
         match line.items.get(index) {
             Some(Item::If(_)) if last => self.blocks.push(Block::If),
             Some(Item::If(_)) => self.short_if = true,
             Some(Item::While(_)) if last => self.blocks.push(Block::While),
+            Some(Item::Also(..)) if index == 0 && self.after_condition => {}
+            Some(Item::Also(..)) => return Err(Unmatched),
             Some(Item::Else) if index == 0 && self.after_short_if => {
                 self.blocks.extend(last.then_some(Block::Else));
             }

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::number::decimal;
-use crate::sim::board::variables::VariableKind;
 use crate::sim::program::item::{AXES, Data, Item, Line, Mark, Mode, Operator, Time, Transform};
 
 /// Most digits behind the point in a listing.
@@ -85,6 +84,10 @@ fn text(item: &Item, long: bool) -> String {
             let name = if *enable { word("ENABLE", "ENA") } else { word("DISABLE", "DIS") };
             format!("{name} PLC{}", list((*plcs).into()))
         }
+        Item::Compiled { enable, plcs } => {
+            let name = if *enable { word("ENABLE", "ENA") } else { word("DISABLE", "DIS") };
+            format!("{name} PLCC{}", list((*plcs).into()))
+        }
         Item::Stop => "STOP".into(),
         Item::BlockStart => word("BLOCKSTART", "BSTART"),
         Item::BlockStop => word("BLOCKSTOP", "BSTOP"),
@@ -103,12 +106,7 @@ fn text(item: &Item, long: bool) -> String {
             format!("{name}{}", data(value))
         }
         Item::Assign(kind, number, operator, value) => {
-            let letter = match kind {
-                VariableKind::I => 'I',
-                VariableKind::P => 'P',
-                VariableKind::Q => 'Q',
-                VariableKind::M => 'M',
-            };
+            let letter = kind.letter();
             let sign = match operator {
                 Operator::Assign => "=",
                 Operator::AssignLater => "==",
@@ -123,6 +121,7 @@ fn text(item: &Item, long: bool) -> String {
             format!("{letter}{}{sign}{value}", data(number))
         }
         Item::If(condition) => format!("IF({condition})"),
+        Item::Also(joint, condition) => format!("{}({condition})", joint.word()),
         Item::Else => "ELSE".into(),
         Item::EndIf => word("ENDIF", "ENDI"),
         Item::While(condition) => format!("WHILE({condition})"),
@@ -145,6 +144,7 @@ fn text(item: &Item, long: bool) -> String {
             }
             text
         }
+        Item::Station(transfer) => transfer.text(),
     }
 }
 

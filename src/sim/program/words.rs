@@ -1,7 +1,7 @@
 //! Keywords of program statements, long and short forms (Software Reference, "Program commands"; QRG p. 56).
 
 use crate::sim::board::axes::AxisMode;
-use crate::sim::program::item::{Mode, Time, Transform};
+use crate::sim::program::item::{Joint, Mode, Time, Transform};
 
 /// What a keyword of a program begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +54,10 @@ pub enum Keyword {
     Address,
     /// `IF`.
     If,
+    /// `AND`, `OR`.
+    Also(Joint),
+    /// `END`; `IF` or `WHILE` follows.
+    End,
     /// `ELSE`.
     Else,
     /// `ENDIF`.
@@ -125,6 +129,9 @@ pub const WORDS: &[(&str, Keyword)] = &[
     ("ADDRESS", K::Address),
     ("ADR", K::Address),
     ("IF", K::If),
+    ("AND", K::Also(Joint::And)),
+    ("OR", K::Also(Joint::Or)),
+    ("END", K::End),
     ("ELSE", K::Else),
     ("ENDIF", K::EndIf),
     ("ENDI", K::EndIf),
@@ -148,3 +155,6 @@ pub const WORDS: &[(&str, Keyword)] = &[
     ("DISABLE", K::Plc(false)),
     ("DIS", K::Plc(false)),
 ];
+
+/// What may stand behind `END` and a blank, as in files that sites load into their boards.
+pub const ENDED: &[(&str, Keyword)] = &[("IF", K::EndIf), ("WHILE", K::EndWhile)];

@@ -105,8 +105,7 @@ impl Line<'_, '_> {
     }
 
     fn m_definitions(&mut self, numbers: Numbers) -> Outcome {
-        let last = self.board.family().last_address();
-        let definition = definition(&mut self.scanner, last)?;
+        let definition = definition(&mut self.scanner, self.board.family())?;
         for number in numbers.iter() {
             if let Some(definition) = &definition {
                 self.board.variables.define_m(number, definition.clone());

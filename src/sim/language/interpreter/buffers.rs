@@ -1,6 +1,7 @@
 //! Commands on program and table buffers: open, close, clear, define, delete, PLC switches, `PC`, `PE`, `PR`, `LEARN`
 //! (Software Reference, on-line commands; Turbo Software Reference p. 381 for what opening a program forbids).
 
+use crate::map::Generation;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
@@ -15,6 +16,8 @@ enum Opened {
     Program,
     Rotary,
     Plc,
+    /// The inverse, else the forward one.
+    Kinematics(bool),
 }
 
 const OPENED: &[(&str, Opened)] = &[
@@ -24,6 +27,10 @@ const OPENED: &[(&str, Opened)] = &[
     ("ROTARY", Opened::Rotary),
     ("PLC", Opened::Plc),
 ];
+
+/// What Turbo opens besides: the kinematic programs of the addressed coordinate system.
+const OPENED_BY_TURBO: &[(&str, Opened)] =
+    &[("FORWARD", Opened::Kinematics(false)), ("INVERSE", Opened::Kinematics(true))];
 
 #[derive(Debug, Clone, Copy)]
 enum Kind {
@@ -81,7 +88,7 @@ impl Line<'_, '_> {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
                 }
-                if self.scanner.take_text(b"C") {
+                if self.scanner.take_tight(b"C") {
                     // Compiled PLCs come from a compiler on the host; this board has none to enable.
                     numbers(&mut self.scanner, 0, PLCS - 1)?;
                     return Ok(());
@@ -100,7 +107,11 @@ impl Line<'_, '_> {
     }
 
     fn open(&mut self) -> Outcome {
-        let which = self.scanner.keyword(&[OPENED]).ok_or(CommandError::SYNTAX)?;
+        let turbo = match self.board.family().generation {
+            Generation::Pmac => &[],
+            Generation::Turbo => OPENED_BY_TURBO,
+        };
+        let which = self.scanner.keyword(&[OPENED, turbo]).ok_or(CommandError::SYNTAX)?;
         let open = match which {
             Opened::Rotary => Open::Rotary,
             Opened::Program => {
@@ -114,6 +125,7 @@ impl Line<'_, '_> {
                 number if number < PLCS => Open::Plc(number),
                 _ => return Err(CommandError::SYNTAX),
             },
+            Opened::Kinematics(inverse) => Open::Kinematics { inverse, cs: self.interpreter.cs },
         };
         if self.programs.store.open().is_some() {
             return Err(CommandError::BUFFER_IN_USE);
@@ -130,6 +142,7 @@ impl Line<'_, '_> {
                 self.accessible(true)?;
                 self.programs.enable_plcs(1 << number, false);
             }
+            Open::Kinematics { .. } => self.accessible(true)?,
             Open::Rotary => {}
         }
         self.programs.store.open_buffer(open)
@@ -186,7 +199,8 @@ impl Line<'_, '_> {
     /// `DEFINE` of any buffer but the gather buffer: sizes in long words, entries or counts.
     pub(super) fn define_buffer(&mut self) -> Outcome {
         let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
-        let size = self.scanner.integer()?;
+        // Sites give sizes in hex too.
+        let size = self.scanner.unsigned()? as usize;
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
         let free = self.programs.free_memory(self.board);
         if self.board.gather_is_defined() {

@@ -5,6 +5,7 @@
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
+use crate::sim::program::item::Item;
 use crate::sim::program::parse::{self, Kind};
 use crate::sim::program::store::{Open, TableKind};
 
@@ -15,7 +16,7 @@ impl Line<'_, '_> {
             None => return Ok(false),
             Some(Open::Program(_)) => Kind::Motion,
             Some(Open::Rotary) => Kind::Rotary,
-            Some(Open::Plc(_)) => Kind::Plc,
+            Some(Open::Plc(_) | Open::Kinematics { .. }) => Kind::Plc,
         };
         let Some(item) = parse::item(&mut self.scanner, self.board, kind)? else { return Ok(false) };
         if kind == Kind::Rotary && self.programs.store.rotary(self.interpreter.cs).is_none() {
@@ -30,8 +31,17 @@ impl Line<'_, '_> {
         if self.items.is_empty() {
             return Ok(());
         }
-        let items = std::mem::take(&mut self.items);
-        let (cs, free) = (self.interpreter.cs, self.programs.free_memory(self.board));
+        let mut items = std::mem::take(&mut self.items);
+        let cs = self.interpreter.cs;
+        // A loop on one line, `WHILE(…) ENDWHILE`, comes back from a board as two lines.
+        while let Some(end) =
+            items.windows(2).position(|pair| matches!(pair, [Item::While(_), Item::EndWhile]))
+        {
+            let rest = items.split_off(end + 1);
+            let free = self.programs.free_memory(self.board);
+            self.programs.store.append(cs, std::mem::replace(&mut items, rest), free)?;
+        }
+        let free = self.programs.free_memory(self.board);
         self.programs.store.append(cs, items, free)?;
         if self.programs.store.rotary_is_open() {
             self.programs.note_rotary(self.board, cs);

@@ -20,8 +20,8 @@ enum What {
     Table(TableKind),
     Gather,
     Empty,
-    /// Programs of Turbo that the board here never has; as `LIST PLC` of a PLC that there is not.
-    Kinematics,
+    /// The inverse, else the forward, kinematic program of the addressed coordinate system.
+    Kinematics(bool),
 }
 
 const WHAT: &[(&str, What)] = &[
@@ -39,8 +39,8 @@ const WHAT: &[(&str, What)] = &[
     ("GAT", What::Gather),
     ("LINK", What::Empty),
     ("LDS", What::Empty),
-    ("FORWARD", What::Kinematics),
-    ("INVERSE", What::Kinematics),
+    ("FORWARD", What::Kinematics(false)),
+    ("INVERSE", What::Kinematics(true)),
 ];
 
 /// Most values in one `LIST GATHER` line.
@@ -91,7 +91,15 @@ impl Line<'_, '_> {
             What::Table(kind) => self.list_table(kind),
             What::Gather => self.list_gather(),
             What::Empty => Ok(()),
-            What::Kinematics => Err(CommandError::SYNTAX),
+            What::Kinematics(inverse) => {
+                let lines: Lines = store
+                    .kinematics(cs, inverse)
+                    .into_iter()
+                    .flat_map(|program| program.lines().cloned())
+                    .collect();
+                // As `LIST PLC` of a PLC that there is not.
+                if lines.is_empty() { Err(CommandError::SYNTAX) } else { self.list_range(lines) }
+            }
         }
     }
 

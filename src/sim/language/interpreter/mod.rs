@@ -11,6 +11,7 @@ mod entry;
 mod list;
 mod memory;
 mod motor;
+mod station;
 mod system;
 
 use crate::sim::board::Board;
@@ -185,11 +186,15 @@ impl Line<'_, '_> {
             Word::Delete => self.delete(),
             Word::Gather => self.gather(),
             Word::EndGather => self.board.end_gather(),
+            Word::End if self.scanner.take_text(b"GATHER") => self.board.end_gather(),
+            Word::End => Err(CommandError::SYNTAX),
             Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
             Word::Part | Word::Vendor | Word::Processor => self.card(word),
             Word::Today => self.answer(calendar::date(self.board.seconds_up())),
             Word::Time => self.answer(calendar::time(self.board.seconds_up())),
-            Word::Macro => Err(CommandError::MACRO),
+            Word::Station => self.station(),
+            Word::StationTransfer(write) => self.station_transfer(write),
+            Word::StationClears => self.clear_station(),
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),

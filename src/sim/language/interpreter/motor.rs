@@ -1,5 +1,6 @@
 //! Commands of the addressed motor: jog, home, kill, open loop, reports (Software Reference, on-line commands).
 
+use crate::map::Generation;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::jog::Jog;
 use crate::sim::board::number::tenths;
@@ -98,7 +99,16 @@ impl Line<'_, '_> {
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
         let decimals = self.board.variables.tables().decimals;
-        let given = self.scanner.at_constant()
+        let generation = self.board.family().generation;
+        let kinematic = {
+            // `#1->I` defines; `#1-> I5` lists, and reports I5.
+            let mut ahead = self.scanner.clone();
+            generation == Generation::Turbo
+                && ahead.take(b'I')
+                && !ahead.peek().is_some_and(|c| c.is_ascii_digit() || c == b'(')
+        };
+        let given = kinematic
+            || self.scanner.at_constant()
             || self
                 .scanner
                 .peek()
@@ -109,7 +119,7 @@ impl Line<'_, '_> {
             let text = own.map_or_else(|| "0".to_owned(), |definition| definition.text(decimals));
             return self.answer(text);
         }
-        let definition = definition(&mut self.scanner, cs)?;
+        let definition = definition(&mut self.scanner, cs, generation)?;
         if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
             return Err(CommandError::SYNTAX);
         }

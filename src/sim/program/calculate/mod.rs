@@ -212,7 +212,12 @@ impl Calculator<'_> {
                 self.board.assign(VariableKind::Q, self.cs, SPINDLE, value);
             }
             // An argument that no `READ` took.
-            Item::Letter(..) | Item::Label(_) | Item::Wait | Item::Address(..) | Item::EndIf => {}
+            Item::Letter(..)
+            | Item::Label(_)
+            | Item::Wait
+            | Item::Address(..)
+            | Item::Also(..)
+            | Item::EndIf => {}
             Item::Mode(mode) => self.set_mode(*mode),
             Item::Pvt(time) => {
                 let time = self.value(time);
@@ -312,6 +317,9 @@ impl Calculator<'_> {
                 self.transform(*transform, first);
             }
             Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
+            // A compiler on the host makes compiled PLCs: this board has none.
+            Item::Compiled { .. } => {}
+            Item::Station(transfer) => transfer.carry_out(self.board, self.cs),
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),
             Item::Command(text) => self.programs.ask(text, 0, 0),
             Item::CommandCharacter(code) => self.programs.ask_character(*code),
