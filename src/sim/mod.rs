@@ -34,5 +34,7 @@ mod reset_tests;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
+mod tools_tests;
+#[cfg(test)]
 mod turbo_tests;
 pub mod world;

@@ -116,6 +116,8 @@ pub enum Word {
     Vendor,
     /// `CPU`.
     Processor,
+    /// `IDNUMBER`, `SID`.
+    Serial,
     /// `TODAY`.
     Today,
     /// `TIME`.
@@ -151,6 +153,9 @@ const TURBO: &[(&str, Word)] = &[
     ("CID", W::Part),
     ("VID", W::Vendor),
     ("CPU", W::Processor),
+    ("IDNUMBER", W::Serial),
+    ("IDNUM", W::Serial),
+    ("SID", W::Serial),
     ("TODAY", W::Today),
     ("TIME", W::Time),
     ("CLOSE", W::Buffer(B::CloseAll)),

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use crate::map::Generation;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
@@ -175,18 +176,26 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `LIST GATHER [start][,count]`: the contents of PMAC's own gather memory, 24-bit words in hex.
+    /// `LIST GATHER [start][,count]`: the contents of PMAC's own gather memory in hex. PMAC lists words of 24 bits. Turbo lists
+    /// words of 48 bits, 12 digits each: the first source of two is the low half, a source of 48 bits is whole, and each
+    /// sample begins a word (so a tool in use, dls-pmac-control, takes the answer apart).
     fn list_gather(&mut self) -> Outcome {
         let start = if self.scanner.at_unsigned() { self.scanner.integer()? } else { 0 };
         let count = if self.scanner.take(b',') { self.scanner.integer()? } else { usize::MAX };
         if !self.board.gather_is_defined() {
             return Err(CommandError::SYNTAX);
         }
-        let words: Vec<u32> = self.board.gathered().iter().skip(start).take(count).copied().collect();
-        for chunk in words.chunks(GATHERED_A_LINE) {
-            let texts: Vec<String> = chunk.iter().map(|word| format!("{word:06X}")).collect();
-            self.lines.push(texts.join(" "));
-        }
+        let words = self.board.gathered();
+        let texts: Vec<String> = match self.board.family().generation {
+            Generation::Pmac => words.iter().map(|word| format!("{word:06X}")).collect(),
+            Generation::Turbo => {
+                let sample = self.board.gather_sources().into_iter().flatten().count().max(1);
+                let pairs = words.chunks(sample).flat_map(|sample| sample.chunks(2));
+                pairs.map(|pair| format!("{:06X}{:06X}", pair.get(1).unwrap_or(&0), pair[0])).collect()
+            }
+        };
+        let texts: Vec<String> = texts.into_iter().skip(start).take(count).collect();
+        self.lines.extend(texts.chunks(GATHERED_A_LINE).map(|line| line.join(" ")));
         Ok(())
     }
 

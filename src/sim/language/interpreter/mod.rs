@@ -190,6 +190,8 @@ impl Line<'_, '_> {
             Word::End => Err(CommandError::SYNTAX),
             Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
             Word::Part | Word::Vendor | Word::Processor => self.card(word),
+            // No text seen tells the form: 0 is a board without such a chip.
+            Word::Serial => self.answer("0"),
             Word::Today => self.answer(calendar::date(self.board.seconds_up())),
             Word::Time => self.answer(calendar::time(self.board.seconds_up())),
             Word::Station => self.station(),
