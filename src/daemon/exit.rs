@@ -92,7 +92,8 @@ impl From<ListenError> for Failure {
     fn from(error: ListenError) -> Self {
         let status = match &error {
             ListenError::Served(_) => UNAVAILABLE,
-            ListenError::Foreign(_) | ListenError::Group { .. } => CONFIGURATION,
+            ListenError::Foreign(_) => CONFIGURATION,
+            ListenError::Group { source, .. } if source.is_of_settings() => CONFIGURATION,
             other if lacks_right(other) => NO_PERMISSION,
             // Its directory is not there, or is none.
             ListenError::Io { source, .. } if is_missing(source) => UNAVAILABLE,
@@ -108,7 +109,8 @@ fn is_missing(error: &io::Error) -> bool {
 
 impl From<ServeError> for Failure {
     fn from(error: ServeError) -> Self {
-        Self::new(if matches!(error, ServeError::Policy(_)) { CONFIGURATION } else { SYSTEM }, error)
+        let is_of_settings = matches!(&error, ServeError::Policy(error) if error.is_of_settings());
+        Self::new(if is_of_settings { CONFIGURATION } else { SYSTEM }, error)
     }
 }
 
@@ -122,6 +124,7 @@ impl From<PrivilegeError> for Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::socket::policy::PolicyError;
 
     #[derive(Debug, thiserror::Error)]
     #[error("/dev/uio0")]
@@ -146,6 +149,12 @@ mod tests {
         assert_eq!(Failure::from(SegmentError::InUse { path: "x".into(), pid: None }).status, 69);
         assert_eq!(Failure::from(ListenError::Foreign("x".into())).status, 78);
         assert_eq!(Failure::from(ListenError::Served("x".into())).status, 69);
+        let unknown = PolicyError::NoSuchGroup("x".to_owned());
+        assert_eq!(Failure::from(ServeError::Policy(unknown)).status, 78);
+        // A name service may come to itself.
+        let failed = || PolicyError::Lookup { group: "x".to_owned(), source: nix::Error::EIO };
+        assert_eq!(Failure::from(ServeError::Policy(failed())).status, 71);
+        assert_eq!(Failure::from(ListenError::Group { path: "x".into(), source: failed() }).status, 71);
         let denied =
             |kind: io::ErrorKind| ListenError::Io { path: "x".into(), action: "y", source: kind.into() };
         assert_eq!(Failure::from(denied(io::ErrorKind::PermissionDenied)).status, 77);

@@ -1,7 +1,7 @@
 //! Checks settings beyond their types. Each refusal says what to write instead.
 
 use super::span::Refusal;
-use crate::daemon::socket::policy::group_id;
+use crate::daemon::socket::policy::{PolicyError, group_id};
 use crate::map::{Family, READINGS, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
@@ -81,10 +81,13 @@ pub(super) fn period_ns(hz: f64) -> Result<u64, Refusal> {
     }
 }
 
-/// Refuses groups that the system does not know.
+/// Refuses groups that the system does not know. A name service that fails is no fault of the configuration: who needs
+/// the group's number finds that out, and the service manager tries again.
 pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Result<(), Refusal> {
     for (key, name) in named {
-        group_id(&name).map_err(|error| Refusal::of(key, error))?;
+        if let Err(error @ PolicyError::NoSuchGroup(_)) = group_id(&name) {
+            return Err(Refusal::of(key, error));
+        }
     }
     Ok(())
 }

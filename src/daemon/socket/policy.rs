@@ -115,13 +115,21 @@ pub enum PolicyError {
     #[error("group {0:?} does not exist; create it or correct the settings")]
     NoSuchGroup(String),
     /// The group data base cannot be read.
-    #[error("looking up group {group:?}")]
+    #[error("looking up group {group:?}: {source}; see to the name service (/etc/nsswitch.conf)")]
     Lookup {
         /// The group.
         group: String,
         /// What the system said.
         source: nix::Error,
     },
+}
+
+impl PolicyError {
+    /// Whether the settings are wrong. Otherwise the name service failed, which may pass.
+    #[must_use]
+    pub const fn is_of_settings(&self) -> bool {
+        matches!(self, Self::NoSuchGroup(_))
+    }
 }
 
 /// The number of the group called `name`.
