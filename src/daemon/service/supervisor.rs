@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use log::{error, info, warn};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::signal::{SigSet, Signal};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::backend::SignalDelivery;
 use signal_hook::iterator::exfiltrator::SignalOnly;
@@ -27,6 +28,8 @@ impl Signals {
     /// # Errors
     /// The system gives no descriptors.
     pub fn take() -> io::Result<Self> {
+        // A parent may have blocked them, and what is blocked is inherited.
+        SigSet::from_iter([Signal::SIGTERM, Signal::SIGINT, Signal::SIGHUP]).thread_unblock()?;
         let (read, write) = UnixStream::pair()?;
         SignalDelivery::with_pipe(read, write, SignalOnly, [SIGTERM, SIGINT, SIGHUP]).map(Self)
     }
