@@ -157,6 +157,30 @@ fn b1_7_a_download_notices_a_reset_between_two_lines() {
 }
 
 #[test]
+fn b1_7_a_download_into_a_program_says_that_a_reset_took_it() {
+    // Without servo data, only the board's refusal (ERR005) shows that its buffer is not open any more.
+    for before in [None, Some("ENDGATHER")] {
+        let site = VirtualSite::running(&[], &[]);
+        site.wait_for_identity();
+        if let Some(line) = before {
+            site.ask(line);
+        }
+        let file = site.file("long.pmc", &format!("OPEN PROG 55 CLEAR\n{}CLOSE\n", "X1\n".repeat(2000)));
+        let child = site.command(&["download", &file]).stderr(Stdio::piped()).spawn().unwrap();
+        site.wait_until("the download to run", || site.log().matches("(download) sends \"X1").count() > 300);
+        site.control("reset");
+        let ran = Ran::from(child.wait_with_output().unwrap());
+        assert_eq!(ran.code, Some(1), "{before:?}: {ran:?}");
+        assert!(ran.stderr.contains("reset between line"), "{before:?}: {ran:?}");
+        assert!(
+            ran.stderr.contains("PROG 55, which it opened, is closed: the reset took"),
+            "{before:?}: {ran:?}"
+        );
+        assert!(!ran.stderr.contains("somebody else"), "{before:?}: {ran:?}");
+    }
+}
+
+#[test]
 fn b1_6_an_abort_ends_a_sequence_that_goes_on_with_further_lines() {
     let site = VirtualSite::running(&[], &[]);
     let mut client = begin(&site, &["P5=7"]);

@@ -28,6 +28,9 @@ const AT_END_MAX: usize = 8;
 /// The longest name of a sequence.
 const NAME_MAX: usize = 20;
 
+/// No program buffer is open that would take the line. `LEARN` and what belongs into another kind of buffer get it too.
+const NO_BUFFER: u16 = 5;
+
 /// Lines to send, and how.
 #[derive(Debug)]
 pub struct Batch {
@@ -116,7 +119,7 @@ pub(in crate::daemon::socket) struct Lines {
     entered: u64,
     /// A line has failed.
     failed: bool,
-    /// And the board has not said itself that it refuses it: a reset may be why.
+    /// And a reset may be why: the board has not said itself that it refuses the line, or has no buffer open for it.
     is_unexplained: bool,
     /// The resets that the first check told of that was answered; `None` before it.
     resets: Option<u64>,
@@ -127,8 +130,10 @@ pub(in crate::daemon::socket) struct Lines {
     doubts: u64,
     /// The doubts that came with the last answer.
     doubts_now: u64,
-    /// The board was reset.
+    /// The board was reset, or may have been.
     reset: Option<LineFailure>,
+    /// A buffer that its lines opened, and what became of it but for a reset.
+    buffer_left: Option<(String, String)>,
     /// Why no line is sent any more, once somebody has stopped all motion.
     dropped: Option<Text<REASON_MAX>>,
     ending: Option<Ending>,
@@ -153,6 +158,7 @@ impl Lines {
             doubts: 0,
             doubts_now: 0,
             reset: None,
+            buffer_left: None,
             dropped: None,
             ending: None,
             notes: Vec::new(),
@@ -173,7 +179,7 @@ impl Lines {
             self.buffer.done(line.as_bytes());
         }
         if done.outcome == Outcome::Barred(Barred::Closed) {
-            self.buffer = OpenBuffer::default();
+            self.leave_buffer(closed_by_others);
         }
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
@@ -191,7 +197,11 @@ impl Lines {
         }
         let goes_on = self.batch.keep_going && matches!(done.outcome, Outcome::Error(_));
         self.failed |= failure.is_some() && !goes_on;
-        self.is_unexplained = failure.is_some() && !matches!(done.outcome, Outcome::Error(_));
+        self.is_unexplained = failure.is_some()
+            && match done.outcome {
+                Outcome::Error(code) => was_open && code == NO_BUFFER,
+                _ => true,
+            };
         reply(&RunLinesReply {
             line: Some(number),
             lines,
@@ -252,6 +262,9 @@ impl Lines {
         let is_unknown = has_doubts && done.result.is_err();
         if done.resets != resets || is_unknown {
             let may = if is_unknown { "may have been" } else { "was" };
+            if let Some((name, note)) = self.buffer_left.as_mut().filter(|_| !is_unknown) {
+                *note = format!("{name}, which it opened, is closed: the reset took what entered it");
+            }
             let message = format!(
                 "the board {may} reset between line {} and line {} of the sequence; what lines up to there have set is gone unless \
                  it was saved",
@@ -271,7 +284,8 @@ impl Lines {
             self.phase = Phase::PuttingBack(line);
             return Step::Line { line, timeout: END_STEP };
         }
-        let notes = std::mem::take(&mut self.notes);
+        let mut notes = std::mem::take(&mut self.notes);
+        notes.extend(self.buffer_left.take().map(|(_, note)| note));
         let failure = self.reset.take();
         Step::Over(Ok(reply(&RunLinesReply {
             line: failure.as_ref().map(|_| self.number.saturating_sub(1)),
@@ -285,28 +299,40 @@ impl Lines {
 
     /// `CLOSE` has been answered, or not.
     fn closed(&mut self, tries: u32, done: &Done, now: Instant) -> Step {
-        let entered = self.entered;
-        let name = self.buffer.opened().map_or(String::new(), |opened| opened.name.to_string());
-        let note = match &done.result {
-            _ if done.outcome == Outcome::Barred(Barred::Closed) => {
-                format!("{name}, which it opened, was closed by somebody else: {entered} lines entered it")
-            }
-            Err(_) if is_unsent(done.outcome) && tries < CLOSE_TRIES => {
-                self.phase = Phase::ClosingAgain(tries);
-                return Step::Wait(now + CLOSE_AGAIN);
-            }
+        if is_unsent(done.outcome)
+            && done.outcome != Outcome::Barred(Barred::Closed)
+            && done.result.is_err()
+            && tries < CLOSE_TRIES
+        {
+            self.phase = Phase::ClosingAgain(tries);
+            return Step::Wait(now + CLOSE_AGAIN);
+        }
+        let is_cut_short = self.failed || self.ending.is_some();
+        self.leave_buffer(|name, entered| match &done.result {
+            _ if done.outcome == Outcome::Barred(Barred::Closed) => closed_by_others(name, entered),
             Err(error) => format!(
                 "{name}, which it opened, may still be open: {entered} lines entered it, and CLOSE failed ({error}); send CLOSE"
             ),
-            Ok(_) if self.failed || self.ending.is_some() => format!(
+            Ok(_) if is_cut_short => format!(
                 "{name}, which it opened, is incomplete: {entered} lines entered it; it is closed now"
             ),
             Ok(_) => format!("{name} was left open; it is closed now"),
-        };
-        self.notes.push(note);
-        self.buffer = OpenBuffer::default();
+        });
         self.close(tries)
     }
+
+    /// Its buffer is not open any more, or nothing can be done about it. `note` says so of its name and the lines that entered.
+    fn leave_buffer(&mut self, note: impl FnOnce(&str, u64) -> String) {
+        let name = self.buffer.opened().map_or(String::new(), |opened| opened.name.to_string());
+        let note = note(&name, self.entered);
+        self.buffer_left = Some((name, note));
+        self.buffer = OpenBuffer::default();
+    }
+}
+
+/// What is said of a buffer that somebody else has closed.
+fn closed_by_others(name: &str, entered: u64) -> String {
+    format!("{name}, which it opened, was closed by somebody else: {entered} lines entered it")
 }
 
 impl Sequence for Lines {
