@@ -12,7 +12,7 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use log::{info, warn};
+use log::warn;
 use nix::sys::eventfd::EventFd;
 
 use crate::clock::Clock;
@@ -102,7 +102,7 @@ impl BoardLoop {
             bus,
             presence,
             functions,
-            reporter: Reporter::new(configured.settings.family()),
+            reporter: Reporter::new(configured.settings.family(), clock.clone()),
             configured,
             publisher,
             connections,
@@ -280,7 +280,7 @@ impl BoardLoop {
                 let copies = self.functions.servo.global_status();
                 self.functions.ascii.queue_mut().identifier.see_global_status(copies);
                 if was_reset {
-                    info!("the board was reset, or its memory cleared");
+                    self.reporter.reset();
                     self.after_reset(!self.presence.is_reset_known())?;
                 }
                 self.presence.servo_polled(self.functions.servo.is_live());

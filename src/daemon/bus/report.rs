@@ -1,16 +1,52 @@
 //! What the log, the segment and the clients are told of the board when it changes.
 
-use std::time::Instant;
+use std::fmt::Arguments;
+use std::time::{Duration, Instant};
 
-use log::{error, info, warn};
+use log::{Level, error, info, log};
 
+use crate::clock::Clock;
 use crate::daemon::shared::info::InfoReport;
+use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
 use crate::map::{Family, ReportStart};
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Identity, State};
+
+/// How many changes are logged within which time. The data of a board that comes and goes would fill the log.
+const TOLD: u32 = 20;
+const PERIOD: Duration = Duration::from_secs(60);
+
+/// Logs changes, as many as may be.
+struct ChangeLog {
+    quota: Option<LogQuota>,
+    clock: Clock,
+}
+
+impl ChangeLog {
+    /// Logs a change, or counts it.
+    fn tell(&mut self, level: Level, change: Arguments<'_>) {
+        let now = self.clock.now();
+        self.sum_up(now);
+        if self.quota.get_or_insert(LogQuota::until(now + PERIOD)).may_tell(TOLD) {
+            log!(level, "{change}");
+        }
+    }
+
+    /// Ends the quota whose time is over, and logs how many changes it held back.
+    fn sum_up(&mut self, now: Instant) {
+        if let Some(quota) = self.quota.take_if(|quota| quota.end() <= now)
+            && quota.untold() > 0
+        {
+            info!(
+                "{} more such changes within {PERIOD:?}: the board, or what it reports, comes and goes",
+                quota.untold()
+            );
+        }
+    }
+}
 
 /// What was told last, so that only changes are told.
 pub struct Reporter {
@@ -19,15 +55,18 @@ pub struct Reporter {
     info: InfoReport,
     state: Option<State>,
     port: Option<(CommandPort, CommandState)>,
+    /// As the log has it: a port that is in doubt and answers as before has not changed.
+    port_logged: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
     known: Option<KnownIdentity>,
     bus_error: bool,
+    log: ChangeLog,
 }
 
 impl Reporter {
     /// Nothing was told yet of a board of `family`.
     #[must_use]
-    pub fn new(family: &Family) -> Self {
+    pub fn new(family: &Family, clock: Clock) -> Self {
         let i = &family.i;
         let reported = i.reported.map_or_else(String::new, |number| format!(", I{number}>0"));
         let (enable, period, background) = (i.servo_enable, i.servo_period, i.background_enable);
@@ -49,9 +88,11 @@ impl Reporter {
             info: InfoReport::default(),
             state: None,
             port: None,
+            port_logged: None,
             identity: None,
             known: None,
             bus_error: false,
+            log: ChangeLog { quota: None, clock },
         }
     }
 
@@ -63,6 +104,9 @@ impl Reporter {
     /// Tells the clients what has changed; counts alone only `with_counts`.
     pub fn send(&mut self, events: &Sender<Event>, with_counts: bool) {
         self.info.poll(events, with_counts);
+        if with_counts {
+            self.log.sum_up(self.log.clock.now());
+        }
     }
 
     /// The state that was told; `None` before the first.
@@ -84,9 +128,10 @@ impl Reporter {
         }
         self.info.set(|status| status.state = state);
         if shows_life {
-            info!("board: live");
+            self.log.tell(Level::Info, format_args!("board: live"));
         } else {
-            warn!("board: stale, no servo data, no background data and no ASCII reply");
+            let text = format_args!("board: stale, no servo data, no background data and no ASCII reply");
+            self.log.tell(Level::Warn, text);
         }
         Some(state)
     }
@@ -98,27 +143,28 @@ impl Reporter {
     }
 
     /// Servo data have become live, or stale after so many nanoseconds.
-    pub fn servo(&self, transition: Transition, stale_after_ns: u64) {
-        match transition {
-            Transition::Live => info!("servo data: live"),
-            Transition::Stale => warn!(
-                "servo data: stale, no update for {} ms ({})",
-                stale_after_ns / 1_000_000,
-                self.hints[0]
-            ),
-        }
+    pub fn servo(&mut self, transition: Transition, stale_after_ns: u64) {
+        self.data("servo data", "update", 0, transition, stale_after_ns);
     }
 
     /// Background data have become live, or stale after so many nanoseconds.
-    pub fn background(&self, transition: Transition, stale_after_ns: u64) {
+    pub fn background(&mut self, transition: Transition, stale_after_ns: u64) {
+        self.data("background data", "report", 1, transition, stale_after_ns);
+    }
+
+    fn data(&mut self, data: &str, what: &str, hint: usize, transition: Transition, stale_after_ns: u64) {
         match transition {
-            Transition::Live => info!("background data: live"),
-            Transition::Stale => warn!(
-                "background data: stale, no report for {} ms ({})",
-                stale_after_ns / 1_000_000,
-                self.hints[1]
-            ),
+            Transition::Live => self.log.tell(Level::Info, format_args!("{data}: live")),
+            Transition::Stale => {
+                let (ms, hint) = (stale_after_ns / 1_000_000, &self.hints[hint]);
+                self.log.tell(Level::Warn, format_args!("{data}: stale, no {what} for {ms} ms ({hint})"));
+            }
         }
+    }
+
+    /// The board was found reset.
+    pub fn reset(&mut self) {
+        self.log.tell(Level::Info, format_args!("the board was reset, or its memory cleared"));
     }
 
     /// The port that command lines go through, and what has become of the last one by `now`.
@@ -130,16 +176,17 @@ impl Reporter {
             (status.command_port, status.command_state) = (port, state);
             status.silent_since = (state == CommandState::Silent).then_some(now);
         });
-        match (port, state) {
-            (_, CommandState::Unknown) => {}
-            (CommandPort::Dpram, CommandState::Answers) => info!("DPRAM ASCII: live"),
-            (CommandPort::Dpram, CommandState::Silent) => {
-                warn!("DPRAM ASCII: no answer ({})", self.hints[2]);
-            }
-            (CommandPort::Mailbox, CommandState::Answers) => info!("VME mailboxes: live"),
-            (CommandPort::Mailbox, CommandState::Silent) => {
-                warn!("VME mailboxes: no answer (is I3=2? are both interrupts there?)");
-            }
+        if state == CommandState::Unknown || self.port_logged.replace((port, state)) == Some((port, state)) {
+            return;
+        }
+        let (name, hint) = match port {
+            CommandPort::Dpram => ("DPRAM ASCII", self.hints[2].as_str()),
+            CommandPort::Mailbox => ("VME mailboxes", "is I3=2? are both interrupts there?"),
+        };
+        if state == CommandState::Answers {
+            self.log.tell(Level::Info, format_args!("{name}: live"));
+        } else {
+            self.log.tell(Level::Warn, format_args!("{name}: no answer ({hint})"));
         }
     }
 
@@ -179,21 +226,37 @@ impl Reporter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::ManualTime;
     use crate::map::{PMAC, TURBO2};
 
     #[test]
     fn what_to_look_at_goes_by_the_family() {
-        let [servo, background, ascii] = Reporter::new(&PMAC).hints;
+        let [servo, background, ascii] = Reporter::new(&PMAC, Clock::real()).hints;
         assert_eq!(servo, "is I48=1, I19>0, I59>0, and GATHER given?");
         assert_eq!((background.as_str(), ascii.as_str()), ("is I49=1, I59>0?", "is I58=1?"));
-        let [servo, background, _] = Reporter::new(&TURBO2).hints;
+        let [servo, background, _] = Reporter::new(&TURBO2, Clock::real()).hints;
         assert_eq!(servo, "is I48=1, or I57=1 and I49=1?");
         assert_eq!(background, "is I49=1?");
     }
 
     #[test]
+    fn b4_5_changes_that_come_again_and_again_are_counted() {
+        let time = ManualTime::at(1);
+        let mut log = ChangeLog { quota: None, clock: time.clock() };
+        let mut told = 0;
+        for _ in 0..1000 {
+            log.tell(Level::Info, format_args!("servo data: live"));
+            told = log.quota.map_or(0, |quota| quota.told());
+        }
+        assert_eq!((told, log.quota.map(|quota| quota.untold())), (TOLD, Some(1000 - u64::from(TOLD))));
+        time.advance(PERIOD);
+        log.sum_up(log.clock.now());
+        assert!(log.quota.is_none(), "it begins again");
+    }
+
+    #[test]
     fn a_state_is_told_when_it_changes() {
-        let mut reporter = Reporter::new(&PMAC);
+        let mut reporter = Reporter::new(&PMAC, Clock::real());
         assert_eq!(reporter.board(false, true), None, "it has had no time yet");
         assert_eq!(reporter.board(false, false), Some(State::Stale));
         assert_eq!(reporter.board(false, true), None, "that is known");

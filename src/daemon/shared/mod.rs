@@ -2,6 +2,7 @@
 
 pub mod info;
 pub mod job;
+pub mod log_quota;
 pub mod open_buffer;
 pub mod origin;
 pub mod queue;

@@ -10,6 +10,7 @@ use log::info;
 use nix::unistd::Uid;
 
 use super::policy::{Peer, Role};
+use crate::daemon::shared::log_quota::LogQuota;
 
 /// How many refusals of one user are logged, and in which time.
 const TOLD: u32 = 20;
@@ -21,34 +22,17 @@ const TOLD_DONE: u32 = 100;
 /// The most characters of a line. What a client sent can be as long as a message.
 const LENGTH: usize = 240;
 
-#[derive(Debug)]
-struct Account {
-    until: Instant,
-    told: u32,
-    untold: u64,
+/// The quota of `user`, begun at `now` where there is none.
+fn quota_of(quotas: &mut HashMap<Uid, LogQuota>, user: Uid, now: Instant) -> &mut LogQuota {
+    quotas.entry(user).or_insert(LogQuota::until(now + PERIOD))
 }
 
-impl Account {
-    /// The account of `user`, opened at `now` where there is none.
-    fn of(accounts: &mut HashMap<Uid, Self>, user: Uid, now: Instant) -> &mut Self {
-        accounts.entry(user).or_insert(Self { until: now + PERIOD, told: 0, untold: 0 })
-    }
-
-    /// Whether one more may be logged, of `most`. Counts it.
-    fn may_tell(&mut self, most: u32) -> bool {
-        let may = self.told < most;
-        self.told += u32::from(may);
-        self.untold += u64::from(!may);
-        may
-    }
-}
-
-/// Every user's account.
+/// Every user's quota.
 #[derive(Debug, Default)]
 pub(super) struct AuditLimit {
-    users: HashMap<Uid, Account>,
+    users: HashMap<Uid, LogQuota>,
     /// What was done for users of the role stop, who could fill the log otherwise.
-    done: HashMap<Uid, Account>,
+    done: HashMap<Uid, LogQuota>,
 }
 
 impl AuditLimit {
@@ -60,44 +44,46 @@ impl AuditLimit {
     }
 
     fn may_tell(&mut self, user: Uid, now: Instant) -> bool {
-        let told_all: u32 = self.users.values().map(|account| account.told).sum();
-        Account::of(&mut self.users, user, now).may_tell(if told_all < TOLD_ALL { TOLD } else { 0 })
+        let told_all: u32 = self.users.values().map(LogQuota::told).sum();
+        quota_of(&mut self.users, user, now).may_tell(if told_all < TOLD_ALL { TOLD } else { 0 })
     }
 
     /// Logs what is done for `peer`; of one who has only the `role` stop not without a limit.
     pub(super) fn tell_done(&mut self, peer: Peer, role: Option<Role>, what: &str, now: Instant) {
         let Peer { uid, pid, .. } = peer;
-        if role != Some(Role::Stop) || Account::of(&mut self.done, uid, now).may_tell(TOLD_DONE) {
+        if role != Some(Role::Stop) || quota_of(&mut self.done, uid, now).may_tell(TOLD_DONE) {
             info!(target: "audit", "uid {uid} pid {pid} {what}");
         }
     }
 
-    /// Closes the accounts whose time is over, and logs how many refusals each held back.
+    /// Ends the quotas whose time is over, and logs how many refusals each held back.
     pub(super) fn sum_up(&mut self, now: Instant) {
-        self.close(|account| account.until <= now);
+        self.close(|quota| quota.end() <= now);
     }
 
-    /// Closes all accounts: nothing more will be logged.
+    /// Ends all quotas: nothing more will be logged.
     pub(super) fn end(&mut self) {
         self.close(|_| true);
     }
 
-    fn close(&mut self, is_over: impl Fn(&Account) -> bool) {
-        for (user, Account { untold, .. }) in self.users.extract_if(|_, account| is_over(account)) {
+    fn close(&mut self, is_over: impl Fn(&LogQuota) -> bool) {
+        for (user, quota) in self.users.extract_if(|_, quota| is_over(quota)) {
+            let untold = quota.untold();
             if untold > 0 {
                 info!(target: "audit", "refused {untold} more of uid {user} within {PERIOD:?}");
             }
         }
-        for (user, Account { untold, .. }) in self.done.extract_if(|_, account| is_over(account)) {
+        for (user, quota) in self.done.extract_if(|_, quota| is_over(quota)) {
+            let untold = quota.untold();
             if untold > 0 {
                 info!(target: "audit", "did {untold} more commands of uid {user}, who may only stop, within {PERIOD:?}");
             }
         }
     }
 
-    /// When the next account is to be closed.
+    /// When the next quota ends.
     pub(super) fn next_end(&self) -> Option<Instant> {
-        self.users.values().chain(self.done.values()).map(|account| account.until).min()
+        self.users.values().chain(self.done.values()).map(LogQuota::end).min()
     }
 }
 
@@ -151,7 +137,7 @@ mod tests {
         let told = (0..1000).filter(|_| refusals.may_tell(loud, now)).count();
         assert_eq!(told, TOLD as usize);
         assert!(refusals.may_tell(quiet, now));
-        assert_eq!(refusals.users[&loud].untold, 1000 - u64::from(TOLD));
+        assert_eq!(refusals.users[&loud].untold(), 1000 - u64::from(TOLD));
         assert_eq!(refusals.next_end(), Some(now + PERIOD));
         refusals.sum_up(now + PERIOD);
         assert_eq!(refusals.next_end(), None);
@@ -170,8 +156,8 @@ mod tests {
             // Whoever moves the machine has every command logged.
             audit.tell_done(peer, Some(Role::Operate), "panel jog+ [1]", now);
         }
-        let account = &audit.done[&peer.uid];
-        assert_eq!((account.told, account.untold), (TOLD_DONE, 5000 - u64::from(TOLD_DONE)));
+        let quota = &audit.done[&peer.uid];
+        assert_eq!((quota.told(), quota.untold()), (TOLD_DONE, 5000 - u64::from(TOLD_DONE)));
         assert_eq!(audit.next_end(), Some(now + PERIOD));
         audit.sum_up(now + PERIOD);
         assert!(audit.done.is_empty());
