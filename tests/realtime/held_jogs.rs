@@ -168,6 +168,22 @@ fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
 }
 
 #[test]
+fn b2_8_with_the_daemon_stopped_an_abort_soon_says_that_nothing_may_stand() {
+    let site = running();
+    site.signal_daemon(Signal::SIGSTOP);
+    let begun = Instant::now();
+    let mut child = start(&site, &["abort"]);
+    let mut told = String::new();
+    let stderr = child.stderr.take().unwrap();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(stderr), &mut told).unwrap();
+    let took = begun.elapsed();
+    assert!(told.contains("use the emergency stop") && took < Duration::from_secs(2), "{took:?}: {told}");
+    site.signal_daemon(Signal::SIGCONT);
+    // Answered after all.
+    assert_eq!(status(child), Some(0));
+}
+
+#[test]
 fn a_daemon_that_is_stopped_stops_what_is_held() {
     let mut site = running();
     let child = start(&site, &["panel", "jog+", "1", "--hold"]);

@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::cli::act::lines::LineError;
 use crate::cli::act::panel::check_numbers;
 use crate::cli::args::values::number;
+use crate::cli::console::late::warn_if_late;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::protocol::{Function, control};
 
@@ -29,6 +30,10 @@ pub struct Abort {
 }
 
 pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure> {
+    warn_if_late(|| abort_these(context, options))
+}
+
+fn abort_these(context: &mut Context, options: &Abort) -> Result<Verdict, Failure> {
     if options.systems.is_empty() {
         return send(context, control::ABORT, options.keep_queue);
     }
@@ -65,7 +70,7 @@ pub fn abort(context: &mut Context, options: &Abort) -> Result<Verdict, Failure>
 }
 
 pub fn kill(context: &mut Context) -> Result<Verdict, Failure> {
-    send(context, control::KILL, false)
+    warn_if_late(|| send(context, control::KILL, false))
 }
 
 fn send(context: &mut Context, character: u8, keeps_queue: bool) -> Result<Verdict, Failure> {

@@ -3,6 +3,7 @@
 pub mod confirm;
 pub mod interrupt;
 pub mod keys;
+pub mod late;
 pub mod number;
 pub mod output;
 pub mod sink;

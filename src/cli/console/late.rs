@@ -1,0 +1,25 @@
+//! A warning in good time, while something that stops a machine is still under way.
+
+use std::io::{self, Write};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+/// How long `pmacd` may be silent before somebody who wants to stop a machine is told.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// Does `stop`. If that takes longer than a second, says meanwhile that nothing is known to stand.
+pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
+    std::thread::scope(|scope| {
+        let (done, over) = channel::<()>();
+        scope.spawn(move || {
+            if over.recv_timeout(SILENCE) == Err(RecvTimeoutError::Timeout) {
+                let warning = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, \
+                               or ^A over the serial port";
+                let _ = writeln!(io::stderr(), "pmacctl: {warning}");
+            }
+        });
+        let stopped = stop();
+        drop(done);
+        stopped
+    })
+}
