@@ -32,19 +32,20 @@ impl Readable {
         timeout: Duration,
     ) -> Self {
         let [interrupt, taken, reply] = interrupts;
-        // A place without a descriptor of its own watches the first one again, which is harmless.
-        let mut watched = [Some(stop), commands, interrupt, taken, reply]
-            .map(|fd| PollFd::new(fd.unwrap_or(stop), PollFlags::POLLIN));
-        if ppoll(&mut watched, Some(TimeSpec::from_duration(timeout)), None).is_err() {
+        // The kernel takes longer with each descriptor: it gets only those that are there.
+        let mut watched = std::array::from_fn::<_, 5, _>(|_| PollFd::new(stop, PollFlags::POLLIN));
+        let mut count = 0;
+        let places = [Some(stop), commands, interrupt, taken, reply].map(|fd| {
+            watched[count] = PollFd::new(fd?, PollFlags::POLLIN);
+            count += 1;
+            Some(count - 1)
+        });
+        if ppoll(&mut watched[..count], Some(TimeSpec::from_duration(timeout)), None).is_err() {
             // A signal, or no memory: the next round looks again.
             return Self::default();
         }
-        let [stop, second, third, fourth, fifth] = watched.map(|fd| fd.any().unwrap_or(false));
-        Self {
-            stop,
-            commands: second && commands.is_some(),
-            interrupt: third && interrupt.is_some(),
-            mailbox: fourth && taken.is_some() || fifth && reply.is_some(),
-        }
+        let [stop, commands, interrupt, taken, reply] =
+            places.map(|place| place.is_some_and(|place: usize| watched[place].any().unwrap_or(false)));
+        Self { stop, commands, interrupt, mailbox: taken || reply }
     }
 }
