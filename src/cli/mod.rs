@@ -74,7 +74,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             ExitCode::from(1)
         }
         Err(failure) => {
-            let _ = writeln!(io::stderr(), "pmacctl: {failure}");
+            for (index, line) in failure.to_string().split('\n').enumerate() {
+                let program = if index == 0 { "pmacctl: " } else { "" };
+                let _ = writeln!(io::stderr(), "{program}{}", Visible(line));
+            }
             ExitCode::from(2)
         }
     }

@@ -69,7 +69,9 @@ pub enum CommandError {
         found: String,
     },
     /// The daemon did not take the whole call, so it began nothing of it.
-    #[error("{path}: pmacd did not take the call ({source}); nothing of it was carried out, try again")]
+    #[error(
+        "{path}: pmacd did not take the call ({source}); nothing of it was carried out; see whether pmacd runs (pmacctl status)"
+    )]
     NotTaken {
         /// The socket.
         path: PathBuf,

@@ -78,7 +78,7 @@ pub enum Command {
     Read(Read),
     /// Write words or bits of the DPRAM's free area; with --engineer any word
     Write(Write),
-    /// Move one motor by hand: to a position (role engineer), in a direction (role operate), or to a stop (role stop)
+    /// Move one motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
     Jog(Jog),
     /// Jog, home, run, stop and override the feed rate through the control panel (I2=3). Role operate; to
     /// stop and hold, role stop
