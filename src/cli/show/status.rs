@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::elsewhere;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::global_status;
+use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
 use crate::protocol::function::UNKNOWN_FAMILY;
@@ -44,13 +44,15 @@ fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure
     Ok(Verdict::No)
 }
 
-/// The board's global status while the data that it stands in are fresh: null otherwise.
-fn global_status(board: &mut Board) -> Value {
+/// The board's global status, and what its coordinate systems run, while the data that they stand in are fresh: else null and
+/// none.
+fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     let (servo, background) =
         board.snapshot().ok().map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
     let servo = servo.flatten().filter(View::is_fresh).map(|view| view.data);
     let background = background.flatten().filter(View::is_fresh).map(|view| view.data);
-    global_status::document(servo.as_ref(), background.as_ref())
+    let programs = programs::documents(background.as_ref());
+    (global_status::document(servo.as_ref(), background.as_ref()), programs)
 }
 
 /// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
@@ -117,7 +119,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
     let segment = subscriber.path().to_owned();
     let (fault, reason) = fault(board, condition, &socket).unzip();
-    let global_status = global_status(board);
+    let (global_status, programs) = reported(board);
     let family = identity.family.and_then(Family::by_number).map(|family| family.name);
     json!({
         "name": board.name().as_str(),
@@ -141,6 +143,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             "named_motors": named_motors(identity),
         },
         "global_status": global_status,
+        "programs": programs,
         "regions": regions,
         "counters": counters,
         "socket": socket,
@@ -219,6 +222,9 @@ fn text(document: &Value) -> String {
     }
     if let Some(text) = global_status::text(&document["global_status"]) {
         say("global status", text);
+    }
+    for program in document["programs"].as_array().into_iter().flatten() {
+        say("program", programs::text(program));
     }
     for (name, region) in document["regions"].as_object().into_iter().flatten() {
         let live = region["state"] == "live";
