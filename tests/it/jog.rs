@@ -196,6 +196,20 @@ fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
 }
 
 #[test]
+fn b5_7_a_jog_that_a_home_search_took_over_has_not_arrived() {
+    let site = running("");
+    site.ask("#3J=5000");
+    site.wait_until("the start", || number(&site, "#3P") > 4999.0);
+    // Slow, so that the search comes while the motor is on its way to 0, which home is then too.
+    site.ask("I322=1");
+    let child = start(&site, &["jog", "3", "=0", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#3V") < -0.1);
+    site.ask("#3HM");
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("searched for home meanwhile"), "{ran:?}");
+}
+
+#[test]
 fn b5_7_a_home_search_is_waited_for() {
     let site = running("");
     site.ask("#4J=5000");

@@ -57,6 +57,8 @@ struct Seen {
     moved: bool,
     /// It has decelerated because of an abort.
     aborted: bool,
+    /// It has searched for home.
+    homed: bool,
 }
 
 /// Looks at the board from before the request on.
@@ -192,6 +194,7 @@ impl Watch {
             seen.moved |=
                 motors::MOVES.iter().any(|flag| status.has(flag)) || !status.has(motors::STANDS_STILL);
             seen.aborted |= status.has("abort_deceleration");
+            seen.homed |= status.has("home_search_in_progress");
         }
     }
 }

@@ -144,7 +144,15 @@ pub(super) fn position(motor: &Motor<'_>) -> String {
 /// What has become of a motor that stands in position.
 fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Progress {
     let number = motor.servo.motor;
-    let moved = look.seen.get(number - 1).is_some_and(|seen| seen.moved);
+    let seen = look.seen.get(number - 1).copied().unwrap_or_default();
+    if seen.homed && matches!(goal, Goal::At(_)) {
+        // Its positions count from another home than when the jog was asked for.
+        return Progress::Failed(format!(
+            "motor {number} searched for home meanwhile, so its position may count from another place: it stands at {}",
+            position(motor)
+        ));
+    }
+    let moved = seen.moved;
     let has_begun = moved || look.elapsed >= BEGINS;
     let missed = match goal {
         Goal::At(target) => {
