@@ -222,6 +222,7 @@ fn b5_4_the_keys_that_abort_and_kill_reach_the_board_from_an_empty_line() {
     person.types("#1J+\r");
     site.wait_until("the jog", || shows("moving"));
     person.types("\x0b");
+    person.sees("\n^K sent\r\n");
     site.wait_until("the open loops of killed motors", || shows("open-loop"));
     person.types("\x01");
     site.wait_until("the closed loops of an abort", || !shows("open-loop"));

@@ -288,6 +288,9 @@ fn answer(session: &mut Session, text: &str, raw: bool) -> Result<bool, Failure>
                 for line in lines.iter().chain(&error) {
                     println(&reply(line, raw))?;
                 }
+                if let (Input::Control(character), [], None) = (&input, &lines[..], &error) {
+                    println(&format!("{} sent", control::name(*character)))?;
+                }
             }
         }
     }

@@ -182,11 +182,11 @@ fn stopped(taken: &[String], rest: &[String]) -> String {
     };
     let took = if taken.is_empty() { "nothing".to_owned() } else { taken.join(", ") };
     let rest = if unsent.is_empty() {
-        "no line follows".to_owned()
+        "it was the last line".to_owned()
     } else {
-        format!("the lines after it were not sent: {}", unsent.join(", "))
+        format!("not sent: {}", unsent.join(", "))
     };
-    format!("{failed} failed. Before it the board took {took}; {rest}")
+    format!("the board took {took}; then {failed} failed; {rest}")
 }
 
 #[cfg(test)]
@@ -198,11 +198,11 @@ mod tests {
         let lines = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
         assert_eq!(
             stopped(&lines(&["I19=1"]), &lines(&["I59=2", "SAVE", "$$$"])),
-            "I59=2 failed. Before it the board took I19=1; the lines after it were not sent: SAVE, $$$"
+            "the board took I19=1; then I59=2 failed; not sent: SAVE, $$$"
         );
         assert_eq!(
             stopped(&[], &lines(&["I19=1"])),
-            "I19=1 failed. Before it the board took nothing; no line follows"
+            "the board took nothing; then I19=1 failed; it was the last line"
         );
     }
 }

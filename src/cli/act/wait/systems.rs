@@ -127,7 +127,11 @@ fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Look<'_>, ran: b
     }
     for motor in own.iter().filter(|_| has_run) {
         if let Some(why) = fault(motor) {
-            return failed(&format!("motor {}: {why}; it is at {}", motor.servo.motor, position(motor)));
+            return Progress::Failed(format!(
+                "the program of coordinate system {number} ended, because motor {} has failed: {why}; the motor is at {}",
+                motor.servo.motor,
+                position(motor)
+            ));
         }
     }
     if has_run && !own.iter().all(|motor| stands(motor)) {

@@ -76,8 +76,9 @@ impl Gather {
                 if self.period_sent && is_other && Some(&found) == ours.as_ref() {
                     (Phase::PutBack, None)
                 } else {
-                    let note =
-                        format!("I{gather_period} is {found}, which this gather did not set: it stays so");
+                    let note = format!(
+                        "somebody else has set I{gather_period} to {found} meanwhile; it stays {found}"
+                    );
                     self.period = Some(found);
                     (Phase::Over, (self.period_sent && is_other).then_some(note))
                 }
