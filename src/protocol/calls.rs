@@ -135,6 +135,9 @@ parameters! {
         action: String,
         /// Motors or coordinate systems.
         numbers: Vec<usize>,
+        /// Whether programs are started though they run lines that a rotary stream which ended early left; refused when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        confirmed: Option<bool>,
     }
 
     /// Of `JogTo`.

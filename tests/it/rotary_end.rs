@@ -113,6 +113,70 @@ fn b1_5_a_stream_after_an_abort_does_not_run_the_lines_that_are_left() {
 }
 
 #[test]
+fn b1_1_status_tells_what_runs_and_what_is_left_whoever_started_it() {
+    let site = running();
+    let program = |site: &VirtualSite| {
+        let (_, status, _) = site.pmacctl(&["status"]);
+        status.lines().find(|line| line.starts_with("program")).map(str::to_owned).unwrap_or_default()
+    };
+    assert_eq!(program(&site), "", "nothing runs");
+    let mut child = long_stream(&site);
+    site.wait_until("a program that is told", || {
+        program(&site).contains("&1 runs; ") && program(&site).ends_with(" lines left in its rotary buffer")
+    });
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_ended(&site);
+    site.wait_until("what is left", || program(&site).contains("&1 does not run; "));
+}
+
+#[test]
+fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
+    let site = running();
+    let child = long_stream(&site);
+    assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
+    ended(&site, child);
+    assert_ended(&site);
+    let (stands, left) = (position(&site), site.ask("&1PR")[0].clone());
+    for start in [
+        &["panel", "start", "1"][..],
+        &["panel", "step", "1"],
+        &["send", "&1R"],
+        &["send", "&1 B0 S"],
+        &["send", "^R"],
+    ] {
+        let (status, _, stderr) = site.pmacctl(start);
+        assert_eq!(status, 1, "{start:?}");
+        assert!(
+            stderr.contains(&format!("left {left} lines in its rotary buffer")) && stderr.contains("--clear"),
+            "{start:?}: {stderr}"
+        );
+    }
+    let refused = site.pmacctl(&["panel", "start", "2"]).2;
+    assert!(!refused.contains("rotary stream"), "that is another one: {refused}");
+    site.run_for(Duration::from_secs(1));
+    assert!((position(&site) - stands).abs() < 1.0, "nothing was sent");
+    let (status, _, stderr) = site.pmacctl(&["panel", "start", "1", "--continue"]);
+    assert_eq!(status, 0, "{stderr}");
+    site.wait_until("the lines that were left", || (position(&site) - stands).abs() > 5.0);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_5_a_program_starts_after_what_a_stream_left_was_taken_away() {
+    let site = running();
+    let child = long_stream(&site);
+    assert_eq!(site.pmacctl(&["abort"]).0, 0);
+    ended(&site, child);
+    assert_ended(&site);
+    assert_eq!(site.pmacctl(&["send", "&1R"]).0, 1);
+    site.ask("&1DELETE ROT");
+    let (_, _, stderr) = site.pmacctl(&["send", "&1R"]);
+    assert!(!stderr.contains("rotary stream"), "the board says what it is: {stderr}");
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
     let site = running();
     let file = site.file("first.pmc", "LINEAR INC TM20\nX50\n");

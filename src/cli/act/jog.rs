@@ -57,7 +57,7 @@ fn destination(text: &str) -> Result<Destination, String> {
 pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
     let number = motor(&options.motor, || Ok(context.board()?.identity()?))?;
     match &options.to {
-        Destination::Key(action) => press(context, *action, &[number], options.wait),
+        Destination::Key(action) => press(context, *action, &[number], options.wait, false),
         Destination::Position(value, unit) => move_to(context, number, *value, unit.as_deref(), options.wait),
     }
 }

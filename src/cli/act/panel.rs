@@ -57,8 +57,8 @@ pub enum PanelCommand {
     Hold(Systems),
     /// Override the feed rate of a coordinate system. This works while its Ix93 has its default value, the panel's override
     Feed(Feed),
-    /// Show for each number the last request, whether it still waits for the board, and the override. A request stays in
-    /// its word after the board takes it or the daemon withdraws it; the words do not tell which
+    /// Show the last request for each number, whether it still waits for the board, and the override. A request is shown on
+    /// after the board took it or pmacd withdrew it: the panel does not tell which
     Show,
 }
 
@@ -70,7 +70,7 @@ pub struct Jog {
     /// at most 200 ms
     #[arg(long)]
     pub hold: bool,
-    /// Stop after this time, in seconds
+    /// End the held jog after this time, in seconds
     #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
 }
@@ -94,6 +94,9 @@ pub struct Motions {
 pub struct Programs {
     #[command(flatten)]
     pub systems: Systems,
+    /// Start although this runs lines that a rotary stream left which ended early
+    #[arg(long = "continue")]
+    pub continue_left: bool,
     #[command(flatten)]
     pub wait: Wait,
 }
@@ -159,15 +162,17 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
         PanelCommand::Feed(feed) => return self::feed(context, feed),
         PanelCommand::Show => return show(context),
     };
-    press(context, action, &numbers, wait)
+    let confirms = matches!(&options.command, PanelCommand::Start(programs) if programs.continue_left);
+    press(context, action, &numbers, wait, confirms)
 }
 
-/// Requests `action`, and waits for its end if that is wanted.
+/// Requests `action`, and waits for its end if that is wanted. Who `confirms` starts what a rotary stream left, too.
 pub fn press(
     context: &mut Context,
     action: PanelAction,
     numbers: &[u8],
     wait: Wait,
+    confirms: bool,
 ) -> Result<Verdict, Failure> {
     let goal = match action {
         PanelAction::Home => Goal::Home,
@@ -177,7 +182,7 @@ pub fn press(
         }
         _ => Goal::Stands,
     };
-    let mut connection = context.connection()?;
+    let mut connection = context.connection()?.confirming(confirms);
     check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
     let ready = |mut watch: Watch| {
         match action {

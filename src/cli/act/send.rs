@@ -22,7 +22,7 @@ pub struct Send {
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
-    /// Send ^Z and I58=0 too, which end command lines for everybody
+    /// Send ^Z and I58=0 too, which end command lines for everybody, and starts (&1R, ^R) that run what a rotary stream left
     #[arg(long)]
     pub yes: bool,
 }

@@ -16,11 +16,15 @@ const JOB_TIMEOUT: Duration = Duration::from_secs(5);
 /// A renewal may take so long; the lease is over long before.
 const RENEW_TIMEOUT: Duration = Duration::from_secs(1);
 
-fn panel(action: &str, numbers: &[u8]) -> calls::Panel {
-    calls::Panel { action: action.to_owned(), numbers: numbers.iter().copied().map(usize::from).collect() }
-}
-
 impl Connection {
+    fn panel_call(&self, action: &str, numbers: &[u8]) -> calls::Panel {
+        calls::Panel {
+            action: action.to_owned(),
+            numbers: numbers.iter().copied().map(usize::from).collect(),
+            confirmed: self.confirmed(),
+        }
+    }
+
     fn job(&mut self, method: &str, parameters: &impl Serialize) -> Result<(), CommandError> {
         let Done {} = self.call(method, parameters, JOB_TIMEOUT + MARGIN)?;
         Ok(())
@@ -33,7 +37,7 @@ impl Connection {
     /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it when I2 is not 3, or the board did not take it in
     /// time: it has been withdrawn then.
     pub fn panel(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
-        self.job("Panel", &panel(action, numbers))
+        self.job("Panel", &self.panel_call(action, numbers))
     }
 
     /// Begins a jog (`jog-` or `jog+`) that goes on only while [`Connection::panel_renew`] follows at least every 200 ms.
@@ -42,7 +46,7 @@ impl Connection {
     /// # Errors
     /// As [`Connection::panel`].
     pub fn panel_hold(&mut self, action: &str, numbers: &[u8]) -> Result<(), CommandError> {
-        self.job("PanelHold", &panel(action, numbers))
+        self.job("PanelHold", &self.panel_call(action, numbers))
     }
 
     /// Says that the holder of this connection's jogs is still there. Waits a second at most.

@@ -38,6 +38,8 @@ pub(super) struct Caller {
 pub(super) enum Then {
     /// The caller gets the lines of the board's reply.
     ReplyLines,
+    /// The caller gets them, too. What a rotary stream left in these coordinate systems may be gone then.
+    ReplyAndForget(u32),
     /// The caller hears that it is done. If it is refused, the board is asked whether what it needs is still so.
     ReplyDone(Option<Guard>),
     /// The caller hears that the jog he holds has begun.
@@ -235,8 +237,12 @@ impl CallTable {
 
     /// Whether `ticket` is a question that the daemon asks for a call's sake.
     fn is_own_question(&self, ticket: Ticket) -> bool {
-        let is_callers =
-            |then: &Then| matches!(then, Then::Sequence(_) | Then::ReplyLines | Then::ReplyDone(_));
+        let is_callers = |then: &Then| {
+            matches!(
+                then,
+                Then::Sequence(_) | Then::ReplyLines | Then::ReplyAndForget(_) | Then::ReplyDone(_)
+            )
+        };
         self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
 

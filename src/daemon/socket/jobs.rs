@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
+use super::leftovers::Starts;
 use super::stop_target::{PANEL_TAKES, Target};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::{Job, MaskedWord};
@@ -111,6 +112,8 @@ pub struct JobCall {
     pub(super) lease: Option<u32>,
     /// The motors that it sets in motion; nobody else may hold them.
     pub(super) moves: u32,
+    /// The programs that it starts.
+    pub(super) starts: Starts,
     /// What the audit log says of it, if it can move a machine or change a register.
     pub(super) audit: Option<String>,
 }
@@ -226,6 +229,7 @@ impl JobCall {
             feeds: None,
             lease: None,
             moves: 0,
+            starts: Starts::default(),
             audit: None,
         }
     }
@@ -258,7 +262,7 @@ pub(super) fn check_number(number: usize, count: usize, name: &str) -> Result<()
 
 /// A control panel request; `hold` makes it one that a lease ends.
 pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
-    let calls::Panel { action, numbers } = call;
+    let calls::Panel { action, numbers, confirmed } = call;
     let action: PanelAction = action.parse().map_err(|why| CallError::invalid("action", why))?;
     let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
     if numbers.is_empty() {
@@ -281,6 +285,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
         PanelAction::Hold => Some(Target::Systems(request.mask(), 'H')),
         _ => None,
     };
+    let starts = matches!(action, PanelAction::Start | PanelAction::Step);
     let timeout = if stops { PANEL_TAKES } else { PANEL_TIMEOUT };
     Ok(JobCall {
         guard: panel_enabled(family).filter(|_| !stops),
@@ -288,6 +293,10 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
         target,
         lease: hold.then_some(request.mask()),
         moves: if action.is_for_motors() && !stops { request.mask() } else { 0 },
+        starts: Starts {
+            systems: if starts { request.mask() } else { 0 },
+            confirmed: confirmed == Some(true),
+        },
         audit: Some(format!("panel {action} {numbers:?}{held}")),
         ..JobCall::new(Job::Panel(request), timeout)
     })

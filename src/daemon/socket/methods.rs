@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::jobs::{self, JobCall};
 use super::jog_to::JogTo;
+use super::leftovers::{Starts, started_by};
 use super::policy::{Characters, Role};
 use super::sequences::{Batch, GatherCall, RotaryCall, SequenceCall};
 use crate::daemon::shared::info::Info;
@@ -34,6 +35,8 @@ pub enum Ask {
         timeout: Duration,
         /// It is a question, which enters no program buffer.
         question: bool,
+        /// The caller knows what it does to others, or to the machine.
+        confirmed: bool,
     },
     /// Send a control character.
     Control {
@@ -41,6 +44,8 @@ pub enum Ask {
         character: u8,
         /// One that stops all motion leaves the lines that wait where they are.
         keeps_lines: bool,
+        /// The programs that it starts.
+        starts: Starts,
     },
     /// Read words of the DPRAM.
     Read {
@@ -322,7 +327,12 @@ fn send(calls::Send { line, timeout_ms, question, confirmed }: calls::Send) -> R
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
     let plain = || deadlines::of_line(&line, DEFAULT_TIMEOUT);
     let timeout = timeout_ms.map_or_else(plain, Duration::from_millis);
-    Ok(Action::Ask(Ask::Send { line, timeout, question: question.unwrap_or(false) }))
+    Ok(Action::Ask(Ask::Send {
+        line,
+        timeout,
+        question: question.unwrap_or(false),
+        confirmed: confirmed == Some(true),
+    }))
 }
 
 fn send_control(
@@ -333,7 +343,11 @@ fn send_control(
     if character_cuts_off(character) && *confirmed != Some(true) {
         return Err(cut_off::refusal(&control::name(character)));
     }
-    Ok(Action::Ask(Ask::Control { character, keeps_lines: *keep_queue == Some(true) }))
+    Ok(Action::Ask(Ask::Control {
+        character,
+        keeps_lines: *keep_queue == Some(true),
+        starts: Starts { systems: started_by(character), confirmed: *confirmed == Some(true) },
+    }))
 }
 
 fn read(calls::Read { host_offset, words }: &calls::Read, family: &Family) -> Result<Action, CallError> {

@@ -9,6 +9,7 @@ mod fair_queue;
 pub mod jobs;
 mod jog_to;
 mod leases;
+mod leftovers;
 pub mod listener;
 pub mod methods;
 pub mod options;

@@ -9,6 +9,7 @@
 mod calls;
 mod jogging;
 mod sequencing;
+mod starting;
 pub mod stepper;
 mod stopping;
 
@@ -29,6 +30,7 @@ use super::audit::AuditLimit;
 use super::call_table::CallTable;
 use super::clients::Clients;
 use super::leases::Leases;
+use super::leftovers::Leftovers;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
@@ -105,6 +107,7 @@ struct Service {
     leases: Leases,
     stops: Stops,
     sequences: Sequences,
+    leftovers: Leftovers,
     resets: Resets,
     watches: Watches,
     audit: AuditLimit,
@@ -126,6 +129,7 @@ impl Service {
             leases: Leases::default(),
             stops: Stops::new(options.stop_all_after),
             sequences: Sequences::default(),
+            leftovers: Leftovers::default(),
             resets: Resets::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             audit: AuditLimit::default(),

@@ -227,6 +227,12 @@ pub(super) trait Sequence: fmt::Debug + Send {
         0
     }
 
+    /// How many lines its end leaves that nobody expects, in the rotary buffers of the coordinate systems that it feeds; `None` where
+    /// it has changed nothing there. Told when it is over.
+    fn leaves(&self) -> Option<u64> {
+        None
+    }
+
     /// What its end still has to do on the board, if it waits for somebody else with that.
     fn unfinished(&self) -> Option<String> {
         None

@@ -382,18 +382,21 @@ impl Rotary {
         Some(reply_has(status, self.call.family.status.coordinate_system, "running_program"))
     }
 
+    /// The program is whole in the board: it runs to its end, and waits there.
+    fn is_whole(&self) -> bool {
+        self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none()
+    }
+
     /// Whether the phase is to be left out.
     fn skips(&self) -> Option<Phase> {
         let has_switch = self.call.family.i.rotary_enable.is_some();
-        // The program is whole in the board: it runs to its end, and waits there.
-        let is_whole = self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none();
         match self.phase {
             Phase::Disable if !has_switch => Some(Phase::Point),
             Phase::Enable if !has_switch => Some(Phase::Open),
             Phase::Close if !self.opened => Some(Phase::EndTransfer),
             Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
             Phase::DropLines if !self.set_up => Some(Phase::Over),
-            Phase::AskRuns if !self.runs || is_whole => Some(Phase::AskLeftAtEnd),
+            Phase::AskRuns if !self.runs || self.is_whole() => Some(Phase::AskLeftAtEnd),
             _ => None,
         }
     }
@@ -473,7 +476,7 @@ impl Rotary {
             });
         }
         Reply::with(&RotaryStopReply {
-            reason: self.failure.take().map(|error| error.to_string()).or(why),
+            reason: self.failure.as_ref().map(ToString::to_string).or(why),
             ahead_lines: self.ahead,
             left_lines: self.left,
             quit: self.quit,
@@ -515,6 +518,11 @@ impl Sequence for Rotary {
 
     fn feeds(&self) -> u32 {
         1 << (self.call.coordinate_system - 1)
+    }
+
+    fn leaves(&self) -> Option<u64> {
+        let left = if self.is_whole() { 0 } else { self.left.unwrap_or_default() };
+        self.started.then_some(left)
     }
 
     fn watches(&self) -> bool {

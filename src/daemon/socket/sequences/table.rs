@@ -165,6 +165,12 @@ impl Sequences {
         self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
     }
 
+    /// Whether a sequence is ending that feeds a program of the coordinate systems in `mask`.
+    pub(in crate::daemon::socket) fn is_ending_feed(&self, mask: u32) -> bool {
+        let mut all = self.running.values();
+        all.any(|running| running.ending.is_some() && running.machine.feeds() & mask != 0)
+    }
+
     /// What sequences that are ending still have to do on the board.
     pub(in crate::daemon::socket) fn unfinished(&self) -> Vec<String> {
         self.running.values().filter_map(|running| running.machine.unfinished()).collect()

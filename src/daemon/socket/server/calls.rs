@@ -11,6 +11,7 @@ use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::{LeaseEnd, StopFor};
+use crate::daemon::socket::leftovers::{LineEffect, Starts};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::resets;
@@ -104,7 +105,9 @@ impl Service {
     fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
         let deadline = now + ask.timeout();
         match ask {
-            Ask::Send { line, question, .. } => {
+            Ask::Send { line, question, confirmed, .. } => {
+                let effect = LineEffect::of(&line);
+                self.may_start(Starts { systems: effect.starts, confirmed })?;
                 let moved = motors_moved(&line);
                 if let Some((holder, held)) = self.leases.held_by_another(caller.client, moved) {
                     return Err(held_by_another(holder, held));
@@ -113,7 +116,8 @@ impl Service {
                 let audit = Some(format!("sends {shown:?}"));
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
                 let writer = if question { Writer::Question } else { Writer::Hand(caller.peer.account()) };
-                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Send {
+                let then = Then::ReplyAndForget(effect.forgets);
+                self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
                     ticket,
                     line,
                     origin,
@@ -121,7 +125,8 @@ impl Service {
                     writer,
                 });
             }
-            Ask::Control { character, keeps_lines } => {
+            Ask::Control { character, keeps_lines, starts } => {
+                self.may_start(starts)?;
                 let stops_all = matches!(character, control::ABORT | control::KILL);
                 let uid = caller.peer.uid.as_raw();
                 let drops_lines = stops_all && !keeps_lines;
@@ -196,7 +201,8 @@ impl Service {
     /// Has the bus thread do a job, whatever the board says.
     fn do_job(&mut self, caller: Caller, call: JobCall, now: Instant) -> Result<(), CallError> {
         let deadline = now + call.timeout;
-        let JobCall { mut job, notes, lease, audit, target, guard, moves, .. } = call;
+        let JobCall { mut job, notes, lease, audit, target, guard, moves, starts, .. } = call;
+        self.may_start(starts)?;
         // A stop is never refused.
         if let Some((holder, held)) = self.leases.held_by_another(caller.client, moves) {
             return Err(held_by_another(holder, held));
@@ -360,6 +366,10 @@ impl Service {
                 Ok(Reply::done())
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
+            (Then::ReplyAndForget(systems), Outcome::Done) => {
+                self.leftovers.forget(systems);
+                outcome_reply(outcome, lines, is_overlong, now)
+            }
             (Then::Resets(asked), Outcome::Done) => {
                 self.see_counter(&lines, asked, now);
                 Reply::with(&ResetsReply { resets: self.resets.count() })

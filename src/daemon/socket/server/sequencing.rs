@@ -281,6 +281,9 @@ impl Service {
                 }
                 Step::Over(reply) => {
                     let running = self.sequences.over(number)?;
+                    if let Some(lines) = running.machine.leaves() {
+                        self.leftovers.set(running.machine.feeds(), lines, self.resets.count());
+                    }
                     let (name, Peer { uid, pid, .. }) = (running.machine.name(), owner.peer);
                     match (&running.ending, &reply) {
                         (Some(why), _) => {

@@ -1,0 +1,161 @@
+//! Lines that a rotary stream left in the board's own buffer because it ended early: who starts that program hears of them first.
+//!
+//! The stream has pointed the coordinate system at its rotary buffer with `B0` ("point to rotary buffer", FACTS 7), and neither
+//! `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
+//!
+//! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
+//! line may have taken it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
+
+use crate::protocol::{CallError, control};
+
+/// The programs that a call starts, and whether its caller means what is left too.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Starts {
+    /// The coordinate systems: bit 0 is &1.
+    pub systems: u32,
+    /// The caller says that what is left is to run.
+    pub confirmed: bool,
+}
+
+/// What every coordinate system has left, &1 first.
+#[derive(Debug, Default)]
+pub(super) struct Leftovers {
+    lines: [u64; u32::BITS as usize],
+    /// How many resets there had been.
+    resets: u64,
+}
+
+impl Leftovers {
+    /// A stream that fed `systems` has ended and left `lines` that nobody expects.
+    pub(super) fn set(&mut self, systems: u32, lines: u64, resets: u64) {
+        self.see(resets);
+        self.of(systems).for_each(|(_, left)| *left = lines);
+    }
+
+    /// What `systems` had left may be gone.
+    pub(super) fn forget(&mut self, systems: u32) {
+        self.of(systems).for_each(|(_, left)| *left = 0);
+    }
+
+    /// Whether programs may be started; `resets` tells whether the board still has what was left.
+    ///
+    /// # Errors
+    /// What would run.
+    pub(super) fn check(&mut self, starts: Starts, resets: u64) -> Result<(), CallError> {
+        self.see(resets);
+        if starts.confirmed {
+            self.forget(starts.systems);
+        }
+        match self.of(starts.systems).find(|(_, left)| **left > 0) {
+            None => Ok(()),
+            Some((cs, lines)) => Err(CallError::Refused {
+                reason: format!(
+                    "not started: the last rotary stream into &{cs} ended early and left {lines} lines in its rotary buffer, which \
+                     would run now; rotary stream --clear takes them away; panel start {cs} --continue runs them (send needs \
+                     --yes, a call \"confirmed\"); '&{cs}B5' points to program 5"
+                ),
+            }),
+        }
+    }
+
+    fn see(&mut self, resets: u64) {
+        if std::mem::replace(&mut self.resets, resets) != resets {
+            self.lines = Default::default();
+        }
+    }
+
+    fn of(&mut self, systems: u32) -> impl Iterator<Item = (usize, &mut u64)> {
+        let is_one = move |(number, _): &(usize, &mut u64)| systems >> (number - 1) & 1 != 0;
+        (1..).zip(&mut self.lines).filter(is_one)
+    }
+}
+
+/// What a command line does to the program of the coordinate systems it names.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct LineEffect {
+    /// It starts them.
+    pub starts: u32,
+    /// It points them elsewhere, or may take away what their rotary buffers hold.
+    pub forgets: u32,
+}
+
+impl LineEffect {
+    /// Of `line`. Which coordinate system a line means that names none is not known.
+    pub(super) fn of(line: &str) -> Self {
+        let line: String =
+            line.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_ascii_uppercase()).collect();
+        let takes_away = |commands: &str| ["CLEAR", "CLR", "DEL"].iter().any(|word| commands.contains(word));
+        let (before, named) = line.split_once('&').unwrap_or((&line, ""));
+        let forgets = if takes_away(before) || line.contains("$$$") { u32::MAX } else { 0 };
+        named.split('&').fold(Self { starts: 0, forgets }, |effect, part| {
+            let digits = part.find(|c: char| !c.is_ascii_digit()).unwrap_or(part.len());
+            let (number, commands) = part.split_at(digits);
+            let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
+            let bit = bit.unwrap_or_default();
+            let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
+            let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
+                program.trim_start_matches('0').starts_with(|c: char| c.is_ascii_digit())
+            });
+            let is_gone = points_elsewhere || takes_away(commands);
+            Self {
+                starts: effect.starts | if runs { bit } else { 0 },
+                forgets: effect.forgets | if is_gone { bit } else { 0 },
+            }
+        })
+    }
+}
+
+/// The coordinate systems whose programs `character` starts: all of them, or none.
+pub(super) const fn started_by(character: u8) -> u32 {
+    if matches!(character, control::RUN | control::STEP) { u32::MAX } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn b1_5_a_line_tells_which_programs_it_starts_and_which_lines_may_be_gone() {
+        for (line, starts, forgets) in [
+            ("&1R", 0b1, 0),
+            ("& 2 b0 s", 0b10, 0),
+            ("&1R&2R", 0b11, 0),
+            ("R", 0, 0),
+            ("&1PR", 0, 0),
+            ("&1B5R", 0, 0b1),
+            ("&1B0", 0, 0),
+            ("&1B0.5", 0, 0),
+            ("&3CLEAR", 0, 0b100),
+            ("&3DELETE ROT", 0, 0b100),
+            ("CLEAR", 0, u32::MAX),
+            ("$$$", 0, u32::MAX),
+            ("&0R", 0, 0),
+            ("&99R", 0, 0),
+            ("&1A", 0, 0),
+            ("#1J+", 0, 0),
+        ] {
+            assert_eq!(LineEffect::of(line), LineEffect { starts, forgets }, "{line}");
+        }
+    }
+
+    #[test]
+    fn b1_5_what_is_left_is_told_until_it_may_be_gone() {
+        let start = |systems, confirmed| Starts { systems, confirmed };
+        let left = || {
+            let mut left = Leftovers::default();
+            left.set(0b10, 7, 1);
+            left
+        };
+        assert!(left().check(start(0b01, false), 1).is_ok(), "another one");
+        let told = left().check(start(0b11, false), 1).unwrap_err().to_string();
+        assert!(told.contains("into &2") && told.contains("left 7 lines"), "{told}");
+        assert!(left().check(start(u32::MAX, false), 1).is_err());
+        assert!(left().check(start(0b10, false), 2).is_ok(), "the board was reset");
+        let mut confirmed = left();
+        assert!(confirmed.check(start(0b10, true), 1).is_ok());
+        assert!(confirmed.check(start(0b10, false), 1).is_ok(), "they run");
+        let mut forgotten = left();
+        forgotten.forget(u32::MAX);
+        assert!(forgotten.check(start(0b10, false), 1).is_ok());
+    }
+}
