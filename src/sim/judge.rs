@@ -79,11 +79,15 @@ impl Judge {
 
     /// One background pass: the words whose change hurts most, and a stretch of the others.
     pub fn poll(&mut self, cycle: u64, dpram: &mut Dpram) {
-        let Family { background, ascii, .. } = self.family;
-        for word in [background.timer.low, ascii.response_count] {
+        let Family { servo, background, ascii, .. } = self.family;
+        for word in [servo.timer.low, background.timer.low, ascii.response_count] {
             self.pmacs_word(word, cycle, dpram);
         }
-        self.servo_status(cycle, dpram);
+        if servo.busy == BusyRule::ClearWhileWriting {
+            self.may_only_take(servo.pmac_status, cycle, dpram);
+        } else {
+            self.pmacs_word(servo.pmac_status.word, cycle, dpram);
+        }
         for _ in 0..WORDS_PER_PASS {
             let (first, end) = self.pmacs[self.range];
             let offset = first.plus_words(self.next);
@@ -95,7 +99,7 @@ impl Judge {
             }
         }
         self.may_only_clear(ascii.response_control, "the host writes only 0 there", cycle, dpram);
-        self.may_only_clear(background.ready.word, "the host only clears Data-Ready", cycle, dpram);
+        self.may_only_take(background.ready, cycle, dpram);
         let word = ascii.command_loaded.word;
         let flag = dpram.read16(word);
         if flag & !ascii.command_loaded.mask != 0 && flag != dpram.shadow(word) {
@@ -105,15 +109,18 @@ impl Judge {
         }
     }
 
-    /// The word with PMAC's flag of the servo report: the host may clear a flag that says that the data are ready.
-    fn servo_status(&mut self, cycle: u64, dpram: &mut Dpram) {
-        let Flag { word, mask } = self.family.servo.pmac_status;
-        let taken = [0, dpram.shadow(word) & !mask].contains(&dpram.read16(word));
-        if self.family.servo.busy == BusyRule::ClearWhileWriting && taken {
-            dpram.adopt(word, dpram.read16(word));
-        } else {
-            self.pmacs_word(word, cycle, dpram);
+    /// A word with the flag that a report is ready. The host takes the report: it clears the flag, or the whole word with the
+    /// upper part of the timer that Turbo keeps there. Public drivers do either (Turbo User Manual p. 403).
+    fn may_only_take(&mut self, ready: Flag, cycle: u64, dpram: &mut Dpram) {
+        let Flag { word, mask } = ready;
+        let (found, own) = (dpram.read16(word), dpram.shadow(word));
+        if ![own, own & !mask, 0].contains(&found) {
+            self.record(
+                cycle,
+                &format!("the host wrote 0x{found:04X} to {word}: the host only clears Data-Ready"),
+            );
         }
+        dpram.adopt(word, found);
     }
 
     /// Compares a word that only PMAC writes with what PMAC wrote last.

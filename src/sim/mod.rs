@@ -22,6 +22,8 @@ pub mod control;
 pub mod fault;
 pub mod functions;
 pub mod judge;
+#[cfg(test)]
+mod judge_tests;
 pub mod language;
 #[cfg(test)]
 mod motion_tests;
