@@ -12,9 +12,14 @@ use clap::Parser;
     70 a defect; 71 the system refused memory, a descriptor or a thread; 77 a right is missing; 78 the configuration."
 )]
 pub struct Options {
-    /// The board: sim[,family=NAME][,dpram=8k|32k][,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or
-    /// vme:NODE, each but sim with [,irq=uio:/dev/uioN] or [,irq=unix:PATH], each but sim and vme with [,access=32]
-    #[arg(long, value_name = "SPEC")]
+    /// The board, and how it is reached.
+    #[arg(
+        long,
+        value_name = "SPEC",
+        help = "The board: sim[,family=NAME][,dpram=8k|32k][,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, \
+                uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=uio:/dev/uioN] or \
+                [,irq=unix:PATH], each but sim and vme with [,access=32]"
+    )]
     pub board: Option<String>,
     /// The name of the shared-memory segment and of the socket [default: pmac0]
     #[arg(long, value_name = "NAME")]
