@@ -157,6 +157,12 @@ impl DpramPort {
         self.settle_next(now);
     }
 
+    /// Whether a line of ours lies before the board, as far as was seen.
+    #[must_use]
+    pub const fn line_lies(&self) -> bool {
+        matches!(self.state, State::Loaded { .. })
+    }
+
     /// How the board shows the end of a reply. A mark that comes is believed in any case.
     pub const fn set_reply_end(&mut self, reply_end: ReplyEnd) {
         self.reply_end = reply_end;

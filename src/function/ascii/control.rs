@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::{CANCEL, DpramPort, State};
 use crate::device::{Bus, BusError};
-use crate::protocol::control::{ABORT, KILL};
+use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP};
 
 /// How long the board may take for a character before the flag is set too.
 pub const FLAG_AFTER: Duration = Duration::from_millis(20);
@@ -117,6 +117,14 @@ impl DpramPort {
         bus.order_writes();
         Ok(())
     }
+}
+
+/// Whether this control character is worth a line that lies before the board: it stops what moves or runs, or cancels. A board
+/// that wants the flag for a character takes that of the line for it, and the line is lost (DPRAM manual p. 28: "exactly as described above").
+#[must_use]
+pub fn goes_over_line(character: u8) -> bool {
+    const DISABLE_PLCS: u8 = 0x04;
+    [ABORT, KILL, HOLD, QUIT, STEP, CANCEL, DISABLE_PLCS].contains(&character)
 }
 
 /// Whether PMAC answers this control character with data (software reference, on-line control characters).

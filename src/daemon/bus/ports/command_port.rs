@@ -221,6 +221,12 @@ impl CommandPorts {
         }
     }
 
+    /// Whether a line lies before the board whose flag it may take for a control character's.
+    #[must_use]
+    pub fn line_lies(&self) -> bool {
+        self.in_use == CommandPort::Dpram && self.dpram.line_lies()
+    }
+
     /// Whether something is expected from the board.
     #[must_use]
     pub fn is_waiting(&self) -> bool {

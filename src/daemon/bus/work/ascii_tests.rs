@@ -526,6 +526,26 @@ fn characters_go_in_time_while_lines_always_wait() {
 }
 
 #[test]
+fn b3_2_a_character_that_stops_nothing_takes_no_lines_flag() {
+    let mut rig = Rig::new();
+    rig.send(1, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    let character = |rig: &mut Rig| rig.bus.read16(PMAC.ascii.control_character).unwrap();
+    rig.control(2, b'T' - 64);
+    rig.poll();
+    assert_eq!(character(&mut rig), 0, "a board that wants the flag would take the line's");
+    rig.control(3, control::KILL);
+    rig.poll();
+    assert_eq!(character(&mut rig), u16::from(control::KILL), "what stops waits for nothing");
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+    rig.poll();
+    assert_eq!(rig.take(), "P5=7");
+    rig.poll();
+    rig.poll();
+    assert_eq!(character(&mut rig), u16::from(b'T' - 64));
+}
+
+#[test]
 fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
     let mut rig = Rig::new();
     rig.send(1, "P1", Duration::from_secs(60));

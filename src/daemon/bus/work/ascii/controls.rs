@@ -7,7 +7,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
 use crate::function::ascii::CANCEL;
-use crate::function::ascii::control::control_has_reply;
+use crate::function::ascii::control::{control_has_reply, goes_over_line};
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
@@ -42,10 +42,13 @@ impl AsciiQueue {
             }
             return Ok(());
         }
-        // One with a reply has to wait until the port is idle. What stops a machine does not wait behind it.
+        // One with a reply has to wait until the port is idle, one without for the line that lies there. What stops a machine
+        // does not wait, nor behind them.
         let is_idle = self.ports.is_idle() && !self.ports.in_doubt();
-        let ready = |control: &WaitingControl| {
-            now < control.deadline && (is_idle || !control_has_reply(control.character))
+        let line_lies = self.ports.line_lies();
+        let ready = |WaitingControl { character, deadline, .. }: &WaitingControl| {
+            let may_go = !control_has_reply(*character) && (!line_lies || goes_over_line(*character));
+            now < *deadline && (is_idle || may_go)
         };
         let Some(index) = self.controls.iter().position(ready) else {
             if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.deadline) {
