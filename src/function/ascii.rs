@@ -412,7 +412,8 @@ impl DpramPort {
         if !text.as_bytes().is_empty() {
             self.last_text = Some(text);
         }
-        let stale = self.is_stale(bus, control, &text, now)?;
+        let is_early = control != response::LINE && self.precedes_its_character(bus, now)?;
+        let stale = is_early || self.is_stale(bus, control, &text, now)?;
         if stale {
             self.late_marks.came();
         }

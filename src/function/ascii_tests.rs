@@ -8,6 +8,9 @@ use crate::device::FileBoard;
 use crate::map::{FAMILIES, Family, HostOffset};
 use crate::protocol::control::ABORT;
 
+#[path = "ascii/control_tests.rs"]
+mod control;
+
 struct Rig {
     bus: FileBoard,
     port: DpramPort,
@@ -387,25 +390,6 @@ fn a_program_that_never_stops_sending_does_not_block_the_port() {
 }
 
 #[test]
-fn firmware_without_the_control_register_does_not_block_the_port() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("P1"));
-        rig.take();
-        rig.poll();
-        rig.give_up();
-        rig.be_silent(Duration::ZERO);
-        // It finds the empty line that the flag was set for.
-        rig.be_silent(FLAG_AFTER);
-        assert_eq!(rig.take()[0], 0);
-        rig.be_silent(ASK_LIMIT);
-        assert_eq!(rig.control_word(), 0, "withdrawn");
-        rig.be_silent(SETTLE);
-        assert!(rig.begin("P2"));
-    }
-}
-
-#[test]
 fn a_line_that_a_deaf_board_never_took_is_taken_back() {
     for family in FAMILIES {
         let mut rig = Rig::new(family);
@@ -421,62 +405,6 @@ fn a_line_that_a_deaf_board_never_took_is_taken_back() {
         rig.answer_question();
         rig.be_silent(SETTLE);
         assert!(rig.port.is_idle());
-    }
-}
-
-#[test]
-fn b3_2_a_board_that_needs_the_flag_gets_it_with_an_empty_line() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("#1J+"));
-        rig.take();
-        rig.respond(response::ACKNOWLEDGE, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap() && !rig.is_loaded());
-        rig.now += FLAG_AFTER;
-        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
-        assert!(!rig.begin("P1"), "the flag would be the character's");
-        assert_eq!(rig.take()[0], 0, "what a slow board finds there is no line");
-        rig.write(family.ascii.control_character, 0);
-        assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
-        // Which it acknowledges.
-        assert_eq!(rig.poll(), None);
-        rig.respond(response::ACKNOWLEDGE, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
-        rig.be_silent(SETTLE);
-        assert!(rig.begin("P1"));
-    }
-}
-
-#[test]
-fn b3_2_no_flag_is_set_while_a_line_lies_untaken() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("P1"));
-        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        rig.now += 10 * FLAG_AFTER;
-        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
-        assert_eq!(&rig.take()[..3], b"P1\0");
-    }
-}
-
-#[test]
-fn a_stop_that_goes_over_a_question_is_not_lost() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        rig.port.hold(rig.now);
-        rig.poll();
-        assert_ne!(rig.control_word(), 0);
-        assert!(!rig.port.control(&mut rig.bus, b'R' - 64, false, rig.now).unwrap(), "a run is no stop");
-        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        assert_eq!(rig.control_word(), u16::from(ABORT));
-        // The board was at the question, and clears the word for that.
-        rig.write(family.ascii.control_character, 0);
-        assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
-        assert_eq!(rig.control_word(), u16::from(ABORT));
-        rig.write(family.ascii.control_character, 0);
-        assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
     }
 }
 
@@ -511,47 +439,6 @@ fn a_line_another_host_left_is_not_overwritten() {
         rig.bus.write16(family.ascii.command_loaded.word, family.ascii.command_loaded.mask).unwrap();
         assert!(!rig.begin("P1"));
         rig.port.release(&mut rig.bus).unwrap();
-        assert!(rig.begin("P1"));
-    }
-}
-
-#[test]
-fn a_control_character_passes_a_line_under_way() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        assert!(rig.begin("P1"));
-        assert!(rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
-        assert_eq!(rig.bus.read16(family.ascii.control_character).unwrap(), 0x0B);
-        assert!(
-            !rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap(),
-            "the last one is not taken yet"
-        );
-        rig.bus.write16(family.ascii.control_character, 0).unwrap();
-        assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
-        assert!(
-            !rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap(),
-            "its reply would mix with P1's"
-        );
-    }
-}
-
-#[test]
-fn a_control_characters_reply_ends_with_a_silence() {
-    for family in FAMILIES {
-        let mut rig = Rig::new(family);
-        assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
-        rig.now += 10 * CONTROL_REPLY_END;
-        assert_eq!(rig.poll(), None, "the board has not taken it");
-        assert_eq!(rig.take()[0], 0, "the empty line whose flag was set for it");
-        rig.bus.write16(family.ascii.control_character, 0).unwrap();
-        assert_eq!(rig.poll(), None);
-        rig.respond(response::LINE, "0 0 0 0 0 0 0 0");
-        rig.expect_line("0 0 0 0 0 0 0 0");
-        rig.now += CONTROL_REPLY_END;
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-        rig.respond(response::LINE, "a late line of it");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::LINE)), "not the next command's");
-        rig.be_silent(late_mark::FIRST);
         assert!(rig.begin("P1"));
     }
 }

@@ -104,6 +104,23 @@ impl DpramPort {
         Ok(true)
     }
 
+    /// Whether a response came before the board took the control character whose reply it would end. It is an earlier
+    /// command's: nobody would look after the character any more, and no other one could be sent.
+    pub(super) fn precedes_its_character(
+        &mut self,
+        bus: &mut impl Bus,
+        now: Instant,
+    ) -> Result<bool, BusError> {
+        if !matches!(self.state, State::ControlReply { taken: false, .. }) {
+            return Ok(false);
+        }
+        let lies = self.control_pending(bus, now)?;
+        if !lies {
+            self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
+        }
+        Ok(lies)
+    }
+
     /// Takes back a control character the board has not taken, and the flag that was set for it.
     ///
     /// # Errors
