@@ -71,3 +71,23 @@ fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
         site.assert_no_violations();
     }
 }
+
+#[test]
+fn c4_a_turbo_board_full_of_garbage_comes_up() {
+    for options in [
+        &["--garbage", "1"][..],
+        &["--garbage", "2", "--saved-enables"],
+        &["--slow", "3", "--reading", "report_ready=awaited"],
+    ] {
+        let options = [&["--family", "turbo2"], options].concat();
+        let site = VirtualSite::configured(&options, "family = \"turbo2\"\n");
+        site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
+        site.wait_until("an answer", || site.pmacctl(&["send", "TYPE"]).1 == "TURBO2, X4\n");
+        let begun = site.with_world(|world| world.now());
+        assert_eq!(site.pmacctl(&["send", "--timeout", "20", "SAVE"]).0, 0);
+        let took = (site.with_world(|world| world.now()) - begun).as_secs_f64();
+        let least = if options.contains(&"--slow") { 6.0 } else { 2.0 };
+        assert!((least..least + 0.5).contains(&took), "{options:?}: {took}");
+        site.assert_no_violations();
+    }
+}

@@ -150,3 +150,32 @@ fn b5_5_a_circle_without_segmentation_is_warned_of() {
     );
     site.assert_no_violations();
 }
+
+#[test]
+fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
+    let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
+    site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
+    site.file("names.pmc", "#define Base 10F\n#define Stop M33\n");
+    let text = "/* A site's file:\n   not sent */\n#include names.pmc\n&9\n#17->X\ni5213,15,100=10\nms8,i910=7\n\
+                M0..31->*\nM30->X:$Base0,0,24 /* built from a name */\nM31->X:$FFFF8C,0,24\nEND GATHER\n\
+                OPEN INVERSE\nCLEAR\nP17=Q7*2\nCLOSE\nOPEN PLC 5 CLEAR\nIF (P1=1)\nAND (P2=1)\n  P3=$F0 MSW16,MI124,P3\n\
+                END IF\nWHILE (I5413>0) END WHILE\nCLOSE\n";
+    let path = site.file("site.pmc", text);
+    let ran = site.run(&["download", &path]);
+    assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
+    let listed = sent(&site, "LIST PLC 5");
+    assert_eq!(listed, "IF(P1=1)\nAND(P2=1)\nP3=240 MSW16,MI124,P3\nENDI\nWHILE(I5413>0)\nENDW\n");
+    let again = site.file("again.pmc", &format!("OPEN PLC 5 CLEAR\n{listed}CLOSE\n"));
+    assert_eq!(site.run(&["download", &again]).code, Some(0));
+    assert_eq!(sent(&site, "LIST PLC 5"), listed);
+    for (question, answer) in [
+        ("&9#17->", "X"),
+        ("I6613", "10"),
+        ("MS8,MI910", "7"),
+        ("M30->", "X:$10F0,24"),
+        ("&9LIST INVERSE", "P17=Q7*2"),
+    ] {
+        assert_eq!(sent(&site, question).trim_end(), answer, "{question}");
+    }
+    site.assert_no_violations();
+}
