@@ -29,6 +29,7 @@ mod late;
 mod mailbox;
 mod man;
 mod map;
+mod memory;
 mod motors;
 mod one_board;
 mod open_buffer;

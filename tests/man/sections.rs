@@ -210,6 +210,7 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-doctor" => &[
             ("What keeps this user from live data:", &["pmacctl doctor"]),
             ("Which boards there are, with the udev rule for a slot:", &["pmacctl doctor --boards"]),
+            ("Where programs of the board keep data of their own:", &["pmacctl doctor --memory"]),
             ("What lives behind an address, without writing to it:", &["pmacctl doctor --probe mem:0xD4000"]),
         ],
         "pmacctl-motors" => &[("Once, for a script:", &["pmacctl motors --json"])],

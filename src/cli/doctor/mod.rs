@@ -1,6 +1,7 @@
 //! `pmacctl doctor`: checks everything between this user and live data, and says what to do.
 
 mod machine;
+mod memory;
 mod report;
 
 use std::fs;
@@ -36,6 +37,9 @@ pub struct Doctor {
     /// The family of that board
     #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac", requires = "probe")]
     pub family: &'static Family,
+    /// Ask the board for its M-variables, and print which stretch of the DPRAM they use and which pmacd does
+    #[arg(long)]
+    pub memory: bool,
     /// The directory with the machine's /dev, /proc and /sys
     #[arg(long, value_name = "DIRECTORY", hide = true)]
     pub root: Option<PathBuf>,
@@ -88,7 +92,10 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     if options.boards {
         machine::boards(&mut report, &system);
     }
-    if !options.boards && options.probe.is_none() {
+    if options.memory {
+        memory::memory(&mut report, context)?;
+    }
+    if !options.boards && !options.memory && options.probe.is_none() {
         context.agree()?;
         everything(&mut report, context, &system);
     }

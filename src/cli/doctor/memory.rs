@@ -1,0 +1,104 @@
+//! `pmacctl doctor --memory`: which stretch of the DPRAM the daemon uses, and which the board's own programs.
+//!
+//! Sites keep data of their own in the DPRAM: M-variables that point into it. Where one points into the words of a function,
+//! what the one writes the other takes for its own.
+
+use std::time::Duration;
+
+use super::report::{Level, Report};
+use crate::cli::context::{Context, Failure};
+use crate::client::{CommandError, Connection};
+use crate::map::{Family, Generation, Region, TypedAddress};
+use crate::protocol::{BoardSettings, Function};
+
+/// So many definitions are asked for in one line: a longer reply would hold up other callers' lines.
+const A_QUESTION: usize = 50;
+/// Time limit of one question.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// So many definitions of a stretch are shown.
+const SHOWN: usize = 8;
+/// What to do where both use the same words.
+const CURE: &str =
+    "leave the function out of `functions` in pmacd's configuration, or move them to the user area";
+
+/// One M-variable that points into the DPRAM.
+struct Definition {
+    text: String,
+    at: TypedAddress,
+}
+
+impl Definition {
+    fn touches(&self, region: &Region) -> bool {
+        let TypedAddress { space, offset } = self.at;
+        region.contains(offset) || region.contains(offset.plus_words(space.words() - 1))
+    }
+}
+
+/// Asks the board for its M-variables, and reports every stretch of the DPRAM.
+pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
+    let mut connection = context.connection()?;
+    let family = Context::family(None, &mut connection)?;
+    let settings = connection.settings()?;
+    let found = definitions(&mut connection, family);
+    let found = found.map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
+    for region in family.regions {
+        let here = found.iter().filter(|definition| definition.touches(region));
+        tell(report, region, &uses(region, &settings), &here.collect::<Vec<_>>());
+    }
+    Ok(())
+}
+
+/// The M-variables that point into the DPRAM. Nothing is changed.
+fn definitions(connection: &mut Connection, family: &Family) -> Result<Vec<Definition>, CommandError> {
+    // User Manual p. 148; Turbo User Manual p. 243.
+    let count = match family.generation {
+        Generation::Pmac => 1024,
+        Generation::Turbo => 8192,
+    };
+    let mut found = Vec::new();
+    for first in (0..count).step_by(A_QUESTION) {
+        let last = (first + A_QUESTION).min(count) - 1;
+        let reply = connection.question(&format!("M{first}..{last}->"), PATIENCE)?;
+        for (number, text) in (first..=last).zip(reply) {
+            // As `X:$060100,0,16,S`, `DP:$060080` or `*`; what is none of the DPRAM is no such address.
+            let place = text.split(',').next().unwrap_or_default();
+            if let Ok(at) = TypedAddress::parse(place, family) {
+                found.push(Definition { text: format!("M{number}->{text}"), at });
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The functions in use whose words lie in `region`.
+fn uses(region: &Region, settings: &BoardSettings) -> Vec<&'static str> {
+    let all = Function::ALL.into_iter().filter(|function| settings.functions.has(*function));
+    let has = |function: &Function| match region.name {
+        // The headers of the buffers, and the buffers.
+        "pointers" | "user" => {
+            matches!(function, Function::Variables | Function::Rotary | Function::Gather)
+        }
+        name => name.starts_with(function.name()),
+    };
+    all.filter(has).map(Function::name).collect()
+}
+
+/// Reports a stretch: a warning where both use it.
+fn tell(report: &mut Report, region: &Region, functions: &[&str], found: &[&Definition]) {
+    let first =
+        found.iter().take(SHOWN).map(|definition| definition.text.as_str()).collect::<Vec<_>>().join(" ");
+    let shown = match found.len() {
+        0 => "no M-variable".to_owned(),
+        count if count <= SHOWN => first,
+        count => format!("{first} and {} more", count - SHOWN),
+    };
+    let pmacd = if functions.is_empty() { "nothing".to_owned() } else { functions.join(", ") };
+    let stretch = format!("{} from {}, {} bytes", region.name, region.start, 2 * region.words());
+    let text = format!("{stretch}: pmacd uses {pmacd}; the board's programs: {shown}");
+    // The user area is for both; the buffers in it have places of their own.
+    if functions.is_empty() || found.is_empty() || region.name == "user" {
+        report.add(Level::Ok, "memory", text);
+    } else {
+        report.add(Level::Warn, "memory", format!("{text}; {CURE}"));
+    }
+}
