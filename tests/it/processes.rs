@@ -93,6 +93,8 @@ fn c4_a_daemon_starts_a_simulated_turbo_board_that_reports_everything() {
         let json = |command| serde_json::from_str::<serde_json::Value>(&site.pmacctl(&[command, "--json"]).1);
         let status = json("status").unwrap();
         assert_eq!((&status["family"], &status["board"]["family"]), (&family.into(), &family.into()));
+        // What lay in the memory at power-on is no program.
+        assert_eq!(status["programs"], serde_json::json!([]), "{board}");
         assert_eq!(json("motors").unwrap()["motors"].as_array().unwrap().len(), 32);
         assert_eq!(json("coordinates").unwrap()["coordinate_systems"].as_array().unwrap().len(), 16);
         let prefix = format!("pmac-sim-{pid}-");

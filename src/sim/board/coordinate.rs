@@ -61,6 +61,12 @@ impl CoordinateSystem {
         self.factor
     }
 
+    /// Whether it is in a feed hold.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
     /// `H`: the time base goes to zero.
     pub fn hold(&mut self) {
         self.held = true;

@@ -274,6 +274,12 @@ impl Board {
         self.coordinates.get(cs).map_or(1.0, CoordinateSystem::factor)
     }
 
+    /// Whether the 0-based coordinate system `cs` is in a feed hold.
+    #[must_use]
+    pub fn is_held(&self, cs: usize) -> bool {
+        self.coordinates.get(cs).is_some_and(CoordinateSystem::is_held)
+    }
+
     /// How many coordinate systems the board has.
     #[must_use]
     pub fn coordinate_systems(&self) -> usize {

@@ -8,11 +8,11 @@
 //! Turbo (User Manual p. 403): with I50 above 0 reports come by themselves, when more than I50 servo cycles have passed since
 //! the last one. With I57=1 the motors are copied in the same pass, also when no coordinate system is asked for.
 
-use crate::format::int24;
+use crate::format::{float48, int24};
 use crate::map::readings::{ReportReady, TimerOrder};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
-use crate::sim::functions::copies::{Copies, row};
+use crate::sim::functions::copies::{Copies, calculated};
 use crate::sim::functions::servo_report::ServoReport;
 
 const FUNCTION: &str = "background";
@@ -22,15 +22,28 @@ const SEGMENTED: u32 = 1 << 7;
 const SEGMENTED_STOP: u32 = 1 << 5;
 const COMPENSATED: u32 = 1 << 9;
 
+/// What a coordinate system's program tells, and which long of it. Turbo's manuals have a register for none of it, PMAC's for
+/// some.
+const CALCULATED: [(&str, usize); 7] = [
+    ("cs_time_left_in_acceleration", 0),
+    ("cs_program_address_offset", 0),
+    ("cs_time_left_in_move", 0),
+    ("cs_program_lines_remaining", 0),
+    ("cs_feedpot_pointer", 0),
+    ("cs_feedrate_or_time", 0),
+    ("cs_feedrate_or_time", 1),
+];
+/// In the time base's pointer: a feed hold is in progress (the vendor's header for Turbo).
+const FEED_HOLD: u32 = 1 << 22;
+
 /// What the report consists of.
 #[derive(Debug)]
 pub struct BackgroundReport {
     /// Data-Ready stands, and the servo timer is still to come.
     timer_follows: bool,
     copies: Copies,
-    /// For each number: where the words go that no register is documented for, time left in acceleration and execution
-    /// address offset.
-    calculated: Vec<[Option<HostOffset>; 2]>,
+    /// For each number: where those of [`CALCULATED`] go that no register is documented for.
+    calculated: Vec<[Option<HostOffset>; CALCULATED.len()]>,
     /// The servo cycle of the last report.
     last: u64,
 }
@@ -40,8 +53,8 @@ impl BackgroundReport {
     #[must_use]
     pub fn new(family: &Family) -> Self {
         let calculated = (0..family.background.blocks.count).map(|index| {
-            ["cs_time_left_in_acceleration", "cs_program_address_offset"]
-                .map(|name| row(family, FUNCTION, name, index))
+            CALCULATED
+                .map(|(name, long)| Some(calculated(family, FUNCTION, name, index)?.plus_words(2 * long)))
         });
         let copies = Copies::new(family, FUNCTION);
         Self { timer_follows: false, copies, calculated: calculated.collect(), last: 0 }
@@ -49,9 +62,9 @@ impl BackgroundReport {
 
     /// Makes the report when it is due; says whether it did.
     ///
-    /// `programs` has time left in acceleration and execution address offset of each coordinate system. `motors` makes the
-    /// servo report where that belongs to this one.
-    pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 2]], motors: &mut ServoReport) -> bool {
+    /// `programs` has time left in acceleration, execution address offset and time left in the move of each coordinate system.
+    /// `motors` makes the servo report where that belongs to this one.
+    pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 3]], motors: &mut ServoReport) -> bool {
         let family = board.family();
         let background = &family.background;
         if std::mem::take(&mut self.timer_follows) {
@@ -94,10 +107,10 @@ impl BackgroundReport {
                 copy.write(copy.read(choice, memory), memory);
             }
         }
-        for (places, words) in self.calculated.iter().take(count).zip(programs) {
-            for (place, &word) in places.iter().zip(words) {
+        for (index, (places, &run)) in self.calculated.iter().take(count).zip(programs).enumerate() {
+            for (place, word) in places.iter().zip(calculated_words(board, index, run)) {
                 if let Some(place) = *place {
-                    memory.dpram.write32(place, int24::extend(word));
+                    board.memory.dpram.write32(place, int24::extend(word));
                 }
             }
         }
@@ -120,6 +133,15 @@ impl BackgroundReport {
         let waits = board.identity.readings.report_ready == ReportReady::Awaited;
         board.stats.servo_cycles.saturating_sub(self.last) > period && !(waits && ready)
     }
+}
+
+/// The words of [`CALCULATED`]. `run` has time left in acceleration, execution address offset and time left in the move.
+fn calculated_words(board: &Board, index: usize, run: [u32; 3]) -> [u32; CALCULATED.len()] {
+    let i = |number| board.variables.i(board.memory.tables().coordinate_i(index, number));
+    let lines = board.memory.read(board.memory.registers().lines_remaining.of(index));
+    let hold = if board.is_held(index) { FEED_HOLD } else { 0 };
+    let [low, high] = float48::encode(i(89));
+    [run[0], run[1], run[2], lines, i(93) as u32 | hold, low, high]
 }
 
 fn store_timer(board: &mut Board) {

@@ -90,6 +90,16 @@ fn halves(register: PmacAddress) -> [PmacAddress; 2] {
     }
 }
 
+/// Where the row `name` of `function` lies for the 0-based `index`, if no register of the board is documented that it is
+/// copied from.
+#[must_use]
+pub fn calculated(family: &Family, function: &str, name: &str, index: usize) -> Option<HostOffset> {
+    let mut rows = family.blocks.iter().flat_map(|block| block.registers);
+    let row_of = rows.find(|row| row.function == function && row.name == name)?;
+    let is_copied = !matches!(family.source(row_of.source, index + 1), SourceAt::None);
+    if is_copied { None } else { row(family, function, name, index) }
+}
+
 /// Where the row `name` of `function` lies for the 0-based motor or coordinate system `index`; `None` for a row that
 /// the family does not have.
 #[must_use]

@@ -197,7 +197,8 @@ impl Programs {
             dwelling || system.trajectory.entries().any(|entry| matches!(entry.shape, Shape::Dwell(_)));
         let ramp = time_left.map_or(0.0, |(_, ramp)| ramp);
         let offset = system.executing.map_or(0, |(_, _, offset)| offset);
-        self.report[cs] = [(ramp * 2.0).round() as u32, offset as u32];
+        let left = time_left.map_or(0.0, |(left, _)| left);
+        self.report[cs] = [(ramp * 2.0).round() as u32, offset as u32, (left * 2.0).round() as u32];
         let mut bits = 0;
         for (bit, set) in [(SEGMENTED, segmented), (SEGMENTED_RAMP, segmented && ramp > 0.0), (DWELL, dwell)]
         {

@@ -71,8 +71,9 @@ pub struct Programs {
     requests: VecDeque<Request>,
     /// The buffers as `SAVE` stored them.
     saved: Store,
-    /// For the background report, per coordinate system: time left in acceleration (1/2 ms), execution address offset.
-    pub report: Vec<[u32; 2]>,
+    /// For the background report, per coordinate system: time left in acceleration (1/2 ms), execution address
+    /// offset, time left in the move (1/2 ms).
+    pub report: Vec<[u32; 3]>,
 }
 
 impl Programs {
@@ -90,7 +91,7 @@ impl Programs {
             plcs: Plcs::default(),
             requests: VecDeque::new(),
             saved,
-            report: vec![[0; 2]; coordinate_systems],
+            report: vec![[0; 3]; coordinate_systems],
         }
     }
 

@@ -501,7 +501,7 @@ fn the_background_report_shows_a_segmented_program() {
     let time_left = f64::from(bench.world.board.memory.read_x(0x20)) / 2.0;
     let ms = 200.0 * bench.world.board.cycle_ms();
     assert!((time_left - (1000.0 - ms)).abs() < 10.0, "{time_left}");
-    let [ramp, offset] = bench.world.programs.report[0];
+    let [ramp, offset, _] = bench.world.programs.report[0];
     assert!((f64::from(ramp) / 2.0 - (200.0 - ms)).abs() < 5.0, "{ramp}");
     assert_eq!(offset, 3);
     for (register, expected) in [(0x087C, 10.0), (0x087D, 20.0), (0x087E, 30.0), (0x081F, 10.0)] {
