@@ -117,6 +117,12 @@ impl BackgroundMirror {
         self.due_ns
     }
 
+    /// How long a poll can wait: as long as from one poll to the next.
+    #[must_use]
+    pub fn spare_ns(&self) -> u64 {
+        self.again_ns()
+    }
+
     /// Whether reports come.
     #[must_use]
     pub fn is_live(&self) -> bool {
@@ -198,7 +204,13 @@ impl BackgroundMirror {
         }
         self.last_poll_ns = now;
         let Some(asked) = &mut self.asked else {
+            // A poll that waited does not make the reports rarer.
+            let planned_ns = self.due_ns;
+            let is_punctual = now.saturating_sub(planned_ns) <= self.spare_ns();
             self.ask(bus, now)?;
+            if let Some(asked) = self.asked.as_mut().filter(|_| is_punctual) {
+                asked.at_ns = planned_ns;
+            }
             return Ok(None);
         };
         match self.reader.poll(bus)? {

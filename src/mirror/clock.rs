@@ -23,7 +23,7 @@ const MILLISECOND: Ns = 1_000_000;
 /// a step earlier, an empty first poll moves it [`LATER`] steps later.
 const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
-const LATER: f64 = 4.0;
+const LATER: f64 = 6.0;
 /// Many finds at the first poll in a row show that the aim is far too late: after each so many the step doubles, up to
 /// this part of a period. The first empty poll undoes the last step.
 const HASTE: u32 = 8;

@@ -57,6 +57,9 @@ impl<B: Bus, F: BoardFunction<B>> BoardFunction<B> for Option<F> {
     fn watches(&self) -> bool {
         self.as_ref().is_some_and(|function| function.watches())
     }
+    fn spare_ns(&self) -> u64 {
+        self.as_ref().map_or(0, |function| function.spare_ns())
+    }
 }
 
 /// One automatic function, as the bus thread works it.
@@ -106,5 +109,10 @@ pub trait BoardFunction<B: Bus> {
     /// bus.
     fn watches(&self) -> bool {
         false
+    }
+
+    /// How long its work can wait without harm, so that one wake serves the servo data and it.
+    fn spare_ns(&self) -> u64 {
+        0
     }
 }

@@ -38,6 +38,8 @@ use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, State};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;
+/// How long the heartbeat can wait for the servo data.
+const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
 /// How often the memory behind the bus is checked to be still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
 /// How long a board may take to give its first sign of life before it is called stale.
@@ -126,8 +128,8 @@ impl BoardLoop {
             if self.phase == Phase::Ended {
                 return;
             }
-            let due_ns = self.due_ns();
-            readable = self.wait(Duration::from_nanos(due_ns.saturating_sub(self.clock.ns())));
+            let now = self.clock.ns();
+            readable = self.wait(now, self.due_ns(now));
         }
     }
 
@@ -137,10 +139,12 @@ impl BoardLoop {
     pub fn poll(&mut self) -> u64 {
         self.publisher.set_now(self.clock.ns());
         for _ in 0..STEPS_A_POLL {
-            let readable = self.wait(Duration::ZERO);
+            let now = self.clock.ns();
+            let readable = self.wait(now, now);
             self.step(&readable);
-            let due_ns = self.due_ns();
-            if readable == Readable::default() && due_ns > self.clock.ns() {
+            let now = self.clock.ns();
+            let due_ns = self.due_ns(now);
+            if readable == Readable::default() && due_ns > now {
                 return due_ns;
             }
         }
@@ -166,13 +170,13 @@ impl BoardLoop {
     }
 
     fn running(&mut self, readable: &Readable) {
-        if !self.is_paused() {
-            self.attend(readable);
+        let now = self.clock.ns();
+        if !self.is_paused(now) {
+            self.attend(readable, now);
             self.connections.pulse.count_round();
-            let result = self.one_round();
+            let result = self.one_round(now);
             self.note_failure(result);
         }
-        let now = self.clock.ns();
         // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
         let beats = now >= self.heartbeat_due_ns;
         if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
@@ -214,13 +218,12 @@ impl BoardLoop {
     }
 
     /// Whether the bus is left alone for a moment, because it could not be reached.
-    fn is_paused(&self) -> bool {
-        self.clock.ns() < self.paused_until_ns
+    fn is_paused(&self, now: u64) -> bool {
+        now < self.paused_until_ns
     }
 
     /// The most urgent piece of work that is due: servo data, else what has waited longest.
-    fn one_round(&mut self) -> Result<(), PortError> {
-        let now = self.clock.ns();
+    fn one_round(&mut self, now: u64) -> Result<(), PortError> {
         let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
         let servo_due = now >= self.functions.servo_due_ns();
         let near = self.is_servo_near(now);
@@ -339,44 +342,49 @@ impl BoardLoop {
         self.functions.servo.is_live() && self.guard.is_near(ns, self.functions.servo_due_ns())
     }
 
-    /// Of the work that can wait for the servo, that which is due first, and when. While an answer finds no room, and while
-    /// what would be read is no board's, only what watches the board goes on.
+    /// Of the work that can wait for the servo, that which is due first, and when.
     fn next_work(&self) -> Option<(u64, Function)> {
-        self.functions.next::<BoardBus>(self.connections.intake.is_held_up() || self.presence.is_silent())
+        self.functions.next::<BoardBus>(self.only_watches())
     }
 
-    /// When something is due next. Never later than the next heartbeat.
-    fn due_ns(&self) -> u64 {
+    /// Whether only what watches the board goes on: an answer finds no room, or what would be read is no board's.
+    fn only_watches(&self) -> bool {
+        self.connections.intake.is_held_up() || self.presence.is_silent()
+    }
+
+    /// When something is due next, at `now`. Never later than the next heartbeat.
+    fn due_ns(&self, now: u64) -> u64 {
         match self.phase {
             Phase::Begin => 0,
             Phase::Reaching { due_ns, .. } | Phase::Stopping { due_ns, .. } => due_ns,
             Phase::Ended => u64::MAX,
-            Phase::Running if self.is_paused() => self.paused_until_ns.min(self.heartbeat_due_ns),
+            Phase::Running if self.is_paused(now) => self.paused_until_ns.min(self.heartbeat_due_ns),
             Phase::Running => {
-                let others = self.next_work().map_or(u64::MAX, |(due_ns, _)| due_ns);
+                let others = self.functions.wake_ns::<BoardBus>(self.only_watches());
                 // Work that would not fit before the servo data waits until after them, unless it starves.
-                let (servo, now) = (self.functions.servo_due_ns(), self.clock.ns());
+                let servo = self.functions.servo_due_ns();
                 let starving = self.guard.is_starving() && others <= now;
                 let waits = self.is_servo_near(others.max(now)) && !starving;
                 let due = if waits { servo } else { servo.min(others) };
-                due.min(self.heartbeat_due_ns)
+                due.min(self.functions.with_servo_ns(self.heartbeat_due_ns, HEARTBEAT_SPARE_NS))
             }
         }
     }
 
-    /// Waits so long, or until there is something to read.
-    fn wait(&self, timeout: Duration) -> Readable {
-        let works = self.phase == Phase::Running && !self.is_paused();
-        let stand_back = self.is_servo_near(self.clock.ns()) && !self.guard.is_starving();
+    /// Waits from `now` until `due_ns`, or until there is something to read.
+    fn wait(&self, now: u64, due_ns: u64) -> Readable {
+        let works = self.phase == Phase::Running && !self.is_paused(now);
+        let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;
         let commands = if works && !stand_back { intake.descriptor() } else { None };
         let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
+        let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
         Readable::wait(stop.as_fd(), commands, interrupts, timeout)
     }
 
-    /// Takes what became readable.
-    fn attend(&mut self, readable: &Readable) {
-        let now = self.clock.now();
+    /// Takes what became readable `now`.
+    fn attend(&mut self, readable: &Readable, now: u64) {
+        let now = self.clock.at(now);
         self.connections.intake.retry();
         let interrupts = self.functions.ascii.take_interrupts(readable, now);
         self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));

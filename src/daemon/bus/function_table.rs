@@ -104,10 +104,33 @@ impl FunctionTable {
     /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
     #[must_use]
     pub fn next<B: Bus>(&self, only_watching: bool) -> Option<(u64, Function)> {
-        let others = self.rows::<B>().into_iter().filter(|(function, _)| *function != Function::Servo);
-        let used = others.filter(|(function, row)| self.uses(*function) && (row.watches() || !only_watching));
-        let due = used.filter_map(|(function, row)| Some((row.due_ns(&self.clock)?, function)));
-        due.min_by_key(|(due_ns, _)| *due_ns)
+        let first = self.others::<B>(only_watching).min_by_key(|(due_ns, ..)| *due_ns);
+        first.map(|(due_ns, _, function)| (due_ns, function))
+    }
+
+    /// When to wake for [`Self::next`]; never where nothing is to be done.
+    #[must_use]
+    pub fn wake_ns<B: Bus>(&self, only_watching: bool) -> u64 {
+        let others = self.others::<B>(only_watching);
+        others.map(|(due_ns, spare_ns, _)| self.with_servo_ns(due_ns, spare_ns)).min().unwrap_or(u64::MAX)
+    }
+
+    /// When to wake for work that is due at `due_ns` and can wait for `spare_ns`: with the servo data, if they are due by
+    /// then. One wake serves both.
+    #[must_use]
+    pub fn with_servo_ns(&self, due_ns: u64, spare_ns: u64) -> u64 {
+        let servo_ns = self.servo_due_ns();
+        if servo_ns <= due_ns.saturating_add(spare_ns) { servo_ns.max(due_ns) } else { due_ns }
+    }
+
+    /// The others that are used and have something to do: when, for how long it can wait, and which.
+    fn others<B: Bus>(&self, only_watching: bool) -> impl Iterator<Item = (u64, u64, Function)> {
+        let rows = self.rows::<B>().map(|(function, row)| {
+            let is_asked =
+                function != Function::Servo && self.uses(function) && (row.watches() || !only_watching);
+            is_asked.then(|| Some((row.due_ns(&self.clock)?, row.spare_ns(), function))).flatten()
+        });
+        rows.into_iter().flatten()
     }
 
     /// Does one bounded piece of a function's work, and counts its accesses of the board.

@@ -65,6 +65,9 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
     fn watches(&self) -> bool {
         true
     }
+    fn spare_ns(&self) -> u64 {
+        BackgroundMirror::spare_ns(self)
+    }
 }
 
 impl<B: Bus> BoardFunction<B> for GatherMirror {
