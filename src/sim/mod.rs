@@ -19,6 +19,8 @@
 
 pub mod board;
 pub mod control;
+#[cfg(test)]
+mod driver_tests;
 pub mod fault;
 pub mod functions;
 pub mod judge;

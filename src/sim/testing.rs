@@ -114,6 +114,14 @@ impl Bench {
         self.host.write16(offset as usize, value).unwrap();
     }
 
+    pub fn read8(&self, offset: u32) -> u8 {
+        self.host.read8(offset as usize).unwrap()
+    }
+
+    pub fn write8(&self, offset: u32, value: u8) {
+        self.host.write8(offset as usize, value).unwrap();
+    }
+
     /// Puts a text and its NUL into the host's buffer.
     pub fn write_text(&self, text: &str) {
         let mut bytes = text.as_bytes().to_vec();
