@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::map::HostOffset;
 use crate::sim::board::motor::Inputs;
-use crate::sim::program::message::send_message;
+use crate::sim::program::message::{Outlet, send_message};
 use crate::sim::world::World;
 
 /// The most cycles of one `step`.
@@ -141,7 +141,7 @@ pub static COMMANDS: &[Command] = &[
         form: "send TEXT",
         effect: "acts as SEND\"TEXT\" of a program",
         carry_out: |call| {
-            send_message(&mut call.world.board, call.rest);
+            send_message(&mut call.world.board, call.rest, Outlet::Active);
             done(Ok(()))
         },
     },

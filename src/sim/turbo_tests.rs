@@ -320,6 +320,16 @@ fn c4_a_turbo_board_tells_what_it_is() {
         // Three seconds later; a reset begins anew.
         bench.run((3100.0 / bench.world.board.cycle_ms()) as usize);
         assert_eq!(send(&mut bench, "TIME"), ["00:00:03"]);
+        assert_eq!(
+            send(&mut bench, "TODAY=12/31/2026 TIME=23:59 TODAY TIME"),
+            ["THU 12/31/2026", "23:59:00"]
+        );
+        bench.run((61_000.0 / bench.world.board.cycle_ms()) as usize);
+        assert_eq!(send(&mut bench, "TODAY TIME"), ["FRI 01/01/2027", "00:00:01"]);
+        for line in ["TIME=24:00:00", "TIME=7", "TODAY=2/29/2026", "TODAY=1/1", "TIME="] {
+            assert!(bench.world.execute(line.as_bytes()).error.is_some(), "{line}");
+        }
+        assert_eq!(send(&mut bench, "TIME=17:45:24 TIME"), ["17:45:24"]);
         send(&mut bench, "$$$");
         assert_eq!(send(&mut bench, "TIME"), ["00:00:00"]);
     }
@@ -383,6 +393,48 @@ fn c4_each_port_addresses_its_own_motor_and_group() {
     send(&mut bench, "$$$");
     assert_eq!(serial(&mut bench, "I4=0 I3=2\r##\r"), "\x060\r\x06", "a reset is for every port");
     assert_eq!(serial(&mut bench, "\x18"), "\x18", "I63=1: ^X is echoed");
+}
+
+#[test]
+fn c4_programs_name_the_port_that_they_speak_to() {
+    let mut bench = bench();
+    send(&mut bench, "I3=2 I6=1 I64=1 I5=2 I9=2");
+    for line in [
+        "OPEN PLC 1 CLEAR",
+        "SEND\"ACTIVE\"",
+        "SENDS\"SERIAL\"",
+        "SENDR\"DPRAM\"",
+        "SENDP\"BUS\"",
+        "SENDA\"AUXILIARY\"",
+        "CMD\"P1=7 P1\"",
+        "CMDS\"P1\"",
+        "CMDR\"P1 UUU\"",
+        "CMDS\"UUU\"",
+        "CMD\"UUU\"",
+        "DISABLE PLC 1",
+        "CLOSE",
+    ] {
+        send(&mut bench, line);
+    }
+    assert_eq!(send(&mut bench, "LIST PLC 1")[2..4], ["SENDR\"DPRAM\"", "SENDP\"BUS\""]);
+    assert_eq!(serial(&mut bench, "I64\r"), "1\r\x06", "the serial port is the active one");
+    send(&mut bench, "ENABLE PLC 1");
+    bench.run(20);
+    // ^B tags what nobody asked for, and stands for the BELL of an error. A CMD without a letter is answered nowhere.
+    let said = String::from_utf8(std::mem::take(&mut bench.world.board.output.serial)).unwrap();
+    assert_eq!(said, "\x02ACTIVE\r\x02SERIAL\r\x027\r\x02");
+    let dpram = [(0x020D, "DPRAM"), (0x010D, "7")];
+    for (control, text) in dpram {
+        assert_eq!(bench.read(0x0F40), control);
+        let bytes = (0x0F44..).map(|at| bench.read8(at)).take_while(|&byte| byte != 0);
+        assert_eq!(bytes.map(char::from).collect::<String>(), text);
+        bench.write(0x0F40, 0);
+        bench.run(1);
+    }
+    assert_eq!(bench.read(0x0F40), 0x8003);
+    let mut pmac = Bench::bare("1.16D");
+    assert!(pmac.world.execute(b"OPEN PLC 1").error.is_none());
+    assert!(pmac.world.execute(b"SENDR\"DPRAM\"").error.is_some(), "Turbo boards know the letters");
 }
 
 #[test]

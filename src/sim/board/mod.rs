@@ -54,6 +54,7 @@ use crate::sim::judge::Judge;
 
 use axes::AxisDefinitions;
 use bus_setup::BusSetup;
+use calendar::Clock;
 use coordinate::CoordinateSystem;
 use gather::Gather;
 use identity::Identity;
@@ -123,6 +124,8 @@ pub struct Board {
     pub out_of_reach: bool,
     /// How many times as long as a board's a command takes; 0: no time at all.
     pub slow: f64,
+    /// Date and time.
+    pub clock: Clock,
     /// The servo cycle of the last reset.
     reset_at: u64,
     /// Servo cycles for which the background loop is taken up by a command.
@@ -161,6 +164,7 @@ impl Board {
             watchdog: false,
             out_of_reach: false,
             slow: 0.0,
+            clock: Clock::default(),
             reset_at: 0,
             taken_up: 0,
             fixed_i10,
@@ -173,6 +177,12 @@ impl Board {
         };
         board.power_on();
         board
+    }
+
+    /// Whether it is a VME board.
+    #[must_use]
+    pub fn is_vme(&self) -> bool {
+        self.saved.vme
     }
 
     /// Makes it a VME board: its bus set-up registers have a VME board's factory values.
@@ -243,6 +253,7 @@ impl Board {
             self.memory.dpram.write16(word, 0);
         }
         self.watchdog = false;
+        self.clock = Clock::default();
         self.reset_at = self.stats.servo_cycles;
         self.output.cancel();
         self.gather = Gather::new(&self.identity);

@@ -7,7 +7,7 @@ use crate::map::functions::{RESPONSE_BYTES, response};
 
 /// Responses kept for a host that does not fetch them; then the oldest program's messages would be lost, so new ones are.
 const MOST_RESPONSES: usize = 4096;
-/// Bytes kept at the serial port, which a process that serves no serial port never fetches.
+/// Bytes kept at the serial port, which a process that serves no serial port never fetches, and at the mailboxes.
 const MOST_BYTES: usize = 65_536;
 /// The most characters that one response of the DPRAM can have, without its NUL.
 const MOST_CHARACTERS: usize = RESPONSE_BYTES - 1;
@@ -64,8 +64,8 @@ impl Output {
     /// Queues bytes for the mailboxes or the serial port.
     pub fn send(&mut self, port: Port, bytes: &[u8]) {
         match port {
-            Port::Mailbox => self.mailbox.extend(bytes),
-            _ if self.serial.len() < MOST_BYTES => self.serial.extend_from_slice(bytes),
+            Port::Mailbox if self.mailbox.len() < MOST_BYTES => self.mailbox.extend(bytes),
+            Port::Serial if self.serial.len() < MOST_BYTES => self.serial.extend_from_slice(bytes),
             _ => {}
         }
     }

@@ -1,40 +1,39 @@
 //! `CMD` of programs (Software Reference pp. 305-308): command lines that a program asks for.
 //!
-//! The board carries them out in the background, one a pass, and sends the data to the active response port, without a
-//! closing acknowledgement.
+//! The board carries them out in the background, one a pass, and sends the data without a closing acknowledgement.
 
 use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
 use crate::sim::language::{Interpreter, Reply};
-use crate::sim::program::message::unasked_line;
+use crate::sim::program::message::{Outlet, error_mark, unasked_line};
 use crate::sim::program::{Programs, Request};
-
-const BELL: u8 = 7;
 
 /// Carries out the oldest request of a program.
 pub fn poll(board: &mut Board, programs: &mut Programs) {
-    let reply = match programs.take_request() {
-        Some(Request::Line(text, motor, cs)) => {
-            Interpreter::addressing(motor, cs).execute(board, programs, text.as_bytes())
+    let (reply, outlet) = match programs.take_request() {
+        Some(Request::Line { text, motor, cs, outlet }) => {
+            (Interpreter::addressing(motor, cs).execute(board, programs, text.as_bytes()), outlet)
         }
         Some(Request::Character(code)) => {
-            Interpreter::new().control(board, programs, code).unwrap_or_default()
+            let reply = Interpreter::new().control(board, programs, code).unwrap_or_default();
+            (reply, Outlet::of_command(None, board))
         }
         None => return,
     };
-    report(board, reply);
+    report(board, reply, outlet);
 }
 
-/// `CMD"text"` as from a program, at once.
+/// `CMD"text"` as from a program, at once; the answer goes to the active response port.
 pub fn command(board: &mut Board, programs: &mut Programs, text: &str) {
     let reply = Interpreter::new().execute(board, programs, text.as_bytes());
-    report(board, reply);
+    report(board, reply, Outlet::Active);
 }
 
-fn report(board: &mut Board, reply: Reply) {
-    match board.response_port() {
-        Port::Dpram => {
+fn report(board: &mut Board, reply: Reply, outlet: Outlet) {
+    match outlet.port(board) {
+        None => {}
+        Some(Port::Dpram) => {
             for line in reply.lines {
                 board.output.respond(response::TO_PROGRAM, line.as_bytes());
             }
@@ -42,12 +41,12 @@ fn report(board: &mut Board, reply: Reply) {
                 board.output.respond_error(error);
             }
         }
-        port => {
+        Some(port) => {
             let mut bytes: Vec<u8> =
                 reply.lines.iter().flat_map(|line| unasked_line(board, line, false)).collect();
             // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
             if reply.error.is_some() && board.variables.i(6) < 2.0 {
-                bytes.push(BELL);
+                bytes.push(error_mark(board));
             }
             board.output.send(port, &bytes);
         }

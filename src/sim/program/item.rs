@@ -238,12 +238,12 @@ pub enum Item {
     EndWhile,
     /// `READ` and its letters.
     Read(Box<[u8]>),
-    /// `CMD"text"`.
-    Command(Box<str>),
+    /// `CMD"text"`, and the letter of the port that its answer goes to.
+    Command(Option<u8>, Box<str>),
     /// `CMD^x`.
     CommandCharacter(u8),
-    /// `SEND"text"`.
-    Send(Box<str>),
+    /// `SEND"text"`, and the letter of its port.
+    Send(Option<u8>, Box<str>),
     /// `DISPLAY` and its text.
     Display(Box<str>),
     /// `ADDRESS#m&n`, 0-based.
@@ -278,7 +278,7 @@ impl Item {
             Self::If(text) | Self::While(text) | Self::Also(_, text) => {
                 Data::Expression(text.clone()).words()
             }
-            Self::Command(text) | Self::Send(text) | Self::Display(text) => text.len().div_ceil(6),
+            Self::Command(_, text) | Self::Send(_, text) | Self::Display(text) => text.len().div_ceil(6),
             _ => 0,
         }
     }

@@ -1,17 +1,69 @@
-//! `SEND` of programs (Software Reference pp. 305-308): a message to the active response port.
+//! `SEND` of programs (Software Reference pp. 305-308), and where the answer to their `CMD` goes.
+//!
+//! A PMAC sends both to the active response port. So does a Turbo board with a `SEND`; its `CMD` is answered nowhere. A letter
+//! behind either names a port: S the serial one, P the bus, R the DPRAM, A the auxiliary serial one (Turbo Software Reference
+//! pp. 421 and 471).
 
+use crate::map::Generation;
 use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
 
-/// The tag before an unsolicited line, with I64=1.
+/// The tag before an unsolicited line, and in place of the `<BELL>` of a program's error, with I64=1 (Turbo Software
+/// Reference p. 67).
 const TAG: u8 = 2;
+const BELL: u8 = 7;
+
+/// The letters of ports.
+pub const PORT_LETTERS: &[u8] = b"SPRA";
+
+/// Where a message, or the answer to a program's command, goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outlet {
+    /// To the active response port.
+    Active,
+    /// To the port of this letter.
+    Letter(u8),
+    /// Nowhere.
+    Nowhere,
+}
+
+impl Outlet {
+    /// Of `SEND` with this letter, or none.
+    #[must_use]
+    pub fn of_message(letter: Option<u8>) -> Self {
+        letter.map_or(Self::Active, Self::Letter)
+    }
+
+    /// Of `CMD` with this letter, or none.
+    #[must_use]
+    pub fn of_command(letter: Option<u8>, board: &Board) -> Self {
+        match board.family().generation {
+            Generation::Turbo if letter.is_none() => Self::Nowhere,
+            _ => Self::of_message(letter),
+        }
+    }
+
+    /// The port; `None` where the board has none. No simulated board has an auxiliary serial port, and of the ports on a bus it
+    /// has the mailboxes alone.
+    #[must_use]
+    pub fn port(self, board: &Board) -> Option<Port> {
+        match self {
+            Self::Active => Some(board.response_port()),
+            Self::Letter(b'S') => Some(Port::Serial),
+            Self::Letter(b'R') => Some(Port::Dpram),
+            Self::Letter(b'P') if board.is_vme() => Some(Port::Mailbox),
+            Self::Letter(_) | Self::Nowhere => None,
+        }
+    }
+}
 
 /// `SEND"text"`, from a program or the control socket.
-pub fn send_message(board: &mut Board, text: &str) {
-    match board.response_port() {
-        Port::Dpram => board.output.respond(response::MESSAGE, text.as_bytes()),
-        port => {
+pub fn send_message(board: &mut Board, text: &str, outlet: Outlet) {
+    match outlet.port(board) {
+        None => {}
+        Some(Port::Dpram) => board.output.respond(response::MESSAGE, text.as_bytes()),
+        Some(port) => {
             let line = unasked_line(board, text, board.variables.i(62) == 1.0);
             board.output.send(port, &line);
         }
@@ -21,9 +73,19 @@ pub fn send_message(board: &mut Board, text: &str) {
 /// An unsolicited line as a port sends it: `^B` before it with I64=1, `<LF>` if I3 is odd, `<CR>` after it.
 pub fn unasked_line(board: &Board, text: &str, without_return: bool) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(text.len() + 3);
-    bytes.extend((board.variables.i(64) == 1.0).then_some(TAG));
+    bytes.extend(is_tagged(board).then_some(TAG));
     bytes.extend((board.variables.i(3) as u32 & 1 == 1).then_some(b'\n'));
     bytes.extend_from_slice(text.as_bytes());
     bytes.extend((!without_return).then_some(b'\r'));
     bytes
+}
+
+/// The character that tells of a program's error.
+#[must_use]
+pub fn error_mark(board: &Board) -> u8 {
+    if is_tagged(board) { TAG } else { BELL }
+}
+
+fn is_tagged(board: &Board) -> bool {
+    board.variables.i(64) == 1.0
 }

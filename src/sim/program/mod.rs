@@ -45,6 +45,7 @@ pub mod words;
 
 use std::collections::VecDeque;
 
+use message::Outlet;
 use place::Cursor;
 use plc::Plcs;
 use store::{Store, TableKind};
@@ -53,8 +54,17 @@ use system::System;
 /// A program's request to the interpreter, executed in the background.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Request {
-    /// A command line, with its addressed motor and coordinate system.
-    Line(Box<str>, usize, usize),
+    /// A command line.
+    Line {
+        /// Its text.
+        text: Box<str>,
+        /// The addressed motor, 0-based.
+        motor: usize,
+        /// The addressed coordinate system, 0-based.
+        cs: usize,
+        /// Where its answer goes.
+        outlet: Outlet,
+    },
     /// A control character.
     Character(u8),
 }
@@ -112,11 +122,11 @@ impl Programs {
     }
 
     /// Queues `text` for the interpreter, with a 0-based motor and coordinate system addressed.
-    fn ask(&mut self, text: &str, motor: usize, cs: usize) {
+    fn ask(&mut self, text: &str, motor: usize, cs: usize, outlet: Outlet) {
         /// Most waiting lines; a program that asks faster loses some.
         const MOST: usize = 64;
         if self.requests.len() < MOST {
-            self.requests.push_back(Request::Line(text.into(), motor, cs));
+            self.requests.push_back(Request::Line { text: text.into(), motor, cs, outlet });
         }
     }
 

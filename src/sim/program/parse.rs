@@ -2,6 +2,7 @@
 //!
 //! Leaves everything else to the on-line interpreter: on-line commands that need no buffer work while one is open.
 
+use crate::map::Generation;
 use crate::sim::board::Board;
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::error::CommandError;
@@ -11,6 +12,7 @@ use crate::sim::language::expression::{check, check_condition, check_number};
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::station;
 use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
+use crate::sim::program::message::PORT_LETTERS;
 use crate::sim::program::words::{ENDED, Keyword, WORDS};
 
 /// The kind of buffer that is open; each rejects some statements.
@@ -56,9 +58,9 @@ fn allowed(item: &Item, kind: Kind) -> bool {
             | Item::Plc { .. }
             | Item::Compiled { .. }
             | Item::Station(_)
-            | Item::Command(_)
+            | Item::Command(..)
             | Item::CommandCharacter(_)
-            | Item::Send(_)
+            | Item::Send(..)
             | Item::Display(_)
             | Item::Address(..)
     );
@@ -158,8 +160,8 @@ impl Reader<'_, '_> {
                 let letter = self.scanner.next_character().ok_or(CommandError::SYNTAX)?;
                 Item::CommandCharacter(letter & 0x1F)
             }
-            Keyword::Command => Item::Command(self.quoted()?),
-            Keyword::Send => Item::Send(self.quoted()?),
+            Keyword::Command => Item::Command(self.port_letter(), self.quoted()?),
+            Keyword::Send => Item::Send(self.port_letter(), self.quoted()?),
             Keyword::Display => Item::Display(String::from_utf8_lossy(self.scanner.rest()).into()),
             Keyword::Address => self.address()?,
             Keyword::If => Item::If(self.condition()?),
@@ -263,6 +265,12 @@ impl Reader<'_, '_> {
         let text = squeezed(start.up_to(&self.scanner));
         self.scanner.expect(b')')?;
         Ok(text)
+    }
+
+    /// The letter of a port behind `CMD` or `SEND`, which Turbo boards know.
+    fn port_letter(&mut self) -> Option<u8> {
+        let has_letters = self.board.family().generation == Generation::Turbo;
+        PORT_LETTERS.iter().copied().find(|&letter| has_letters && self.scanner.take(letter))
     }
 
     fn quoted(&mut self) -> Parsed<Box<str>> {

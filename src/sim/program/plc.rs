@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use super::Programs;
-use super::message::send_message;
+use super::message::{Outlet, send_message};
 use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
@@ -145,12 +145,12 @@ impl Scan<'_> {
                 Item::Return => return Next::Scan,
                 Item::Station(transfer) => transfer.carry_out(self.board, cs),
                 Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
-                Item::Command(text) => {
+                Item::Command(letter, text) => {
                     let State { motor, cs, .. } = self.state;
-                    self.programs.ask(text, motor, cs);
+                    self.programs.ask(text, motor, cs, Outlet::of_command(*letter, self.board));
                 }
                 Item::CommandCharacter(code) => self.programs.ask_character(*code),
-                Item::Send(text) => send_message(self.board, text),
+                Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
                 Item::Address(motor, cs) => {
                     self.state.motor = motor.unwrap_or(self.state.motor);
                     self.state.cs = cs.unwrap_or(self.state.cs);

@@ -130,9 +130,9 @@ fn text(item: &Item, long: bool) -> String {
             let letters: Vec<String> = letters.iter().map(|&c| char::from(c).to_string()).collect();
             format!("READ({})", letters.join(","))
         }
-        Item::Command(text) => word("COMMAND", "CMD") + &format!("\"{text}\""),
+        Item::Command(port, text) => word("COMMAND", "CMD") + &quoted(*port, text),
         Item::CommandCharacter(code) => word("COMMAND", "CMD") + &format!("^{}", char::from(code | 0x40)),
-        Item::Send(text) => format!("SEND\"{text}\""),
+        Item::Send(port, text) => format!("SEND{}", quoted(*port, text)),
         Item::Display(text) => word("DISPLAY", "DISP") + text,
         Item::Address(motor, cs) => {
             let mut text = word("ADDRESS", "ADR");
@@ -146,6 +146,11 @@ fn text(item: &Item, long: bool) -> String {
         }
         Item::Station(transfer) => transfer.text(),
     }
+}
+
+/// A text behind the letter of its port.
+fn quoted(port: Option<u8>, text: &str) -> String {
+    format!("{}\"{text}\"", port.map_or(String::new(), |letter| char::from(letter).to_string()))
 }
 
 fn data(data: &Data) -> String {

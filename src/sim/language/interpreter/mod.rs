@@ -16,7 +16,6 @@ mod system;
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::{AxisMode, is_axis};
-use crate::sim::board::calendar;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::reply::{LONGEST_LINE, Outcome, Reply};
@@ -192,8 +191,7 @@ impl Line<'_, '_> {
             Word::Part | Word::Vendor | Word::Processor => self.card(word),
             // No text seen tells the form: 0 is a board without such a chip.
             Word::Serial => self.answer("0"),
-            Word::Today => self.answer(calendar::date(self.board.seconds_up())),
-            Word::Time => self.answer(calendar::time(self.board.seconds_up())),
+            Word::Today | Word::Time => self.clock(word),
             Word::Station => self.station(),
             Word::StationTransfer(write) => self.station_transfer(write),
             Word::StationClears => self.clear_station(),

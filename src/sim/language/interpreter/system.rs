@@ -1,5 +1,6 @@
 //! Commands of the whole board: identity, reset, save, password, data gathering.
 
+use crate::sim::board::calendar;
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
@@ -41,6 +42,34 @@ impl Line<'_, '_> {
             Word::Vendor => card.vendor,
             _ => card.processor,
         })
+    }
+
+    /// `TODAY` and `TIME` report; `TIME=17:45:24`, the seconds optional (Turbo Software Reference p. 398), and `TODAY=12/31/2026`
+    /// set. The page with the form of that date was not seen: it is taken to be the one that `TODAY` reports.
+    pub(super) fn clock(&mut self, what: Word) -> Outcome {
+        let up = self.board.seconds_up();
+        let clock = self.board.clock;
+        let is_date = what == Word::Today;
+        if !self.scanner.take(b'=') {
+            let now = clock.now(up);
+            return self.answer(if is_date { calendar::date(now) } else { calendar::time(now) });
+        }
+        let mark = if is_date { b'/' } else { b':' };
+        let mut parts = [self.scanner.integer()? as u64, 0, 0];
+        for (index, part) in parts.iter_mut().enumerate().skip(1) {
+            if self.scanner.take(mark) {
+                *part = self.scanner.integer()? as u64;
+            } else if is_date || index == 1 {
+                return Err(CommandError::SYNTAX);
+            }
+        }
+        let clock = &mut self.board.clock;
+        if is_date {
+            clock.set_date(up, calendar::day(parts).ok_or(CommandError::SYNTAX)?);
+        } else {
+            clock.set_time(up, calendar::second(parts).ok_or(CommandError::SYNTAX)?);
+        }
+        Ok(())
     }
 
     /// `$$$` and `$$$***`. The reset discards the rest of the line and the addressing.

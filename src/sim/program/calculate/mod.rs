@@ -15,7 +15,7 @@ use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::check_number;
 use crate::sim::program::Programs;
 use crate::sim::program::item::{Data, Item, Line, Mark, Mode, Operator, Time};
-use crate::sim::program::message::send_message;
+use crate::sim::program::message::{Outlet, send_message};
 use crate::sim::program::place::Cursor;
 use crate::sim::program::store::Program;
 use crate::sim::program::structure::Tracker;
@@ -321,9 +321,11 @@ impl Calculator<'_> {
             Item::Compiled { .. } => {}
             Item::Station(transfer) => transfer.carry_out(self.board, self.cs),
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),
-            Item::Command(text) => self.programs.ask(text, 0, 0),
+            Item::Command(letter, text) => {
+                self.programs.ask(text, 0, 0, Outlet::of_command(*letter, self.board));
+            }
             Item::CommandCharacter(code) => self.programs.ask_character(*code),
-            Item::Send(text) => send_message(self.board, text),
+            Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
             // The simulator has no display.
             Item::Display(_) => {}
             Item::Call(value) => {
