@@ -6,6 +6,8 @@
 
 use std::time::Duration;
 
+use super::line;
+
 /// For a line that is in no row of [`SLOW`], when its sender does not say.
 pub const PLAIN: Duration = Duration::from_secs(5);
 /// The longest limit of all.
@@ -45,24 +47,17 @@ pub static SLOW: [Slow; 5] = [
 #[must_use]
 pub fn of_line(line: &str, plain: Duration) -> Duration {
     let upper = line.to_ascii_uppercase();
-    // What stands in quotes is text that a program sends.
-    let parts = || upper.split('"').step_by(2);
+    let parts = || line::commands(&upper);
     let is_slow = |row: &&Slow| parts().any(|part| row.is_in(part));
     let slow = SLOW.iter().filter(is_slow).map(|row| row.limit).max();
     match slow {
-        None if resets(line) => RESETTING,
+        None if line::resets(line.as_bytes()) => RESETTING,
         slow => {
             let values = parts().map(values).fold(0, u32::saturating_add).min(VALUES_MAX);
             let limit = slow.unwrap_or(Duration::ZERO).max(plain) + A_VALUE * values;
             limit.min(LONGEST.max(plain))
         }
     }
-}
-
-/// Whether `line` resets the board, which need not acknowledge that.
-#[must_use]
-pub fn resets(line: &str) -> bool {
-    line.split('"').step_by(2).any(|part| part.contains("$$$"))
 }
 
 impl Slow {

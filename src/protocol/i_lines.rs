@@ -3,6 +3,8 @@
 //! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms (GRAMMAR, I-variables).
 //! Blanks do not matter to PMAC, nor does case.
 
+use super::line;
+
 /// The I-variables of an assignment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Numbers {
@@ -39,6 +41,10 @@ pub struct Setting {
 
 /// What `line` sets, in its order.
 pub fn settings(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
+    line::command_bytes(line).flat_map(settings_in)
+}
+
+fn settings_in(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
     let mut at = 0;
     std::iter::from_fn(move || {
         while at < line.len() {
@@ -167,6 +173,7 @@ mod tests {
             ("I58=$0", vec![(One(58), None)]),
             ("I58=P1", vec![(One(58), None)]),
             ("I58=1&0 I2=1.0 I3=*", vec![(One(58), None), (One(2), None), (One(3), None)]),
+            ("SEND\"I58=0\"I2=3", vec![(One(2), Some(3))]),
             ("I58 MI58=0 INC IF(I58=0) I100>I=3 I(P1", vec![(One(58), Some(0))]),
         ] {
             assert_eq!(found(line), expected, "{line}");

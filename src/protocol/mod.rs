@@ -13,6 +13,7 @@ pub mod error;
 pub mod frame;
 pub mod function;
 pub mod i_lines;
+pub mod line;
 pub mod message;
 pub mod mirror_selection;
 pub mod moved_motors;

@@ -1,16 +1,13 @@
 //! Which motors a command line moves by name: nobody but its holder moves a motor whose jog is held.
 
+use super::line;
+
 /// The motors that `line` names (`#n`) and moves: by `J+ J- J= J: J^`, `HM`, `O` or `$`; bit 0 is motor 1. What stops a motor,
 /// `J/` or `K`, does not count. Of a motor that is addressed already, by an earlier line, nothing is known.
 #[must_use]
 pub fn motors_moved(line: &str) -> u32 {
-    let line: String = line.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_ascii_uppercase()).collect();
-    let of_a_motor = line.split('#').skip(1).map(|part| {
-        let digits = part.find(|c: char| !c.is_ascii_digit()).unwrap_or(part.len());
-        let (number, commands) = part.split_at(digits);
-        let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
-        if moves(commands) { bit.unwrap_or_default() } else { 0 }
-    });
+    let line = line::plain(line);
+    let of_a_motor = line::addressed(&line, '#').map(|(bit, commands)| if moves(commands) { bit } else { 0 });
     of_a_motor.fold(0, |mask, bit| mask | bit)
 }
 
@@ -50,6 +47,7 @@ mod tests {
             ("#99999999999J+", 0),
             ("I122=32", 0),
             ("#1&1H", 0),
+            ("SEND\"#1J+\"", 0),
         ] {
             assert_eq!(motors_moved(line), motors, "{line}");
         }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use crate::cli::context::Failure;
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
 use crate::protocol::board::{LineFailure, LineOutcome};
+use crate::protocol::line;
 use crate::protocol::{CallError, deadlines};
 
 /// How long the board may stay silent after a reset.
@@ -150,7 +151,7 @@ impl Way {
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, LineError> {
         let timeout = deadlines::of_line(line, timeout);
         // The board need not acknowledge a reset.
-        let resets = deadlines::resets(line);
+        let resets = line::resets(line.as_bytes());
         match self {
             Self::Daemon(connection) => match connection.send(line, timeout) {
                 Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Ok(Vec::new()),

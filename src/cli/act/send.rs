@@ -9,6 +9,7 @@ use serde_json::json;
 use crate::cli::args::values::seconds;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
+use crate::protocol::line::resets;
 use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines};
 
 #[derive(Debug, Args)]
@@ -43,7 +44,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         Some(character) => connection.control(character),
         None => match connection.send(&options.line, timeout) {
             Err(CommandError::Refused(CallError::TimedOut { lines }))
-                if lines.is_empty() && deadlines::resets(&options.line) && begun.elapsed() < timeout =>
+                if lines.is_empty() && resets(options.line.as_bytes()) && begun.elapsed() < timeout =>
             {
                 // Before the time was over: the board has let go of the line.
                 // If stderr is closed, the note is lost.

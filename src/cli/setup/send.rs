@@ -16,7 +16,7 @@ use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
 use crate::map::Generation;
-use crate::protocol::deadlines;
+use crate::protocol::line::resets;
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -137,7 +137,7 @@ fn send(connection: &mut Connection, commands: &[String]) -> Sent {
 /// Sends the lines over a serial line.
 fn send_over(way: &mut Way, commands: &[String]) -> Sent {
     for (taken, line) in commands.iter().enumerate() {
-        let result = way.send(line, PATIENCE).and_then(|_| match deadlines::resets(line) {
+        let result = way.send(line, PATIENCE).and_then(|_| match resets(line.as_bytes()) {
             true => way.wait_for_board(),
             false => Ok(()),
         });

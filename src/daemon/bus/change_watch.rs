@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use crate::daemon::shared::status::{CHANGES, Change};
 use crate::protocol::i_lines::{Numbers, settings};
+use crate::protocol::line::resets;
 
 /// A variable as the board told it last.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +43,7 @@ impl ChangeWatch {
 
     /// A line goes to the board through the daemon: what it may set is known anew from the next answer on.
     pub fn line_goes(&mut self, line: &[u8]) {
-        if line.windows(3).any(|three| three == b"$$$") {
+        if resets(line) {
             return self.forget();
         }
         for setting in settings(line) {

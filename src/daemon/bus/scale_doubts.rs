@@ -1,6 +1,8 @@
 //! Which motors' scales a command line may change: until the board has told them again, they are not known.
 
 use crate::map::IVariables;
+use crate::protocol::i_lines::{Numbers, settings};
+use crate::protocol::line::resets;
 use crate::segment::Identity;
 
 /// The I-variable of the servo period in every family.
@@ -27,36 +29,22 @@ impl ScaleDoubts {
     /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
     #[must_use]
     pub fn of_line(line: &[u8]) -> Option<Self> {
-        // An I-variable, or a reset or $-address. A jog (J=), P, Q and M come too often to ask all questions after each.
-        let sets_i = line.contains(&b'=') && line.iter().any(|byte| byte.eq_ignore_ascii_case(&b'i'));
-        if !sets_i && !line.contains(&b'$') {
-            return None;
-        }
-        if line.windows(3).any(|three| three == b"$$$") {
+        if resets(line) {
             return Some(Self::ALL);
         }
+        let mut settings = settings(line).peekable();
+        // An I-variable, or a $-address. A jog (J=), P, Q and M come too often to ask all questions after each.
+        if settings.peek().is_none() && !line.contains(&b'$') {
+            return None;
+        }
         let mut doubts = Self::default();
-        for at in (0..line.len()).filter(|&at| line[at].eq_ignore_ascii_case(&b'i')) {
-            let (before, after) = (line[..at].last(), line[at + 1..].trim_ascii_start());
-            if before.is_some_and(u8::is_ascii_alphabetic) {
-                continue;
+        for setting in settings {
+            let Numbers::One(number) = setting.numbers else { return Some(Self::ALL) };
+            let scale = IVariables::SCALES.iter().position(|scale| *scale == number as usize % 100);
+            if let (motor @ 1..=32, Some(index)) = (number / 100, scale) {
+                doubts.motors[index] |= 1 << (motor - 1);
             }
-            let digits = after.iter().take_while(|byte| byte.is_ascii_digit()).count();
-            let (number, behind) = after.split_at(digits);
-            match behind.trim_ascii_start() {
-                [b'=', ..] if digits > 0 => {
-                    let number: usize =
-                        std::str::from_utf8(number).ok().and_then(|n| n.parse().ok()).unwrap_or(0);
-                    let (motor, which) = (number / 100, number % 100);
-                    let scale = IVariables::SCALES.iter().position(|scale| *scale == which);
-                    if let (1..=32, Some(index)) = (motor, scale) {
-                        doubts.motors[index] |= 1 << (motor - 1);
-                    }
-                    doubts.servo_period |= number == usize::from(I10);
-                }
-                [b'.' | b',' | b'(', ..] => return Some(Self::ALL),
-                _ => {}
-            }
+            doubts.servo_period |= number == u32::from(I10);
         }
         Some(doubts)
     }
@@ -98,7 +86,6 @@ mod tests {
             ("I122=I108", [0; 4]),
             ("I307=1I408=2", [1 << 2, 1 << 3, 0, 0]),
             ("I8=1 I9908=1 I109>I108", [0; 4]),
-            ("LINEAR X8=1 DWELL7=8", [0; 4]),
             ("M1->X:$C000,8", [0; 4]),
         ] {
             let expected = ScaleDoubts { motors: expected, servo_period: false };
@@ -116,7 +103,9 @@ mod tests {
         for line in ["I59=4", "i108=96", "P1=2I19=1", "$$$", "WX$D009,1", "I(P1)=3"] {
             assert!(ScaleDoubts::of_line(line.as_bytes()).is_some(), "{line}");
         }
-        for line in ["#1J=1000 #2J=-5", "P5=1", "M1=0", "#1J=", "I108", "?"] {
+        for line in
+            ["#1J=1000 #2J=-5", "LINEAR X8=1 DWELL7=8", "SEND\"I108=1\"", "P5=1", "M1=0", "#1J=", "I108", "?"]
+        {
             assert_eq!(ScaleDoubts::of_line(line.as_bytes()), None, "{line}");
         }
     }

@@ -1,6 +1,7 @@
 //! What a line does to the program buffers: opens one, closes what is open, or enters what is open.
 
 use crate::format::Text;
+use crate::protocol::line::{command_bytes, resets};
 
 /// The longest name of a buffer: `PROG 32767`.
 pub const NAME_MAX: usize = 16;
@@ -51,8 +52,7 @@ pub(super) fn enters_nothing(line: &[u8]) -> bool {
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
 pub(super) fn effect(line: &[u8]) -> Option<Effect> {
     let mut effect = None;
-    // What stands in quotes is text that a program sends.
-    for part in line.split(|byte| *byte == b'"').step_by(2) {
+    for part in command_bytes(line) {
         let mut rest = part;
         while let Some(start) = rest.iter().position(u8::is_ascii_alphabetic) {
             rest = &rest[start..];
@@ -66,7 +66,7 @@ pub(super) fn effect(line: &[u8]) -> Option<Effect> {
             rest = behind;
         }
         // No buffer is open after a reset.
-        if part.windows(3).any(|three| three == b"$$$") {
+        if resets(part) {
             effect = Some(Effect::Closes);
         }
     }

@@ -1,0 +1,56 @@
+//! What every reader of a command line goes by: what of it are commands, and whom it addresses.
+
+/// The parts of `line` that are commands. What stands in quotes is text that a program sends.
+pub fn commands(line: &str) -> impl Iterator<Item = &str> {
+    line.split('"').step_by(2)
+}
+
+/// As [`commands`], of a line that need not be text.
+pub fn command_bytes(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(|byte| *byte == b'"').step_by(2)
+}
+
+/// Whether `line` resets the board: `$$$` or `$$$***`.
+#[must_use]
+pub fn resets(line: &[u8]) -> bool {
+    command_bytes(line).any(|part| part.windows(3).any(|three| three == b"$$$"))
+}
+
+/// The commands of `line` without blanks and in capitals.
+#[must_use]
+pub fn plain(line: &str) -> String {
+    let letters = commands(line).flat_map(str::chars).filter(|c| !c.is_whitespace());
+    letters.map(|c| c.to_ascii_uppercase()).collect()
+}
+
+/// Of a [`plain`] line, each address that begins with `sign` (`#` or `&`): its bit, bit 0 being number 1, and what is said to it.
+/// A number that no family has gives no bit.
+pub fn addressed(plain: &str, sign: char) -> impl Iterator<Item = (u32, &str)> {
+    plain.split(sign).skip(1).map(|part| {
+        let digits = part.find(|c: char| !c.is_ascii_digit()).unwrap_or(part.len());
+        let (number, commands) = part.split_at(digits);
+        let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
+        (bit.unwrap_or_default(), commands)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_in_quotes_is_no_command() {
+        let line = "& 1 r SEND\"#2J+ $$$\" #3 hm";
+        assert_eq!(plain(line), "&1RSEND#3HM");
+        assert!(!resets(line.as_bytes()) && resets(b" $$$***"));
+        assert_eq!(command_bytes(line.as_bytes()).count(), commands(line).count());
+    }
+
+    #[test]
+    fn each_address_has_its_commands() {
+        let told: Vec<_> = addressed("P1#1J+#32HM#33K#0K#99999999999$", '#').collect();
+        assert_eq!(told, [(1, "J+"), (1 << 31, "HM"), (0, "K"), (0, "K"), (0, "$")]);
+        assert_eq!(addressed("#1&2R", '&').collect::<Vec<_>>(), [(2, "R")]);
+        assert_eq!(addressed("P1", '&').count(), 0);
+    }
+}
