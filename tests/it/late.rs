@@ -35,6 +35,21 @@ fn seconds(site: &VirtualSite, action: impl FnOnce()) -> f64 {
 }
 
 #[test]
+fn b1_2_a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
+    let site = board("line_flag=taken");
+    site.control("fault ascii_slow 100ms");
+    for line in ["OPEN PROG 7 CLEAR", "X1", "CLOSE"] {
+        assert_eq!(site.run(&["send", line]).code, Some(0), "{line}");
+    }
+    let file = site.file("file.pmc", "OPEN PROG 8 CLEAR\nX1\nX2\nCLOSE\n");
+    let ran = site.run(&["download", &file]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(site.ask("LIST PROG 7"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 8"), ["X1", "X2"]);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b2_1_a_slow_commands_reply_is_nobody_elses() {
     for reading in ["line_flag=taken", "line_flag=done"] {
         let site = board(reading);

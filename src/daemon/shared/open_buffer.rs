@@ -151,6 +151,8 @@ pub struct OpenBuffer {
     believed: u64,
     /// A buffer was opened or closed while no report came: the first ones that come may be older.
     changed_unseen: bool,
+    /// A line that opens one goes to the board, which has not answered it: its reports may still be older.
+    opens_now: bool,
 }
 
 impl OpenBuffer {
@@ -226,7 +228,7 @@ impl OpenBuffer {
             // Nor is it known what others have opened meanwhile.
             self.in_doubt = true;
         }
-        if report >= self.believed {
+        if report >= self.believed && !self.opens_now {
             self.settle(open);
         }
     }
@@ -268,12 +270,14 @@ impl OpenBuffer {
     pub fn begin(&mut self, line: &[u8], by: Writer, now: Instant) {
         if let Some(Effect::Opens(name)) = effect(line) {
             self.opened_before = self.opened.replace(Opened { name, by, at: now });
+            self.opens_now = true;
             self.distrust();
         }
     }
 
     /// Takes note of a line that the board has acknowledged.
     pub fn done(&mut self, line: &[u8]) {
+        self.opens_now = false;
         match effect(line) {
             Some(Effect::Closes) => self.close(),
             Some(Effect::Opens(_)) => self.distrust(),
@@ -292,6 +296,7 @@ impl OpenBuffer {
 
     /// Takes note of a line that may have been carried out or not: what it opens or closes may be open or not.
     pub fn doubt(&mut self, line: &[u8]) {
+        self.opens_now = false;
         if effect(line).is_some() {
             (self.in_doubt, self.believed_until) = (true, None);
             self.distrust();
@@ -499,6 +504,23 @@ mod tests {
         buffer.see(false, 700 + OLD_REPORTS);
         assert!(!buffer.is_open(), "closed over the serial port");
         assert!(!buffer.must_ask(b"P1", BOB, Instant::now()));
+    }
+
+    #[test]
+    fn b1_2_reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
+        let now = Instant::now();
+        let mut buffer = OpenBuffer::default();
+        buffer.see(false, 1);
+        buffer.begin(b"OPEN PROG 1", ANNE, now);
+        (2..1000).for_each(|report| buffer.see(false, report));
+        assert!(buffer.bars(b"X1", ANNE).is_none() && buffer.bars(b"X1", BOB).is_some());
+        buffer.done(b"OPEN PROG 1");
+        (1000..2000).for_each(|report| buffer.see(true, report));
+        assert!(buffer.bars(b"X1", ANNE).is_none() && buffer.bars(b"X1", BOB).is_some());
+        buffer.begin(b"OPEN PROG 2", ANNE, now);
+        buffer.doubt(b"OPEN PROG 2");
+        (2000..3000).for_each(|report| buffer.see(false, report));
+        assert!(!buffer.is_open(), "it was not opened");
     }
 
     #[test]
