@@ -221,7 +221,8 @@ fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
 /// What is to be said of a daemon that is gone while samples come.
 fn gone(samples: u64) -> String {
     format!(
-        "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I19 may          stay as the gather set it: pmacctl gather --stop, when pmacd is there again"
+        "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I19 may stay \
+         as the gather set it: pmacctl gather --stop, when pmacd is there again"
     )
 }
 

@@ -6,6 +6,7 @@ use nix::unistd::{Gid, Uid};
 
 use super::*;
 use crate::daemon::shared::info::Info;
+use crate::daemon::shared::queue::Text;
 use crate::map::PMAC;
 use crate::protocol::{BoardInfo, BoardSettings, calls};
 
@@ -92,7 +93,7 @@ impl Board {
 
     /// Does a step as `outcome` says: what is not known to be undone is done.
     fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
-        let is_done = !is_unsent(outcome);
+        let is_done = !outcome.is_unsent();
         let reported = Reported {
             program_buffer: self.report_runs.then_some(self.open),
             gathers: self.report_runs.then_some(self.gathers),
@@ -203,7 +204,12 @@ fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         // The steps of the end come after those of the owner.
         for fails in 0..2 * STEPS {
-            for outcome in [Outcome::TimedOut, Outcome::Busy, Outcome::Unavailable] {
+            for outcome in [
+                Outcome::TimedOut,
+                Outcome::Interrupted(Text::of(&"^X")),
+                Outcome::Busy,
+                Outcome::Unavailable,
+            ] {
                 let mut board = Board::new(reports, report_runs);
                 let ends = (STEPS, Ending::OwnerGone);
                 let reply = drive(&mut gather(), &mut board, ends, (fails, outcome));
@@ -242,6 +248,20 @@ fn b1_5_a_stream_cut_anywhere_leaves_no_program_running() {
             let mut machine = stream((left > 0).then_some(calls::LeftLines::Clear));
             let reply = drive(&mut machine, &mut board, (cut, why), (usize::MAX, Outcome::Done));
             assert!(!board.runs && !board.open && !board.transfer, "{cut} {why}: {board:?} {reply:?}");
+        }
+    }
+}
+
+#[test]
+fn b1_5_a_stream_of_which_a_step_fails_leaves_no_program_running() {
+    for fails in 0..2 * STEPS {
+        for outcome in [Outcome::TimedOut, Outcome::Interrupted(Text::of(&"^X")), Outcome::Busy] {
+            let mut board = Board::new(true, true);
+            let ends = (STEPS, Ending::OwnerGone);
+            let reply = drive(&mut stream(None), &mut board, ends, (fails, outcome));
+            let is_told = format!("{reply:?}").contains("may ");
+            let is_ended = !board.runs && !board.open && !board.transfer;
+            assert!(is_ended || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
         }
     }
 }

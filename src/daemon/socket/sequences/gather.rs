@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 pub use self::call::GatherCall;
 use self::end::{ENDED_EARLY, WAS_RESET};
 use super::report_watch::{ReportWatch, Seen};
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, is_unsent, line};
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::socket::policy::Peer;
 use crate::gather::GatherMode;
@@ -174,7 +174,7 @@ impl Gather {
     /// Why there will be no gather.
     fn take(&mut self, done: Done, now: Instant) -> Result<(), CallError> {
         let i = &self.family.i;
-        let unsent = is_unsent(done.outcome);
+        let unsent = done.outcome.is_unsent();
         match self.phase {
             Phase::FirstCheck => {
                 // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
@@ -322,7 +322,8 @@ impl Gather {
         let (i, found) = (&self.family.i, self.period.as_deref().unwrap_or_default());
         let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
         Err(refused(format!(
-            "the servo report would come once in {} s (I{} is {found}, this gather takes {ours}), and pmacd waits at most {} s to see              it: gather more often, set a smaller I{}, or switch the report off (I{}=0); nothing was sent",
+            "the servo report would come once in {} s (I{} is {found}, this gather takes {ours}), and pmacd waits at most {} s to \
+             see it: gather more often, set a smaller I{}, or switch the report off (I{}=0); nothing was sent",
             two.as_secs() / 2,
             i.gather_period,
             LONGEST_REPORT.as_secs() / 2,

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 pub use self::call::RotaryCall;
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent, line};
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::map::functions::rotary_header;
@@ -145,7 +145,7 @@ impl Rotary {
     /// # Errors
     /// Why the stream ends.
     fn take(&mut self, done: Done, now: Instant) -> Result<(), CallError> {
-        let (cs, unsent) = (self.call.coordinate_system, is_unsent(done.outcome));
+        let (cs, unsent) = (self.call.coordinate_system, done.outcome.is_unsent());
         self.phase = match self.phase {
             Phase::Define => {
                 let longs = self.call.define.unwrap_or_default();
@@ -237,7 +237,8 @@ impl Rotary {
                 }
             }
             Phase::Run => {
-                self.runs = matches!(done.outcome, Outcome::Done | Outcome::TimedOut);
+                // What may have been carried out is ended by `Q`.
+                self.runs = !unsent && !matches!(done.outcome, Outcome::Error(_));
                 told(done, &format!("&{cs}R"), "")?;
                 self.rest_before(Phase::Feeding, now + LOOK)
             }
@@ -317,7 +318,7 @@ impl Rotary {
     /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
     fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
         let cs = self.call.coordinate_system;
-        if is_unsent(done.outcome)
+        if done.outcome.is_unsent()
             && !matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
             && self.tries < TRIES
             && self.ending != Some(Ending::Stopping)
@@ -556,7 +557,7 @@ fn lines_left(reply: &[String]) -> Result<u64, CallError> {
     let number = reply.first().and_then(|line| answer::integer(line));
     number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
         refused(format!(
-            "the board answers {reply:?} to PR, which should be a number of lines; nothing was sent"
+            "the board answers {reply:?} to PR, which should be a number of lines; no line of the program was sent"
         ))
     })
 }
