@@ -71,6 +71,7 @@ impl From<CommandError> for Failure {
                 | CallError::Busy
                 | CallError::NotPermitted { .. }
                 | CallError::Refused { .. }
+                | CallError::StopFailed { .. }
                 | CallError::OutOfRange,
             ) => Self::Refused(error.to_string()),
             _ => Self::request(error),

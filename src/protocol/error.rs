@@ -67,6 +67,13 @@ pub enum CallError {
         /// Why, and what to do.
         reason: String,
     },
+    /// A stop did not go as asked: what was to stand may still move, or more was stopped.
+    #[error("{reason}")]
+    #[serde(rename = "io.github.pmac-dpram.Board.StopFailed")]
+    StopFailed {
+        /// What may move, what was stopped, and what to do.
+        reason: String,
+    },
     /// The words do not all lie in the board's window.
     #[error("the words do not all lie in the board's window")]
     #[serde(rename = "io.github.pmac-dpram.Board.OutOfRange")]
@@ -119,6 +126,15 @@ fn so_far(lines: &[String]) -> String {
 }
 
 impl CallError {
+    /// The same with the cause behind its reason, where it has one.
+    #[must_use]
+    pub fn because(mut self, cause: &Self) -> Self {
+        if let Self::Refused { reason } | Self::Interrupted { reason } = &mut self {
+            *reason = format!("{reason}: {cause}");
+        }
+        self
+    }
+
     /// Takes out what the board had answered before the error.
     pub fn take_lines(&mut self) -> Vec<String> {
         match self {

@@ -134,7 +134,8 @@ mod tests {
             Some(CallError::Busy) => CallError::NotPermitted { role_needed: text() },
             Some(CallError::NotPermitted { .. }) => CallError::InvalidLine { reason: text() },
             Some(CallError::InvalidLine { .. }) => CallError::Refused { reason: text() },
-            Some(CallError::Refused { .. }) => CallError::OutOfRange,
+            Some(CallError::Refused { .. }) => CallError::StopFailed { reason: text() },
+            Some(CallError::StopFailed { .. }) => CallError::OutOfRange,
             Some(CallError::OutOfRange) => {
                 CallError::InvalidParameter { parameter: text(), expected: text() }
             }
@@ -149,7 +150,7 @@ mod tests {
     #[test]
     fn errors_survive_the_wire() {
         let every = std::iter::successors(following(None), |error| following(Some(error)));
-        assert_eq!(every.clone().count(), 14);
+        assert_eq!(every.clone().count(), 15);
         for error in every {
             let reply = Reply::of_error(&error);
             assert!(reply.parameters.is_some(), "{error}");

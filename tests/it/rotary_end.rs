@@ -152,6 +152,12 @@ fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
             "{start:?}: {stderr}"
         );
     }
+    let file = site.file("start.pmc", "P5=1\n&1R\n");
+    let (status, _, stderr) = site.pmacctl(&["download", &file]);
+    assert!(
+        status == 1 && stderr.contains("start.pmc:2: not started") && stderr.contains("in its rotary buffer"),
+        "{stderr}"
+    );
     let refused = site.pmacctl(&["panel", "start", "2"]).2;
     assert!(!refused.contains("rotary stream"), "that is another one: {refused}");
     site.run_for(Duration::from_secs(1));
@@ -169,7 +175,10 @@ fn b1_5_a_program_starts_after_what_a_stream_left_was_taken_away() {
     assert_eq!(site.pmacctl(&["abort"]).0, 0);
     ended(&site, child);
     assert_ended(&site);
-    assert_eq!(site.pmacctl(&["send", "&1R"]).0, 1);
+    for line in ["OPEN PLC 3 CLEAR", "CLOSE"] {
+        site.ask(line);
+        assert_eq!(site.pmacctl(&["send", "&1R"]).0, 1, "after {line}");
+    }
     site.ask("&1DELETE ROT");
     let (_, _, stderr) = site.pmacctl(&["send", "&1R"]);
     assert!(!stderr.contains("rotary stream"), "the board says what it is: {stderr}");

@@ -48,6 +48,22 @@ fn assert_closed(site: &VirtualSite) {
 }
 
 #[test]
+fn b2_6_no_sequence_moves_a_motor_that_somebody_holds() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    let mut holder = site.connection();
+    holder.panel_hold("jog+", &[1]).unwrap();
+    let (told, over) = run(&mut site.connection(), &["P5=1", "#1J-", "P5=2"]);
+    assert_eq!(over.taken, 1, "{told:?}");
+    let failure = told.last().and_then(|reply| reply.failure.as_ref()).unwrap();
+    assert_eq!(failure.outcome, LineOutcome::NotSent);
+    assert!(failure.message.contains("holds a jog of motor 1"), "{failure:?}");
+    holder.panel("jog-stop", &[1]).unwrap();
+    assert_eq!(site.ask("P5"), ["1"]);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_1_lines_run_in_order_and_tell_their_replies() {
     let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();

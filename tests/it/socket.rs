@@ -89,6 +89,7 @@ fn an_independent_parser_reads_the_interfaces() {
         "NotPermitted",
         "OutOfRange",
         "Refused",
+        "StopFailed",
         "TimedOut",
         "Unavailable",
     ];

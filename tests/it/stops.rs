@@ -169,10 +169,10 @@ fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
     let jog = PanelRequest::of(words, PanelAction::JogPlus, &[1]).unwrap();
     queue.submit(Ticket(1), jog, late, begun);
     assert!(queue.poll(&mut bus, begun).unwrap().is_none());
-    let Some(Event::Done(Ticket(1), Outcome::Refused(told))) = queue.poll(&mut bus, late).unwrap() else {
+    let Some(Event::Done(Ticket(1), Outcome::Interrupted(told))) = queue.poll(&mut bus, late).unwrap() else {
         panic!("it was not withdrawn");
     };
-    assert!(told.contains("may have been carried out"), "{told}");
+    assert!(told.contains("It has been withdrawn"), "{told}");
     // The board had begun with the jog: it clears the mask, in which lies a stop by now.
     queue.end_hold(Ticket(2), 1, late + Duration::from_millis(100), late);
     assert!(queue.poll(&mut bus, late).unwrap().is_none());

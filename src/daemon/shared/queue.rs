@@ -135,6 +135,22 @@ pub enum Outcome {
     Refused(Text<REASON_MAX>),
 }
 
+impl Outcome {
+    /// Whether nothing of it was sent or written, for certain.
+    #[must_use]
+    pub const fn is_unsent(&self) -> bool {
+        match self {
+            Self::Done | Self::Error(_) | Self::TimedOut | Self::Interrupted(_) => false,
+            Self::Unavailable
+            | Self::Busy
+            | Self::OutOfRange
+            | Self::Barred(_)
+            | Self::Dropped(_)
+            | Self::Refused(_) => true,
+        }
+    }
+}
+
 /// Why lines are [`Outcome::Dropped`] when the user `uid` stops all motion by `character`.
 #[must_use]
 pub fn dropped_by(uid: u32, character: u8) -> Text<REASON_MAX> {

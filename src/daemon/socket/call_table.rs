@@ -13,6 +13,7 @@ use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
+use crate::protocol::CallError;
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
 /// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -38,14 +39,14 @@ pub(super) struct Caller {
 pub(super) enum Then {
     /// The caller gets the lines of the board's reply.
     ReplyLines,
-    /// The caller gets them, too. What a rotary stream left in these coordinate systems may be gone then.
+    /// The caller gets them, too. What a rotary stream left in these coordinate systems is gone then.
     ReplyAndForget(u32),
     /// The caller hears that it is done. If it is refused, the board is asked whether what it needs is still so.
     ReplyDone(Option<Guard>),
     /// The caller hears that the jog he holds has begun.
     ReplyHeld,
-    /// The caller hears this reason, and what the board says of the guard.
-    Reason(Guard, String),
+    /// The caller hears this, and what the board says of the guard.
+    Reason(Guard, CallError),
     /// The caller gets the lines of the board's reply. This character has stopped every motor: no jog is held any more.
     AllStopped(u8),
     /// The caller gets remarks.

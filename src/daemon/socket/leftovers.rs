@@ -4,9 +4,9 @@
 //! `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
 //!
 //! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
-//! line may have taken it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
+//! line takes it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
 
-use crate::protocol::{CallError, control};
+use crate::protocol::{CallError, control, line};
 
 /// The programs that a call starts, and whether its caller means what is left too.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -75,23 +75,27 @@ impl Leftovers {
 pub(super) struct LineEffect {
     /// It starts them.
     pub starts: u32,
-    /// It points them elsewhere, or may take away what their rotary buffers hold.
+    /// It points them elsewhere, or takes away what their rotary buffers hold.
     pub forgets: u32,
 }
 
 impl LineEffect {
-    /// Of `line`. Which coordinate system a line means that names none is not known.
-    pub(super) fn of(line: &str) -> Self {
-        let line: String =
-            line.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_ascii_uppercase()).collect();
-        let takes_away = |commands: &str| ["CLEAR", "CLR", "DEL"].iter().any(|word| commands.contains(word));
-        let (before, named) = line.split_once('&').unwrap_or((&line, ""));
-        let forgets = if takes_away(before) || line.contains("$$$") { u32::MAX } else { 0 };
-        named.split('&').fold(Self { starts: 0, forgets }, |effect, part| {
-            let digits = part.find(|c: char| !c.is_ascii_digit()).unwrap_or(part.len());
-            let (number, commands) = part.split_at(digits);
-            let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
-            let bit = bit.unwrap_or_default();
+    /// Of `line`, while the rotary buffers are open or not. Which coordinate system a line means that names none is not known.
+    pub(super) fn of(line: &str, rotary_is_open: bool) -> Self {
+        let line = line::plain(line);
+        // CLEAR empties what is open (GRAMMAR 2.7), which this line may have opened itself.
+        let clears = match line.find("OPEN") {
+            Some(at) => line[at..].starts_with("OPENROT"),
+            None => rotary_is_open,
+        };
+        let takes_away = |commands: &str| {
+            let is_cleared = clears && ["CLEAR", "CLR"].iter().any(|word| commands.contains(word));
+            is_cleared || ["DELETEROT", "DELROT"].iter().any(|word| commands.contains(word))
+        };
+        let before = line.split('&').next().unwrap_or_default();
+        let all = takes_away(before) || line::resets(line.as_bytes());
+        let forgets = if all { u32::MAX } else { 0 };
+        line::addressed(&line, '&').fold(Self { starts: 0, forgets }, |effect, (bit, commands)| {
             let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
             let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
                 program.trim_start_matches('0').starts_with(|c: char| c.is_ascii_digit())
@@ -125,16 +129,24 @@ mod tests {
             ("&1B5R", 0, 0b1),
             ("&1B0", 0, 0),
             ("&1B0.5", 0, 0),
-            ("&3CLEAR", 0, 0b100),
             ("&3DELETE ROT", 0, 0b100),
-            ("CLEAR", 0, u32::MAX),
+            ("&3DELETE GATHER", 0, 0),
+            ("&3CLEAR", 0, 0),
+            ("OPEN ROT CLEAR", 0, u32::MAX),
+            ("&2 OPEN ROTARY CLEAR", 0, 0b10),
+            ("OPEN PLC 3 CLEAR", 0, 0),
+            ("OPEN PROG 3 CLEAR", 0, 0),
+            ("SEND\"DELROT &1R $$$\"", 0, 0),
             ("$$$", 0, u32::MAX),
             ("&0R", 0, 0),
             ("&99R", 0, 0),
             ("&1A", 0, 0),
             ("#1J+", 0, 0),
         ] {
-            assert_eq!(LineEffect::of(line), LineEffect { starts, forgets }, "{line}");
+            assert_eq!(LineEffect::of(line, false), LineEffect { starts, forgets }, "{line}");
+        }
+        for (line, forgets) in [("CLEAR", u32::MAX), ("&3clr", 0b100), ("OPEN PLC 3 CLEAR", 0)] {
+            assert_eq!(LineEffect::of(line, true), LineEffect { starts: 0, forgets }, "{line}");
         }
     }
 

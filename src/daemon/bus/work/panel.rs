@@ -107,14 +107,14 @@ impl PanelQueue {
     /// The time of a request is over.
     fn not_taken(&self, was_made: bool) -> Outcome {
         let enable = self.enable.map_or_else(|| ".".to_owned(), |number| format!("; is I{number}=3?"));
-        let what = if was_made {
-            "It has been withdrawn; had the board just begun with it, it may have been carried out"
+        let told = format_args!("the board did not take the panel request in time{enable}");
+        if was_made {
+            // The board may have begun with it just before it was withdrawn.
+            Outcome::Interrupted(Text::of(&format_args!("{told} It has been withdrawn")))
         } else {
-            "It was not carried out: the panel was not free for it"
-        };
-        Outcome::Refused(Text::of(&format_args!(
-            "the board did not take the panel request in time{enable} {what}"
-        )))
+            let what = "It was not carried out: the panel was not free for it";
+            Outcome::Refused(Text::of(&format_args!("{told} {what}")))
+        }
     }
 
     /// Withdraws what a dead host left requested, and takes over the overrides that are in force.
@@ -398,12 +398,10 @@ mod tests {
         let late = now + POLL * 10;
         for ticket in [2, 3] {
             let event = queue.poll(&mut bus, late).unwrap();
-            assert!(
-                matches!(&event, Some(Event::Done(Ticket(t), Outcome::Refused(_))) if *t == ticket),
-                "{event:?}"
-            );
-            let told = if ticket == 2 { "may have been carried out" } else { "It was not carried out" };
-            assert!(format!("{event:?}").contains(told), "{event:?}");
+            let Some(Event::Done(Ticket(of), outcome)) = event else { panic!("{event:?}") };
+            assert_eq!((of, outcome.is_unsent()), (ticket, ticket == 3), "{outcome:?}");
+            let told = if ticket == 2 { "It has been withdrawn" } else { "It was not carried out" };
+            assert!(format!("{outcome:?}").contains(told), "{outcome:?}");
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "withdrawn, or never written");
         }
         assert!(queue.due().is_none());

@@ -131,7 +131,8 @@ impl WriteQueue {
 }
 
 fn not_all_written(why: std::fmt::Arguments<'_>, GivenUp { done, uncertain }: GivenUp) -> Outcome {
-    Outcome::Refused(Text::of(&format_args!("{why}: {done} records are written, {uncertain} may be")))
+    let told = Text::of(&format_args!("{why}: {done} records are written, {uncertain} may be"));
+    if done + uncertain == 0 { Outcome::Refused(told) } else { Outcome::Interrupted(told) }
 }
 
 #[cfg(test)]

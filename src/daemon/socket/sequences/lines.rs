@@ -11,11 +11,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, is_unsent};
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::cut_off::{self, line_cuts_off};
+use crate::protocol::line::resets;
 use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line, deadlines};
 
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
@@ -170,9 +171,9 @@ impl Lines {
         let number = self.number;
         self.number += 1;
         self.doubts_now = done.doubts;
-        self.has_reset |= deadlines::resets(&line);
+        self.has_reset |= resets(line.as_bytes());
         let was_open = self.buffer.is_open();
-        if !is_unsent(done.outcome) {
+        if !done.outcome.is_unsent() {
             self.buffer.begin(line.as_bytes(), Writer::Question, now);
         }
         if matches!(done.outcome, Outcome::Done | Outcome::Error(_)) {
@@ -184,7 +185,7 @@ impl Lines {
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
             // A board that resets need not acknowledge it.
-            Err(_) if done.outcome == Outcome::TimedOut && deadlines::resets(&line) => (Vec::new(), None),
+            Err(_) if done.outcome == Outcome::TimedOut && resets(line.as_bytes()) => (Vec::new(), None),
             Err(mut error) => {
                 let failure = failure_of(done.outcome, &error);
                 (error.take_lines(), Some(failure))
@@ -299,7 +300,7 @@ impl Lines {
 
     /// `CLOSE` has been answered, or not.
     fn closed(&mut self, tries: u32, done: &Done, now: Instant) -> Step {
-        if is_unsent(done.outcome)
+        if done.outcome.is_unsent()
             && done.outcome != Outcome::Barred(Barred::Closed)
             && done.result.is_err()
             && tries < CLOSE_TRIES
@@ -428,7 +429,7 @@ impl Sequence for Lines {
 fn failure_of(outcome: Outcome, error: &CallError) -> LineFailure {
     let (outcome, code) = match outcome {
         Outcome::Error(code) => (LineOutcome::Refused, Some(code)),
-        outcome if is_unsent(outcome) => (LineOutcome::NotSent, None),
+        outcome if outcome.is_unsent() => (LineOutcome::NotSent, None),
         _ => (LineOutcome::Uncertain, None),
     };
     LineFailure { outcome, code, message: error.to_string() }

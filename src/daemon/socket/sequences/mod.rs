@@ -269,8 +269,3 @@ fn line(text: impl fmt::Display, timeout: Duration) -> Step {
 fn ask(text: impl fmt::Display, timeout: Duration) -> Step {
     Step::Ask { line: Text::of(&text), timeout }
 }
-
-/// Whether the line of a step that ended so was certainly not sent.
-const fn is_unsent(outcome: Outcome) -> bool {
-    !matches!(outcome, Outcome::Done | Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_))
-}

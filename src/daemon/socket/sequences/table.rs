@@ -52,6 +52,8 @@ pub(in crate::daemon::socket) struct Running {
     pub call: Option<Caller>,
     /// What it waits for.
     pub waits: Waits,
+    /// The coordinate systems in which a rotary stream has left nothing any more when the line under way is done.
+    pub forgets: u32,
     /// When its owner was heard last.
     heard: Instant,
     /// Why it ends, once it does.
@@ -127,6 +129,7 @@ impl Sequences {
             owner,
             call: Some(caller),
             waits: Waits::Owner,
+            forgets: 0,
             heard: now,
             ending: None,
             waiters: Vec::new(),

@@ -11,7 +11,6 @@ use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::{LeaseEnd, StopFor};
-use crate::daemon::socket::leftovers::{LineEffect, Starts};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::resets;
@@ -20,7 +19,6 @@ use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
-use crate::protocol::moved_motors::motors_moved;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -106,17 +104,12 @@ impl Service {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, confirmed, .. } => {
-                let effect = LineEffect::of(&line);
-                self.may_start(Starts { systems: effect.starts, confirmed })?;
-                let moved = motors_moved(&line);
-                if let Some((holder, held)) = self.leases.held_by_another(caller.client, moved) {
-                    return Err(held_by_another(holder, held));
-                }
+                let forgets = self.may_send(caller.client, &line, confirmed)?;
                 let shown = without_password(&line);
                 let audit = Some(format!("sends {shown:?}"));
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
                 let writer = if question { Writer::Question } else { Writer::Hand(caller.peer.account()) };
-                let then = Then::ReplyAndForget(effect.forgets);
+                let then = Then::ReplyAndForget(forgets);
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
                     ticket,
                     line,
@@ -326,20 +319,24 @@ impl Service {
             Then::JogTo(jog, deadline) => {
                 return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
             }
-            Then::Reason(guard, reason) => {
+            Then::Reason(guard, failed) => {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
-                    let reason = match guard.check(found.and_then(|found| found.first().copied())) {
-                        Ok(()) => reason,
-                        Err(why) => format!("{reason}: {why}"),
-                    };
-                    Err(CallError::Refused { reason })
+                    let why = guard.check(found.and_then(|found| found.first().copied())).err();
+                    Err(match why {
+                        Some(why) => failed.because(&why),
+                        None => failed,
+                    })
                 });
             }
             // The board was believed to take it. Another host may have seen to that it does not.
-            Then::ReplyDone(Some(guard)) if matches!(outcome, Outcome::Refused(_)) && self.answers() => {
-                let Outcome::Refused(reason) = outcome else { return };
-                let then = Then::Reason(guard, reason.to_string());
-                return self.question(caller, &guard.question(), then, now + WATCH_TIMEOUT);
+            Then::ReplyDone(Some(guard))
+                if matches!(outcome, Outcome::Refused(_) | Outcome::Interrupted(_)) && self.answers() =>
+            {
+                if let Err(failed) = reply_lines(outcome, Vec::new(), false, now) {
+                    let then = Then::Reason(guard, failed);
+                    self.question(caller, &guard.question(), then, now + WATCH_TIMEOUT);
+                }
+                return;
             }
             then => then,
         };

@@ -205,6 +205,16 @@ impl Service {
             }
             match running.machine.next(done.take(), now) {
                 Step::Line { line, timeout } => {
+                    let is_streams = running.machine.feeds() != 0;
+                    match if is_streams { Ok(0) } else { self.may_send(owner.client, &line, false) } {
+                        Ok(forgets) => self.sequences.get_mut(number)?.forgets = forgets,
+                        Err(refused) => {
+                            let why = Outcome::Refused(Text::of(&refused));
+                            done = Some(self.done(why, Err(refused), Found::default()));
+                            continue;
+                        }
+                    }
+                    let running = self.sequences.get_mut(number)?;
                     running.waits = Waits::Board;
                     let audit =
                         Some(format!("({}) sends {:?}", running.machine.name(), without_password(&line)));
@@ -339,14 +349,23 @@ impl Service {
         now: Instant,
     ) {
         let Some(running) = self.sequences.get_mut(number) else { return };
-        if let (Waits::Check(asked), Outcome::Done) = (running.waits, outcome) {
+        let (waits, forgets) = (running.waits, std::mem::take(&mut running.forgets));
+        if let (Waits::Check(asked), Outcome::Done) = (waits, outcome) {
             self.see_counter(&ended.lines, asked, now);
         }
-        let (resets, doubts) = (self.resets.count(), self.resets.doubts());
+        if outcome == Outcome::Done {
+            self.leftovers.forget(forgets);
+        }
         let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong, now);
+        let done = self.done(outcome, result, found);
+        self.go_on(number, Some(done), now);
+    }
+
+    /// What a sequence hears of its step.
+    fn done(&self, outcome: Outcome, result: Result<Vec<String>, CallError>, found: Found) -> Done {
+        let (resets, doubts) = (self.resets.count(), self.resets.doubts());
         let Found { rotary, words } = found;
-        let reported = self.info.reported();
-        self.go_on(number, Some(Done { outcome, result, resets, doubts, rotary, words, reported }), now);
+        Done { outcome, result, resets, doubts, rotary, words, reported: self.info.reported() }
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.

@@ -141,7 +141,7 @@ impl Service {
             }
         }
         if let Some(caller) = stop.caller {
-            let reply = result.map(|()| Reply::done()).map_err(|reason| CallError::Refused { reason });
+            let reply = result.map(|()| Reply::done()).map_err(|reason| CallError::StopFailed { reason });
             self.answer(caller, reply, now);
         }
     }

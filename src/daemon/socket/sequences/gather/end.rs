@@ -6,7 +6,7 @@ use log::warn;
 
 use super::{Begun, Gather, Phase, first, refused};
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::sequences::{Done, Ending, Sequence, is_unsent};
+use crate::daemon::socket::sequences::{Done, Ending, Sequence};
 use crate::gather::GatherMode;
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply};
@@ -27,7 +27,7 @@ impl Gather {
     pub(super) fn take_of_end(&mut self, done: Done, now: Instant) {
         let gather_period = self.family.i.gather_period;
         let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
-        let can_be_tried = is_unsent(done.outcome) || is_question && done.outcome == Outcome::TimedOut;
+        let can_be_tried = done.outcome.is_unsent() || is_question && done.outcome == Outcome::TimedOut;
         if can_be_tried && !matches!(self.phase, Phase::EndFollow | Phase::CheckAtEnd) {
             let give_up = *self.give_up.get_or_insert(now + END_PATIENCE);
             let is_barred = matches!(done.outcome, Outcome::Barred(_));
