@@ -22,6 +22,8 @@ pub mod cutter_state;
 mod cutting_tests;
 mod cycle;
 pub mod item;
+#[cfg(test)]
+mod list_tests;
 pub mod message;
 pub mod parse;
 pub mod path;

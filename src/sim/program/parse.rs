@@ -329,10 +329,18 @@ fn expression(scanner: &mut Scanner, board: &Board) -> Parsed<Data> {
     }
 }
 
-/// Text as a buffer stores it: capitals, no blanks.
+/// Text as a buffer stores it: capitals, and no blanks but where one ends a hex number: `$F AND`.
 fn squeezed(text: &[u8]) -> Box<str> {
-    let text: String = text.iter().filter(|c| !b" \t".contains(c)).map(|&c| char::from(c)).collect();
-    text.to_ascii_uppercase().into()
+    let mut squeezed = String::new();
+    for word in String::from_utf8_lossy(text).split_ascii_whitespace() {
+        let before = squeezed.trim_end_matches(|c: char| c.is_ascii_hexdigit());
+        let ends_in_hex = before.len() < squeezed.len() && before.ends_with('$');
+        if ends_in_hex && word.starts_with(|c: char| c.is_ascii_hexdigit()) {
+            squeezed.push(' ');
+        }
+        squeezed += &word.to_ascii_uppercase();
+    }
+    squeezed.into()
 }
 
 /// `1,3` or `1..8`, as bits.
