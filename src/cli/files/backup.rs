@@ -1,6 +1,6 @@
 //! `pmacctl backup`, `diff` and `restore`: a board's variables as a readable file for version control.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -193,8 +193,9 @@ pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
         Some(path) => entries(path)?.into_iter().map(|entry| (entry.item, entry.text)).collect(),
         None => held_of(context, "diff", ours.iter().map(|entry| entry.item))?,
     };
+    let named: BTreeSet<Item> = ours.iter().map(|entry| entry.item).collect();
     for (item, text) in &theirs {
-        if !ours.iter().any(|entry| entry.item == *item) {
+        if !named.contains(item) {
             differences.insert(*item, (None, Some(text.clone())));
         }
     }
