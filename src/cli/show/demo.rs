@@ -45,6 +45,8 @@ const END: Duration = Duration::from_secs(5);
 const COMMAND: Duration = Duration::from_secs(2);
 /// The time between jogs.
 const JOG_EVERY: Duration = Duration::from_millis(1200);
+/// How many motors are shown. The first four move.
+const SHOWN: usize = 8;
 /// The motors' moves, in turn. Speeds are in counts per millisecond, positions in counts.
 const SET_UP: &str = "I122=20 I222=12 I322=8 I422=4";
 const JOGS: [&str; 4] = ["#1J=20000 #2J=8000", "#3J=-5000 #4J^2500", "#1J=0 #2J=-8000", "#3J=5000 #4J^-2500"];
@@ -85,7 +87,10 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
         }
         // Fetch every sample, as a logging program would. The table shows the latest.
         while board.subscriber().next(&mut cursor, &mut sample).map_err(ClientError::from)? {}
-        let snapshot = board.snapshot()?;
+        let mut snapshot = board.snapshot()?;
+        if let Some(servo) = &mut snapshot.servo {
+            servo.data.motors.truncate(SHOWN);
+        }
         screen.show(&mut context.output, &format!("{} (simulated{hint})", board.name()), &snapshot)?;
         context.output.flush()?;
         let over = options.seconds.is_some_and(|seconds| began.elapsed() >= seconds);
