@@ -111,9 +111,10 @@ impl fmt::Display for Staleness {
                 )
             }
             Self::Starting => f.write_str("pmacd is still identifying the board"),
-            Self::BoardSilent => {
-                f.write_str("the board does not answer; look at its power, cable and address")
-            }
+            Self::BoardSilent => f.write_str(
+                "the board does not answer; look at its power, cable and address, or switch on what pmacd may use of it (servo \
+                I48, background I49, command lines I58)",
+            ),
             Self::Off => f.write_str(
                 "the board does not send these data, or pmacd does not read them; switch the function on (servo I48, \
                 background I49, variables I55; `functions` in pmacd's configuration)",

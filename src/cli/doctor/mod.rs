@@ -371,7 +371,10 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
         State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
         State::Stale | State::Dead => {
-            let text = format!("{} does not answer; check its power, cable and address", info.board);
+            let text = format!(
+                "{} does not answer; check its power, cable and address; one with I48, I49 and I58 off looks alike",
+                info.board
+            );
             report.add(Level::Fail, "board", text);
         }
     }
