@@ -61,8 +61,13 @@ impl Functions {
             );
         }
         let there_are = family.functions.iter().map(|function| function.name()).collect::<Vec<_>>();
+        let instead = if function == Function::Panel {
+            "; command lines do what the panel's keys do: #1J+, #1J-, #1J/, #1HM, &1R, &1S, &1H, &1A"
+        } else {
+            ""
+        };
         format!(
-            "pmacd cannot use the function `{name}` on a {} yet; it can use {}",
+            "pmacd cannot use the function `{name}` on a {} yet; it can use {}{instead}",
             family.title,
             there_are.join(", ")
         )

@@ -127,8 +127,20 @@ fn c1_a_function_that_is_not_there_yet_is_refused_by_name() {
     let (code, _, stderr) = site.site.pmacctl(&["panel", "jog+", "1"]);
     let text = "pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather";
     assert!(code != 0 && stderr.contains(text), "{stderr}");
+    let (_, _, stderr) = site.site.pmacctl(&["jog", "1", "stop"]);
+    assert!(stderr.contains("command lines do what the panel's keys do: #1J+, #1J-, #1J/"), "{stderr}");
     let (_, stdout, _) = site.site.pmacctl(&["doctor"]);
     assert!(stdout.contains("pmacd cannot use panel, rotary on a Turbo PMAC2 yet"), "{stdout}");
+}
+
+/// I48 alone starts a Turbo board's report, so an ENDGATHER does not end it.
+#[test]
+fn c1_a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
+    let mut site = Site::new("[readings]\ngather_words = \"size_first\"\n");
+    site.cycles(400);
+    site.board().refuses = Some("DEFINE");
+    let (code, _, stderr) = site.running(&["gather", "-s", "1.actual_position", "--once", "-o", "-"]);
+    assert!(code == 1 && stderr.contains("`pmacctl send ENDGATHER` ends that\n"), "{stderr}");
 }
 
 #[test]

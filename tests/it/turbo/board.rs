@@ -54,6 +54,8 @@ pub(super) struct Board {
     samples: u32,
     /// The last line of a reply is marked itself (section 6: "make the other form a switch").
     pub marks_last: bool,
+    /// What the lines begin with that it refuses.
+    pub refuses: Option<&'static str>,
 }
 
 impl Board {
@@ -73,6 +75,7 @@ impl Board {
             gathers: false,
             samples: 0,
             marks_last: false,
+            refuses: None,
         };
         board.put(SERVO_READY, 0);
         board.put(SYSTEM_READY, 0);
@@ -196,6 +199,9 @@ impl Board {
 impl Board {
     /// What the board answers to `line`; `None`: ERR003.
     fn answer(&mut self, line: &str) -> Option<Vec<String>> {
+        if self.refuses.is_some_and(|start| line.starts_with(start)) {
+            return None;
+        }
         if let Some(longs) = line.strip_prefix("DEFINE GATHER ") {
             self.define_gather(longs.parse().ok()?);
             return Some(Vec::new());

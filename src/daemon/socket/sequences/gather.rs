@@ -348,10 +348,15 @@ impl Gather {
     fn explain(&self, index: usize, error: CallError) -> CallError {
         let text = self.call.as_ref().and_then(|call| call.lines.get(index)).map_or("", String::as_str);
         match error {
-            CallError::Board { .. } if text.starts_with("DEFINE") => refused(format!(
-                "{text}: {error}; if a gather waits for its trigger, `pmacctl send ENDGATHER` ends that (and the servo report \
-                 where none waits: GATHER starts it again)"
-            )),
+            CallError::Board { .. } if text.starts_with("DEFINE") => {
+                let and_more = match self.family.servo.start {
+                    ReportStart::Gather => " (and the servo report where none waits: GATHER starts it again)",
+                    ReportStart::Enable => "",
+                };
+                refused(format!(
+                    "{text}: {error}; if a gather waits for its trigger, `pmacctl send ENDGATHER` ends that{and_more}"
+                ))
+            }
             CallError::Board { .. } => refused(format!("{text}: {error}")),
             error => error,
         }
