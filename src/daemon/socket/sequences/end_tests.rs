@@ -6,6 +6,7 @@ use nix::unistd::{Gid, Uid};
 
 use super::*;
 use crate::daemon::shared::info::Info;
+use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::Text;
 use crate::map::PMAC;
 use crate::protocol::{BoardInfo, BoardSettings, calls};
@@ -314,6 +315,35 @@ fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
     let (said, took) = disturbed(&mut stream(None), &mut board, 2, |board| board.runs = false);
     assert!(said.contains("does not run its rotary program any more") && took <= SOON, "{took:?} {said}");
     assert!(!board.open && !board.transfer);
+}
+
+#[test]
+fn b1_1_the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
+    let (mut machine, mut board) = (stream(None), Board::new(true, true));
+    let (mut now, mut done, mut closed_at, mut told) = (Instant::now(), None, None, None);
+    for _ in 0..20 * STEPS {
+        match machine.next(done.take(), now) {
+            Step::Over(_) => break,
+            Step::Wait(moment) => now = moment,
+            Step::AnswerEnd(reply) => told = Some(reply),
+            Step::Answer(_) | Step::Tell(_) => {}
+            step => {
+                if board.runs && closed_at.is_none() {
+                    // The owner dies, and somebody opens a buffer for twenty seconds.
+                    closed_at = Some(now + Duration::from_secs(20));
+                    board.open = false;
+                    machine.end(Ending::OwnerGone);
+                }
+                let is_line = matches!(step, Step::Line { .. } | Step::Ask { .. });
+                let is_barred = is_line && closed_at.is_some_and(|moment| now < moment);
+                let outcome = if is_barred { Outcome::Barred(Barred::Open(None)) } else { Outcome::Done };
+                done = Some(board.take(&step, outcome));
+            }
+        }
+    }
+    let told = format!("{told:?}");
+    assert!(told.contains("&1 may still run it (abort 1 ends that)"), "{told}");
+    assert!(!board.runs && !board.transfer && machine.unfinished().is_none(), "{board:?}");
 }
 
 #[test]

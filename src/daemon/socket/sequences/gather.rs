@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 
 pub use self::call::GatherCall;
 use self::end::{ENDED_EARLY, WAS_RESET};
+use super::end_retry::EndRetry;
 use super::report_watch::{ReportWatch, Seen};
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
@@ -120,12 +121,9 @@ pub(in crate::daemon::socket) struct Gather {
     ending: Option<Ending>,
     failure: Option<CallError>,
     notes: Vec<String>,
-    /// When to go on with an end that cannot be carried out now, and when to give it up.
+    /// When to go on with an end that cannot be carried out now.
     rest: Option<Instant>,
-    give_up: Option<Instant>,
-    /// An open program buffer keeps the end back; its owner has heard so.
-    is_kept_back: bool,
-    is_told: bool,
+    retry: EndRetry,
 }
 
 impl Gather {
@@ -162,9 +160,7 @@ impl Gather {
             failure: None,
             notes: Vec::new(),
             rest: None,
-            give_up: None,
-            is_kept_back: false,
-            is_told: false,
+            retry: EndRetry::new(end::END_PATIENCE),
         }
     }
 
@@ -447,7 +443,7 @@ impl Sequence for Gather {
             if self.phase == Phase::EndFollow && !self.followed {
                 self.phase = Phase::AskPeriodAgain;
             }
-            if self.is_kept_back && !std::mem::replace(&mut self.is_told, true) {
+            if self.retry.tells_now() {
                 return Step::AnswerEnd(self.result());
             }
             match self.rest {
@@ -466,7 +462,7 @@ impl Sequence for Gather {
     }
 
     fn unfinished(&self) -> Option<String> {
-        if !self.is_kept_back || self.phase == Phase::Over {
+        if !self.retry.is_kept_back() || self.phase == Phase::Over {
             return None;
         }
         let period = self.family.i.gather_period;

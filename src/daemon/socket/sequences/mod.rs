@@ -17,6 +17,7 @@
 //! * End: [`Sequence::end`] says why. The step under way is finished first and its outcome given; from then on every step must
 //!   serve the end, be bounded, and lead to [`Step::Over`].
 
+mod end_retry;
 #[cfg(test)]
 mod end_tests;
 mod gather;

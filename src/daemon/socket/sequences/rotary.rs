@@ -23,6 +23,7 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 pub use self::call::RotaryCall;
+use super::end_retry::EndRetry;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
@@ -38,9 +39,8 @@ const STEP: Duration = Duration::from_secs(5);
 const FIRST_LINES: Duration = Duration::from_millis(20);
 /// How often to look whether the program still runs.
 const LOOK: Duration = Duration::from_millis(500);
-/// How often a step of the end is tried, while it is known not to have been sent, and how long apart.
-const TRIES: u32 = 4;
-const AGAIN: Duration = Duration::from_millis(250);
+/// How long the end tries what is known not to have been sent.
+const END_PATIENCE: Duration = Duration::from_secs(2);
 /// ^C, which asks for the status of every coordinate system, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
 /// Words of a header.
@@ -109,7 +109,7 @@ pub(in crate::daemon::socket) struct Rotary {
     left: Option<u64>,
     quit: bool,
     notes: Vec<String>,
-    tries: u32,
+    retry: EndRetry,
     rest: Option<Instant>,
 }
 
@@ -135,7 +135,7 @@ impl Rotary {
             left: None,
             quit: false,
             notes: Vec::new(),
-            tries: 0,
+            retry: EndRetry::new(END_PATIENCE),
             rest: None,
         }
     }
@@ -318,20 +318,21 @@ impl Rotary {
     /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
     fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
         let cs = self.call.coordinate_system;
+        // Another buffer is open, so the rotary buffers are closed: one is open at a time.
+        let is_closed = self.phase == Phase::Close && matches!(done.outcome, Outcome::Barred(_));
         if done.outcome.is_unsent()
+            && !is_closed
             && !matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
-            && self.tries < TRIES
             && self.ending != Some(Ending::Stopping)
+            && let Some(again) = self.retry.again(done.outcome, true, now)
         {
-            self.tries += 1;
-            return self.rest_before(self.phase, now + AGAIN);
+            return self.rest_before(self.phase, again);
         }
-        self.tries = 0;
         let failed = |what: &str| done.result.as_ref().err().map(|error| format!("{what} failed ({error})"));
         let (phase, note) = match self.phase {
             Phase::Close => {
                 self.opened = false;
-                let note = failed("CLOSE").map(|note| {
+                let note = failed("CLOSE").filter(|_| !is_closed).map(|note| {
                     format!("{note}, so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE")
                 });
                 (Phase::EndTransfer, note)
@@ -462,7 +463,8 @@ impl Rotary {
     }
 
     fn result(&mut self) -> Result<Reply, CallError> {
-        let notes = std::mem::take(&mut self.notes);
+        let mut notes = std::mem::take(&mut self.notes);
+        notes.extend(self.unfinished());
         notes.iter().for_each(|note| warn!("the end of a rotary stream: {note}"));
         let why = self.ending.map(|why| why.to_string());
         if !self.started {
@@ -508,6 +510,9 @@ impl Sequence for Rotary {
         while let Some(next) = self.skips() {
             self.phase = next;
         }
+        if self.retry.tells_now() {
+            return Step::AnswerEnd(self.result());
+        }
         match self.rest.take_if(|rest| *rest > now) {
             Some(rest) if !self.finish_asked => {
                 self.rest = Some(rest);
@@ -528,6 +533,18 @@ impl Sequence for Rotary {
 
     fn watches(&self) -> bool {
         true
+    }
+
+    fn unfinished(&self) -> Option<String> {
+        let cs = self.call.coordinate_system;
+        let keeps = self.retry.is_kept_back() && self.phase != Phase::Over;
+        keeps.then(|| {
+            let program = if self.runs { format!("&{cs} may still run it (abort {cs} ends that); ") } else { String::new() };
+            format!(
+                "the end of the rotary stream into &{cs} is not carried out; {program}pmacd goes on when the open program buffer is \
+                 closed"
+            )
+        })
     }
 
     fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {

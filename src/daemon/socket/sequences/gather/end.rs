@@ -11,11 +11,8 @@ use crate::gather::GatherMode;
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply};
 
-/// How long an end tries what is known not to have been sent, and how often. What an open program buffer keeps back is tried
-/// on, but less often.
-const END_PATIENCE: Duration = Duration::from_secs(10);
-const AGAIN: Duration = Duration::from_millis(250);
-const AGAIN_LATER: Duration = Duration::from_secs(1);
+/// How long an end tries what is known not to have been sent.
+pub(super) const END_PATIENCE: Duration = Duration::from_secs(10);
 
 /// What has ended a gather, and what may have.
 pub(super) const WAS_RESET: &str = "the board was reset, which ended the gather";
@@ -29,18 +26,15 @@ impl Gather {
         let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
         let can_be_tried = done.outcome.is_unsent() || is_question && done.outcome == Outcome::TimedOut;
         if can_be_tried && !matches!(self.phase, Phase::EndFollow | Phase::CheckAtEnd) {
-            let give_up = *self.give_up.get_or_insert(now + END_PATIENCE);
-            let is_barred = matches!(done.outcome, Outcome::Barred(_));
-            let is_kept_back = now >= give_up && is_barred && self.call.is_some();
-            self.is_kept_back |= is_kept_back;
-            if (now < give_up || is_kept_back) && self.ending != Some(Ending::Stopping) {
+            let again = self.retry.again(done.outcome, self.call.is_some(), now);
+            if again.is_some() && self.ending != Some(Ending::Stopping) {
                 // Somebody may end the gather, or set another period, meanwhile.
                 self.phase = match self.phase {
                     Phase::EndGather => self.first_of_end(),
                     Phase::PutBack => Phase::AskPeriodAgain,
                     phase => phase,
                 };
-                self.rest = Some(now + if is_kept_back { AGAIN_LATER } else { AGAIN });
+                self.rest = again;
                 return;
             }
         }

@@ -1,0 +1,65 @@
+//! How long the end of a sequence tries again what was certainly not sent.
+
+use std::time::{Duration, Instant};
+
+use crate::daemon::shared::queue::Outcome;
+
+const AGAIN: Duration = Duration::from_millis(250);
+/// What an open program buffer keeps back is tried on, less often, until the buffer is closed.
+const AGAIN_LATER: Duration = Duration::from_secs(1);
+
+/// The attempts of one end.
+#[derive(Debug)]
+pub(super) struct EndRetry {
+    patience: Duration,
+    give_up: Option<Instant>,
+    is_kept_back: bool,
+    is_told: bool,
+}
+
+impl EndRetry {
+    /// An end that tries for so long.
+    pub(super) const fn new(patience: Duration) -> Self {
+        Self { patience, give_up: None, is_kept_back: false, is_told: false }
+    }
+
+    /// When to try again the step that came out so; `None` when no more. `may_last`: an open program buffer is waited for.
+    pub(super) fn again(&mut self, outcome: Outcome, may_last: bool, now: Instant) -> Option<Instant> {
+        let is_patient = now < *self.give_up.get_or_insert(now + self.patience);
+        let is_kept_back = !is_patient && may_last && matches!(outcome, Outcome::Barred(_));
+        self.is_kept_back |= is_kept_back;
+        let pause = if is_kept_back { AGAIN_LATER } else { AGAIN };
+        (is_patient || is_kept_back).then(|| now + pause)
+    }
+
+    /// Whether an open program buffer keeps the end back.
+    pub(super) const fn is_kept_back(&self) -> bool {
+        self.is_kept_back
+    }
+
+    /// Whether the owner is to be told so now: he does not wait for what may take long.
+    pub(super) fn tells_now(&mut self) -> bool {
+        self.is_kept_back && !std::mem::replace(&mut self.is_told, true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::shared::open_buffer::Barred;
+
+    #[test]
+    fn what_a_buffer_keeps_back_is_tried_on_and_nothing_else() {
+        let begun = Instant::now();
+        let mut retry = EndRetry::new(Duration::from_secs(1));
+        let barred = Outcome::Barred(Barred::Open(None));
+        assert_eq!(retry.again(Outcome::Busy, true, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, true, begun), Some(begun + AGAIN));
+        assert!(!retry.tells_now());
+        let late = begun + Duration::from_secs(1);
+        assert_eq!(retry.again(Outcome::Busy, true, late), None);
+        assert_eq!(retry.again(barred, false, late), None);
+        assert_eq!(retry.again(barred, true, late), Some(late + AGAIN_LATER));
+        assert!(retry.is_kept_back() && retry.tells_now() && !retry.tells_now());
+    }
+}
