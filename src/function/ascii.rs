@@ -110,6 +110,8 @@ pub struct DpramPort {
     last_text: Option<ResponseText>,
     /// The board was seen to mark the last line of a reply itself, instead of an acknowledgement of its own.
     marks_last_line: bool,
+    /// The last acknowledgement came with the text of the line before it: left there, or an equal line.
+    ended_alike: bool,
     /// Which replies the board marks late.
     late_marks: LateMarks,
 }
@@ -135,6 +137,7 @@ impl DpramPort {
             open_ended: false,
             last_text: None,
             marks_last_line: false,
+            ended_alike: false,
             late_marks: LateMarks::default(),
         }
     }
@@ -242,6 +245,22 @@ impl DpramPort {
             self.open_ended = false;
             self.rest(now);
         }
+    }
+
+    /// A reply was one line short, and nothing has come since: whether its acknowledgement was a line, equal to the one before it.
+    /// The board's count says so; of an acknowledgement alone it is 0 or 1. `true`: that was not known before. At most 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn learn_mark(&mut self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        let length = self.last_text.map_or(0, |text| text.as_bytes().len());
+        if !self.ended_alike || self.marks_last_line || length < 2 {
+            return Ok(false);
+        }
+        // With the NUL, or without it.
+        let count = usize::from(bus.read16(self.words.response_count)?);
+        self.marks_last_line = [length, length + 1].contains(&count);
+        Ok(self.marks_last_line)
     }
 
     /// A reply has ended.
@@ -506,7 +525,10 @@ impl DpramPort {
             }
         }
         match control {
-            response::LINE => AsciiEvent::Line(text),
+            response::LINE => {
+                self.ended_alike = false;
+                AsciiEvent::Line(text)
+            }
             // Some firmware marks the last line itself instead of sending an empty acknowledgement. Other firmware may leave the
             // last text where it is, also that of an earlier reply.
             response::ACKNOWLEDGE if !text.as_bytes().is_empty() && (self.marks_last_line || !was_there) => {
@@ -515,6 +537,7 @@ impl DpramPort {
                 AsciiEvent::Line(text)
             }
             response::ACKNOWLEDGE => {
+                self.ended_alike = !text.as_bytes().is_empty();
                 self.end_reply(now);
                 AsciiEvent::Done(Ok(()))
             }

@@ -124,6 +124,34 @@ fn a_reply_of_several_lines_ends_with_its_acknowledgement() {
     }
 }
 
+/// The last line of two equal ones, marked itself, looks like an acknowledgement behind one line: the board's count tells.
+#[test]
+fn c1_a_mark_on_the_second_of_two_equal_lines_is_known_by_its_count() {
+    for family in FAMILIES {
+        for (count, is_marked) in [(6, true), (5, true), (1, false), (0, false)] {
+            let mut rig = Rig::new(family);
+            assert!(rig.begin("SIZE SIZE"));
+            rig.take();
+            rig.respond(response::LINE, "41301");
+            rig.expect_line("41301");
+            assert!(!rig.port.learn_mark(&mut rig.bus).unwrap(), "a line, and no mark yet");
+            rig.respond(response::ACKNOWLEDGE, "41301");
+            rig.write(rig.port.words.response_count, count);
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+            assert_eq!(rig.port.learn_mark(&mut rig.bus).unwrap(), is_marked, "{count}");
+            assert!(rig.begin("SIZE SIZE"));
+            rig.take();
+            rig.respond(response::LINE, "41301");
+            rig.expect_line("41301");
+            rig.respond(response::ACKNOWLEDGE, "41301");
+            if is_marked {
+                rig.expect_line("41301");
+            }
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        }
+    }
+}
+
 #[test]
 fn the_mark_on_the_last_line_itself_ends_a_reply_too() {
     for family in FAMILIES {

@@ -143,6 +143,15 @@ fn c1_a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
     assert!(code == 1 && stderr.contains("`pmacctl send ENDGATHER` ends that\n"), "{stderr}");
 }
 
+/// Nothing reports whether a program buffer is open, so the board is first asked for its size, twice in a line.
+#[test]
+fn c1_a_board_that_marks_the_last_line_is_understood_at_once_without_a_report() {
+    let mut site = Site::with_board("functions = [\"ascii\", \"servo\"]\n", |board| board.marks_last = true);
+    site.cycles(6000);
+    assert_eq!(site.running(&["send", "P1"]), (0, "1.5\n".to_owned(), String::new()));
+    assert_eq!(site.json(&["status"])["board"]["type"], "TURBO2, X4");
+}
+
 #[test]
 fn c1_command_lines_go_through_a_turbo_boards_dpram() {
     for marks_last in [false, true] {

@@ -73,6 +73,10 @@ impl AsciiQueue {
                     stays: false,
                 },
             ),
+            InFlight::Check if cancelled_by.is_none() && self.ports.dpram.learn_mark(bus)? => {
+                self.check.ask_again(now);
+                return Ok(());
+            }
             InFlight::Identify | InFlight::Buffer | InFlight::Check => {
                 self.give_up_own(command, cancelled_by.is_some(), now);
                 return Ok(());
