@@ -2,7 +2,7 @@
 
 use pmac_dpram::map::HostOffset;
 
-use crate::support::VirtualSite;
+use crate::support::{PATIENCE, VirtualSite};
 
 #[test]
 fn b3_10_the_masks_of_the_panel_are_cleared_before_the_panel_is_enabled() {
@@ -52,16 +52,17 @@ fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
     for slow in ["1", "3"] {
         let site = VirtualSite::running(&["--slow", slow], &[]);
         site.wait_for_identity();
-        let seconds = |site: &VirtualSite, line: &str| {
+        // Over a connection that stands: time passes while a program starts.
+        let mut connection = site.connection();
+        let mut seconds = |line: &str| {
             let begun = site.with_world(|world| world.now());
-            let (status, _, stderr) = site.pmacctl(&["send", "--timeout", "20", line]);
-            assert_eq!(status, 0, "{line}: {stderr}");
+            connection.send(line, PATIENCE).unwrap();
             (site.with_world(|world| world.now()) - begun).as_secs_f64()
         };
         let least = 2.0 * slow.parse::<f64>().unwrap();
-        assert!((least..least + 0.5).contains(&seconds(&site, "SAVE")));
-        assert!(seconds(&site, "P1=5") < 0.5, "the next line is not late");
-        assert!((0.02..0.5).contains(&seconds(&site, "&1DEFINE ROT 100")));
+        assert!((least..least + 0.5).contains(&seconds("SAVE")));
+        assert!(seconds("P1=5") < 0.5, "the next line is not late");
+        assert!((0.02..0.5).contains(&seconds("&1DEFINE ROT 100")));
         // A reset answers nothing; what comes after it waits for the board.
         site.pmacctl(&["send", "$$$"]);
         let begun = site.with_world(|world| world.now());
@@ -83,8 +84,9 @@ fn c4_a_turbo_board_full_of_garbage_comes_up() {
         let site = VirtualSite::configured(&options, "family = \"turbo2\"\n");
         site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
         site.wait_until("an answer", || site.pmacctl(&["send", "TYPE"]).1 == "TURBO2, X4\n");
+        let mut connection = site.connection();
         let begun = site.with_world(|world| world.now());
-        assert_eq!(site.pmacctl(&["send", "--timeout", "20", "SAVE"]).0, 0);
+        connection.send("SAVE", PATIENCE).unwrap();
         let took = (site.with_world(|world| world.now()) - begun).as_secs_f64();
         let least = if options.contains(&"--slow") { 6.0 } else { 2.0 };
         assert!((least..least + 0.5).contains(&took), "{options:?}: {took}");

@@ -12,6 +12,8 @@ use pmac_dpram::segment::{
     monotonic_ns,
 };
 
+use crate::support::wait_until;
+
 /// Long enough for any machine; reached only when a test fails.
 pub const LONG: Duration = Duration::from_secs(20);
 
@@ -313,12 +315,24 @@ fn waiting_ends_at_the_next_sample_at_the_time_out_and_at_the_end() {
     publisher.publish(RegionId::Panel, now(), &[1]);
     assert_eq!(wait(0, Duration::ZERO), WaitOutcome::Newer);
     thread::scope(|scope| {
-        let sleeper = scope.spawn(|| wait(1, LONG));
-        thread::sleep(Duration::from_millis(20));
+        let (told, asleep) = std::sync::mpsc::channel();
+        let sleep = |sequence| {
+            let told = told.clone();
+            let sleeper = scope.spawn(move || {
+                told.send(nix::unistd::gettid()).unwrap();
+                wait(sequence, LONG)
+            });
+            let state = format!("/proc/self/task/{}/syscall", asleep.recv().unwrap());
+            let futex = format!("{} ", nix::libc::SYS_futex);
+            wait_until("a reader that sleeps", || {
+                std::fs::read_to_string(&state).unwrap().starts_with(&futex)
+            });
+            sleeper
+        };
+        let sleeper = sleep(1);
         publisher.publish(RegionId::Panel, now(), &[2]);
         assert_eq!(sleeper.join().unwrap(), WaitOutcome::Newer);
-        let sleeper = scope.spawn(|| wait(2, LONG));
-        thread::sleep(Duration::from_millis(20));
+        let sleeper = sleep(2);
         drop(publisher);
         assert_eq!(sleeper.join().unwrap(), WaitOutcome::Dead);
     });

@@ -1,12 +1,10 @@
 //! The command socket's jobs: panel requests with their guard and their leases, words of the user area.
 
-use std::time::{Duration, Instant};
-
 use serde_json::{Value, json};
 
-use crate::support::PATIENCE;
 use crate::support::bench::Bench;
 use crate::support::raw::{Raw, error_name};
+use crate::support::wait_until;
 
 /// The board in the bench answers I2 with 1 until it has been sent I2=3.
 fn panel_enabled(bench: &Bench) -> Raw {
@@ -38,11 +36,7 @@ fn stops(bench: &Bench) -> usize {
 }
 
 fn wait_for_stop(bench: &Bench) {
-    let deadline = Instant::now() + PATIENCE;
-    while stops(bench) == 0 {
-        assert!(Instant::now() < deadline, "the jog was not stopped: {:?}", bench.seen());
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until("the jog's stop", || stops(bench) > 0);
 }
 
 #[test]

@@ -5,11 +5,11 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::OwnedFd;
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::support::bench::Bench;
 use crate::support::rig::{Ran, command, pty};
-use crate::support::{PATIENCE, VirtualSite, status_within};
+use crate::support::{PATIENCE, VirtualSite, status_within, wait_until};
 
 fn terminal(site: &VirtualSite, options: &[&str]) -> std::process::Command {
     let mut command = command();
@@ -130,19 +130,13 @@ impl Person {
     }
 
     fn sees(&self, text: &str) {
-        let begun = Instant::now();
-        while !self.screen().contains(text) {
-            assert!(begun.elapsed() < PATIENCE, "waited in vain for {text:?} in {:?}", self.screen());
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        wait_until(&format!("{text:?} on the screen"), || self.screen().contains(text));
     }
 
     fn sees_prompt_behind(&self, text: &str) {
-        let begun = Instant::now();
-        while !self.screen().rsplit_once(text).is_some_and(|(_, behind)| behind.contains("&1> ")) {
-            assert!(begun.elapsed() < PATIENCE, "no prompt behind {text:?} in {:?}", self.screen());
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        wait_until(&format!("a prompt behind {text:?}"), || {
+            self.screen().rsplit_once(text).is_some_and(|(_, behind)| behind.contains("&1> "))
+        });
     }
 
     fn screen(&self) -> String {

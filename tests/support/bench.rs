@@ -120,13 +120,9 @@ impl Bench {
 
     /// Waits until the bus thread has received `line`.
     pub fn wait_seen(&self, line: &str) {
-        for _ in 0..1000 {
-            if self.seen.lock().unwrap().iter().any(|seen| seen == line) {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        panic!("the bus thread never saw {line:?}: {:?}", self.seen.lock().unwrap());
+        wait_until(&format!("the bus thread to see {line:?}"), || {
+            self.seen().iter().any(|seen| seen == line)
+        });
     }
 
     pub fn unsolicited(&self, text: &str) {
