@@ -275,3 +275,20 @@ fn b5_7_a_program_is_waited_for() {
     );
     site.assert_no_violations();
 }
+
+/// A Turbo board reports no commanded position: it is the actual one and the following error.
+#[test]
+fn c1_a_motor_of_a_turbo_board_is_jogged_to_a_position_and_waited_for() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
+    site.wait_until("scales", || site.has_scales());
+    assert_eq!(done(&site, &["jog", "32", "=3000", "--wait"]), "#32: 3000.0\n");
+    // Held up on its way: it stands elsewhere.
+    let wait = start(&site, &["jog", "32", "=-300000", "--wait"]);
+    site.wait_until("the motor to be on its way", || number(&site, "#32P") < 0.0);
+    site.ask("#32J/");
+    let ran = ended(&site, wait);
+    assert!(ran.code == Some(1) && ran.stderr.contains("not at -300000.0"), "{ran:?}");
+    site.assert_no_violations();
+}

@@ -141,6 +141,16 @@ pub(super) fn position(motor: &Motor<'_>) -> String {
     motor.user_position().map_or_else(|| counts.clone(), |user| format!("{counts} ({user})"))
 }
 
+/// Where it is commanded to be, in counts. A Turbo board does not report that: there the following error is what the commanded
+/// position has more than the actual one.
+fn commanded(motor: &Motor<'_>) -> Option<f64> {
+    let servo = motor.servo;
+    match servo.commanded_position {
+        Some(commanded) => commanded.value,
+        None => Some(servo.actual_position?.value? + servo.following_error?.value?),
+    }
+}
+
 /// What has become of a motor that stands in position.
 fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Progress {
     let number = motor.servo.motor;
@@ -156,8 +166,7 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
     let has_begun = moved || look.elapsed >= BEGINS;
     let missed = match goal {
         Goal::At(target) => {
-            let commanded = motor.servo.commanded_position.and_then(|quantity| quantity.value);
-            let is_there = commanded.is_some_and(|commanded| (commanded - target).abs() <= NEAR);
+            let is_there = commanded(motor).is_some_and(|commanded| (commanded - target).abs() <= NEAR);
             (!is_there).then(|| format!("not at {}", fixed(target, 1)))
         }
         Goal::Home => {
