@@ -3,58 +3,95 @@
 /// Deltas looked at before a period that nobody told is taken as learnt.
 const LEARN: u64 = 32;
 
+/// What is known of the servo cycles from update to update.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Period {
+    #[default]
+    Unknown,
+    /// There is none: the board makes an update on request, or in its background cycle.
+    Absent,
+    Cycles(u32),
+}
+
 /// Turns servo cycles passed into updates made.
 #[derive(Debug, Clone, Default)]
 pub struct UpdateCounter {
-    /// Servo cycles from update to update (I19); 0 while unknown.
-    cycles: u32,
-    /// While unknown: the smallest step, how many there were, and all of them together.
+    period: Period,
+    /// While unknown: the smallest step, what divides all of them, how many there were, and all of them together.
     smallest: u64,
+    divisor: u64,
     seen: u64,
     passed: u64,
 }
 
 impl UpdateCounter {
-    /// Takes the period in servo cycles (I19) as told by the board. What passed while it was unknown is counted with
-    /// the next update.
+    /// Takes the period in servo cycles (I19, on a Turbo I47) as told by the board. What passed while it was unknown is
+    /// counted with the next update. 0 is no period: every update that was read counts as 1.
     pub fn expect_cycles(&mut self, cycles: u32) {
-        self.cycles = cycles;
+        self.period = if cycles == 0 { Period::Absent } else { Period::Cycles(cycles) };
     }
 
     /// Servo cycles from update to update, as far as known.
     #[must_use]
     pub fn cycles(&self) -> Option<u32> {
-        (self.cycles > 0).then_some(self.cycles)
+        match self.period {
+            Period::Cycles(cycles) => Some(cycles),
+            Period::Unknown | Period::Absent => None,
+        }
     }
 
     /// How many updates the board made in `passed` servo cycles, at least the one that was read. While the period is
     /// unknown nothing can be said about gaps; they are made up for as soon as it is known.
     pub fn updates(&mut self, passed: u64) -> u64 {
         let passed = passed.max(1);
-        if self.cycles > 0 && !passed.is_multiple_of(u64::from(self.cycles)) {
-            // I19 was changed: learn it anew.
-            self.cycles = 0;
+        match self.period {
+            Period::Absent => {
+                self.forget();
+                return 1;
+            }
+            Period::Cycles(cycles) if passed.is_multiple_of(cycles.into()) => {
+                return passed / u64::from(cycles) + self.catch_up(cycles);
+            }
+            // Unknown, or changed since: learn it anew.
+            Period::Cycles(_) | Period::Unknown => self.period = Period::Unknown,
         }
-        if self.cycles > 0 {
-            return passed / u64::from(self.cycles) + self.catch_up();
-        }
-        self.smallest = if self.seen == 0 { passed } else { self.smallest.min(passed) };
+        (self.smallest, self.divisor) = match self.seen {
+            0 => (passed, passed),
+            _ => (self.smallest.min(passed), greatest_divisor(self.divisor, passed)),
+        };
         self.seen += 1;
         self.passed += passed;
         if self.seen < LEARN {
             return 1;
         }
-        self.cycles = u32::try_from(self.smallest).unwrap_or(u32::MAX);
-        1 + self.catch_up()
+        if self.divisor != self.smallest {
+            // Steps that are no multiples of the smallest have no period, as of a report that a background cycle makes.
+            self.forget();
+            return 1;
+        }
+        let cycles = u32::try_from(self.smallest).unwrap_or(u32::MAX);
+        self.period = Period::Cycles(cycles);
+        1 + self.catch_up(cycles)
     }
 
     /// The updates not read while the period was unknown, once.
-    fn catch_up(&mut self) -> u64 {
-        let made = self.passed / u64::from(self.cycles.max(1));
-        let owed = made.saturating_sub(self.seen);
-        (self.seen, self.passed) = (0, 0);
+    fn catch_up(&mut self, cycles: u32) -> u64 {
+        let owed = (self.passed / u64::from(cycles)).saturating_sub(self.seen);
+        self.forget();
         owed
     }
+
+    fn forget(&mut self) {
+        (self.seen, self.passed) = (0, 0);
+    }
+}
+
+/// The greatest number that divides both, neither of them 0.
+const fn greatest_divisor(mut a: u64, mut b: u64) -> u64 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
 }
 
 #[cfg(test)]
@@ -88,5 +125,21 @@ mod tests {
         counter.expect_cycles(1);
         assert_eq!(counter.updates(1), 1 + 999);
         assert_eq!(counter.updates(1), 1);
+    }
+
+    #[test]
+    fn c1_steps_without_a_period_are_one_update_each() {
+        // Turbo User Manual p. 403: in the background "when more than I50 servo cycles have passed", at some pass.
+        let steps = [11, 12, 11, 14, 23, 11, 13];
+        let irregular = |counter: &mut UpdateCounter, count: usize| {
+            steps.iter().cycle().take(count).map(|step| counter.updates(*step)).sum::<u64>()
+        };
+        let mut counter = UpdateCounter::default();
+        assert_eq!((irregular(&mut counter, 1000), counter.cycles()), (1000, None), "learnt");
+        counter.expect_cycles(0);
+        assert_eq!((irregular(&mut counter, 1000), counter.cycles()), (1000, None), "told");
+        assert_eq!((0..LEARN).map(|k| counter.updates(10 + 10 * (k % 2))).sum::<u64>(), LEARN, "by chance");
+        counter.expect_cycles(10);
+        assert_eq!((counter.updates(30), counter.cycles()), (3, Some(10)), "and nothing is made up for");
     }
 }

@@ -104,7 +104,7 @@ impl ServoMirror {
     }
 
     /// Takes what the board said: the motors it reports, bit n-1 for motor n, its servo period, and the report's period
-    /// in servo cycles.
+    /// in servo cycles, 0 where it has none.
     pub fn configure(&mut self, motors: u32, servo_period_ns: Option<u64>, cycles: Option<u32>) {
         self.reader.set_motors(motors);
         if let Some(cycles) = cycles

@@ -257,3 +257,26 @@ fn addresses_of_a_turbo_pmac_go_both_ways() {
     let table = TURBO2.host_offset(Space::Y, 0x06_0540).unwrap();
     assert_eq!(TURBO2.start.start_word(table), 0xF0);
 }
+
+#[test]
+fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    // Section 4: with I57=1 "when more than I50 servo cycles have passed since the last copy", with I47=0 when the host has
+    // taken the last one. What the daemon was told before no longer counts.
+    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(0));
+    let mut timer = 1000;
+    rig.update(timer);
+    rig.poll();
+    for step in [11, 12, 11, 14, 23, 22, 33].into_iter().cycle().take(200) {
+        rig.time.advance(Duration::from_nanos(CYCLE_NS * (u64::from(step) - 1)));
+        timer += step;
+        rig.update(timer);
+        rig.poll();
+    }
+    assert_eq!((rig.counter(Counter::Updates), rig.counter(Counter::Missed)), (200, 0));
+    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(10));
+    rig.time.advance(Duration::from_nanos(CYCLE_NS * 29));
+    rig.update(timer + 30);
+    rig.poll();
+    assert_eq!(rig.counter(Counter::Missed), 2, "a period that is told counts");
+}

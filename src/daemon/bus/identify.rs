@@ -274,7 +274,7 @@ impl Identifier {
                     Meaning::ReportCycles => asking.servo_report_cycles = value,
                     Meaning::ServoReport => asking.servo_report = value,
                     Meaning::ServoInBackground if value == Some(1) => {
-                        (asking.servo_report, asking.servo_report_cycles) = (value, None);
+                        (asking.servo_report, asking.servo_report_cycles) = (value, Some(0));
                     }
                     Meaning::ServoInBackground => {}
                     Meaning::BackgroundReport => asking.background_report = value,

@@ -78,7 +78,7 @@ pub struct Identity {
     pub servo_period_ps: Option<u64>,
     /// I10, servo interrupt time in 1/8,388,608 ms.
     pub i10: Option<u32>,
-    /// Servo cycles from one servo report to the next: I19 of PMAC, I47 of Turbo PMAC.
+    /// Servo cycles from one servo report to the next: I19 of PMAC, I47 of Turbo PMAC. 0: no fixed number.
     pub servo_report_cycles: Option<u32>,
     /// I48: the servo report is on unless this is 0.
     pub servo_report: Option<u32>,

@@ -29,7 +29,7 @@ pub(super) enum Question {
 pub(super) enum Meaning {
     /// I10.
     ServoPeriod,
-    /// Servo cycles from one servo report to the next.
+    /// Servo cycles from one servo report to the next; 0: there is no such number.
     ReportCycles,
     /// The servo report is on.
     ServoReport,

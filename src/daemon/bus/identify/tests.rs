@@ -146,6 +146,19 @@ fn a_family_is_asked_for_the_variables_it_has() {
 }
 
 #[test]
+fn c1_a_report_in_the_background_is_told_without_a_period() {
+    for (in_background, cycles) in [("1", 0), ("0", 10)] {
+        let now = Instant::now();
+        let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
+        answer(&mut identifier, now, &["TURBO2, X4"]);
+        answer(&mut identifier, now, &["1.947"]);
+        // Turbo User Manual p. 403: I57=1 is the report in the background, by I50.
+        answer(&mut identifier, now, &["3713991", "10", "0", in_background, "1", "0", "2"]);
+        assert_eq!(identifier.asking.servo_report_cycles, Some(cycles), "I57={in_background}");
+    }
+}
+
+#[test]
 fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
     let now = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
