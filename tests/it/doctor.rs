@@ -42,7 +42,9 @@ fn boards_are_found_with_what_to_write_and_what_is_in_the_way() {
     );
     assert!(ran.stdout.contains("6.1.0-9-amd64, locked down (integrity)"), "{ran:?}");
     assert!(ran.stdout.contains("STRICT_DEVMEM=y IO_STRICT_DEVMEM=n UIO=m"), "{ran:?}");
-    assert!(ran.stdout.contains("mem:0xD4000"), "an ISA board cannot be detected: {ran:?}");
+    for usual in ["mem:0xD4000", "mem:0xD0000"] {
+        assert!(ran.stdout.contains(usual), "an ISA board cannot be detected: {ran:?}");
+    }
 
     let report = look("--boards --json").json();
     let found = report.as_array().unwrap().iter().find_map(|check| check.get("candidate")).unwrap();

@@ -11,8 +11,9 @@ use crate::map::Family;
 
 /// The kernel options that decide how a board can be opened.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
-/// The usual address of an ISA board's DPRAM.
-const USUAL_ISA: &str = "mem:0xD4000";
+/// Where the DPRAM of an ISA board usually lies: the factory's address (Turbo User Manual p. 399), and the one that a
+/// Windows program for both families sets (I93=$D, I94=$5).
+const USUAL_ISA: [&str; 2] = ["mem:0xD4000", "mem:0xD0000"];
 
 /// Looks for boards without opening any.
 pub fn boards(report: &mut Report, system: &System) {
@@ -40,8 +41,9 @@ pub fn boards(report: &mut Report, system: &System) {
             report.add(Level::Ok, "udev rule", rule);
         }
     }
+    let [first, second] = USUAL_ISA;
     let text = format!(
-        "an ISA board cannot be detected; with its DPRAM at the usual address, write {USUAL_ISA} (see pmacctl setup isa)"
+        "an ISA board cannot be detected; its DPRAM usually lies at {first} or {second}: look with pmacctl doctor --probe (see pmacctl setup isa)"
     );
     report.add(Level::Ok, "ISA", text);
 }
