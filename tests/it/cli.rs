@@ -116,6 +116,12 @@ fn an_image_decodes_as_the_live_data_do() {
     let ran = pmacctl(&format!("decode {path}"));
     assert!(one_clear_line(&ran).contains("16384 bytes, not 100"), "{ran:?}");
     assert_eq!(ran.code, Some(2));
+    std::fs::write(file.path(), [0; 0x1_0000]).unwrap();
+    let ran = pmacctl(&format!("decode {path}"));
+    assert!(
+        one_clear_line(&ran).contains("16384 bytes, not 65536; if it is a Turbo PMAC's: --family turbo"),
+        "{ran:?}"
+    );
     assert_eq!(pmacctl("decode /nonexistent").code, Some(2));
     assert_eq!(pmacctl(&format!("decode {path} --motors 9")).code, Some(2));
 }

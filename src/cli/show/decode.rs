@@ -15,7 +15,7 @@ use crate::cli::show::global_status;
 use crate::cli::show::motor::Motor;
 use crate::cli::show::motors;
 use crate::decode::{BackgroundData, Buffers, Image, Scales, ServoData, ServoDecoder};
-use crate::map::{Family, Firmware, Layout, Selection};
+use crate::map::{FAMILIES, Family, Firmware, Layout, Selection};
 use crate::segment::Identity;
 
 #[derive(Debug, Args)]
@@ -50,8 +50,14 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
         read(options).map_err(|error| Failure::Request(format!("{}: {error}", options.file.display())))?;
     let fault =
         |error: &dyn std::fmt::Display| Failure::Request(format!("{}: {error}", options.file.display()));
-    let image =
-        Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|e| fault(&e))?;
+    let image = Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|error| {
+        let other =
+            FAMILIES.iter().find(|family| family.lengths().any(|length| length as usize == bytes.len()));
+        let other = other.map_or(String::new(), |other| {
+            format!("; if it is a {}'s: --family {}", other.title, other.name)
+        });
+        fault(&format_args!("{error}{other}"))
+    })?;
     let count = options.motors.unwrap_or(options.family.motors);
     if count > options.family.motors {
         let most = options.family.motors;
@@ -86,9 +92,9 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     Ok(Verdict::Yes)
 }
 
-/// The file's bytes, at most one more than an image. The extra byte is enough to refuse the file.
+/// The file's bytes, at most one more than the largest image of any family. The extra byte is enough to refuse the file.
 fn read(options: &Decode) -> io::Result<Vec<u8>> {
-    let most = options.family.lengths().max().map_or(0, u64::from) + 1;
+    let most = FAMILIES.iter().flat_map(|family| family.lengths()).max().map_or(0, u64::from) + 1;
     let mut bytes = Vec::new();
     if options.file.as_os_str() == "-" {
         io::stdin().lock().take(most).read_to_end(&mut bytes)?;
