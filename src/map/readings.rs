@@ -265,7 +265,7 @@ pub enum ReadPass {
     Latched,
 }
 
-/// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 266).
+/// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 267).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MailboxBell {
