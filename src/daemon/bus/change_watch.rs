@@ -7,6 +7,7 @@
 use std::time::Instant;
 
 use crate::daemon::shared::status::{CHANGES, Change};
+use crate::map::Family;
 use crate::protocol::i_lines::{Numbers, settings};
 use crate::protocol::line::resets;
 
@@ -21,12 +22,21 @@ struct Told {
 }
 
 /// The variables that are asked for.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct ChangeWatch {
     told: [Option<Told>; CHANGES],
+    /// Setting the first variable clears the second: on Turbo boards I57=1 sets I48 to 0 (Turbo User Manual p. 403).
+    clears: Option<[u16; 2]>,
 }
 
 impl ChangeWatch {
+    /// Nothing was told yet of a board of `family`.
+    #[must_use]
+    pub fn new(family: &Family) -> Self {
+        let i = &family.i;
+        Self { told: [None; CHANGES], clears: i.servo_in_background.map(|other| [other, i.servo_enable]) }
+    }
+
     /// The board, asked at `now`, says that `variable` is `value`.
     pub fn told(&mut self, variable: u16, value: u32, now: Instant) {
         let is_it = |told: &Option<Told>| told.is_some_and(|told| told.variable == variable);
@@ -47,8 +57,11 @@ impl ChangeWatch {
             return self.forget();
         }
         for setting in settings(line) {
+            let may_set =
+                |number: u16| setting.numbers == Numbers::Unknown || setting.numbers.has(number.into());
             let is_set = |told: &Told| {
-                setting.numbers == Numbers::Unknown || setting.numbers.has(told.variable.into())
+                let is_cleared = |[by, cleared]: [u16; 2]| cleared == told.variable && may_set(by);
+                may_set(told.variable) || self.clears.is_some_and(is_cleared)
             };
             for slot in &mut self.told {
                 *slot = slot.filter(|told| !is_set(told));
@@ -77,6 +90,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::map::{PMAC, TURBO2};
 
     fn changes(watch: &ChangeWatch) -> Vec<(u16, u32, u32)> {
         let changes = watch.changes().into_iter().flatten();
@@ -87,7 +101,7 @@ mod tests {
     fn b1_9_what_no_line_of_ours_can_have_set_was_changed_by_somebody_else() {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
-        let mut watch = ChangeWatch::default();
+        let mut watch = ChangeWatch::new(&PMAC);
         for (variable, value) in [(2, 3), (55, 1), (19, 1)] {
             watch.told(variable, value, at(0));
         }
@@ -109,6 +123,15 @@ mod tests {
             watch.line_goes(line.as_bytes());
             watch.told(55, 0, at(1));
             assert_eq!(changes(&watch).is_empty(), is_ours, "{line}");
+        }
+        // What a line sets may clear another one.
+        let mut turbo = ChangeWatch::new(&TURBO2);
+        for (line, is_ours) in [("I57=1", true), ("I49=1", false)] {
+            turbo.forget();
+            turbo.told(48, 1, at(0));
+            turbo.line_goes(line.as_bytes());
+            turbo.told(48, 0, at(1));
+            assert_eq!(changes(&turbo).is_empty(), is_ours, "{line}");
         }
         // A change is no more of interest once the variable is set through the daemon.
         watch.line_goes(b"I55=1");

@@ -97,7 +97,7 @@ impl Identifier {
             is_repeated: false,
             enabling: Enabling::default(),
             wanted: ask,
-            changes: ChangeWatch::default(),
+            changes: ChangeWatch::new(family),
             recheck: RECHECK,
             asked: now,
             comparison: family.servo.global_status.as_ref().filter(|_| ask).map(Comparison::new),
