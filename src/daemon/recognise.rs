@@ -17,6 +17,9 @@ use crate::protocol::function::UNKNOWN_FAMILY;
 /// Between two looks: some milliseconds, and no multiple of a usual servo period.
 pub const PAUSE: Duration = Duration::from_micros(5300);
 
+/// How often a board whose family is sought is looked at, until it is known.
+const LOOKS: usize = 8;
+
 /// The settings for the board that is there: `settings`, unless their family is to be found out. `pause` waits [`PAUSE`] and
 /// tells the time in nanoseconds.
 ///
@@ -31,14 +34,14 @@ pub fn settled(
     match settings.family_known {
         FamilyKnown::Assumed | FamilyKnown::Recognised | FamilyKnown::Unknown => Ok(settings),
         FamilyKnown::Written => {
-            let seen = look(&settings, inherited, pause)?;
+            let seen = look(&settings, inherited, 1, pause)?;
             match contradiction(settings.family, seen) {
                 Some(reason) => Err(Failure::new(exit::CONFIGURATION, reason)),
                 None => Ok(settings),
             }
         }
         FamilyKnown::Sought => {
-            let seen = look(&settings, inherited, pause)?.map(|seen| of_size(seen, &settings.board));
+            let seen = look(&settings, inherited, LOOKS, pause)?.map(|seen| of_size(seen, &settings.board));
             match seen {
                 Some(family) => info!("the board is a {} by what it shows", family.title),
                 None => warn!("{UNKNOWN_FAMILY}"),
@@ -65,11 +68,12 @@ pub fn settled_now(
     })
 }
 
-/// What the board is by its size, where that is sure, and by its reports. Where nothing tells, and where its page is not
-/// selected yet, nothing is known.
+/// What the board is by its size, where that is sure, and by its reports, in so many looks at most. Where nothing tells, and
+/// where its page is not selected yet, nothing is known.
 fn look(
     settings: &Settings,
     inherited: &Inherited,
+    looks: usize,
     mut pause: impl FnMut() -> u64,
 ) -> Result<Recognised, Failure> {
     // PMAC's DPRAM has 8K x 16 bits (so the DPRAM manual's title); 32K came with Turbo (Turbo User Manual p. 397).
@@ -78,7 +82,7 @@ fn look(
     }
     let bus = board::open_to_look(settings, WINDOW, &System::here(), inherited);
     let mut bus = bus.map_err(|error| Failure::board(error.as_ref()))?;
-    recognise(&mut bus, |_| pause()).map_err(|error| Failure::board(&error))
+    recognise(&mut bus, looks, |_| pause()).map_err(|error| Failure::board(&error))
 }
 
 /// The family that was seen, with as much DPRAM as there surely is. Within the generation, `TYPE` tells more.
