@@ -217,6 +217,13 @@ fn b5_7_a_home_search_is_waited_for() {
     let told = done(&site, &["panel", "home", "4", "5", "--wait"]);
     assert_eq!(told.lines().count(), 2, "{told}");
     site.wait_until("the flag", || site.pmacctl(&["motors"]).1.contains("homed"));
+    // The board drops the request of a motor that a program has, whose flag is of the search before.
+    for line in ["&1 #4->X", "OPEN PROG 5 CLEAR", "DWELL 60000", "CLOSE", "&1B5R"] {
+        site.ask(line);
+    }
+    let ran = site.run(&["panel", "home", "4", "--wait"]);
+    assert!(ran.code == Some(1) && ran.stderr.contains("has not searched for home"), "{ran:?}");
+    site.ask("&1A");
     // A search that is stopped has not found home.
     site.ask("I623=0.01");
     let child = start(&site, &["panel", "home", "6", "--wait"]);

@@ -59,6 +59,8 @@ struct Seen {
     aborted: bool,
     /// It has searched for home.
     homed: bool,
+    /// Samples of it were lost.
+    lost: bool,
 }
 
 /// Looks at the board from before the request on.
@@ -181,7 +183,7 @@ impl Watch {
         }
         // What was not seen may have been a move.
         if history.lost > 0 {
-            self.seen.iter_mut().for_each(|seen| seen.moved = true);
+            self.seen.iter_mut().for_each(|seen| (seen.moved, seen.lost) = (true, true));
         }
         Ok(())
     }

@@ -171,7 +171,13 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
         }
         Goal::Home => {
             let is_home = has_begun && motor.has("home_complete") == Some(true);
-            (!is_home).then(|| "and has not found home".to_owned())
+            // The flag of an earlier search stands until another one begins, which the board may have dropped.
+            match is_home && !seen.homed && !seen.lost {
+                true => Some(
+                    "and has not searched for home: does a program run in its coordinate system?".to_owned(),
+                ),
+                false => (!is_home).then(|| "and has not found home".to_owned()),
+            }
         }
         Goal::Stands if has_begun => None,
         Goal::Stands => return Progress::GoesOn,
