@@ -170,17 +170,20 @@ fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
 #[test]
 fn b2_8_with_the_daemon_stopped_an_abort_soon_says_that_nothing_may_stand() {
     let site = running();
-    site.signal_daemon(Signal::SIGSTOP);
-    let begun = Instant::now();
-    let mut child = start(&site, &["abort"]);
-    let mut told = String::new();
-    let stderr = child.stderr.take().unwrap();
-    std::io::BufRead::read_line(&mut std::io::BufReader::new(stderr), &mut told).unwrap();
-    let took = begun.elapsed();
-    assert!(told.contains("use the emergency stop") && took < Duration::from_secs(2), "{took:?}: {told}");
-    site.signal_daemon(Signal::SIGCONT);
-    // Answered after all.
-    assert_eq!(status(child), Some(0));
+    for stop in [&["abort"][..], &["send", "^A"], &["panel", "jog-stop", "1"], &["jog", "1", "stop"]] {
+        site.signal_daemon(Signal::SIGSTOP);
+        let begun = Instant::now();
+        let mut child = start(&site, stop);
+        let mut told = String::new();
+        let stderr = child.stderr.take().unwrap();
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(stderr), &mut told).unwrap();
+        let took = begun.elapsed();
+        let is_soon = took < Duration::from_secs(2);
+        assert!(told.contains("use the emergency stop") && is_soon, "{stop:?}: {took:?}: {told}");
+        site.signal_daemon(Signal::SIGCONT);
+        // Answered after all.
+        assert_eq!(status(child), Some(0), "{stop:?}");
+    }
 }
 
 #[test]

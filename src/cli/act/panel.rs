@@ -13,6 +13,7 @@ use serde::Serialize;
 use crate::cli::act::wait::{Goal, Wait, Watch, see_programs_begin, wait_for_motors, wait_for_programs};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::late::warn_if_late;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, HeldJog};
@@ -182,8 +183,6 @@ pub fn press(
         }
         _ => Goal::Stands,
     };
-    let mut connection = context.connection()?.confirming(confirms);
-    check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
     let ready = |mut watch: Watch| {
         match action {
             // What has been killed is stopped, too.
@@ -193,14 +192,21 @@ pub fn press(
         }
         .map(|()| watch)
     };
-    let watch = wait.wait.then(|| Watch::begin(context).and_then(ready));
-    let watch = match watch {
-        Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
-        watch => watch,
+    let request = || -> Result<_, Failure> {
+        let mut connection = context.connection()?.confirming(confirms);
+        check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
+        let watch = wait.wait.then(|| Watch::begin(context).and_then(ready));
+        let watch = match watch {
+            Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
+            watch => watch,
+        };
+        // The board takes the key of a program that it cannot run, and drops it.
+        let start = (action == PanelAction::Start && watch.is_none()).then(|| Watch::begin(context));
+        connection.panel(action.name(), numbers)?;
+        Ok((watch, start))
     };
-    // The board takes the key of a program that it cannot run, and drops it.
-    let start = (action == PanelAction::Start && watch.is_none()).then(|| Watch::begin(context));
-    connection.panel(action.name(), numbers)?;
+    let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
+    let (watch, start) = if stops { warn_if_late(request) } else { request() }?;
     match start {
         Some(Ok(mut watch)) => return see_programs_begin(&mut watch, numbers),
         Some(Err(failure)) => {

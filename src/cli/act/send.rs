@@ -7,6 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::args::values::seconds;
+use crate::cli::console::late::warn_if_late;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::CommandError;
 use crate::protocol::line::resets;
@@ -38,23 +39,29 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
-    let mut connection = context.connection()?.confirming(options.yes);
-    let begun = Instant::now();
-    let reply = match control {
-        Some(character) => connection.control(character),
-        None => match connection.send(&options.line, timeout) {
-            Err(CommandError::Refused(CallError::TimedOut { lines }))
-                if lines.is_empty() && resets(options.line.as_bytes()) && begun.elapsed() < timeout =>
-            {
-                // Before the time was over: the board has let go of the line.
-                // If stderr is closed, the note is lost.
-                let note = "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
-                let _ = writeln!(io::stderr(), "{note}");
-                Ok(Vec::new())
-            }
-            reply => reply,
-        },
+    let send = || -> Result<_, Failure> {
+        let mut connection = context.connection()?.confirming(options.yes);
+        let begun = Instant::now();
+        Ok(match control {
+            Some(character) => connection.control(character),
+            None => match connection.send(&options.line, timeout) {
+                Err(CommandError::Refused(CallError::TimedOut { lines }))
+                    if lines.is_empty() && resets(options.line.as_bytes()) && begun.elapsed() < timeout =>
+                {
+                    // Before the time was over: the board has let go of the line.
+                    // If stderr is closed, the note is lost.
+                    let note =
+                        "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
+                    let _ = writeln!(io::stderr(), "{note}");
+                    Ok(Vec::new())
+                }
+                reply => reply,
+            },
+        })
     };
+    let stops =
+        control.is_some_and(|character| [control::ABORT, control::KILL, control::HOLD].contains(&character));
+    let reply = if stops { warn_if_late(send) } else { send() }?;
     let json = context.output.is_json();
     match reply {
         Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
