@@ -196,6 +196,19 @@ fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
 }
 
 #[test]
+fn b5_7_a_wait_names_the_reset_that_ended_it() {
+    // Its reports go on after a reset.
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_until("the board's answers", || site.run(&["send", "SAVE"]).code == Some(0));
+    let child = start(&site, &["jog", "1", "=500000", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#1V") > 0.1);
+    site.control("reset");
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("the board was reset; motor 1"), "{ran:?}");
+}
+
+#[test]
 fn b5_7_a_jog_that_a_home_search_took_over_has_not_arrived() {
     let site = running("");
     site.ask("#3J=5000");

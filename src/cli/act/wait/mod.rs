@@ -18,6 +18,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure};
 use crate::client::{Board, Snapshot, Staleness};
 use crate::decode::ServoData;
+use crate::segment::Counter;
 use crate::segment::identity::MOTORS;
 
 pub use motors::{Goal, wait_for_motors};
@@ -69,6 +70,8 @@ pub struct Watch {
     interrupt: Interrupt,
     /// The daemon's segment: another one is of a daemon that has been started since.
     generation: u64,
+    /// How many resets of the board that daemon has found.
+    resets: u64,
     /// The number of the next servo sample to look at.
     next: u64,
     /// Motor 1 first.
@@ -106,7 +109,15 @@ impl Watch {
             )));
         }
         let (generation, next) = (board.subscriber().generation(), board.servo_sequence()? + 1);
-        Ok(Self { board, interrupt: Interrupt::listen()?, generation, next, seen: Default::default() })
+        let resets = board.subscriber().counter(Counter::Resets);
+        Ok(Self {
+            board,
+            interrupt: Interrupt::listen()?,
+            generation,
+            resets,
+            next,
+            seen: Default::default(),
+        })
     }
 
     /// What the board shows now.
@@ -147,6 +158,9 @@ impl Watch {
             let snapshot = self.snapshot()?;
             if self.board.subscriber().generation() != self.generation {
                 return ended("pmacd was restarted".to_owned());
+            }
+            if self.board.subscriber().counter(Counter::Resets) != self.resets {
+                return ended("the board was reset".to_owned());
             }
             self.follow()?;
             let now = sequence(&snapshot);
