@@ -94,10 +94,10 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         .collect::<Result<_, _>>()?;
     let names: Vec<VariableName> = wanted.iter().map(|wanted| wanted.name).collect();
     let mut held = board.watch_variables(&names)?;
-    // The board has the table now. Copies must arrive within the region's limit.
-    let began = Instant::now();
+    // The board has the table now. Copies must arrive within the region's limit, by the clock of the segment.
+    let (began, began_ns) = (Instant::now(), board.subscriber().now_ns());
     let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
-    let first_limit = FIRST * Duration::from_nanos(region.stale_after_ns);
+    let first_limit_ns = u64::from(FIRST) * region.stale_after_ns;
     let end = options.seconds.and_then(|seconds| began.checked_add(seconds));
     let left = || end.map_or(NO_NEWS, |end| end.saturating_duration_since(Instant::now()));
     let (mut printed, mut after, mut complete, mut fresh) = (0, 0, false, false);
@@ -121,7 +121,7 @@ fn watch(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
                 context.output.flush()?;
                 printed += 1;
             }
-            _ if began.elapsed() > first_limit && !complete => {
+            _ if !complete && board.subscriber().now_ns().saturating_sub(began_ns) > first_limit_ns => {
                 return Err(Failure::Refused(
                     "PMAC copies nothing; check that the board runs and I55=1".to_owned(),
                 ));
