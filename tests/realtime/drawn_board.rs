@@ -36,8 +36,6 @@ pub struct DrawnBoard {
     options: Vec<String>,
     /// The daemon's configuration: the readings that it cannot find out by itself.
     settings: String,
-    /// What the board does at power-up.
-    startup: String,
 }
 
 impl DrawnBoard {
@@ -59,11 +57,7 @@ impl DrawnBoard {
                 settings += &format!("{name} = {value:?}\n");
             }
         }
-        // Where I3 alone has replies marked, as it comes from the factory they are not.
-        let is_marked = !options.iter().any(|option| option == "reply_end=silence");
-        let startup = include_str!("../../src/sim/dpram-startup.pmc");
-        let startup = if is_marked { startup.to_owned() } else { startup.replace("I3=2", "I3=1") };
-        Self { seed, options, settings, startup }
+        Self { seed, options, settings }
     }
 
     /// The options of its simulator, and `more`.
@@ -73,8 +67,7 @@ impl DrawnBoard {
 
     /// Powers it up at `site` with all functions enabled, and `more` options.
     pub fn power_up(&self, site: &mut Site, more: &[&str]) {
-        let startup = site.file("startup.pmc", &self.startup);
-        site.start_simulator(&self.simulator(&[&["--startup", &startup], more].concat()));
+        site.start_simulator(&self.simulator(&[&["--dpram-startup"], more].concat()));
     }
 
     /// Starts the daemon that is told of it what it cannot find out, and `more` of the configuration.
