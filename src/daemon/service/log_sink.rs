@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const PIECES: usize = 1024;
 const PIECE_BYTES: usize = 240;
 /// Time limit for writing the remaining lines at the end of the program.
-const LAST_WORDS: Duration = Duration::from_millis(500);
+const LAST_WORDS: Duration = Duration::from_secs(2);
 /// Period of the checks for room meanwhile.
 const LOOK: Duration = Duration::from_millis(2);
 

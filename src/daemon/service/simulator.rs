@@ -11,8 +11,8 @@ use nix::sys::signal::Signal;
 use crate::device::InterruptSource;
 use crate::map::Family;
 
-/// Time limit of the simulator's start.
-const START: Duration = Duration::from_secs(5);
+/// Time limit of the simulator's start, long enough for a machine that compiles beside.
+const START: Duration = Duration::from_secs(20);
 /// Time limit of its end.
 const END: Duration = Duration::from_secs(2);
 
