@@ -73,6 +73,8 @@ fn b5_2_a_simulator_that_was_killed_ends_its_daemon() {
         .unwrap();
     place.wait_for_live_servo();
     let said = || std::fs::read_to_string(place.path("log")).unwrap();
+    // A thread of its own writes the log: it may come later than the data.
+    wait_until("the log names the simulator", || said().contains(" serves board "));
     let started = said();
     let line = started.lines().find(|line| line.contains("] simulator ")).unwrap();
     let words: Vec<&str> = line.split("simulator ").nth(1).unwrap().split(" runs in ").collect();

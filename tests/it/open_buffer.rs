@@ -100,6 +100,8 @@ fn b1_2_a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
 fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
+    // A question of the daemon's that is on its way at this moment would enter.
+    site.wait_for_identity();
     let mut serial = UnixStream::connect(site.path("serial")).unwrap();
     serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
     let file = site.file("file.pmc", "P5=1\n");
