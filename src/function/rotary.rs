@@ -8,8 +8,10 @@
 //! a line and the marker behind it never reach what PMAC still has to read. A line must be complete in the buffer
 //! before the host's index moves.
 //!
-//! The host owns the ring, its index, and, while the transfer is disabled (I57=0), the header; PMAC owns the status word
-//! and its index. PMAC's internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
+//! The host owns the ring, its index, and, while the transfer is disabled, the header; PMAC owns the status word
+//! and its index. On PMAC I57 enables the transfer. On Turbo boards, where each coordinate system has a buffer of its own, no such
+//! I-variable is told, but binary entry is opened by itself (Turbo Software Reference p. 290); besides, a header whose size is 0 is
+//! not in use, so that the size is written last. PMAC's internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::rotary_header;
@@ -213,9 +215,10 @@ impl RotaryStream {
         Self { order: readings.rotary_header, end_marker, ..self }
     }
 
-    /// Sets the buffer up, empty. The transfer must be disabled (I57=0) until this has returned.
+    /// Sets the buffer up, empty. Where an I-variable enables the transfer, it must be 0 until this has returned.
     ///
-    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it).
+    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it), two more
+    /// where no I-variable enables the transfer.
     ///
     /// # Errors
     /// [`RotaryError::Size`], [`RotaryError::Place`], [`RotaryError::CoordinateSystem`] before anything is written;
@@ -238,13 +241,16 @@ impl RotaryStream {
         }
         // Should the board go away meanwhile, the buffer is not set up.
         self.reset();
+        if self.family.i.rotary_enable.is_none() {
+            // No I-variable keeps PMAC out: a header that is not in use does.
+            self.clear_unused(bus)?;
+        }
         let header = self.header;
         put(bus, start, self.end_marker)?;
         let word = u16::from(coordinate_system) + u16::from(base) - 1;
         bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
         let [start_at, size_at] = self.order.start_and_size();
         bus.write16(header.plus_words(start_at), self.family.start.start_word(start))?;
-        bus.write16(header.plus_words(size_at), size as u16)?;
         let status = header.plus_words(rotary_header::STATUS);
         if bus.read16(status)? != 0 {
             bus.write16(status, 0)?;
@@ -253,12 +259,14 @@ impl RotaryStream {
         bus.write16(header.plus_words(rotary_header::PMAC_INDEX), 0)?;
         bus.write16(header.plus_words(rotary_header::HOST_INDEX), 0)?;
         bus.order_writes();
+        bus.write16(header.plus_words(size_at), size as u16)?;
+        bus.order_writes();
         (self.start, self.size) = (start, size);
         Ok(())
     }
 
     /// Marks a buffer that has not been set up as not in use, whatever power-on left in its header: its size is 0, by
-    /// either reading. To be called before a transfer is enabled (I57 is for all buffers).
+    /// either reading. To be called before a transfer is enabled: that is for all buffers.
     ///
     /// # Errors
     /// When the bus cannot be reached.

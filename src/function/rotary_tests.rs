@@ -71,7 +71,9 @@ fn the_header_says_where_the_ring_lies() {
             let before = bus.accesses();
             let mut stream = RotaryStream::of_family(family).remove(index);
             stream.set_up(&mut bus, &setup(family, 100)).unwrap();
-            assert_eq!(bus.accesses() - before, 11);
+            // Where no I-variable keeps PMAC out, the header is taken out of use first.
+            let more = if family.i.rotary_enable.is_none() { 2 } else { 0 };
+            assert_eq!(bus.accesses() - before, 11 + more);
             let mut words = [0; 6];
             bus.read_block(header, &mut words).unwrap();
             assert_eq!(words, [0, 3, 0, 0, 100, family.start.start_word(start(family))]);
@@ -81,7 +83,7 @@ fn the_header_says_where_the_ring_lies() {
             let from_0 =
                 RotarySetup { coordinate_system_base: 0, start: family.user_area.start, ..setup(family, 6) };
             stream.set_up(&mut bus, &from_0).unwrap();
-            assert_eq!(bus.accesses(), 10);
+            assert_eq!(bus.accesses(), 10 + more);
             bus.read_block(header, &mut words).unwrap();
             assert_eq!(words, [0, 2, 0, 0, 6, family.start.start_word(family.user_area.start)]);
         }

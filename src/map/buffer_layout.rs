@@ -47,8 +47,8 @@ pub struct BufferSettings {
     /// Records the variable-write table has room for, 0-32.
     pub variable_write_records: u32,
     /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the list
-    /// have none.
-    pub rotary_longs: Vec<u32>,
+    /// have none. Without a list they have what the family keeps for them.
+    pub rotary_longs: Option<Vec<u32>>,
     /// PMAC address of the variable-read table; 0 where the plan puts it.
     pub variable_read_start: u32,
     /// PMAC address of the variable-write records; 0 where the plan puts them.
@@ -58,17 +58,31 @@ pub struct BufferSettings {
 }
 
 impl Default for BufferSettings {
-    /// Gathering below $D800, the tables and rotary buffers from $DA20 on, 544 longs from $D800 for the user.
+    /// On PMAC: gathering below $D800, the tables and rotary buffers from $DA20 on, 544 longs from $D800 for the user.
     fn default() -> Self {
         Self {
             gather_longs: 0x5C0,
             variable_read_entries: VARIABLE_READ_ENTRIES as u32,
             variable_write_records: VARIABLE_WRITE_RECORDS as u32,
-            rotary_longs: vec![0x200; 2],
+            rotary_longs: None,
             variable_read_start: 0,
             variable_write_start: 0,
-            rotary_start: vec![0; 2],
+            rotary_start: Vec::new(),
         }
+    }
+}
+
+impl BufferSettings {
+    /// Longs of the rotary buffers on a board of `family`.
+    #[must_use]
+    pub fn rotary_longs(&self, family: &Family) -> &[u32] {
+        self.rotary_longs.as_deref().unwrap_or(family.rotary.kept_longs)
+    }
+
+    /// The settings, with what they leave to the family.
+    #[must_use]
+    pub fn of(self, family: &Family) -> Self {
+        Self { rotary_longs: Some(self.rotary_longs(family).to_vec()), ..self }
     }
 }
 
@@ -233,7 +247,7 @@ impl BufferLayout {
         let listed = |list: &[u32], index: usize| list.get(index).copied().unwrap_or_default();
         let mut rotary = ROTARY.map(|name| Region::new(name, area.end, area.end));
         for (index, (region, name)) in rotary.iter_mut().zip(ROTARY).enumerate() {
-            let longs = listed(&settings.rotary_longs, index);
+            let longs = listed(settings.rotary_longs(family), index);
             *region = place(name, longs, listed(&settings.rotary_start, index))?;
         }
         let read_longs = read_longs(settings.variable_read_entries);
@@ -430,14 +444,13 @@ fn check_sizes(settings: &BufferSettings, family: &Family) -> Result<(), BufferL
         return size("variable_write", settings.variable_write_records, "a table has 0 to 32 records");
     }
     let there_are = family.rotary.headers.len();
-    for (setting, list) in
-        [("rotary_longs", &settings.rotary_longs), ("rotary_start", &settings.rotary_start)]
-    {
+    let rotary_longs = settings.rotary_longs(family);
+    for (setting, list) in [("rotary_longs", rotary_longs), ("rotary_start", &settings.rotary_start)] {
         if list.len() > there_are {
             return Err(BufferLayoutError::TooMany { setting, listed: list.len(), there_are });
         }
     }
-    for (buffer, &longs) in ROTARY.into_iter().zip(&settings.rotary_longs) {
+    for (buffer, &longs) in ROTARY.into_iter().zip(rotary_longs) {
         if longs != 0 && (longs < 6 || !longs.is_multiple_of(2)) {
             return size(buffer, longs, "a rotary buffer has 0 or an even number of longs, at least 6");
         }

@@ -79,8 +79,8 @@ fn sizes_no_function_takes_are_refused() {
     for (settings, buffer) in [
         (BufferSettings { variable_read_entries: 129, ..BufferSettings::default() }, "variable_read"),
         (BufferSettings { variable_write_records: 33, ..BufferSettings::default() }, "variable_write"),
-        (BufferSettings { rotary_longs: vec![4, 0], ..BufferSettings::default() }, "rotary_1"),
-        (BufferSettings { rotary_longs: vec![0, 7], ..BufferSettings::default() }, "rotary_2"),
+        (BufferSettings { rotary_longs: Some(vec![4, 0]), ..BufferSettings::default() }, "rotary_1"),
+        (BufferSettings { rotary_longs: Some(vec![0, 7]), ..BufferSettings::default() }, "rotary_2"),
     ] {
         let error = BufferLayout::new(&layout(None), &settings).unwrap_err();
         assert!(matches!(error, BufferLayoutError::Size { buffer: named, .. } if named == buffer), "{error}");
@@ -119,7 +119,7 @@ fn without_buffers_all_of_the_area_is_open() {
         gather_longs: 0,
         variable_read_entries: 0,
         variable_write_records: 0,
-        rotary_longs: Vec::new(),
+        rotary_longs: Some(Vec::new()),
         ..BufferSettings::default()
     };
     let plan = BufferLayout::new(&layout(None), &settings).unwrap();
@@ -131,7 +131,10 @@ fn a_family_has_as_many_rotary_buffers_as_headers() {
     for family in FAMILIES {
         let layout = Layout::new(family, None);
         let count = family.rotary.headers.len();
-        let settings = |rotary_longs| BufferSettings { rotary_longs, ..BufferSettings::default() };
+        let settings =
+            |longs: Vec<u32>| BufferSettings { rotary_longs: Some(longs), ..BufferSettings::default() };
+        let kept = BufferLayout::new(&layout, &BufferSettings::default()).unwrap();
+        assert!(kept.rotary().iter().all(|region| region.words() > 0), "each has room by default");
         let plan = BufferLayout::new(&layout, &settings(vec![6; count])).unwrap();
         assert_eq!(plan.rotary().len(), count, "{}", family.name);
         let mut end = family.user_area.end;
@@ -165,7 +168,7 @@ proptest! {
             gather_longs,
             variable_read_entries,
             variable_write_records,
-            rotary_longs: vec![2 * rotary],
+            rotary_longs: Some(vec![2 * rotary]),
             variable_read_start: start,
             ..BufferSettings::default()
         };

@@ -343,6 +343,12 @@ pub struct RotaryHeaders {
     pub one_a_system: bool,
     /// The on-line command that lets binary lines in.
     pub open: &'static str,
+    /// The name of the bit of `???` that says that it does.
+    pub open_flag: &'static str,
+    /// HOME and HOMEZ have a bit for each of the motors 1 to this one.
+    pub home_motors: u16,
+    /// Longs of the DPRAM that are kept for each buffer unless the settings say otherwise.
+    pub kept_longs: &'static [u32],
 }
 
 impl RotaryHeaders {

@@ -66,7 +66,7 @@ pub enum Shape {
         /// Whether the list may contain R, the circle vectors.
         vectors: bool,
     },
-    /// Type 1 D, CODE1 30: motor n is bit n-1 of word 2.
+    /// Type 1 D, CODE1 30: motor n is bit n-1 of word 2. How many motors it can name, the settings say.
     Motors {
         /// 3 or 6, in the place of the exponent.
         subcode: u8,
@@ -244,7 +244,7 @@ const fn axes(name: &'static str, code2: u8, vectors: bool) -> Code {
 }
 
 const fn motors(name: &'static str, short: &'static str, subcode: u8) -> Code {
-    Code::new(name, short, Shape::Motors { subcode }, Range::Whole(1, 8))
+    Code::new(name, short, Shape::Motors { subcode }, Range::Whole(1, 24))
 }
 
 const fn plcs(name: &'static str, short: &'static str, code2: u8) -> Code {

@@ -23,7 +23,7 @@ pub enum Argument {
     /// Axes: bit k is axis [`AXES`]`[k]`, bit 9 is R.
     Axes(u16),
     /// Motors: bit n-1 is motor n.
-    Motors(u8),
+    Motors(u32),
     /// PLC programs: bit n is PLC n.
     Plcs(u32),
 }
@@ -93,7 +93,7 @@ impl Item {
             (Shape::Axes { code2, .. }, Argument::Axes(axes)) => {
                 (axes_code(code2, settings) | first(MODES, 2), axis_mask(code2, axes, settings))
             }
-            (Shape::Motors { subcode }, Argument::Motors(motors)) => (first(MODES, subcode), motors.into()),
+            (Shape::Motors { subcode }, Argument::Motors(motors)) => (first(MODES, subcode), motors),
             (Shape::Plcs { code2 }, Argument::Plcs(plcs)) => {
                 ((plcs & 0xFF) << 16 | u32::from(code2) << 12 | first(MODES, 1), plcs >> 8)
             }
@@ -152,7 +152,7 @@ impl Item {
                 }
                 Argument::Axes(axes)
             }
-            Shape::Motors { .. } => match word2 as u8 {
+            Shape::Motors { .. } => match word2 & settings.home_mask() {
                 0 => return Err(nothing),
                 motors => Argument::Motors(motors),
             },

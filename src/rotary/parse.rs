@@ -183,7 +183,7 @@ impl Parser<'_> {
                     return self.abandon(first, Reason::NeedsMotors(code.name));
                 }
                 let motors = self.list(code)?;
-                motors.map(|motors| Argument::Motors((motors >> 1) as u8))
+                motors.map(|motors| Argument::Motors(motors >> 1))
             }
             Shape::Plcs { .. } => {
                 match self.peek_kind() {
@@ -427,11 +427,18 @@ impl Parser<'_> {
 
     /// The number as an integer in the command's range.
     fn whole(&mut self, code: &'static Code, number: &Number) -> Option<u16> {
+        let is_home = matches!(code.shape, Shape::Motors { .. });
+        let most = if is_home { self.settings.home_motors } else { u16::MAX };
         let whole = number.constant.integer().and_then(|whole| u16::try_from(whole).ok());
-        let whole = whole.filter(|&whole| code.range.contains(whole.into()));
+        let whole = whole.filter(|&whole| code.range.contains(whole.into()) && whole <= most);
         if whole.is_none() {
-            let text = self.text(number.first);
-            self.error(number.first, Reason::Range { name: code.name, text, range: code.range });
+            let (name, text) = (code.name, self.text(number.first));
+            let reason = if is_home {
+                Reason::NoHomeBit { name, text, most }
+            } else {
+                Reason::Range { name, text, range: code.range }
+            };
+            self.error(number.first, reason);
         }
         whole
     }

@@ -103,7 +103,9 @@ pub enum Reason {
     #[error("the default value * cannot be sent: only constants")]
     Default,
     /// An invalid variable number.
-    #[error("{0}: variable numbers are whole numbers from 0 to 1023")]
+    #[error(
+        "{0}: variable numbers are whole numbers from 0 to 1023; a binary command has no room for others"
+    )]
     VariableNumber(String),
     /// An operator that only M-variables have.
     #[error("{0} is for M-variables only")]
@@ -142,8 +144,20 @@ pub enum Reason {
     #[error("PSET needs one or more axes on the same line")]
     NeedsAxis,
     /// HOME without motors.
-    #[error("{0} needs motor numbers from 1 to 8; without them it is an on-line command")]
+    #[error("{0} needs motor numbers; without them it is an on-line command")]
     NeedsMotors(&'static str),
+    /// HOME of a motor for which its code has no bit.
+    #[error(
+        "{text}: {name} takes whole numbers from 1 to {most}; its binary command has no bit for another motor"
+    )]
+    NoHomeBit {
+        /// The command.
+        name: &'static str,
+        /// The number as written.
+        text: String,
+        /// The last motor that has one.
+        most: u16,
+    },
     /// ENABLE without PLC.
     #[error("{0} must be followed by PLC and the numbers of PLC programs")]
     NeedsPlc(&'static str),

@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::map::Readings;
+use crate::map::{DEFAULT_FAMILY, Family, Readings};
 
 /// The open points of the format, for both directions.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,6 +20,9 @@ pub struct Settings {
     /// What the manual says of the format in two ways. It has a table of its own in the daemon's configuration.
     #[serde(skip)]
     pub readings: Readings,
+    /// HOME and HOMEZ can name motors 1 to this one. It is the board's family that says it.
+    #[serde(skip)]
+    pub home_motors: u16,
     /// Lowest bit of CODE2 in word 1 of the mode commands (CODE1 30, sub-code 0), 12 to 19. The diagram shows the field
     /// without bit numbers; in type 0 it is at 16.
     pub mode_code_bit: u8,
@@ -47,6 +50,7 @@ impl Default for Settings {
             exponent_bias: 31,
             zero_exponent: 0,
             readings: Readings::default(),
+            home_motors: DEFAULT_FAMILY.rotary.home_motors,
             mode_code_bit: 16,
             abs_inc_axis_bit: 6,
             abs_inc_vector_bit: 5,
@@ -104,6 +108,17 @@ impl Settings {
             Some((name, value, _, allowed)) => Err(SettingsError { name, value, allowed }),
             None => Ok(()),
         }
+    }
+
+    /// These settings for boards of `family`.
+    #[must_use]
+    pub fn of(self, family: &Family) -> Self {
+        Self { home_motors: family.rotary.home_motors, ..self }
+    }
+
+    /// The bits of word 2 that HOME and HOMEZ use.
+    pub(super) const fn home_mask(&self) -> u32 {
+        (1 << self.home_motors) - 1
     }
 
     /// Most commands of one text line: the end marker takes one place, and a buffer already counts as full with one

@@ -281,6 +281,13 @@ fn each_of_sixteen_rotary_buffers_is_watched() {
     // Buffer 16, a size that is odd.
     bench.write(0x1050 + 12 * 15 + 8, 7);
     bench.run(1);
+    assert_eq!(bench.read(0x1050 + 12 * 15), 0, "no binary lines are let in");
+    send(&mut bench, "&16DEFINE ROT 10");
+    send(&mut bench, "OPEN ROT");
+    bench.run(1);
+    assert_eq!(bench.read(0x1050 + 12 * 15), 0, "text is");
+    send(&mut bench, "CLOSE OPEN BINARY ROTARY");
+    bench.run(1);
     assert_eq!(bench.read(0x1050 + 12 * 15), 0x8003);
     assert!(bench.violations()[0].contains("rotary buffer 16: its size is 7"), "{:?}", bench.violations());
 }

@@ -59,6 +59,7 @@ mod tools;
 mod tools_serial;
 mod tools_terminal;
 mod turbo;
+mod turbo_rotary;
 mod two_hosts;
 mod uncertain;
 mod variables;

@@ -40,6 +40,14 @@ fn c1_the_motors_of_a_turbo_board_reach_pmacctl() {
             assert_eq!(status["board"]["family"], "turbo2");
             assert_eq!(status["condition"], "live", "{status}");
             assert_eq!(status["board"]["reported_motors"], json!(motors.iter().max()));
+            assert_eq!(status["board"]["motors_of_reports"], json!(motors));
+            let told = match motors[..] {
+                [1] => "1 motor\n".to_owned(),
+                [2, ..] => "3 motors: 2, 17, 32\n".to_owned(),
+                _ => format!("{} motors\n", motors.len()),
+            };
+            let (_, text, _) = site.site.pmacctl(&["status"]);
+            assert!(text.contains(&format!("\nreports         {told}")), "{text}");
             assert_eq!(status["socket"]["functions"], json!(["servo"]));
             assert_eq!((site.count(Counter::Missed), site.count(Counter::Lost)), (0, 0), "{reading}");
         }
@@ -114,23 +122,38 @@ fn c1_the_coordinate_systems_of_a_turbo_board_reach_pmacctl() {
 }
 
 #[test]
-fn c1_a_function_that_is_not_there_yet_is_refused_by_name() {
+fn c1_a_function_that_is_not_there_is_refused_by_name() {
     let mut site = Site::new("");
     site.cycles(400);
     let status = site.json(&["status"]);
-    assert_eq!(status["socket"]["functions"], json!(["ascii", "servo", "background", "variables", "gather"]));
+    assert_eq!(
+        status["socket"]["functions"],
+        json!(["ascii", "servo", "background", "variables", "rotary", "gather"])
+    );
     let (code, stdout, _) = site.site.pmacctl(&["status"]);
     assert!(
-        code != 2 && stdout.contains("functions       ascii servo background variables gather\n"),
+        code != 2 && stdout.contains("functions       ascii servo background variables rotary gather\n"),
         "{stdout}"
     );
     let (code, _, stderr) = site.site.pmacctl(&["panel", "jog+", "1"]);
-    let text = "pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather";
+    let text = "pmacd does not use the function `panel` on a Turbo PMAC2: no text tells of a firmware that acts on its words";
     assert!(code != 0 && stderr.contains(text), "{stderr}");
-    let (_, _, stderr) = site.site.pmacctl(&["jog", "1", "stop"]);
-    assert!(stderr.contains("command lines do what the panel's keys do: #1J+, #1J-, #1J/"), "{stderr}");
+    let (_, _, stderr) = site.site.pmacctl(&["jog", "1", "+"]);
+    assert!(stderr.contains("command lines do what the panel's other keys do: #1J+, #1J-, #1J="), "{stderr}");
     let (_, stdout, _) = site.site.pmacctl(&["doctor"]);
-    assert!(stdout.contains("pmacd cannot use panel, rotary on a Turbo PMAC2 yet"), "{stdout}");
+    assert!(stdout.contains("pmacd does not use panel on a Turbo PMAC2"), "{stdout}");
+}
+
+#[test]
+fn c1_the_lines_of_a_set_up_are_for_the_daemons_board() {
+    let mut site = Site::new("");
+    site.cycles(400);
+    for what in [&["enable", "servo"][..], &["isa", "--address", "0xD4000"]] {
+        let mut printed = |family: &[&str]| site.running(&[&["setup"], what, family].concat());
+        let turbos = printed(&["--family", "turbo2"]);
+        assert_eq!(printed(&[]), turbos);
+        assert_ne!(printed(&["--family", "pmac"]), turbos);
+    }
 }
 
 /// I48 alone starts a Turbo board's report, so an ENDGATHER does not end it.

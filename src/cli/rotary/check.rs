@@ -11,16 +11,17 @@ use clap::Args;
 use serde_json::json;
 
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
+use super::stream::own_buffer;
 use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
-use crate::map::{READINGS, Readings};
+use crate::map::{DEFAULT_FAMILY, READINGS, Readings};
 use crate::rotary::{Line, Program, Settings, compile, decompile};
 
 /// One of each command whose place in a word or whose number can be read in two ways.
 const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1^=3\nM1&=5\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
-/// The buffer in the DPRAM.
-const BUFFER: u8 = 1;
+/// Where HOME can name more motors than PMAC has, that is worked out.
+const MORE_MOTORS: &[u8] = b"HOME9,24\n";
 /// Time limit of a command line.
 const LINE_PATIENCE: Duration = Duration::from_secs(5);
 /// How long the board may take for all lines.
@@ -46,24 +47,32 @@ pub struct Check {
 
 pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     let mut board = context.connection()?;
-    let settings = options.format.over(&board.settings()?.rotary_format())?;
+    let family = Context::family(None, &mut board)?;
+    if usize::from(options.cs) > family.coordinate_systems {
+        let text = format!("--cs {}: the board has 1 to {}", options.cs, family.coordinate_systems);
+        return Err(Failure::Request(text));
+    }
+    let settings = options.format.over(&board.settings()?.rotary_format().of(family))?;
     let (name, mut program) = match &options.file {
         Some(file) => (shown(file), compiled(file, &settings)?),
         None => {
-            let sample = compile(SAMPLE, &settings).map_err(|error| Failure::Request(error.to_string()))?;
+            let more = family.rotary.home_motors > DEFAULT_FAMILY.rotary.home_motors;
+            let text = [SAMPLE, if more { MORE_MOTORS } else { b"" }].concat();
+            let sample = compile(&text, &settings).map_err(|error| Failure::Request(error.to_string()))?;
             ("sample", sample.program)
         }
     };
     let mut owner = context.connection()?;
+    let buffer = own_buffer(family, options.cs);
     let place = RotaryPlace {
-        buffer: BUFFER,
+        buffer,
         coordinate_system: options.cs,
         coordinate_system_base: settings.coordinate_system_base,
         define_longs: options.define,
         ..RotaryPlace::default()
     };
     owner.rotary_start(place)?;
-    let stopped = feed(&mut board, &program, owner);
+    let stopped = feed(&mut board, &program, owner, buffer);
     let listing = list_and_remove(&mut board, options.cs)?;
     let stopped = stopped?;
     if let Some(Stopped { taken, .. }) = &stopped {
@@ -96,10 +105,15 @@ struct Stopped {
 }
 
 /// Has the board take the whole program into its own rotary buffer; `Some` when it does not.
-fn feed(board: &mut Connection, program: &Program, owner: Connection) -> Result<Option<Stopped>, Failure> {
+fn feed(
+    board: &mut Connection,
+    program: &Program,
+    owner: Connection,
+    buffer: u8,
+) -> Result<Option<Stopped>, Failure> {
     let words = |line: &Line| line.commands.iter().map(|own| (own.word1, own.word2)).collect();
     let lines: Vec<_> = program.lines.iter().map(words).collect();
-    let mut feed = RotaryFeed::new(owner, BUFFER, &lines);
+    let mut feed = RotaryFeed::new(owner, buffer, &lines);
     let deadline = Instant::now() + TAKEN_WITHIN;
     let stopped = loop {
         if feed.is_done() {
@@ -107,7 +121,7 @@ fn feed(board: &mut Connection, program: &Program, owner: Connection) -> Result<
         } else {
             feed.step()?;
         }
-        let state = board.rotary_state(BUFFER)?;
+        let state = board.rotary_state(buffer)?;
         if feed.is_done() && state.ahead_commands == 0 {
             break None;
         }

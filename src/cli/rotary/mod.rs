@@ -14,8 +14,10 @@ use self::check::Check;
 use self::source::{Format, compiled, read, shown, warn};
 use self::stream::Stream;
 use self::words::{pairs, words};
+use crate::cli::args::values::family;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::rotary::decompile;
+use crate::map::Family;
+use crate::rotary::{Settings, decompile};
 
 #[derive(Debug, Args)]
 pub struct Rotary {
@@ -41,7 +43,7 @@ pub struct Encode {
     #[arg(value_name = "FILE")]
     pub file: String,
     #[command(flatten)]
-    pub format: Format,
+    pub format: OfFamily,
 }
 
 #[derive(Debug, Args)]
@@ -50,7 +52,23 @@ pub struct Decode {
     #[arg(value_name = "FILE|WORD", required = true)]
     pub input: Vec<String>,
     #[command(flatten)]
+    pub format: OfFamily,
+}
+
+/// The format on a board that is not asked.
+#[derive(Debug, Args)]
+pub struct OfFamily {
+    /// The board's family: it says which motors HOME can name
+    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
+    pub family: &'static Family,
+    #[command(flatten)]
     pub format: Format,
+}
+
+impl OfFamily {
+    fn settings(&self) -> Result<Settings, Failure> {
+        self.format.over(&Settings::default().of(self.family))
+    }
 }
 
 pub fn run(context: &mut Context, options: &Rotary) -> Result<Verdict, Failure> {

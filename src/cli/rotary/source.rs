@@ -32,10 +32,6 @@ pub struct Format {
 }
 
 impl Format {
-    pub fn settings(&self) -> Result<Settings, Failure> {
-        self.over(&Settings::default())
-    }
-
     /// The settings of `base`, changed by `--set`.
     pub fn over(&self, base: &Settings) -> Result<Settings, Failure> {
         let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
@@ -52,7 +48,7 @@ impl Format {
         }
         let settings = Settings::deserialize(table)
             .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
-        let settings = Settings { readings, ..settings };
+        let settings = Settings { readings, home_motors: base.home_motors, ..settings };
         settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
         Ok(settings)
     }
@@ -141,7 +137,8 @@ mod tests {
     #[test]
     fn settings_are_set_by_name() {
         let settings = |parts: &[&str]| {
-            Format { settings: parts.iter().map(|part| setting(part).unwrap()).collect() }.settings()
+            let settings = parts.iter().map(|part| setting(part).unwrap()).collect();
+            Format { settings }.over(&Settings::default())
         };
         assert_eq!(settings(&[]).unwrap(), Settings::default());
         let set = settings(&["exponent_bias=30", "rotary_bit_codes=table"]).unwrap();

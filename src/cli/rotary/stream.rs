@@ -36,9 +36,10 @@ pub struct Stream {
     /// The coordinate system that executes it
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub cs: u8,
-    /// The buffer in the DPRAM; a PMAC has two
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
-    pub buffer: u8,
+    /// The buffer in the DPRAM: a PMAC has two, of which this is the first unless told otherwise. On a Turbo board each coordinate
+    /// system has its own
+    #[arg(long, value_name = "N", value_parser = number())]
+    pub buffer: Option<u8>,
     /// The buffer's size in 32-bit words, two a command; without it, all that the daemon reserves
     #[arg(long, value_name = "LONGS")]
     pub size: Option<u32>,
@@ -75,20 +76,27 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         return Err(Failure::Request(text));
     }
     let of_the_daemon = board.settings()?;
-    let mut settings = options.format.over(&of_the_daemon.rotary_format())?;
+    let mut settings = options.format.over(&of_the_daemon.rotary_format().of(family))?;
     // Find a line that can never fit the buffer now, not in the middle of the program.
     let buffers = family.rotary.headers.len();
-    if usize::from(options.buffer) > buffers {
-        let text = format!("--buffer {}: the board has 1 to {buffers}", options.buffer);
+    let buffer = options.buffer.unwrap_or_else(|| own_buffer(family, options.cs));
+    if usize::from(buffer) > buffers {
+        let text = format!("--buffer {buffer}: the board has 1 to {buffers}");
         return Err(Failure::Request(text));
     }
-    let kept = of_the_daemon.plan.rotary_longs.get(usize::from(options.buffer) - 1);
+    if family.rotary.one_a_system && buffer != own_buffer(family, options.cs) {
+        let text = format!(
+            "--buffer {buffer}: on a {} buffer {buffer} is that of coordinate system {buffer}; leave --buffer out",
+            family.title
+        );
+        return Err(Failure::Request(text));
+    }
+    let kept = of_the_daemon.plan.rotary_longs(family).get(usize::from(buffer) - 1);
     let kept = kept.copied().unwrap_or_default();
     if kept == 0 && options.size.is_none() {
         return Err(Failure::Request(format!(
-            "the daemon reserves no room for rotary buffer {}; give --start and --size, or set rotary_longs in its \
-             configuration",
-            options.buffer
+            "the daemon reserves no room for rotary buffer {buffer}; give --start and --size, or set rotary_longs in its \
+             configuration"
         )));
     }
     settings.buffer_words = options.size.unwrap_or_else(|| kept.min(settings.buffer_words));
@@ -102,7 +110,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     }
     let interrupt = Interrupt::listen()?;
     let place = RotaryPlace {
-        buffer: options.buffer,
+        buffer,
         start: start.map(|address| address.offset),
         size_longs: options.size,
         coordinate_system: options.cs,
@@ -118,6 +126,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     };
     let mut streaming = Streaming {
         options,
+        buffer,
         family,
         program: &program,
         board,
@@ -138,7 +147,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         .iter()
         .map(|line| line.commands.iter().map(|command| (command.word1, command.word2)).collect())
         .collect();
-    let mut feed = RotaryFeed::new(owner, options.buffer, &lines);
+    let mut feed = RotaryFeed::new(owner, buffer, &lines);
     streaming.progress = Progress::new(program.lines.len(), context.output.is_quiet());
     let fed = streaming.feed(&mut feed);
     let ended = streaming.end(&mut feed, fed);
@@ -172,9 +181,16 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     stopped.map_or(Ok(Verdict::Yes), Err)
 }
 
+/// The number of the buffer that coordinate system `cs` is fed from, unless told otherwise.
+pub(super) fn own_buffer(family: &Family, cs: u8) -> u8 {
+    family.rotary.index_for(cs.into()) as u8 + 1
+}
+
 /// A running stream.
 struct Streaming<'a> {
     options: &'a Stream,
+    /// Which buffer it feeds, from 1.
+    buffer: u8,
     family: &'static Family,
     program: &'a Program,
     /// The connection for questions. The feed has its own.
@@ -200,7 +216,7 @@ impl Streaming<'_> {
             }
             let state = match feed.step()? {
                 Some(state) => state,
-                None if self.progress.due() => self.board.rotary_state(self.options.buffer)?,
+                None if self.progress.due() => self.board.rotary_state(self.buffer)?,
                 None => {
                     self.patience.reward();
                     continue;
@@ -212,7 +228,7 @@ impl Streaming<'_> {
         // Wait until the board has taken everything: it takes nothing after the end.
         loop {
             feed.renew()?;
-            let state = self.board.rotary_state(self.options.buffer)?;
+            let state = self.board.rotary_state(self.buffer)?;
             if state.ahead_commands == 0 {
                 return Ok(());
             }
@@ -262,7 +278,7 @@ impl Streaming<'_> {
         };
         let (stop, state) = match (feed.stop(), reason.clone()) {
             // After a reset nothing is known of the buffer any more.
-            (Ok(stop), _) => (stop, self.board.rotary_state(self.options.buffer).unwrap_or_default()),
+            (Ok(stop), _) => (stop, self.board.rotary_state(self.buffer).unwrap_or_default()),
             (Err(error), None) => return Err(error.into()),
             (Err(error), Some(reason)) => {
                 let text = format!("{reason}; what is left in the buffers is not known ({error})");

@@ -22,6 +22,7 @@ impl CheckedSettings {
         family: &'static Family,
         firmware: Option<&str>,
     ) -> Result<Self, Refusal> {
+        let settings = BoardSettings { plan: settings.plan.of(family), ..settings };
         let firmware = firmware
             .map(str::parse)
             .transpose()
@@ -34,7 +35,7 @@ impl CheckedSettings {
         Ok(Self { settings, family, layout })
     }
 
-    /// The settings as written, with defaults.
+    /// The settings as written, with defaults, the family's among them.
     #[must_use]
     pub const fn settings(&self) -> &BoardSettings {
         &self.settings

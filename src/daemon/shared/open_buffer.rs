@@ -570,6 +570,8 @@ mod tests {
             ("OPEN", Some("")),
             ("OPENPROG 123456789012345678", Some("PROG 12345678901")),
             ("OPENED CLS", None),
+            ("OPEN BINARY ROTARY", Some("BINARY")),
+            ("CLOSE ALL", None),
         ] {
             sent(&mut buffer, line, ANNE);
             assert_eq!(buffer.opened.as_ref().map(|opened| &*opened.name), open, "{line}");

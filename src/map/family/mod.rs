@@ -1,6 +1,7 @@
 //! Board families as data: what distinguishes one kind of board from another. Another family is another file here and
 //! an entry in [`FAMILIES`].
 
+mod board_type;
 pub mod pmac;
 pub(super) mod pmac_table;
 pub mod turbo;
@@ -8,6 +9,8 @@ pub(super) mod turbo_table;
 
 use std::fmt;
 use std::str::FromStr;
+
+pub use self::board_type::OtherFamily;
 
 use super::functions::{
     AsciiPort, BackgroundBlock, Controller, IVariables, PanelBlock, RotaryHeaders, ServoBlock, StartRule,
@@ -161,9 +164,9 @@ const fn turbo_family(
     host_port: Controller,
     length: u32,
 ) -> Family {
-    let (regions, user_area) = match length {
-        turbo::LENGTH_8K => (turbo::REGIONS_8K, turbo::USER_AREA_8K),
-        _ => (turbo::REGIONS_32K, turbo::USER_AREA_32K),
+    let (regions, user_area, rotary) = match length {
+        turbo::LENGTH_8K => (turbo::REGIONS_8K, turbo::USER_AREA_8K, turbo::ROTARY_BUFFERS_8K),
+        _ => (turbo::REGIONS_32K, turbo::USER_AREA_32K, turbo::ROTARY_BUFFERS_32K),
     };
     Family {
         name,
@@ -195,7 +198,7 @@ const fn turbo_family(
         start: turbo::START,
         variable_read: turbo::VARIABLE_READ,
         variable_write: turbo::VARIABLE_WRITE,
-        rotary: turbo::ROTARY_BUFFERS,
+        rotary,
         gather: turbo::GATHER,
         gather_moved_in: &[],
         gather_shift: 0,
@@ -302,20 +305,6 @@ impl Family {
     #[must_use]
     pub fn dpram(&self) -> &'static str {
         DPRAM_SIZES.iter().find(|(_, bytes)| *bytes == self.length).map_or("", |(name, _)| name)
-    }
-
-    /// What `TYPE` answers tells more of this family: which board of its generation it is.
-    #[must_use]
-    pub fn told_by_type(&'static self, answer: &str) -> &'static Self {
-        // `PMAC1`, `PMAC2`, `TURBO1`, `TURBO2`; an Ultralite (`PMACUL`, `TURBOU`) is a PMAC2 without its own axes.
-        let told = match answer.split(',').next().map(str::trim) {
-            Some("PMAC1") => &PMAC,
-            Some("PMAC2" | "PMACUL") => &PMAC2,
-            Some("TURBO1") => &TURBO,
-            Some("TURBO2" | "TURBOU") => &TURBO2,
-            _ => self,
-        };
-        if told.generation == self.generation { told } else { self }
     }
 
     /// The family with this number in the segment, or `None` for one that is not known here.

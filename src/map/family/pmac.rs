@@ -180,7 +180,7 @@ pub const ASCII_LINE_LIMIT: usize = 200;
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
-/// The response line, [`ASCII_RESPONSE_BYTES`] bytes with the NUL.
+/// The response line, [`ASCII_RESPONSE_BYTES`] bytes with the NUL. The host clears the first word when it has read it.
 pub const ASCII_RESPONSE: HostOffset = at(0x06D4);
 /// The response buffer's size.
 pub const ASCII_RESPONSE_BYTES: usize = 256;
@@ -339,8 +339,14 @@ pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
 };
 
 /// The binary rotary buffers.
-pub const ROTARY: RotaryHeaders =
-    RotaryHeaders { headers: &[ROTARY_1, ROTARY_2], one_a_system: false, open: "OPEN ROT" };
+pub const ROTARY: RotaryHeaders = RotaryHeaders {
+    headers: &[ROTARY_1, ROTARY_2],
+    one_a_system: false,
+    open: "OPEN ROT",
+    open_flag: "rotary_buffer_open",
+    home_motors: MOTORS as u16,
+    kept_longs: &[0x200; 2],
+};
 
 /// The control panel.
 pub const PANEL_BLOCK: PanelBlock = PanelBlock {

@@ -339,17 +339,37 @@ const HEADERS: [HostOffset; SYSTEMS] = {
     headers
 };
 
-/// The binary rotary buffers, one a coordinate system. `???` tells binary entry from text entry (TSRM p. 290), so that they are
-/// opened apart; the command's name is common knowledge, no page seen has it.
-pub const ROTARY_BUFFERS: RotaryHeaders =
-    RotaryHeaders { headers: &HEADERS, one_a_system: true, open: "OPEN BINARY ROTARY" };
+/// The binary rotary buffers, one a coordinate system, each with `kept_longs` unless the settings say otherwise. `???` tells binary
+/// entry from text entry (TSRM p. 290), so that they are opened apart; the command's name is common knowledge, no page seen has it.
+/// No difference of the commands' words from PMAC's is told; a word has a bit for 24 motors, so HOME can name no other.
+const fn rotary_buffers(kept_longs: &'static [u32]) -> RotaryHeaders {
+    RotaryHeaders {
+        headers: &HEADERS,
+        one_a_system: true,
+        open: "OPEN BINARY ROTARY",
+        open_flag: "binary_rotary_buffer_open",
+        home_motors: 24,
+        kept_longs,
+    }
+}
+
+/// The binary rotary buffers where the DPRAM has 8K x 16 bits.
+pub const ROTARY_BUFFERS_8K: RotaryHeaders = rotary_buffers(&[0x40; SYSTEMS]);
+/// The same with 32K x 16 bits.
+pub const ROTARY_BUFFERS_32K: RotaryHeaders = rotary_buffers(&[0x200; SYSTEMS]);
 
 /// Data gathering.
 pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_INDEX, buffer: USER_START };
 
 /// What `pmacd` uses on these boards.
-pub const FUNCTIONS: &[Function] =
-    &[Function::Ascii, Function::Servo, Function::Background, Function::Variables, Function::Gather];
+pub const FUNCTIONS: &[Function] = &[
+    Function::Ascii,
+    Function::Servo,
+    Function::Background,
+    Function::Variables,
+    Function::Rotary,
+    Function::Gather,
+];
 
 /// The I-variables of the functions (TUM p. 400-410; gathering TSRM p. 170-171). A control panel has none that is known, nor
 /// has the transfer of rotary buffers.

@@ -10,7 +10,7 @@ use crate::sim::board::output::Port;
 use crate::sim::board::{Board, coordinate};
 
 /// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
-const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
+const BUFFER_BITS: u32 = 0b1111 << 17 | 1 << 11;
 
 impl Board {
     /// Units of a position register per count.

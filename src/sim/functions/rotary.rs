@@ -1,6 +1,6 @@
 //! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30, which has the first buffer's header only).
 //!
-//! With I57=1, each background pass copies the lines between PMAC's index and the host's into the coordinate system's
+//! With I57=1, or while a Turbo board is open for binary lines, each background pass copies the lines between PMAC's index and the host's into the coordinate system's
 //! internal rotary buffer while there is room. PMAC's index follows line by line. A line begins with a command whose
 //! start-of-line bit is set and ends before the next such command. The end marker at the host's index has that bit too.
 //! PMAC sees what the host's index has passed in one pass and takes it in the next, so that it finds out a host that
@@ -12,8 +12,10 @@
 //! The manual leaves open, and the simulator decides:
 //! * The codes are the numbers of the errors that a command line would get: 3 for a header against the rules or a command
 //!   that does not exist, 5 without an internal buffer. The error stays as long as its reason, and no index moves.
-//! * A header whose size is 0 is not in use. PMAC owns its index and the status while I57 is set and the size is not 0;
+//! * A header whose size is 0 is not in use. PMAC owns its index and the status while it transfers and the size is not 0;
 //!   the host sets the index up before.
+//! * A Turbo board has no I57. It looks at the headers while `OPEN BINARY ROTARY` is in force (Turbo Software Reference p. 290:
+//!   binary entry is open or not). Each header is its coordinate system's (FACTS-TURBO 8), so that another number in it is an error.
 //! * The number of coordinate system 1 in the header is a setting.
 
 use std::ops::Range;
@@ -28,6 +30,7 @@ use crate::sim::functions::user_area;
 use crate::sim::program::Programs;
 use crate::sim::program::binary::{Command, START_OF_LINE};
 use crate::sim::program::rotary::AppendError;
+use crate::sim::program::store::Open;
 
 /// What has to stand at the host's index. Where it is one long, PMAC sees $FF0800 there.
 const END_MARKER: Command = (0x00_0800, 0x00_FFFF);
@@ -99,7 +102,10 @@ impl RotaryTransfer {
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs) {
         let family = board.family();
         let header = self.read_header(board);
-        let enabled = family.i.rotary_enable.is_none_or(|number| board.enabled(number));
+        let enabled = match family.i.rotary_enable {
+            Some(number) => board.enabled(number),
+            None => programs.store.open() == Some(Open::BinaryRotary),
+        };
         if !enabled || header.size == 0 {
             self.state = State::default();
             return;
@@ -117,7 +123,7 @@ impl RotaryTransfer {
             dpram.adopt(index, found);
         }
         self.state.running = true;
-        let found = match check(family, header, board.rotary_cs_base) {
+        let found = match check(family, header, board.rotary_cs_base).and_then(|cs| self.is_own(family, cs)) {
             Ok(cs) => {
                 board.judge.state(cycle, &self.name, None);
                 self.transfer(header, cs, board, programs)
@@ -130,6 +136,15 @@ impl RotaryTransfer {
             }
         };
         board.memory.dpram.write16(status, found);
+    }
+
+    /// `cs`, unless this is the buffer of another coordinate system.
+    fn is_own(&self, family: &Family, cs: usize) -> Result<usize, String> {
+        let is_own = family.rotary.headers.get(cs) == Some(&self.header);
+        if is_own || !family.rotary.one_a_system {
+            return Ok(cs);
+        }
+        Err(format!("it is not coordinate system {}'s", cs + 1))
     }
 
     /// Takes what can be taken; gives the status word.

@@ -14,8 +14,8 @@
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
 //!
-//! With times on, motor 1's compensation position carries CLOCK_MONOTONIC in ns at the update (modulo 2^48), so that a
-//! reader can tell how long the data took.
+//! With times on, motor 1's compensation position (its position bias, where the report has none) carries CLOCK_MONOTONIC in
+//! ns at the update (modulo 2^48), so that a reader can tell how long the data took.
 
 use nix::time::{ClockId, clock_gettime};
 
@@ -32,7 +32,7 @@ use crate::sim::functions::copies::Copies;
 #[derive(Debug, Clone)]
 pub struct ServoReport {
     copies: Copies,
-    /// Where the compensation position of motor 1 goes.
+    /// Where the compensation position or the position bias of motor 1 goes.
     stamp: Option<HostOffset>,
     wait: u32,
     /// Fields carry the update's number.
@@ -50,9 +50,9 @@ impl ServoReport {
     #[must_use]
     pub fn new(tables: &FirmwareTables) -> Self {
         let copies = Copies::new(tables.family, "servo");
-        let compensation = tables.registers.compensation.of(0);
-        let stamp =
-            copies.numbers.first().and_then(|motor| motor.iter().find(|copy| copy.is_of(compensation)));
+        let motor = copies.numbers.first();
+        let stamps = [tables.registers.compensation, tables.registers.bias].map(|register| register.of(0));
+        let stamp = stamps.iter().find_map(|&register| motor?.iter().find(|copy| copy.is_of(register)));
         Self {
             stamp: stamp.map(|copy| copy.offset()),
             copies,

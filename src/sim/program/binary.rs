@@ -27,14 +27,12 @@ pub type Command = (u32, u32);
 /// In a command's first word: it begins a line (DPRAM manual, "Internal PMAC 48-bit command format").
 pub const START_OF_LINE: u32 = 1 << 11;
 const BIAS: i32 = 31;
-/// The motors of HOME and HOMEZ, bit 0 for motor 1.
-const HOME_MOTORS: u32 = 0xFF;
 
-/// The items of one line.
+/// The items of one line, where `home_motors` is the last motor that HOME and HOMEZ have a bit for.
 ///
 /// # Errors
 /// [`NoCommand`] for the first pair that is no command.
-pub fn line(commands: &[Command], readings: Readings) -> Result<Vec<Item>, NoCommand> {
+pub fn line(commands: &[Command], readings: Readings, home_motors: u16) -> Result<Vec<Item>, NoCommand> {
     let mut items: Vec<Item> = Vec::new();
     for &(word1, word2) in commands {
         let no_command = NoCommand { word1, word2 };
@@ -48,7 +46,7 @@ pub fn line(commands: &[Command], readings: Readings) -> Result<Vec<Item>, NoCom
                 _ => return Err(no_command),
             }
         } else {
-            items.push(item(code, word, word2).ok_or(no_command)?);
+            items.push(item(code, word, word2, home_motors).ok_or(no_command)?);
         }
     }
     Ok(items)
@@ -78,7 +76,7 @@ fn matches(code: &Code, word: u32, readings: Readings) -> bool {
     }
 }
 
-fn item(code: &Code, word: u32, data: u32) -> Option<Item> {
+fn item(code: &Code, word: u32, data: u32, home_motors: u16) -> Option<Item> {
     let data = data & 0xFF_FFFF;
     Some(match code.shape {
         Shape::Letter { code1, .. } => {
@@ -167,7 +165,7 @@ fn item(code: &Code, word: u32, data: u32) -> Option<Item> {
                 _ => Item::Axes(mode, Some(list.into())),
             }
         }
-        Shape::Motors { .. } => match data & HOME_MOTORS {
+        Shape::Motors { .. } => match data & ((1 << home_motors) - 1) {
             0 => return None,
             motors => Item::Home { zero: code.name == "HOMEZ", motors },
         },
@@ -240,18 +238,18 @@ mod tests {
             (&[(0x052BE7, 0x7F0000)], "M20&=254"),
             (&[(0x007BE0, 0x400000)], "M1==1"),
         ] {
-            let items = line(words, Readings::default()).unwrap();
+            let items = line(words, Readings::default(), 8).unwrap();
             assert_eq!(text::line(&Line { items, offset: 0 }, false), expected);
         }
-        assert!(line(&[(0x000800, 0x00FFFF)], Readings::default()).is_err());
-        assert!(line(&[(0x460725, 0x640000)], Readings::default()).is_err(), "a mark without an axis");
+        assert!(line(&[(0x000800, 0x00FFFF)], Readings::default(), 8).is_err());
+        assert!(line(&[(0x460725, 0x640000)], Readings::default(), 8).is_err(), "a mark without an axis");
     }
 
     #[test]
     fn b3_4_a_board_reads_the_codes_as_its_readings_say() {
         let text = |command: Command, reading: &str| {
             let readings = Readings::default().with(reading).unwrap();
-            text::line(&Line { items: line(&[command], readings).unwrap(), offset: 0 }, false)
+            text::line(&Line { items: line(&[command], readings, 8).unwrap(), offset: 0 }, false)
         };
         // An INC for the one board is an ABS for the other.
         assert_eq!(text((0x001F82, 0x555540), "rotary_code2=bit12"), "INC");

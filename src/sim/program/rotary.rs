@@ -113,7 +113,7 @@ pub enum AppendError {
 
 impl Programs {
     /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when it is
-    /// not defined or not open (`OPEN ROT`).
+    /// not defined or not open (`OPEN ROT`, on Turbo boards `OPEN BINARY ROTARY`).
     #[must_use]
     pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
         self.store.rotary_is_open()
@@ -130,7 +130,7 @@ impl Programs {
         cs: usize,
         commands: &[Command],
     ) -> Result<(), AppendError> {
-        let items = binary::line(commands, board.identity.readings)?;
+        let items = binary::line(commands, board.identity.readings, board.family().rotary.home_motors)?;
         let rotary = self.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
         if items.is_empty() {
             return Ok(());

@@ -67,6 +67,7 @@ impl Programs {
         let full = self.free_memory(board) < board.variables.i(18) as i64;
         let bits = [
             (19, matches!(open, Some(Open::Program(_)))),
+            (20, open == Some(Open::BinaryRotary)),
             (18, open == Some(Open::Rotary)),
             (17, matches!(open, Some(Open::Plc(_)))),
             (11, full),

@@ -62,8 +62,10 @@ impl Program {
 pub enum Open {
     /// A motion program.
     Program(u32),
-    /// All rotary buffers.
+    /// All rotary buffers, for text; on PMAC for binary lines, too.
     Rotary,
+    /// All rotary buffers of a Turbo board, for binary lines.
+    BinaryRotary,
     /// A PLC program.
     Plc(usize),
     /// The kinematic program of the 0-based coordinate system; the board keeps it, and never runs it.
@@ -180,7 +182,7 @@ impl Store {
     /// Whether the rotary buffers are open.
     #[must_use]
     pub fn rotary_is_open(&self) -> bool {
-        self.open == Some(Open::Rotary)
+        matches!(self.open, Some(Open::Rotary | Open::BinaryRotary))
     }
 
     /// Opens a buffer.
@@ -193,8 +195,10 @@ impl Store {
         }
         self.blocks = Tracker::default();
         match which {
-            Open::Rotary if self.rotary.iter().all(Option::is_none) => return Err(CommandError::SYNTAX),
-            Open::Rotary => {}
+            Open::Rotary | Open::BinaryRotary if self.rotary.iter().all(Option::is_none) => {
+                return Err(CommandError::SYNTAX);
+            }
+            Open::Rotary | Open::BinaryRotary => {}
             Open::Program(number) => {
                 self.programs.entry(number).or_default();
             }
@@ -228,7 +232,7 @@ impl Store {
             Open::Program(number) => self.programs.get(&number),
             Open::Plc(number) => self.plcs.get(number),
             Open::Kinematics { inverse, cs } => self.kinematics(cs, inverse),
-            Open::Rotary => None,
+            Open::Rotary | Open::BinaryRotary => None,
         }
     }
 
@@ -248,7 +252,9 @@ impl Store {
             Open::Kinematics { inverse, cs } => {
                 self.kinematics.insert((cs, inverse), Program::default());
             }
-            Open::Rotary => self.rotary_mut(cs).ok_or(CommandError::NO_OPEN_BUFFER)?.clear(),
+            Open::Rotary | Open::BinaryRotary => {
+                self.rotary_mut(cs).ok_or(CommandError::NO_OPEN_BUFFER)?.clear();
+            }
         }
         Ok(())
     }
@@ -266,7 +272,7 @@ impl Store {
             Open::Program(number) => self.programs.get_mut(&number),
             Open::Plc(number) => self.plcs.get_mut(number),
             Open::Kinematics { inverse, cs } => self.kinematics.get_mut(&(cs, inverse)),
-            Open::Rotary => None,
+            Open::Rotary | Open::BinaryRotary => None,
         };
         let program = program.ok_or(CommandError::NO_OPEN_BUFFER)?;
         let line = Line { items, offset: program.words };

@@ -7,7 +7,7 @@ use crate::protocol::line::{command_bytes, resets};
 pub const NAME_MAX: usize = 16;
 const OPEN: &str = "OPEN";
 const CLOSES: [&str; 2] = ["CLOSE", "CLS"];
-const BUFFERS: [&str; 7] = ["PROG", "PLCC", "PLC", "ROTARY", "ROT", "FORWARD", "INVERSE"];
+const BUFFERS: [&str; 8] = ["PROG", "PLCC", "PLC", "BINARY", "ROTARY", "ROT", "FORWARD", "INVERSE"];
 
 /// What a line does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

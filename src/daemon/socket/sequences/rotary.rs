@@ -3,7 +3,8 @@
 //!
 //! The order of the set-up matters. While `OPEN ROT` is in force every line such as `I57=1` is a program statement, so it
 //! comes last; the header of the buffer must not change under a transfer, so I57 is 0 meanwhile; and B0 would be an axis
-//! move after OPEN ROT. After `CLOSE` the board takes nothing from the DPRAM any more.
+//! move after OPEN ROT. After `CLOSE` the board takes nothing from the DPRAM any more. Turbo boards have no I57: `OPEN BINARY
+//! ROTARY` lets the lines in.
 //!
 //! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next stream:
 //! `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the coordinate system
@@ -13,8 +14,8 @@
 //! after the moves already calculated. Otherwise a machine would go on to wherever the last line that came through leaves it.
 //!
 //! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). Bit 18
-//! of the second word of `???` is the open rotary buffer. The servo report has it; where no report comes, the board is
-//! asked.
+//! of the second word of `???` is the open rotary buffer, on Turbo boards bit 20 if it is open for binary lines (Turbo Software
+//! Reference p. 290). A report has it; where none comes, the board is asked.
 
 mod call;
 
@@ -41,8 +42,9 @@ const FIRST_LINES: Duration = Duration::from_millis(20);
 const LOOK: Duration = Duration::from_millis(500);
 /// How long the end tries what is known not to have been sent.
 const END_PATIENCE: Duration = Duration::from_secs(2);
-/// ^C, which asks for the status of every coordinate system, whatever buffer is open.
+/// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
+const ALL_SYSTEMS: usize = 8;
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
 
@@ -171,11 +173,7 @@ impl Rotary {
             Phase::Disable => {
                 self.switched |= !unsent;
                 done.result?;
-                if self.found > 0 && self.call.left == Some(LeftLines::Clear) {
-                    Phase::OpenToClear
-                } else {
-                    Phase::Point
-                }
+                self.after_disable()
             }
             Phase::OpenToClear => {
                 self.opened = !unsent;
@@ -222,7 +220,7 @@ impl Rotary {
             }
             Phase::Open => {
                 self.opened = !unsent;
-                told(done, "OPEN ROT", "; is another program buffer open?")?;
+                told(done, self.call.family.rotary.open, "; is another program buffer open?")?;
                 Phase::Feeding
             }
             Phase::SeeFed => {
@@ -244,8 +242,9 @@ impl Rotary {
             }
             Phase::SeeRuns => {
                 // A board that does not answer says nothing of its program.
+                let index = if self.asks_all() { usize::from(cs) - 1 } else { 0 };
                 if let Ok(lines) = &done.result
-                    && let Some(runs) = self.is_running(lines, usize::from(cs) - 1)
+                    && let Some(runs) = self.is_running(lines, index)
                 {
                     if self.runs && !runs && !self.call.may_stand {
                         self.runs = false;
@@ -259,9 +258,11 @@ impl Rotary {
                 self.rest_before(if is_told { Phase::Feeding } else { Phase::AskOpen }, now + LOOK)
             }
             Phase::AskOpen => {
-                let global = self.call.family.status.global;
+                let family = self.call.family;
                 let status = done.result.ok().and_then(|lines| lines.into_iter().next());
-                self.see_open(status.map(|status| reply_has(&status, global, "rotary_buffer_open")))?;
+                let is_open =
+                    |status: String| reply_has(&status, family.status.global, family.rotary.open_flag);
+                self.see_open(status.map(is_open))?;
                 Phase::Feeding
             }
             Phase::Finish => {
@@ -273,6 +274,11 @@ impl Rotary {
             _ => self.take_of_end(done, now),
         };
         Ok(())
+    }
+
+    fn after_disable(&self) -> Phase {
+        let clears = self.found > 0 && self.call.left == Some(LeftLines::Clear);
+        if clears { Phase::OpenToClear } else { Phase::Point }
     }
 
     /// Takes what the board tells of its program buffers, if it does.
@@ -384,6 +390,11 @@ impl Rotary {
         Some(reply_has(status, self.call.family.status.coordinate_system, "running_program"))
     }
 
+    /// Whether ^C has the coordinate system's status: on a board with more than it tells of, a line asks for it.
+    fn asks_all(&self) -> bool {
+        self.call.family.coordinate_systems <= ALL_SYSTEMS
+    }
+
     /// The program is whole in the board: it runs to its end, and waits there.
     fn is_whole(&self) -> bool {
         self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none()
@@ -393,7 +404,7 @@ impl Rotary {
     fn skips(&self) -> Option<Phase> {
         let has_switch = self.call.family.i.rotary_enable.is_some();
         match self.phase {
-            Phase::Disable if !has_switch => Some(Phase::Point),
+            Phase::Disable if !has_switch => Some(self.after_disable()),
             Phase::Enable if !has_switch => Some(Phase::Open),
             Phase::Close if !self.opened => Some(Phase::EndTransfer),
             Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
@@ -422,7 +433,8 @@ impl Rotary {
             Phase::SeeHeader => Step::Read { first: self.call.header, count: HEADER_WORDS, timeout },
             Phase::Disable | Phase::EndTransfer => switch(0),
             Phase::Enable => switch(1),
-            Phase::OpenToClear | Phase::Open => line("OPEN ROT", timeout),
+            Phase::OpenToClear => line("OPEN ROT", timeout),
+            Phase::Open => line(self.call.family.rotary.open, timeout),
             Phase::Clear => line(format_args!("&{cs}CLEAR"), timeout),
             Phase::CloseCleared | Phase::Close => line("CLOSE", timeout),
             Phase::Point => line(format_args!("&{cs}B0"), timeout),
@@ -445,10 +457,10 @@ impl Rotary {
             }
             Phase::SeeFed | Phase::SeeAhead => job(Job::RotaryState(buffer)),
             Phase::Run => line(format_args!("&{cs}R"), timeout),
-            Phase::SeeRuns => Step::Control { character: ALL_STATUS, timeout },
+            Phase::SeeRuns if self.asks_all() => Step::Control { character: ALL_STATUS, timeout },
             Phase::AskOpen => line("???", timeout),
             Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
-            Phase::AskRuns => line(format_args!("&{cs}??"), timeout),
+            Phase::SeeRuns | Phase::AskRuns => line(format_args!("&{cs}??"), timeout),
             Phase::Quit => line(format_args!("&{cs}Q"), timeout),
             Phase::Over => Step::Over(self.result()),
         }

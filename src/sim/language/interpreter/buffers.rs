@@ -15,6 +15,8 @@ use crate::sim::program::store::{LAST_PROGRAM, Open, PLCS, PROTECTED, Table, Tab
 enum Opened {
     Program,
     Rotary,
+    /// What follows is `ROTARY`.
+    Binary,
     Plc,
     /// The inverse, else the forward one.
     Kinematics(bool),
@@ -28,9 +30,12 @@ const OPENED: &[(&str, Opened)] = &[
     ("PLC", Opened::Plc),
 ];
 
-/// What Turbo opens besides: the kinematic programs of the addressed coordinate system.
-const OPENED_BY_TURBO: &[(&str, Opened)] =
-    &[("FORWARD", Opened::Kinematics(false)), ("INVERSE", Opened::Kinematics(true))];
+/// What Turbo opens besides: the kinematic programs of the addressed coordinate system, and the rotary buffers for binary lines.
+const OPENED_BY_TURBO: &[(&str, Opened)] = &[
+    ("FORWARD", Opened::Kinematics(false)),
+    ("INVERSE", Opened::Kinematics(true)),
+    ("BINARY", Opened::Binary),
+];
 
 #[derive(Debug, Clone, Copy)]
 enum Kind {
@@ -114,6 +119,10 @@ impl Line<'_, '_> {
         let which = self.scanner.keyword(&[OPENED, turbo]).ok_or(CommandError::SYNTAX)?;
         let open = match which {
             Opened::Rotary => Open::Rotary,
+            Opened::Binary => match self.scanner.keyword(&[&[("ROT", ()), ("ROTARY", ())]]) {
+                Some(()) => Open::BinaryRotary,
+                None => return Err(CommandError::SYNTAX),
+            },
             Opened::Program => {
                 self.scanner.take_text(b"RAM");
                 match self.scanner.integer()? {
@@ -143,7 +152,7 @@ impl Line<'_, '_> {
                 self.programs.enable_plcs(1 << number, false);
             }
             Open::Kinematics { .. } => self.accessible(true)?,
-            Open::Rotary => {}
+            Open::Rotary | Open::BinaryRotary => {}
         }
         self.programs.store.open_buffer(open)
     }

@@ -13,7 +13,9 @@ impl Line<'_, '_> {
     /// Takes a program statement if a buffer is open for it; returns whether there was one.
     pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
         let kind = match self.programs.store.open() {
-            None => return Ok(false),
+            // While binary lines come in, text is for the board itself: `???` tells the two entries apart (Turbo Software Reference
+            // p. 290).
+            None | Some(Open::BinaryRotary) => return Ok(false),
             Some(Open::Program(_)) => Kind::Motion,
             Some(Open::Rotary) => Kind::Rotary,
             Some(Open::Plc(_) | Open::Kinematics { .. }) => Kind::Plc,

@@ -8,7 +8,7 @@ use crate::sim::board::error::CommandError;
 use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
-use crate::sim::program::store::{PLCS, PROTECTED, TableKind};
+use crate::sim::program::store::{Open, PLCS, PROTECTED, TableKind};
 use crate::sim::program::{item, text};
 
 #[derive(Debug, Clone, Copy)]
@@ -107,7 +107,7 @@ impl Line<'_, '_> {
     fn list_open(&mut self) -> Outcome {
         let store = &self.programs.store;
         let lines: Lines = match store.open().ok_or(CommandError::NO_OPEN_BUFFER)? {
-            crate::sim::program::store::Open::Rotary => {
+            Open::Rotary | Open::BinaryRotary => {
                 let rotary = store.rotary(self.interpreter.cs).ok_or(CommandError::NO_OPEN_BUFFER)?;
                 rotary.lines().cloned().collect()
             }

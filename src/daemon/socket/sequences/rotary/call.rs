@@ -31,6 +31,10 @@ impl RotaryCall {
         let family = info.family();
         let buffer = jobs::rotary_buffer(call.buffer, family)?;
         let header = family.rotary.headers.get(buffer).copied();
+        if family.rotary.one_a_system && buffer != family.rotary.index_for(call.coordinate_system.into()) {
+            let own = format_args!("{}, the coordinate system's own", call.coordinate_system);
+            return Err(CallError::invalid("buffer", own));
+        }
         Ok(Self {
             family,
             buffer,

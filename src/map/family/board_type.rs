@@ -1,0 +1,109 @@
+//! What a board's answer to `TYPE` says of its family.
+
+use std::fmt;
+
+use super::{Family, PMAC, PMAC2, TURBO, TURBO2};
+
+/// A board that answers `TYPE` as one of another family than it is taken for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OtherFamily {
+    /// What it is taken for.
+    pub taken: &'static Family,
+    /// What it says it is.
+    pub says: &'static Family,
+}
+
+impl OtherFamily {
+    /// Whether the same words belong to other functions on the board that answers.
+    #[must_use]
+    pub fn is_laid_out_otherwise(&self) -> bool {
+        self.taken.generation != self.says.generation
+    }
+}
+
+impl fmt::Display for OtherFamily {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { taken, says } = self;
+        write!(
+            f,
+            "the board says by TYPE that it is a {}, but pmacd takes it for a {}",
+            says.title, taken.title
+        )?;
+        if self.is_laid_out_otherwise() {
+            f.write_str(", which has other functions in the same words: stop pmacd before anything else")?;
+        } else {
+            f.write_str(", which has the same functions in the same words")?;
+        }
+        // A Turbo board may have a DPRAM of either size (Turbo User Manual p. 397).
+        write!(
+            f,
+            "; if its DPRAM has {} x 16 bits, write family = \"{}\"",
+            says.dpram().to_uppercase(),
+            says.name
+        )
+    }
+}
+
+impl Family {
+    /// What `TYPE` answers tells more of this family: which board of its generation it is.
+    #[must_use]
+    pub fn told_by_type(&'static self, answer: &str) -> &'static Self {
+        Self::of_type(answer).filter(|told| told.generation == self.generation).unwrap_or(self)
+    }
+
+    /// What `TYPE` answers, where it tells another family than this one.
+    #[must_use]
+    pub fn contradicted_by_type(&'static self, answer: &str) -> Option<OtherFamily> {
+        let says = Self::of_type(answer).filter(|told| told.number != self.number)?;
+        Some(OtherFamily { taken: self, says })
+    }
+
+    /// The family that an answer to `TYPE` names (Software Reference p. 286); `None` for a text that is not known.
+    fn of_type(answer: &str) -> Option<&'static Self> {
+        // An Ultralite (`PMACUL`, `TURBOU`) is a PMAC2 without its own axes.
+        match answer.split(',').next().map(str::trim) {
+            Some("PMAC1") => Some(&PMAC),
+            Some("PMAC2" | "PMACUL") => Some(&PMAC2),
+            Some("TURBO1") => Some(&TURBO),
+            Some("TURBO2" | "TURBOU") => Some(&TURBO2),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::FAMILIES;
+
+    const ANSWERS: [&str; 4] = ["PMAC1, ISA, BATTERY", "PMAC2, VME", "TURBO1, X4", "TURBO2, X4"];
+
+    #[test]
+    fn c2_type_tells_a_board_of_another_family() {
+        for (at, taken) in FAMILIES.iter().copied().enumerate() {
+            for (says, answer) in ANSWERS.into_iter().enumerate() {
+                let told = taken.contradicted_by_type(answer).map(|other| other.says.name);
+                let expected = (at != says).then_some(FAMILIES[says].name);
+                assert_eq!(told, expected, "{} {answer}", taken.name);
+            }
+            assert_eq!(taken.contradicted_by_type("UMAC 7"), None, "a text that is not known tells nothing");
+        }
+    }
+
+    #[test]
+    fn c2_only_the_other_generation_is_laid_out_otherwise() {
+        let told = |taken: &'static Family, answer| taken.contradicted_by_type(answer).unwrap();
+        let other = told(&PMAC, "TURBO2, X4");
+        assert!(other.is_laid_out_otherwise());
+        let text = other.to_string();
+        assert!(
+            text.contains("is a Turbo PMAC2, but pmacd takes it for a PMAC, which has other functions"),
+            "{text}"
+        );
+        assert!(text.ends_with("if its DPRAM has 32K x 16 bits, write family = \"turbo2\""), "{text}");
+        let alike = told(&PMAC, "PMACUL, VME");
+        assert!(!alike.is_laid_out_otherwise());
+        assert!(alike.to_string().contains("has the same functions in the same words"), "{alike}");
+        assert!(!told(&TURBO, "TURBOU, X4").is_laid_out_otherwise());
+    }
+}
