@@ -183,7 +183,8 @@ impl Functions {
         assert!(!(self.ascii.is_idle() && self.ascii.was_taken()));
         assert!(bus.take_accesses() <= 256);
         bus.assert_written("ascii", |offset| {
-            within(&pmac::ASCII_OUTPUT, offset) || offset == pmac::ASCII_INPUT_CONTROL.bytes()
+            let cleared = [pmac::ASCII_INPUT_CONTROL, pmac::ASCII_RESPONSE];
+            within(&pmac::ASCII_OUTPUT, offset) || cleared.iter().any(|word| word.bytes() == offset)
         });
         Ok(())
     }

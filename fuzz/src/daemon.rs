@@ -327,7 +327,12 @@ impl Bench<'_> {
         let accesses = self.bus.take_accesses();
         assert!(accesses <= most, "{accesses} accesses in one go");
         let owned = [pmac::PANEL, pmac::ASCII_OUTPUT, pmac::POINTERS, pmac::USER_AREA];
-        let controls = [pmac::SERVO_HOST_STATUS, pmac::BACKGROUND_DATA_READY, pmac::ASCII_INPUT_CONTROL];
+        let controls = [
+            pmac::SERVO_HOST_STATUS,
+            pmac::BACKGROUND_DATA_READY,
+            pmac::ASCII_INPUT_CONTROL,
+            pmac::ASCII_RESPONSE,
+        ];
         let anywhere = self.wrote_anywhere;
         self.bus.assert_written("the daemon", |offset| {
             anywhere

@@ -71,6 +71,7 @@ fn judge(call: &Call, role: Role) {
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
         Ok(Action::CheckReset | Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
         Ok(Action::JogTo(_)) => assert!(role >= Role::Operate),
+        Ok(Action::StopByLine(..)) => assert!(role >= Role::Stop),
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),
         Ok(Action::Ask(ask)) => within_bounds(&ask, role),
     }

@@ -8,7 +8,7 @@
 //! | `command` | writes the line and a NUL | reads it |
 //! | `response_control` | writes 0 when it read the response | writes, last, what kind of response lies there |
 //! | `response_count` | | writes, but once with the NUL and once without, so the host does not read it |
-//! | `response` | reads, up to the NUL | writes, only while `response_control` is 0 |
+//! | `response` | reads, up to the NUL; then clears the first word | writes, only while `response_control` is 0 |
 //!
 //! A line that does not fit the command buffer goes in two parts: the first fills the buffer and has no NUL (the last
 //! byte of the buffer is not taken as a character but must not be NUL), the second has one.
@@ -25,14 +25,16 @@
 pub mod control;
 pub mod hold;
 mod late_mark;
+mod response_buffer;
 
 use std::time::{Duration, Instant};
 
 use control::Lying;
 use hold::{After, Hold};
 use late_mark::LateMarks;
+use response_buffer::Untold;
 
-use crate::device::{Access, Bus, BusError};
+use crate::device::{Bus, BusError};
 use crate::format::{Text, TextOrder};
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::map::readings::ReplyEnd;
@@ -64,6 +66,8 @@ pub enum AsciiEvent {
     ProgramMessage(ResponseText),
     /// A response nobody waits for any more, dropped; the value is its control word.
     Stale(u16),
+    /// The command under way ended by this control word, which no manual has: what became of the command is not known.
+    Unknown(u16),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,8 +76,9 @@ enum State {
     Idle,
     /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
     Loaded { sent: usize },
-    /// PMAC has the whole line. A line of the reply came last at `quiet_since`.
-    Replying { quiet_since: Instant },
+    /// PMAC has the whole line. A silence since `quiet_since` ends the reply; `None`: it ends nothing, as no line of a
+    /// reply to an open-ended line has come, or not since its last end.
+    Replying { quiet_since: Option<Instant> },
     /// A control character that has a reply waits in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, answered: bool, quiet_since: Instant },
     /// Something may still come, or be carried out, that belongs to a command given up.
@@ -88,8 +93,8 @@ pub struct DpramPort {
     /// The line under way, in its first `length` bytes.
     line: Box<[u8]>,
     length: usize,
-    /// The end of the reply came together with its last line; it is told at the next poll.
-    end_follows: bool,
+    /// What was read of the reply and is told at the next polls.
+    untold: Untold,
     /// The board was seen to answer before it cleared the command flag.
     answers_early: bool,
     /// Until then an acknowledgement may belong to a command given up, by this host or the one before it.
@@ -106,12 +111,6 @@ pub struct DpramPort {
     reply_end: ReplyEnd,
     /// The caller says which reply was the line's.
     open_ended: bool,
-    /// The last text that came, whosever it was: the board may leave it where it lies.
-    last_text: Option<ResponseText>,
-    /// The board was seen to mark the last line of a reply itself, instead of an acknowledgement of its own.
-    marks_last_line: bool,
-    /// The last acknowledgement came with the text of the line before it: left there, or an equal line.
-    ended_alike: bool,
     /// Which replies the board marks late.
     late_marks: LateMarks,
 }
@@ -126,7 +125,7 @@ impl DpramPort {
             state: State::Idle,
             line: vec![0; words.line_limit].into(),
             length: 0,
-            end_follows: false,
+            untold: Untold::default(),
             answers_early: false,
             doubt_until: now + DOUBT,
             gave_up: false,
@@ -135,9 +134,6 @@ impl DpramPort {
             settles: false,
             reply_end: ReplyEnd::Ack,
             open_ended: false,
-            last_text: None,
-            marks_last_line: false,
-            ended_alike: false,
             late_marks: LateMarks::default(),
         }
     }
@@ -222,7 +218,7 @@ impl DpramPort {
         }
         self.line[..line.len()].copy_from_slice(line);
         self.length = line.len();
-        self.end_follows = false;
+        self.untold = Untold::default();
         self.open_ended = false;
         self.load(bus, 0)?;
         Ok(true)
@@ -247,26 +243,10 @@ impl DpramPort {
         }
     }
 
-    /// A reply was one line short, and nothing has come since: whether its acknowledgement was a line, equal to the one before it.
-    /// The board's count says so; of an acknowledgement alone it is 0 or 1. `true`: that was not known before. At most 1 read.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn learn_mark(&mut self, bus: &mut impl Bus) -> Result<bool, BusError> {
-        let length = self.last_text.map_or(0, |text| text.as_bytes().len());
-        if !self.ended_alike || self.marks_last_line || length < 2 {
-            return Ok(false);
-        }
-        // With the NUL, or without it.
-        let count = usize::from(bus.read16(self.words.response_count)?);
-        self.marks_last_line = [length, length + 1].contains(&count);
-        Ok(self.marks_last_line)
-    }
-
     /// A reply has ended.
     fn end_reply(&mut self, now: Instant) {
         match &mut self.state {
-            State::Replying { quiet_since } if self.open_ended => *quiet_since = now,
+            State::Replying { quiet_since } if self.open_ended => *quiet_since = None,
             State::Loaded { .. } if self.open_ended => {}
             _ => self.rest(now),
         }
@@ -388,12 +368,17 @@ impl DpramPort {
             }
             State::Replying { .. } | State::ControlReply { .. } => false,
         };
-        self.end_follows = false;
+        self.abandon(now, cancels);
+        Ok(())
+    }
+
+    /// Whatever still comes belongs to nobody.
+    fn abandon(&mut self, now: Instant, cancels: bool) {
+        self.untold = Untold::default();
         self.open_ended = false;
         self.doubt_until = now + DOUBT;
         self.gave_up = true;
         self.state = State::Held(Hold::asking(now, cancels));
-        Ok(())
     }
 
     /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
@@ -401,10 +386,8 @@ impl DpramPort {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
-        if self.end_follows {
-            self.end_follows = false;
-            self.end_reply(now);
-            return Ok(Some(AsciiEvent::Done(Ok(()))));
+        if let Some(event) = self.tell(now) {
+            return Ok(Some(event));
         }
         if let State::Loaded { sent } = self.state
             && !self.is_loaded(bus)?
@@ -412,7 +395,7 @@ impl DpramPort {
             if sent < self.length {
                 self.load(bus, sent)?;
             } else {
-                self.state = State::Replying { quiet_since: now };
+                self.state = State::Replying { quiet_since: (!self.open_ended).then_some(now) };
             }
         }
         if let State::ControlReply { taken: false, .. } = self.state
@@ -427,17 +410,12 @@ impl DpramPort {
         bus.order_reads();
         let text = self.read_response(bus, control)?;
         bus.order_reads();
-        let was_there = self.last_text == Some(text);
-        if !text.as_bytes().is_empty() {
-            self.last_text = Some(text);
-        }
         let is_early = control != response::LINE && self.precedes_its_character(bus, now)?;
         let stale = is_early || self.is_stale(bus, control, &text, now)?;
         if stale {
             self.late_marks.came();
         }
-        bus.write16(self.words.response_control, 0)?;
-        bus.order_writes();
+        self.take_response(bus, control, &text)?;
         if let (response::TO_PROGRAM | response::MESSAGE, State::Held(hold)) = (control, &mut self.state) {
             // The text kept the board from putting out what is still to come of the command given up.
             hold.text_came(now);
@@ -446,7 +424,7 @@ impl DpramPort {
             response::TO_PROGRAM => AsciiEvent::ProgramResponse(text),
             response::MESSAGE => AsciiEvent::ProgramMessage(text),
             _ if stale => AsciiEvent::Stale(control),
-            _ => self.classify(control, text, was_there, now),
+            _ => self.classify(control, text, now),
         }))
     }
 
@@ -482,8 +460,8 @@ impl DpramPort {
                 self.go_on_holding(bus, hold, now)?;
                 None
             }
-            State::Replying { quiet_since }
-                if self.reply_end == ReplyEnd::Silence && now >= quiet_since + REPLY_END =>
+            State::Replying { quiet_since: Some(since) }
+                if self.reply_end == ReplyEnd::Silence && now >= since + REPLY_END =>
             {
                 self.end_reply(now);
                 Some(AsciiEvent::Done(Ok(())))
@@ -500,12 +478,20 @@ impl DpramPort {
         })
     }
 
+    /// The next of what was read before.
+    fn tell(&mut self, now: Instant) -> Option<AsciiEvent> {
+        let event = self.untold.next();
+        if let Some(AsciiEvent::Done(_)) = event {
+            self.end_reply(now);
+        }
+        event
+    }
+
     /// Whose a response is that is not a program's.
-    /// Its text may be the one that `was_there` before.
-    fn classify(&mut self, control: u16, text: ResponseText, was_there: bool, now: Instant) -> AsciiEvent {
+    fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match &mut self.state {
             State::Loaded { .. } => {}
-            State::Replying { quiet_since } => *quiet_since = now,
+            State::Replying { quiet_since } => *quiet_since = Some(now),
             State::ControlReply { answered, quiet_since, .. } => {
                 *answered = true;
                 *quiet_since = now;
@@ -524,20 +510,14 @@ impl DpramPort {
                 return AsciiEvent::Stale(control);
             }
         }
+        let has_text = !text.as_bytes().is_empty();
         match control {
-            response::LINE => {
-                self.ended_alike = false;
-                AsciiEvent::Line(text)
-            }
-            // Some firmware marks the last line itself instead of sending an empty acknowledgement. Other firmware may leave the
-            // last text where it is, also that of an earlier reply.
-            response::ACKNOWLEDGE if !text.as_bytes().is_empty() && (self.marks_last_line || !was_there) => {
-                self.marks_last_line = true;
-                self.end_follows = true;
-                AsciiEvent::Line(text)
+            // Some firmware marks the last line itself instead of sending an `<ACK>` alone.
+            response::LINE | response::ACKNOWLEDGE if has_text || control == response::LINE => {
+                self.untold = Untold::new(text, control == response::ACKNOWLEDGE);
+                self.tell(now).unwrap_or(AsciiEvent::Line(text))
             }
             response::ACKNOWLEDGE => {
-                self.ended_alike = !text.as_bytes().is_empty();
                 self.end_reply(now);
                 AsciiEvent::Done(Ok(()))
             }
@@ -546,33 +526,14 @@ impl DpramPort {
                     self.end_with_error(now);
                     AsciiEvent::Done(Err(number))
                 }
-                None => AsciiEvent::Stale(control),
+                // Nothing is there.
+                None if control == u16::MAX => AsciiEvent::Stale(control),
+                None => {
+                    self.abandon(now, false);
+                    AsciiEvent::Unknown(control)
+                }
             },
         }
-    }
-
-    /// Reads the text that goes with `control`; an error has none.
-    fn read_response(&mut self, bus: &mut impl Bus, control: u16) -> Result<ResponseText, BusError> {
-        if control & response::ERROR != 0 {
-            return Ok(ResponseText::default());
-        }
-        // The manual counts the characters once with their NUL and once without it (p. 28 and 29), so the count is not
-        // believed: the text is read up to its NUL, which both pages have, and never beyond the buffer.
-        let step = bus.access().words();
-        let mut bytes = [0; RESPONSE_BYTES];
-        for (index, place) in bytes.chunks_mut(2 * step).enumerate() {
-            let mut words = [0; Access::MOST_WORDS];
-            let words = &mut words[..step];
-            bus.read_data(self.words.response.plus_words(index * step), words)?;
-            for (pair, word) in place.chunks_exact_mut(2).zip(words.iter()) {
-                pair.copy_from_slice(&self.order.unpack(*word));
-            }
-            if place.contains(&0) {
-                break;
-            }
-        }
-        let length = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
-        Ok(ResponseText::cut(&bytes[..length]))
     }
 }
 

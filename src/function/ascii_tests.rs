@@ -3,6 +3,7 @@
 use super::super::testing::memory;
 use super::control::FLAG_AFTER;
 use super::hold::{ASK_AGAIN, ASK_LIMIT, SETTLE};
+use super::late_mark::FIRST;
 use super::*;
 use crate::device::FileBoard;
 use crate::map::{FAMILIES, Family, HostOffset};
@@ -124,34 +125,6 @@ fn a_reply_of_several_lines_ends_with_its_acknowledgement() {
     }
 }
 
-/// The last line of two equal ones, marked itself, looks like an acknowledgement behind one line: the board's count tells.
-#[test]
-fn c1_a_mark_on_the_second_of_two_equal_lines_is_known_by_its_count() {
-    for family in FAMILIES {
-        for (count, is_marked) in [(6, true), (5, true), (1, false), (0, false)] {
-            let mut rig = Rig::new(family);
-            assert!(rig.begin("SIZE SIZE"));
-            rig.take();
-            rig.respond(response::LINE, "41301");
-            rig.expect_line("41301");
-            assert!(!rig.port.learn_mark(&mut rig.bus).unwrap(), "a line, and no mark yet");
-            rig.respond(response::ACKNOWLEDGE, "41301");
-            rig.write(rig.port.words.response_count, count);
-            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-            assert_eq!(rig.port.learn_mark(&mut rig.bus).unwrap(), is_marked, "{count}");
-            assert!(rig.begin("SIZE SIZE"));
-            rig.take();
-            rig.respond(response::LINE, "41301");
-            rig.expect_line("41301");
-            rig.respond(response::ACKNOWLEDGE, "41301");
-            if is_marked {
-                rig.expect_line("41301");
-            }
-            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-        }
-    }
-}
-
 #[test]
 fn the_mark_on_the_last_line_itself_ends_a_reply_too() {
     for family in FAMILIES {
@@ -181,6 +154,19 @@ fn text_left_beside_an_acknowledgement_is_no_second_line() {
             rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
+        // Nor where an error keeps the text from being read, or the text is a program's.
+        assert!(rig.begin("UUU"));
+        rig.take();
+        rig.respond(0x8003, "ERR003");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
+        rig.now += FIRST;
+        assert_eq!(rig.poll(), None);
+        rig.respond(response::MESSAGE, "DOOR OPEN");
+        assert!(matches!(rig.poll(), Some(AsciiEvent::ProgramMessage(_))));
+        assert!(rig.begin("P1=27"));
+        rig.take();
+        rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         // A board that marks the last line itself gives equal ones twice.
         for (first, last) in [("2", "3"), ("0", "0")] {
             assert!(rig.begin("P1..2"));
@@ -190,6 +176,74 @@ fn text_left_beside_an_acknowledgement_is_no_second_line() {
             rig.respond(response::ACKNOWLEDGE, last);
             rig.expect_line(last);
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        }
+    }
+}
+
+#[test]
+fn what_an_earlier_host_or_the_power_on_left_is_no_reply() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        for word in 0..RESPONSE_BYTES / 2 {
+            rig.write(family.ascii.response.plus_words(word), 0x4141);
+        }
+        rig.port.release(&mut rig.bus).unwrap();
+        rig.port.hold(rig.now);
+        rig.answer_question();
+        rig.be_silent(SETTLE);
+        assert!(rig.begin("P1=26"));
+        rig.take();
+        rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+    }
+}
+
+#[test]
+fn several_lines_in_one_text_come_one_by_one() {
+    for family in FAMILIES {
+        for (end, ends) in [(response::LINE, false), (response::ACKNOWLEDGE, true)] {
+            for text in ["1\r2\r3", "1\r\n2\r\n3\r\n", "1\r2\r3\r\x06"] {
+                let mut rig = Rig::new(family);
+                assert!(rig.begin("P1..3"));
+                rig.take();
+                rig.respond(end, text);
+                for line in ["1", "2", "3"] {
+                    rig.expect_line(line);
+                }
+                if !ends {
+                    assert_eq!(rig.poll(), None);
+                    rig.respond(response::ACKNOWLEDGE, "");
+                }
+                assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+                assert!(rig.port.is_idle());
+            }
+        }
+    }
+}
+
+#[test]
+fn an_acknowledgement_in_the_text_is_no_line() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("P1=26"));
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "\x06");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+    }
+}
+
+#[test]
+fn a_control_word_that_no_manual_has_ends_the_command_and_holds_the_port() {
+    for family in FAMILIES {
+        for control in [0x400D, 0x0406, 0x800A, 0x0001] {
+            let mut rig = Rig::new(family);
+            assert!(rig.begin("P1"));
+            rig.take();
+            rig.respond(control, "25");
+            assert_eq!(rig.poll(), Some(AsciiEvent::Unknown(control)));
+            assert!(!rig.port.is_idle());
+            rig.respond(response::ACKNOWLEDGE, "");
+            assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
         }
     }
 }
@@ -231,7 +285,7 @@ fn every_length_of_line_arrives_whole() {
             }
             let end = received.iter().position(|&byte| byte == 0).unwrap();
             assert_eq!(String::from_utf8_lossy(&received[..end]), line);
-            assert_eq!(rig.port.state, State::Replying { quiet_since: rig.now });
+            assert_eq!(rig.port.state, State::Replying { quiet_since: Some(rig.now) });
             rig.respond(response::ACKNOWLEDGE, "");
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
@@ -457,6 +511,26 @@ fn b3_3_a_reply_without_an_end_mark_ends_by_a_silence() {
         rig.take();
         rig.respond(0x8003, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
+    }
+}
+
+#[test]
+fn b3_3_a_silence_ends_each_reply_to_an_open_ended_line_once_and_none_that_has_not_begun() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        rig.port.set_reply_end(ReplyEnd::Silence);
+        assert!(rig.port.begin_open_ended(&mut rig.bus, b"I3").unwrap());
+        rig.take();
+        for text in ["0", "1"] {
+            for _ in 0..20 {
+                rig.now += REPLY_END;
+                assert_eq!(rig.poll(), None, "nothing has come");
+            }
+            rig.respond(response::LINE, text);
+            rig.expect_line(text);
+            rig.now += REPLY_END;
+            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        }
     }
 }
 

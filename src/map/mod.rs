@@ -33,8 +33,8 @@ pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUser
 pub use family::pmac;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
 pub use family::{
-    DEFAULT_FAMILY, DPRAM_SIZES, FAMILIES, Family, Generation, PMAC, PMAC2, TURBO, TURBO_32K, TURBO2,
-    TURBO2_8K, UnknownFamily,
+    DEFAULT_FAMILY, DPRAM_SIZES, FAMILIES, Family, Generation, OtherFamily, PMAC, PMAC2, TURBO, TURBO_32K,
+    TURBO2, TURBO2_8K, UnknownFamily,
 };
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};

@@ -56,6 +56,8 @@ pub static READINGS: &[Reading] = &[
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     set("gather_words", &["size_first", "index_first"]),
     found_out("error_ack", &["none", "follows"]),
+    found_out("reply_ack", &["alone", "over_text", "on_line"]),
+    found_out("reply_lines", &["one", "several"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -378,6 +380,32 @@ impl fmt::Display for GatherSizeWord {
     }
 }
 
+/// What lies under the `<ACK>` of a reply: "to mark the end of transmission", of a control word that is a "termination character"
+/// (DPRAM manual p. 28 and 29).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReplyAck {
+    /// An empty text: it comes behind the last line.
+    #[default]
+    Alone,
+    /// The text before, which is left: nothing but the control word is written.
+    OverText,
+    /// The last line itself: it is that line's termination character.
+    OnLine,
+}
+
+/// How many lines one filling of the response buffer has: "response strings in DPRAM do not end with a carriage-return" (DPRAM
+/// manual p. 28).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReplyLines {
+    /// One.
+    #[default]
+    One,
+    /// As many as it has room for, with `<CR>` between.
+    Several,
+}
+
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -430,6 +458,10 @@ pub struct Readings {
     pub gather_words: GatherWords,
     /// Whether `<ACK>` follows an error.
     pub error_ack: ErrorAck,
+    /// What lies under the `<ACK>` of a reply.
+    pub reply_ack: ReplyAck,
+    /// How many lines one filling of the response buffer has.
+    pub reply_lines: ReplyLines,
 }
 
 /// A name or value that is none.

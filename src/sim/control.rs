@@ -217,7 +217,7 @@ pub static COMMANDS: &[Command] = &[
     },
     Command {
         form: "time on|off",
-        effect: "puts the update's time, CLOCK_MONOTONIC in ns, into motor 1's compensation position",
+        effect: "puts the update's time, CLOCK_MONOTONIC in ns, into motor 1's compensation position, or its position bias where the report has none",
         carry_out: |call| {
             let &[state] = call.arguments else { return None };
             done(on(state).map(|on| call.world.report.time = on))

@@ -18,8 +18,8 @@ const WORDS_PER_PASS: usize = 64;
 #[derive(Debug, Clone)]
 pub struct Judge {
     family: &'static Family,
-    /// What only PMAC writes, besides its words in the reports' headers: the reports' data and the response. First word
-    /// and the first one behind.
+    /// What only PMAC writes, besides its words in the reports' headers: the reports' data and the response, but for its first
+    /// word, which the host may clear. First word and the first one behind.
     pmacs: [(HostOffset, HostOffset); 3],
     violations: Vec<String>,
     total: u64,
@@ -38,7 +38,7 @@ impl Judge {
         let pmacs = [
             (servo.global.first, servo.region.end),
             (background.global.first, background.region.end),
-            (ascii.response, ascii.response.plus_words(RESPONSE_BYTES / 2)),
+            (ascii.response.plus_words(1), ascii.response.plus_words(RESPONSE_BYTES / 2)),
         ];
         let (violations, present) = (Vec::new(), BTreeMap::new());
         Self { family, pmacs, violations, total: 0, range: 0, next: 0, present }
@@ -98,7 +98,9 @@ impl Judge {
                 self.next = 0;
             }
         }
-        self.may_only_clear(ascii.response_control, "the host writes only 0 there", cycle, dpram);
+        for word in [ascii.response_control, ascii.response] {
+            self.may_only_clear(word, "the host writes only 0 there", cycle, dpram);
+        }
         self.may_only_take(background.ready, cycle, dpram);
         let word = ascii.command_loaded.word;
         let flag = dpram.read16(word);

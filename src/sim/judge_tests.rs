@@ -22,7 +22,8 @@ fn c4_the_judge_finds_what_a_turbo_host_may_not_write() {
         (0x0E9C, 2, "0x0E9C = 0x0002: the bits of 0xFFFE are reserved"),
         (0x0F40, 0x000D, "0x0F40: the host writes only 0 there"),
         (0x0F42, 5, "0x0F42, which is PMAC's"),
-        (0x0F44, 5, "0x0F44, which is PMAC's"),
+        (0x0F44, 5, "0x0F44: the host writes only 0 there"),
+        (0x0F46, 5, "0x0F46, which is PMAC's"),
     ] {
         let mut bench = board();
         bench.write(offset, value);

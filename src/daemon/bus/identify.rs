@@ -165,15 +165,6 @@ impl Identifier {
         self.restart();
     }
 
-    /// Takes note of a line that somebody sends. If the board may answer differently after it, it is asked again soon. A
-    /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
-    pub fn line_sent(&mut self, line: &[u8], now: Instant) {
-        let Some(doubts) = ScaleDoubts::of_line(line).filter(|_| self.wanted) else { return };
-        self.doubts.add(doubts);
-        self.tell(self.known.clone());
-        self.ask_again(now);
-    }
-
     /// Tells an answer, as far as it is not in doubt.
     fn tell(&mut self, answer: Identity) {
         let mut answer = self.doubts.leave_out(answer);
@@ -230,9 +221,15 @@ impl Identifier {
         Some((*line, PATIENCE))
     }
 
-    /// A line of somebody's goes to the board.
-    pub fn line_goes(&mut self, line: &[u8]) {
+    /// A line of somebody's goes to the board. If the board may answer differently after it, it is asked again soon. A
+    /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
+    pub fn line_goes(&mut self, line: &[u8], now: Instant) {
         self.changes.line_goes(line);
+        if let Some(doubts) = ScaleDoubts::of_line(line).filter(|_| self.wanted) {
+            self.doubts.add(doubts);
+            self.tell(self.known.clone());
+            self.ask_again(now);
+        }
     }
 
     /// What somebody else has changed, another host or a program of the board.

@@ -8,6 +8,7 @@
 
 use std::time::{Duration, Instant};
 
+use super::response_buffer::Untold;
 use super::{CANCEL, DpramPort, State};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP};
@@ -51,7 +52,7 @@ impl DpramPort {
         }
         self.put_control(bus, character, over_question, now)?;
         if has_reply {
-            self.end_follows = false;
+            self.untold = Untold::default();
             self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };
         }
         Ok(true)

@@ -10,13 +10,18 @@
 //!
 //! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
 //! the control word does, whether a control
-//! character needs the line's flag, when that flag is cleared, whether every reply has an end, and an error one, too. While a line is at
-//! work PMAC looks at nothing else: its background pass is the one that works.
+//! character needs the line's flag, when that flag is cleared, whether every reply has an end, and an error one, too, what lies under
+//! that end, and how many lines lie in the buffer at once. While a line is at work PMAC looks at nothing else: its background
+//! pass is the one that works.
+
+use std::collections::VecDeque;
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
-use crate::map::functions::response;
-use crate::map::readings::{ControlFlag, CountOrder, ErrorAck, LineFlag, ReplyCount, ReplyEnd};
+use crate::map::functions::{RESPONSE_BYTES, response};
+use crate::map::readings::{
+    ControlFlag, CountOrder, ErrorAck, LineFlag, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
+};
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
@@ -210,8 +215,17 @@ impl AsciiPort {
 
     /// Writes the oldest response.
     fn put(&mut self, board: &mut Board) {
-        let Some(Response { control, text }) = board.output.dpram.pop_front() else { return };
+        let Some(Response { control, mut text }) = board.output.dpram.pop_front() else { return };
         let family = board.family();
+        let readings = board.identity.readings;
+        if control == response::LINE && readings.reply_lines == ReplyLines::Several {
+            append_lines(&mut text, &mut board.output.dpram);
+        }
+        let is_mark_alone = text.is_empty() && control != response::LINE;
+        if is_mark_alone && readings.reply_ack == ReplyAck::OverText {
+            board.memory.dpram.write16(family.ascii.response_control, control);
+            return self.interrupt(board);
+        }
         let dpram = &mut board.memory.dpram;
         // One NUL at least; the second half of the last word is a NUL too.
         let words = (0..=text.len()).step_by(2).map(|place| {
@@ -237,9 +251,25 @@ impl AsciiPort {
         }
         dpram.order_writes();
         dpram.write16(family.ascii.response_control, control);
-        if board.enabled(family.i.interrupt) {
+        self.interrupt(board);
+    }
+
+    fn interrupt(&mut self, board: &Board) {
+        if board.enabled(board.family().i.interrupt) {
             self.interrupts += 1;
         }
+    }
+}
+
+/// Puts the lines that follow behind `text`, with `<CR>` between, as far as one filling has room.
+fn append_lines(text: &mut Vec<u8>, others: &mut VecDeque<Response>) {
+    while let Some(next) = others.front()
+        && next.control == response::LINE
+        && text.len() + 1 + next.text.len() < RESPONSE_BYTES
+    {
+        text.push(b'\r');
+        text.extend(&next.text);
+        others.pop_front();
     }
 }
 
@@ -275,11 +305,18 @@ fn answer(board: &mut Board, reply: Reply) {
     if board.faults.ascii_no_reply {
         return;
     }
+    let has_lines = !reply.lines.is_empty();
     for text in reply.lines {
         board.output.respond(response::LINE, text.as_bytes());
     }
     match reply.error {
         Some(error) => refuse(board, error),
+        None if has_lines && board.identity.readings.reply_ack == ReplyAck::OnLine => {
+            let marks = ends_with_acknowledge(board);
+            if let Some(last) = board.output.dpram.back_mut().filter(|_| marks) {
+                last.control = response::ACKNOWLEDGE;
+            }
+        }
         None => acknowledge(board),
     }
 }

@@ -369,9 +369,12 @@ impl CommandPorts {
                 None
             }
             Some(AsciiEvent::Done(result)) => Some(question.value.filter(|_| result.is_ok())),
-            Some(AsciiEvent::ProgramResponse(_) | AsciiEvent::ProgramMessage(_) | AsciiEvent::Stale(_)) => {
-                return Ok(event);
-            }
+            Some(
+                AsciiEvent::ProgramResponse(_)
+                | AsciiEvent::ProgramMessage(_)
+                | AsciiEvent::Stale(_)
+                | AsciiEvent::Unknown(_),
+            ) => return Ok(event),
             None if now >= question.until => {
                 mailbox.port.give_up(&mut mailbox.registers, now)?;
                 Some(None)

@@ -319,21 +319,26 @@ impl AsciiQueue {
         Ok(())
     }
 
-    fn patience(&self, now: Instant) -> Duration {
-        let in_flight = self.under_way.is_some()
+    /// Whether something is asked of the board, or waits to be.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        self.under_way.is_some()
             || self.ports.is_waiting()
             || self.control_pending.is_some()
             || self.control_lost.is_some()
             || !self.outbox.is_empty()
             || !self.lines.is_empty()
-            || !self.controls.is_empty();
+            || !self.controls.is_empty()
+    }
+
+    fn patience(&self, now: Instant) -> Duration {
         // What cannot be asked now is not waited for.
         let question = if self.ports.in_doubt() {
             self.check.due_in(now)
         } else {
             self.identifier.due_in(now).max(self.questions_barred_for(now))
         };
-        match (in_flight, self.has_interrupt) {
+        match (self.is_busy(), self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
             (true, _)
                 if self.ports.in_use() == CommandPort::Dpram
@@ -383,7 +388,7 @@ impl AsciiQueue {
             if self.ports.begin(bus, line)? {
                 self.lines.pop_front();
                 self.buffer.begin(line, next.writer, now);
-                self.identifier.line_goes(line);
+                self.identifier.line_goes(line, now);
                 self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
         } else if !questions_wait && self.identifier.due_in(now).is_zero() {
@@ -461,6 +466,7 @@ impl AsciiQueue {
             AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
             AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
             AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
+            AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
         }
     }
 

@@ -255,6 +255,40 @@ fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
 }
 
 #[test]
+fn b2_1_where_replies_end_by_a_silence_our_line_is_waited_for_and_asked_again() {
+    let mut rig = Rig::new();
+    rig.queue.ports_mut().dpram.set_reply_end(ReplyEnd::Silence);
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    rig.send(2, "P5=7", Duration::from_secs(60));
+    assert_eq!(next_check(&mut rig), "I3 I10 I3");
+    // The board is still at SLOW: what is silent has not answered.
+    for expected in ["I3 I10 I10 I3", "I3 I10 I10 I10 I3", "I3 I10 I10 I10 I10 I3", "I3 I10 I3"] {
+        assert_eq!(next_check(&mut rig), expected);
+    }
+    // A reply that came mixed is nobody's.
+    rig.say("0");
+    rig.say("PMAC");
+    for _ in 0..11 {
+        rig.now += Duration::from_millis(100);
+        rig.poll();
+    }
+    rig.free_port();
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    assert_eq!(rig.take(), "I3 I10 I10 I3", "asked again in time");
+    for line in ["0", "3713707", "3713707", "0"] {
+        rig.say(line);
+    }
+    for _ in 0..2 {
+        rig.now += Duration::from_millis(100);
+        rig.poll();
+    }
+    assert_eq!(rig.take(), "P5=7");
+}
+
+#[test]
 fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));

@@ -107,3 +107,22 @@ fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
     rig.queue.see_buffer(Some((false, 1)));
     assert!(!rig.queue.standing().0.is_unsaid, "a report tells");
 }
+
+#[test]
+fn b2_1_what_ended_by_an_unknown_control_word_may_have_been_carried_out() {
+    let mut rig = Rig::new();
+    rig.send(1, "OPEN PROG 88", Duration::from_secs(60));
+    rig.send(2, "P5", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "OPEN PROG 88");
+    rig.respond(0x400D);
+    let [(1, Outcome::Interrupted(reason))] = rig.ended()[..] else { panic!("not told") };
+    assert_eq!(&*reason, "the board answered with the control word 0x400D, which no manual has");
+    assert!(!rig.loaded(), "what still comes is not the next line's");
+    rig.free_port();
+    assert_eq!(rig.take(), "SIZE SIZE", "it may have opened the buffer");
+    rig.answer(&["41301", "41301"]);
+    assert_eq!(rig.take(), "I3 I10 I10 I3");
+    rig.answer(&["2", "3713707", "3713707", "2"]);
+    assert_eq!(rig.take(), "P5");
+}

@@ -154,11 +154,6 @@ impl Check {
         self.answer().filter(own).map(|answer| answer.value)
     }
 
-    /// The board has answered, and was misread: the next line goes at once.
-    pub(super) const fn ask_again(&mut self, now: Instant) {
-        self.not_before = now;
-    }
-
     /// How long it need not be sent.
     pub(super) fn due_in(&self, now: Instant) -> Duration {
         self.not_before.saturating_duration_since(now)

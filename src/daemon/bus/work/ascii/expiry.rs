@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use log::warn;
+
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by};
@@ -60,27 +62,9 @@ impl AsciiQueue {
             // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
             self.ports.withdraw(bus, now)?;
         }
-        let (ticket, origin) = match command {
-            InFlight::Line(WaitingLine { ticket, line, origin, .. }) => {
-                self.buffer.doubt(line.as_bytes());
-                (ticket, origin)
-            }
-            InFlight::Control(WaitingControl { ticket, uid, character, .. }) => (
-                ticket,
-                Origin {
-                    uid,
-                    shown: Text::of(&format_args!("^{}", char::from((character & 0x1F) + 64))),
-                    stays: false,
-                },
-            ),
-            InFlight::Check if cancelled_by.is_none() && self.ports.dpram.learn_mark(bus)? => {
-                self.check.ask_again(now);
-                return Ok(());
-            }
-            InFlight::Identify | InFlight::Buffer | InFlight::Check => {
-                self.give_up_own(command, cancelled_by.is_some(), now);
-                return Ok(());
-            }
+        let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
+            self.give_up_own(command, cancelled_by.is_some(), now);
+            return Ok(());
         };
         match cancelled_by {
             Some(uid) => {
@@ -93,6 +77,40 @@ impl AsciiQueue {
             }
         }
         Ok(())
+    }
+
+    /// Whose command this is that the board may have carried out; `None`: our own.
+    fn caller_in_doubt(&mut self, command: &InFlight) -> Option<(Ticket, Origin)> {
+        match command {
+            InFlight::Line(WaitingLine { ticket, line, origin, .. }) => {
+                self.buffer.doubt(line.as_bytes());
+                Some((*ticket, *origin))
+            }
+            InFlight::Control(WaitingControl { ticket, uid, character, .. }) => {
+                let shown = Text::of(&format_args!("^{}", char::from((character & 0x1F) + 64)));
+                Some((*ticket, Origin { uid: *uid, shown, stays: false }))
+            }
+            InFlight::Identify | InFlight::Buffer | InFlight::Check => None,
+        }
+    }
+
+    /// The board has ended the command under way by a control word that no manual has.
+    pub(super) fn end_unknown(&mut self, events: &Sender<Event>, control: u16, now: Instant) {
+        let Some(UnderWay { command, since, .. }) = self.under_way.take() else { return };
+        self.ports.doubt();
+        let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
+            // Told once, not at every question.
+            if self.state != CommandState::Silent {
+                warn!(
+                    "the board answers pmacd's questions with the control word 0x{control:04X}, which no manual has"
+                );
+            }
+            return self.give_up_own(command, false, now);
+        };
+        self.check.give_up(GivenUp { by: origin, since });
+        let reason =
+            format_args!("the board answered with the control word 0x{control:04X}, which no manual has");
+        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
     }
 
     /// Ends a line of our own.
