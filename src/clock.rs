@@ -7,7 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use nix::time::{ClockId, clock_gettime};
+use nix::sys::time::TimeSpec;
+use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
 /// A clock. Between two readings pass as many nanoseconds as CLOCK_MONOTONIC advanced, or as [`ManualTime`] was moved.
 ///
@@ -60,6 +61,12 @@ impl Clock {
     pub fn is_manual(&self) -> bool {
         self.manual.is_some()
     }
+}
+
+/// Sleeps until CLOCK_MONOTONIC is at `ns`, or until a signal comes.
+pub fn sleep_until(ns: u64) {
+    let until = TimeSpec::from_duration(Duration::from_nanos(ns));
+    let _ = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &until);
 }
 
 /// Time that only a test moves. Its clocks follow it in every thread.

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use log::warn;
 use nix::sys::eventfd::EventFd;
 
-use crate::clock::Clock;
+use crate::clock::{Clock, sleep_until};
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
@@ -48,6 +48,12 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
+/// A wait as short as this may be a sleep: commands and interrupts that come meanwhile wait no longer.
+const SHORT_WAIT_NS: u64 = 500_000;
+/// For this long after the last command no wait is a sleep: the next one may follow.
+const ATTENTIVE_NS: u64 = 10_000_000;
+/// How long nothing but sleeps may follow each other.
+const POLL_NS: u64 = 4_000_000;
 /// Pieces of work that one [`BoardLoop::poll`] does at most.
 const STEPS_A_POLL: usize = 10_000;
 
@@ -86,6 +92,10 @@ pub struct BoardLoop {
     check_due_ns: u64,
     /// The bus could not be reached, and is left alone until then.
     paused_until_ns: u64,
+    /// From then on short waits may be sleeps.
+    sleeps_from_ns: u64,
+    /// By then a poll is due between the sleeps.
+    poll_due_ns: u64,
 }
 
 impl BoardLoop {
@@ -114,6 +124,8 @@ impl BoardLoop {
             heartbeat_due_ns: 0,
             check_due_ns: clock.ns(),
             paused_until_ns: 0,
+            sleeps_from_ns: 0,
+            poll_due_ns: 0,
             clock,
         }
     }
@@ -372,7 +384,19 @@ impl BoardLoop {
     }
 
     /// Waits from `now` until `due_ns`, or until there is something to read.
-    fn wait(&self, now: u64, due_ns: u64) -> Readable {
+    ///
+    /// A poll costs more processor time than a sleep. So while nobody has asked anything for a while, a short wait is a
+    /// sleep, and what comes meanwhile is seen after it.
+    fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
+        if self.phase != Phase::Running || self.is_asked() {
+            self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
+        }
+        let is_short = now < due_ns && due_ns <= now.saturating_add(SHORT_WAIT_NS);
+        if is_short && self.sleeps_from_ns <= now && due_ns <= self.poll_due_ns {
+            sleep_until(due_ns);
+            return Readable::default();
+        }
+        self.poll_due_ns = now.saturating_add(POLL_NS);
         let works = self.phase == Phase::Running && !self.is_paused(now);
         let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;
@@ -380,6 +404,11 @@ impl BoardLoop {
         let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
         let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
         Readable::wait(stop.as_fd(), commands, interrupts, timeout)
+    }
+
+    /// Whether commands wait, or the board has been asked something.
+    fn is_asked(&self) -> bool {
+        self.connections.intake.has_waiting() || self.functions.ascii.queue().is_busy()
     }
 
     /// Takes what became readable `now`.
@@ -437,11 +466,7 @@ impl BoardLoop {
                 {
                     self.bus_failed(&error);
                 }
-                let queue = self.functions.ascii.queue_mut();
-                if let Command::Send { line, .. } = &command {
-                    queue.identifier.line_sent(line.as_bytes(), now);
-                }
-                queue.submit(&command, now);
+                self.functions.ascii.queue_mut().submit(&command, now);
                 None
             }
         }
