@@ -110,6 +110,10 @@ fn a_probe_tells_a_board_from_memory_and_from_nothing() {
         let seen = probe(&format!("file:{}", other.display()));
         assert_eq!((seen.0, seen.1.as_deref()), (code, Some(verdict)), "{}", seen.2);
     }
+    // A file that only a Turbo PMAC2's memory fits is taken for one.
+    fs::write(&other, vec![0; 0x1_0000]).unwrap();
+    let seen = probe(&format!("file:{}", other.display()));
+    assert_eq!((seen.0, seen.1.as_deref()), (0, Some("still")), "{}", seen.2);
     let (code, verdict, text) = probe("uio:/dev/uio63");
     assert_eq!((code, verdict), (1, None));
     assert!(text.contains("/dev/uio63"), "{text}");

@@ -126,6 +126,34 @@ fn c2_a_file_without_a_family_stays_a_pmac() {
 }
 
 #[test]
+fn c2_doctor_tells_the_other_board_of_a_generation() {
+    for (family, written, text) in [
+        ("pmac2", "pmac", "is a PMAC2, but pmacd takes it for a PMAC, which has the same functions"),
+        ("turbo", "turbo2", "is a Turbo PMAC, but pmacd takes it for a Turbo PMAC2, which has the same"),
+        ("turbo2", "turbo2", ""),
+    ] {
+        let size = if written == "pmac" { "8k" } else { "32k" };
+        let site = board(&["--family", family, "--dpram", size, "--dpram-startup"]);
+        configured(&site, &format!("family = \"{written}\"\n"));
+        site.wait_until("TYPE", || status(&site)["board"]["type"].is_string());
+        assert_eq!(status(&site)["family"], family, "status has what the board says");
+        let checks = site.hurried(|| site.pmacctl(&["doctor", "--json"]).1);
+        let checks: Value = serde_json::from_str(&checks).unwrap();
+        let told = checks.as_array().unwrap().iter().find(|check| check["check"] == "family");
+        let told = told.map(|check| (check["level"].as_str().unwrap(), check["text"].as_str().unwrap()));
+        match told {
+            None => assert_eq!(text, "", "nothing is told of {family}"),
+            Some((level, told)) => {
+                assert!(!text.is_empty() && told.contains(text), "{told}");
+                assert!(told.ends_with(&format!("write family = \"{family}\"")), "{told}");
+                assert_eq!(level, "ok", "{told}");
+            }
+        }
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
     let site = board(&["--family", "turbo2", "--garbage", "off"]);
     configured(&site, AUTO);

@@ -7,7 +7,7 @@ use crate::device::machine::candidates::{Candidate, Certainty, candidates};
 use crate::device::machine::kernel::{Lockdown, configured, release};
 use crate::device::machine::probe::{Probe, Verdict, probe};
 use crate::device::{Board, BoardSpec, FileBoard, System};
-use crate::map::Family;
+use crate::map::{DEFAULT_FAMILY, Family, TURBO2};
 
 /// The kernel options that decide how a board can be opened.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
@@ -87,9 +87,10 @@ pub fn probe_board(
     report: &mut Report,
     spec: &BoardSpec,
     text: &str,
-    family: &Family,
+    family: Option<&'static Family>,
     system: &System,
 ) -> Result<(), Failure> {
+    let family = family.unwrap_or_else(|| family_by_size(spec));
     let dpram = family.length as usize;
     let mut bus: Box<dyn Board> = match spec {
         BoardSpec::Simulator(_) => {
@@ -109,6 +110,15 @@ pub fn probe_board(
     let seen = probe(&mut bus, family).map_err(Failure::request)?;
     report.0.push(probe_check(text, seen));
     Ok(())
+}
+
+/// A Turbo PMAC2 where the board is a file that only its memory fits.
+fn family_by_size(spec: &BoardSpec) -> &'static Family {
+    let size = match spec {
+        BoardSpec::File { path, .. } => std::fs::metadata(path).map_or(0, |file| file.len()),
+        BoardSpec::Simulator(_) | BoardSpec::Window(_) => 0,
+    };
+    if size == u64::from(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
 }
 
 fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Failure> {

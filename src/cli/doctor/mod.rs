@@ -34,9 +34,9 @@ pub struct Doctor {
     /// Open this board, read its window without writing to it, and say what seems to be there
     #[arg(long, value_name = "SPEC")]
     pub probe: Option<String>,
-    /// The family of that board
-    #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac", requires = "probe")]
-    pub family: &'static Family,
+    /// The family of that board; without it pmac, and turbo2 of a file of 64 KiB
+    #[arg(long, value_name = "FAMILY", value_parser = values::family, requires = "probe")]
+    pub family: Option<&'static Family>,
     /// Ask the board for its M-variables, and print which stretch of the DPRAM they use and which pmacd does
     #[arg(long)]
     pub memory: bool,
@@ -350,7 +350,7 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
         report.add(Level::Ok, "functions", text);
     }
     if !not_there.is_empty() {
-        let text = format!("pmacd cannot use {} on a {} yet", names(&not_there), family.title);
+        let text = format!("pmacd does not use {} on a {}", names(&not_there), family.title);
         report.add(Level::Ok, "functions", text);
     }
     let BoardSettings { servo, background, .. } = settings;
@@ -377,6 +377,12 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
             );
             report.add(Level::Fail, "board", text);
         }
+    }
+    if let (Some(answer), Ok(family)) = (&info.board_type, Family::by_name(&info.family))
+        && let Some(other) = family.contradicted_by_type(answer)
+    {
+        let level = if other.is_laid_out_otherwise() { Level::Fail } else { Level::Ok };
+        report.add(level, "family", other.to_string());
     }
     if !settings.functions.has(Function::Ascii) {
         return;

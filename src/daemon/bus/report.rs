@@ -50,6 +50,8 @@ impl ChangeLog {
 
 /// What was told last, so that only changes are told.
 pub struct Reporter {
+    /// What the board is taken for.
+    family: &'static Family,
     /// What to look at when servo data are stale, when background data are, and when no command line is answered.
     hints: [String; 3],
     info: InfoReport,
@@ -66,11 +68,12 @@ pub struct Reporter {
 impl Reporter {
     /// Nothing was told yet of a board of `family`.
     #[must_use]
-    pub fn new(family: &Family, clock: Clock) -> Self {
+    pub fn new(family: &'static Family, clock: Clock) -> Self {
         let i = &family.i;
         let reported = i.reported.map_or_else(String::new, |number| format!(", I{number}>0"));
         let (enable, period, background) = (i.servo_enable, i.servo_period, i.background_enable);
         Self {
+            family,
             hints: [
                 match (family.servo.start, i.servo_in_background) {
                     (ReportStart::Gather, _) => {
@@ -212,6 +215,11 @@ impl Reporter {
         self.info.set(|status| status.identity = Some(known));
         if let (Some(board_type), Some(firmware)) = (&known.board_type, &known.firmware) {
             info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
+        }
+        let board_type = known.board_type.as_deref();
+        if let Some(other) = board_type.and_then(|answer| self.family.contradicted_by_type(answer)) {
+            let level = if other.is_laid_out_otherwise() { Level::Error } else { Level::Info };
+            log!(level, "{other}");
         }
     }
 

@@ -1,8 +1,10 @@
 //! Which family the board is of, as the settings say it.
 
-use crate::device::BoardSpec;
+use crate::device::{BoardSpec, Place, WindowSpec};
 use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 
+/// Bytes of the DPRAM that a VME board shows at a time.
+const VME_WINDOW: u32 = 0x4000;
 /// What the configuration writes to have the board recognised.
 const AUTO: &str = "auto";
 
@@ -55,7 +57,7 @@ pub(super) fn candidates(
             let family = simulator.dpram.map_or(Ok(family), |size| family.with_dpram(size));
             Ok((vec![family.map_err(|reason| ("board", reason))?], FamilyKnown::Assumed))
         }
-        (_, Some(named), _) => Ok((vec![named], FamilyKnown::Written)),
+        (_, Some(named), _) => Ok((vec![in_window(board, named)], FamilyKnown::Written)),
         (_, None, Some(Some(seen))) => Ok((vec![seen], FamilyKnown::Recognised)),
         (BoardSpec::File { .. }, ..) if !sought => Ok((vec![DEFAULT_FAMILY], FamilyKnown::Assumed)),
         (_, None, Some(None)) => Ok((vec![&PMAC, &TURBO2], FamilyKnown::Unknown)),
@@ -64,10 +66,21 @@ pub(super) fn candidates(
     }
 }
 
+/// `family` with as much DPRAM as `board` shows. A VME board shows 16 KiB at a time (Turbo User Manual p. 400), in which every
+/// function lies; a length that is written says that its bridge shows more.
+fn in_window(board: &BoardSpec, family: &'static Family) -> &'static Family {
+    match board {
+        BoardSpec::Window(WindowSpec { place: Place::Vme(_), length: None, .. }) => {
+            family.with_length(VME_WINDOW).unwrap_or(family)
+        }
+        _ => family,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{PMAC2, TURBO};
+    use crate::map::{PMAC2, TURBO, TURBO2_8K};
 
     fn known(
         board: &str,
@@ -75,6 +88,17 @@ mod tests {
         seen: Option<Recognised>,
     ) -> (Vec<&'static Family>, FamilyKnown) {
         candidates(&board.parse().unwrap(), written, seen).unwrap()
+    }
+
+    #[test]
+    fn c1_a_vme_board_shows_16_kib_unless_a_length_is_written() {
+        for (name, shown, all) in
+            [("turbo2", &TURBO2_8K, &TURBO2), ("turbo", &TURBO, &TURBO), ("pmac", &PMAC, &PMAC)]
+        {
+            assert_eq!(known("vme:/dev/bus/vme/m0", Some(name), None).0, [shown], "{name}");
+            assert_eq!(known("vme:/dev/bus/vme/m0,length=0x10000", Some(name), None).0, [all], "{name}");
+            assert_eq!(known("mem:0xD4000", Some(name), None).0, [all], "{name}");
+        }
     }
 
     #[test]

@@ -473,7 +473,7 @@ mod tests {
             ),
             (
                 "board = \"sim\"\nfamily = \"turbo2\"\nfunctions = [\"servo\", \"panel\"]\n",
-                "FILE:3:23: pmacd cannot use the function `panel` on a Turbo PMAC2 yet; it can use ascii, servo, background, variables, gather",
+                "FILE:3:23: pmacd does not use the function `panel` on a Turbo PMAC2: no text tells of a firmware that acts on its words; jog-stop",
             ),
             (
                 "board = \"sim,family=pmac\"\nfamily = \"turbo2\"\n",
