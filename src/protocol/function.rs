@@ -41,7 +41,7 @@ impl Functions {
         self.0.is_empty()
     }
 
-    /// The first of them that `pmacd` cannot use on a board of `family`, and its place in the list.
+    /// The first of them that `pmacd` does not use on a board of `family`, and its place in the list.
     #[must_use]
     pub fn impossible(&self, family: &Family) -> Option<(usize, Function)> {
         let mut functions = self.0.iter().copied().enumerate();
@@ -60,16 +60,15 @@ impl Functions {
                 "the function `{name}` is switched off: `functions` in the daemon's configuration leaves it out"
             );
         }
-        let there_are = family.functions.iter().map(|function| function.name()).collect::<Vec<_>>();
         let instead = if function == Function::Panel {
-            "; command lines do what the panel's keys do: #1J+, #1J-, #1J/, #1HM, &1R, &1S, &1H, &1A"
+            "; jog-stop, stop and hold go as command lines, and command lines do what the panel's other keys do: #1J+, #1J-, \
+             #1J=, #1HM, &1R, &1S, &1%50"
         } else {
             ""
         };
         format!(
-            "pmacd cannot use the function `{name}` on a {} yet; it can use {}{instead}",
-            family.title,
-            there_are.join(", ")
+            "pmacd does not use the function `{name}` on a {}: no text tells of a firmware that acts on its words{instead}",
+            family.title
         )
     }
 

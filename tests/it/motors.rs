@@ -1,5 +1,7 @@
 //! What is shown of a motor: in counts, in the words of the board, and in the user's.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -52,6 +54,19 @@ fn b5_6_a_motor_tells_following_error_velocity_and_flags() {
     }
     for key in ["filtered_velocity", "background_status"] {
         assert_eq!(stale.get(key), None, "{key}");
+    }
+}
+
+#[test]
+fn b5_6_a_line_that_was_not_sent_leaves_positions_in_counts() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    site.wait_for_live_servo();
+    UnixStream::connect(site.path("serial")).unwrap().write_all(b"OPEN PROG 88 CLEAR\r").unwrap();
+    site.wait_until("the open buffer", || site.pmacctl(&["send", "X9"]).0 == 1);
+    for line in ["$$$", "I108=5"] {
+        assert_eq!(site.pmacctl(&["send", line]).0, 1, "{line} would become a program line");
+        assert_eq!(value(&motor(&site), "actual_position"), 0.0, "{line}");
     }
 }
 

@@ -148,14 +148,16 @@ fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
         let (status, _, stderr) = site.pmacctl(start);
         assert_eq!(status, 1, "{start:?}");
         assert!(
-            stderr.contains(&format!("left {left} lines in its rotary buffer")) && stderr.contains("--clear"),
+            stderr.contains(&format!("{left} lines of it would run")) && stderr.contains("--clear"),
             "{start:?}: {stderr}"
         );
     }
     let file = site.file("start.pmc", "P5=1\n&1R\n");
     let (status, _, stderr) = site.pmacctl(&["download", &file]);
     assert!(
-        status == 1 && stderr.contains("start.pmc:2: not started") && stderr.contains("in its rotary buffer"),
+        status == 1
+            && stderr.contains("start.pmc:2: not started")
+            && stderr.contains("from its rotary buffer"),
         "{stderr}"
     );
     let refused = site.pmacctl(&["panel", "start", "2"]).2;

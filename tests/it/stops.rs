@@ -50,6 +50,35 @@ fn b2_6_a_held_jog_stops_by_command_line_where_the_panel_is_gone() {
 }
 
 #[test]
+fn c1_where_there_is_no_panel_stops_go_as_command_lines() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    let mut board = site.connection();
+    for stop in [&["jog", "1", "stop"][..], &["panel", "jog-stop", "1"]] {
+        board.send("#1J+", PATIENCE).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        board.send("#3", PATIENCE).unwrap();
+        assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{stop:?}");
+        assert_eq!(ask(&mut board, "#"), 3.0, "what was addressed is addressed again");
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    }
+    assert!(site.log().contains("panel jog-stop [1], by command line\n"), "{}", site.log());
+    board.send("&2 #1->X", PATIENCE).unwrap();
+    for line in ["OPEN PROG 5 CLEAR", "LINEAR INC F5000 X1000000", "CLOSE", "&2B5R"] {
+        board.send(line, PATIENCE).unwrap();
+    }
+    until(&mut board, "#1V", "the program moves it", |speed| speed > 0.0);
+    assert_eq!(site.pmacctl(&["abort", "2"]), (0, String::new(), String::new()));
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    // Into an open buffer no line goes.
+    board.send("OPEN PROG 6 CLEAR", PATIENCE).unwrap();
+    let (status, _, told) = site.pmacctl(&["abort", "2"]);
+    assert!(status == 1 && told.contains("MAY STILL MOVE: no command line can stop it while"), "{told}");
+    board.send("CLOSE", PATIENCE).unwrap();
+    site.assert_no_violations();
+}
+
+#[test]
 fn b2_6_a_killed_motor_gets_no_line_either() {
     let site = running("");
     let mut board = site.connection();

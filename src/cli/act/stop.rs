@@ -1,7 +1,5 @@
 //! `pmacctl abort` and `pmacctl kill`: control characters that overtake every queued line.
 
-use std::time::Duration;
-
 use clap::Args;
 use serde_json::json;
 
@@ -10,15 +8,12 @@ use crate::cli::act::panel::check_numbers;
 use crate::cli::args::values::number;
 use crate::cli::console::late::warn_if_late;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::protocol::{Function, control};
-
-/// Time limit of a line.
-const PATIENCE: Duration = Duration::from_secs(5);
+use crate::protocol::control;
 
 /// `abort`.
 #[derive(Debug, Args)]
 pub struct Abort {
-    /// Only these coordinate systems, by the control panel; by command line where it does not act within 100 ms
+    /// Only these coordinate systems, by the control panel; by command line where there is none, or it does not act within 100 ms
     #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
     pub systems: Vec<u8>,
     /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
@@ -39,16 +34,14 @@ fn abort_these(context: &mut Context, options: &Abort) -> Result<Verdict, Failur
     }
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
-    let has_panel = family.panel.is_some() && connection.settings()?.functions.has(Function::Panel);
     let mut failed = None;
     let mut sent = Vec::new();
     // Abort the others even if one of them fails.
     for &system in &options.systems {
         let line = format!("&{system}A");
         let taken = match check_numbers(family, false, &[system]) {
-            // The daemon sends the line where the panel does not act.
-            Ok(()) if has_panel => connection.panel("stop", &[system]).map_err(LineError::from),
-            Ok(()) => connection.send(&line, PATIENCE).map(drop).map_err(LineError::from),
+            // The daemon sends the line where the panel does not act, or is not used.
+            Ok(()) => connection.panel("stop", &[system]).map_err(LineError::from),
             Err(missing) => Err(LineError::NotSent(missing)),
         };
         match taken {

@@ -260,15 +260,44 @@ pub(super) fn check_number(number: usize, count: usize, name: &str) -> Result<()
     if is_one { Ok(()) } else { Err(CallError::invalid(name, format_args!("1 to {count}, not {number}"))) }
 }
 
-/// A control panel request; `hold` makes it one that a lease ends.
-pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
-    let calls::Panel { action, numbers, confirmed } = call;
+/// What a panel request is for, with numbers that the family has.
+fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, CallError> {
+    let calls::Panel { action, numbers, .. } = call;
     let action: PanelAction = action.parse().map_err(|why| CallError::invalid("action", why))?;
     let count = if action.is_for_motors() { family.motors } else { family.coordinate_systems };
     if numbers.is_empty() {
         return Err(CallError::invalid("numbers", format_args!("1 to {count}, at least one of them")));
     }
     numbers.iter().try_for_each(|number| check_number(*number, count, "numbers"))?;
+    Ok(action)
+}
+
+/// What `action` stops for the numbers in `mask`, bit 0 being number 1.
+const fn stopped_by(action: PanelAction, mask: u32) -> Option<Target> {
+    match action {
+        PanelAction::JogStop => Some(Target::Motors(mask)),
+        PanelAction::Stop => Some(Target::Systems(mask, 'A')),
+        PanelAction::Hold => Some(Target::Systems(mask, 'H')),
+        _ => None,
+    }
+}
+
+/// What a panel request stops, and what the audit log says of it; `None`: it stops nothing.
+pub(super) fn stop_by_line(
+    call: calls::Panel,
+    family: &Family,
+) -> Result<Option<(Target, String)>, CallError> {
+    let action = panel_action(&call, family)?;
+    let numbers = call.numbers;
+    let mask = numbers.iter().fold(0, |mask, number| mask | 1 << (number - 1));
+    let audit = format!("panel {action} {numbers:?}, by command line");
+    Ok(stopped_by(action, mask).map(|target| (target, audit)))
+}
+
+/// A control panel request; `hold` makes it one that a lease ends.
+pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
+    let action = panel_action(&call, family)?;
+    let calls::Panel { numbers, confirmed, .. } = call;
     let Some(words) = &family.panel else {
         return Err(refused(format!("a {} has no control panel in its DPRAM", family.title)));
     };
@@ -279,12 +308,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     let held = if hold { ", held" } else { "" };
     // What stops a machine does not wait for a question behind other people's lines.
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
-    let target = match action {
-        PanelAction::JogStop => Some(Target::Motors(request.mask())),
-        PanelAction::Stop => Some(Target::Systems(request.mask(), 'A')),
-        PanelAction::Hold => Some(Target::Systems(request.mask(), 'H')),
-        _ => None,
-    };
+    let target = stopped_by(action, request.mask());
     let starts = matches!(action, PanelAction::Start | PanelAction::Step);
     let timeout = if stops { PANEL_TAKES } else { PANEL_TIMEOUT };
     Ok(JobCall {

@@ -50,9 +50,9 @@ impl Leftovers {
             None => Ok(()),
             Some((cs, lines)) => Err(CallError::Refused {
                 reason: format!(
-                    "not started: the last rotary stream into &{cs} ended early and left {lines} lines in its rotary buffer, which \
-                     would run now; rotary stream --clear takes them away; panel start {cs} --continue runs them (send needs \
-                     --yes, a call \"confirmed\"); '&{cs}B5' points to program 5"
+                    "not started: the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its \
+                     rotary buffer. pmacctl rotary stream --clear takes them away. pmacctl panel start {cs} --continue runs \
+                     them, as does pmacctl send --yes. To run program 5 instead, send '&{cs}B5' first"
                 ),
             }),
         }
@@ -160,7 +160,7 @@ mod tests {
         };
         assert!(left().check(start(0b01, false), 1).is_ok(), "another one");
         let told = left().check(start(0b11, false), 1).unwrap_err().to_string();
-        assert!(told.contains("into &2") && told.contains("left 7 lines"), "{told}");
+        assert!(told.contains("into &2") && told.contains("7 lines of it"), "{told}");
         assert!(left().check(start(u32::MAX, false), 1).is_err());
         assert!(left().check(start(0b10, false), 2).is_ok(), "the board was reset");
         let mut confirmed = left();

@@ -12,6 +12,7 @@ use super::jog_to::JogTo;
 use super::leftovers::{Starts, started_by};
 use super::policy::{Characters, Role};
 use super::sequences::{Batch, GatherCall, RotaryCall, SequenceCall};
+use super::stop_target::Target;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
@@ -84,6 +85,8 @@ pub enum Action {
     Stream,
     /// Jog a motor to a position.
     JogTo(JogTo),
+    /// Stop this by command line; the audit log says what was asked.
+    StopByLine(Target, String),
     /// Renew the caller's lease on a jog.
     Renew,
     /// Ask the board whether it was reset.
@@ -143,9 +146,7 @@ const METHODS: [Method; 24] = {
             let calls::NoParameters {} = parameters(call)?;
             streams(call, Action::Stream)
         }),
-        method("Panel", Stop, Some(Panel), |call, info| {
-            job(call, info, |call, family| jobs::panel(call, false, family))
-        }),
+        method("Panel", Stop, None, panel),
         method("PanelHold", Operate, Some(Panel), |call, info| {
             if call.oneway == Some(true) {
                 return Err(CallError::invalid("oneway", "false: who holds a jog must hear of it"));
@@ -198,6 +199,18 @@ const METHODS: [Method; 24] = {
         method("RotaryState", Observe, Some(Rotary), |call, info| job(call, info, jobs::rotary_state)),
     ]
 };
+
+/// A request to the control panel. What it would stop is stopped by command line where the panel is not used.
+fn panel(call: &Call, info: &Info) -> Result<Action, CallError> {
+    let Err(why_not) = needs(Function::Panel, info) else {
+        return job(call, info, |call, family| jobs::panel(call, false, family));
+    };
+    if needs_lines(info).is_err() {
+        return Err(why_not);
+    }
+    let stop = jobs::stop_by_line(parameters(call)?, info.family())?;
+    stop.map(|(target, audit)| Action::StopByLine(target, audit)).ok_or(why_not)
+}
 
 /// The job that `parse` makes of the call's parameters, for a board of its family.
 fn job<P: DeserializeOwned>(
@@ -489,7 +502,9 @@ mod tests {
                 _ => String::new(),
             };
             let refused = |functions: Value| reason(functions).contains("is switched off");
-            let needed = METHODS.iter().find(|known| known.name == method).unwrap().function;
+            // What the panel would stop is stopped by lines, but without these it needs the panel.
+            let of_panel = (method == "Panel").then_some(Function::Panel);
+            let needed = of_panel.or(METHODS.iter().find(|known| known.name == method).unwrap().function);
             let other = if needed == Some(Function::Rotary) { Function::Servo } else { Function::Rotary };
             assert_eq!(refused(json!([other])), needed.is_some(), "{method}");
             // None is used: the board's family is not known.

@@ -70,6 +70,12 @@ impl Service {
             }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
             Action::JogTo(jog) => self.jog_to(caller, jog, now)?,
+            Action::StopByLine(target, audit) => {
+                let Some(client) = self.clients.get_mut(caller.client) else { return Ok(None) };
+                client.wait_for(Waiting::Board);
+                self.audit.tell_done(caller.peer, Some(client.role()), &audit, now);
+                self.stop_by_line(target, Some(caller), false, now);
+            }
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
                 if guard.is_open(self.info.enabling(), self.answers(), now) {

@@ -138,7 +138,8 @@ mod tests {
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
     use crate::daemon::shared::status::BoardStatus;
     use crate::function::ascii::ResponseText;
-    use crate::map::PMAC;
+    use crate::map::{PMAC, TURBO2};
+    use crate::protocol::function::Functions;
     use crate::protocol::{BoardInfo, BoardSettings};
 
     /// More rounds than any user's share of processor time makes of one flood: the share is measured in real time, so that
@@ -291,6 +292,48 @@ mod tests {
             }
         }
         panic!("only {answered} calls were answered");
+    }
+
+    #[test]
+    fn b4_1_who_may_stop_may_stop_one_motor_where_there_is_no_panel() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (answers, events) = queue(at_once::ALL).unwrap();
+        let functions = Functions::all(&TURBO2);
+        let settings = BoardSettings { functions, ..BoardSettings::default() };
+        let backend = Backend { commands, events, info: Info::new(&TURBO2, BoardInfo::default(), settings) };
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
+        let now = Instant::now();
+        for (action, numbers, sent, replied) in [
+            ("jog-stop", "[2,32]", &["#", "#2J/#32J/#5"][..], "\"parameters\":{}"),
+            ("stop", "[16]", &["&", "&16A&5"], "\"parameters\":{}"),
+            ("hold", "[1]", &["&", "&1H&5"], "\"parameters\":{}"),
+            ("jog-stop", "[33]", &[], "1 to 32, not 33"),
+            ("jog+", "[1]", &[], "does not use the function `panel`"),
+        ] {
+            let (ours, theirs) = UnixStream::pair().unwrap();
+            let peer = Peer { uid: Uid::from_raw(7), gid: Gid::from_raw(1), pid: 1 };
+            server.enter(theirs, peer, Role::Stop, now).unwrap();
+            let call = format!(
+                r#"{{"method":"io.github.pmac-dpram.Board.Panel","parameters":{{"action":"{action}","numbers":{numbers}}}}}"#
+            );
+            (&ours).write_all(call.as_bytes()).and_then(|()| (&ours).write_all(&[0])).unwrap();
+            settle(&mut server, now);
+            let mut lines = Vec::new();
+            while let Some(command) = taken.try_receive() {
+                let Command::First { ticket, line, .. } = command else { panic!("{command:?}") };
+                lines.push(line.to_string());
+                assert!(answers.try_send(Event::Line(ticket, ResponseText::cut(b"5"))).is_ok());
+                assert!(answers.try_send(Event::Done(ticket, Outcome::Done)).is_ok());
+                settle(&mut server, now);
+            }
+            assert_eq!(lines, sent, "{action}");
+            let mut reply = [0; 1024];
+            let length = (&ours).read(&mut reply).unwrap();
+            let reply = String::from_utf8_lossy(&reply[..length]);
+            assert!(reply.contains(replied), "{action}: {reply}");
+        }
     }
 
     #[test]

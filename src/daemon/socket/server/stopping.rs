@@ -1,4 +1,4 @@
-//! Drives the stops that the control panel did not take.
+//! Drives the stops that the control panel did not take, or that there is no panel for.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
 use crate::protocol::{CallError, Function, Reply, control};
 
 impl Service {
-    /// The panel did not take the stop of `target`, which `caller` waits for: it goes on by command line. It `ends_hold`
+    /// Stops `target`, which `caller` waits for, by command line: the panel did not take it, or is not used. It `ends_hold`
     /// when the motors were held, and must stand in the end.
     pub(super) fn stop_by_line(
         &mut self,
@@ -24,10 +24,12 @@ impl Service {
         now: Instant,
     ) {
         let number = self.stops.begin(target, caller, ends_hold, now);
-        if !self.uses_lines() {
+        if !self.uses(Function::Ascii) {
             return self.stop_watched(number, now);
         }
-        warn!(target: "audit", "the control panel did not take the stop of {target}; sends it as a command line");
+        if self.uses(Function::Panel) {
+            warn!(target: "audit", "the control panel did not take the stop of {target}; sends it as a command line");
+        }
         let deadline = now + QUESTION_TAKES;
         if !self.send_first(target.question(), number, deadline) {
             self.stop_step(number, &[], Outcome::Busy, now);
@@ -36,7 +38,7 @@ impl Service {
 
     /// A step of stop `number` is over.
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
-        let (open, buffer_is_open) = (self.info.open_loops(), self.info.board().open_buffer.is_some());
+        let open = self.info.open_loops();
         let Some(stop) = self.stops.get_mut(number) else { return };
         let target = stop.target;
         match stop.at {
@@ -58,7 +60,7 @@ impl Service {
                     return self.stop_over(number, Ok(()), now);
                 }
                 if is_over {
-                    return self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
+                    return self.stop_over(number, Err(self.may_go_on(target)), now);
                 }
                 self.stop_watched(number, now);
             }
@@ -75,7 +77,7 @@ impl Service {
             At::AbortAll => {
                 // Not taken: the stop has to be requested again.
                 stop.at = At::Watch;
-                self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
+                self.stop_over(number, Err(self.may_go_on(target)), now);
             }
             At::Watch => {}
         }
@@ -91,7 +93,7 @@ impl Service {
     /// Looks at the motors that should stand by now.
     pub(super) fn tend_stops(&mut self, now: Instant) {
         for (number, seen) in self.stops.seen(self.info.motion(), now) {
-            let may_abort = self.stops.stop_all_after.is_some() && self.uses_lines();
+            let may_abort = self.stops.stop_all_after.is_some() && self.uses(Function::Ascii);
             let Some(stop) = self.stops.get_mut(number) else { continue };
             let target = stop.target;
             match seen {
@@ -116,10 +118,7 @@ impl Service {
                         self.stop_step(number, &[], Outcome::Busy, now);
                     }
                 }
-                Seen::Move => {
-                    let buffer_is_open = self.info.board().open_buffer.is_some();
-                    self.stop_over(number, Err(may_go_on(target, buffer_is_open)), now);
-                }
+                Seen::Move => self.stop_over(number, Err(self.may_go_on(target)), now),
             }
         }
     }
@@ -146,9 +145,26 @@ impl Service {
         }
     }
 
-    /// Whether the configuration has command lines used at all.
-    fn uses_lines(&self) -> bool {
-        self.info.settings().functions.has(Function::Ascii)
+    /// What is told of a stop that nobody has seen to be taken.
+    fn may_go_on(&self, target: Target) -> String {
+        let panel = match self.uses(Function::Panel) {
+            true => "the control panel did not take the stop, and ",
+            false => "",
+        };
+        let line = match self.info.board().open_buffer {
+            Some(_) => {
+                "no command line can stop it while a program buffer is open (it could become a piece of the program)"
+            }
+            None => "no command line is known to have stopped it",
+        };
+        format!(
+            "{target} MAY STILL MOVE: {panel}{line}; pmacctl abort stops everything (^A), an emergency stop does so without \
+             the computer"
+        )
+    }
+
+    fn uses(&self, function: Function) -> bool {
+        self.info.settings().functions.has(function)
     }
 
     fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant) -> bool {
@@ -160,19 +176,6 @@ impl Service {
             deadline,
         })
     }
-}
-
-/// What is told of a stop that nobody has seen to be taken.
-fn may_go_on(target: Target, buffer_is_open: bool) -> String {
-    let line = if buffer_is_open {
-        "no command line can stop it while a program buffer is open (it could become a piece of the program)"
-    } else {
-        "no command line is known to have stopped it"
-    };
-    format!(
-        "{target} MAY STILL MOVE: the control panel did not take the stop, and {line}; pmacctl abort stops everything (^A), an \
-         emergency stop does so without the computer"
-    )
 }
 
 /// The daemon, as the caller of what it does by itself.
