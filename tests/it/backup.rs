@@ -47,7 +47,7 @@ fn a_whole_backup_names_what_has_changed_and_puts_it_back() {
 #[test]
 fn c4b_a_whole_turbo_board_is_backed_up_and_put_back() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
-    site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
+    site.wait_for_identity();
     let factory = site.path("factory.pmc");
     let factory = factory.to_str().unwrap();
     assert_eq!(site.run(&["backup", "--output", factory]).code, Some(0));

@@ -81,10 +81,7 @@ fn set_up_through_the_daemon_stops_at_the_first_error() {
     let ran = site.run(&enable);
     assert_eq!(ran.code, Some(1), "{ran:?}");
     let told: Vec<_> = ran.stderr.lines().collect();
-    assert!(
-        told[0].starts_with("the board took I") && told[0].contains("; then DEFINE GATHER 1024 failed; "),
-        "{ran:?}"
-    );
+    assert!(told[0].starts_with("done: I") && told[0].contains("; failed: DEFINE GATHER 1024; "), "{ran:?}");
     assert!(told[0].ends_with("not sent: GATHER"), "{ran:?}");
     assert_eq!(told[1], "ERR003: data error or unrecognized command");
     assert!(!ran.stdout.contains("sent DEFINE"), "{ran:?}");

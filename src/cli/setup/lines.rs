@@ -7,7 +7,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use crate::cli::args::values;
 use crate::cli::setup::answer::Answer;
 use crate::map::number::parse;
-use crate::map::{Family, Function, Generation, PmacRegister};
+use crate::map::{Family, Function, Generation, PMAC, PmacRegister};
 use crate::setup::SetupPlan;
 use crate::setup::enable::{self, EnablePlan, Options};
 use crate::setup::isa::{self, IsaAddressing, TurboWindow};
@@ -36,9 +36,9 @@ pub struct Isa {
     /// Switch the DPRAM off
     #[arg(long)]
     pub disable: bool,
-    /// The board's family: pmac, pmac2, turbo or turbo2
-    #[arg(long, value_name = "FAMILY", default_value = "pmac")]
-    pub family: Generation,
+    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of pmacd's board, or pmac if no pmacd answers
+    #[arg(long, value_name = "FAMILY")]
+    pub family: Option<Generation>,
     /// Turbo boards: how many KiB the window shows at a time
     #[arg(long, value_name = "KIB", default_value = "16")]
     pub window: Window,
@@ -84,9 +84,9 @@ pub struct Vme {
     /// The middle one of the three interrupt vectors, odd
     #[arg(long, value_name = "VECTOR", default_value = "0xA1", value_parser = parse)]
     pub vector: u32,
-    /// The board's family: pmac, pmac2, turbo or turbo2
-    #[arg(long, value_name = "FAMILY", default_value = "pmac")]
-    pub family: Generation,
+    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of pmacd's board, or pmac if no pmacd answers
+    #[arg(long, value_name = "FAMILY")]
+    pub family: Option<Generation>,
 }
 
 /// The choices of `--address-bits`.
@@ -136,19 +136,30 @@ pub struct Enable {
     /// Add SAVE, so that the variables survive a reset
     #[arg(long)]
     pub save: bool,
-    /// The board's family
-    #[arg(long, value_name = "FAMILY", value_parser = values::family, default_value = "pmac")]
-    pub family: &'static Family,
+    /// The board's family; without it that of pmacd's board, or pmac if no pmacd answers
+    #[arg(long, value_name = "FAMILY", value_parser = values::family)]
+    pub family: Option<&'static Family>,
 }
 
 impl SetupCommand {
+    /// Where the family was not given, it is `found`.
+    pub fn is_for(&mut self, found: impl FnOnce() -> Option<&'static Family>) {
+        match self {
+            Self::Isa(Isa { family: family @ None, .. }) | Self::Vme(Vme { family: family @ None, .. }) => {
+                *family = found().map(|found| found.generation);
+            }
+            Self::Enable(Enable { family: family @ None, .. }) => *family = found(),
+            Self::Isa(_) | Self::Vme(_) | Self::Enable(_) => {}
+        }
+    }
+
     /// The generation of boards that the lines are for.
     #[must_use]
-    pub const fn generation(&self) -> Generation {
+    pub fn generation(&self) -> Generation {
         match self {
-            Self::Isa(options) => options.family,
-            Self::Vme(options) => options.family,
-            Self::Enable(options) => options.family.generation,
+            Self::Isa(options) => options.generation(),
+            Self::Vme(options) => options.generation(),
+            Self::Enable(options) => options.family().generation,
         }
     }
 }
@@ -187,24 +198,32 @@ pub fn commands(command: &SetupCommand, servo_runs: bool) -> Result<Vec<String>,
 }
 
 impl Isa {
+    fn generation(&self) -> Generation {
+        self.family.unwrap_or(PMAC.generation)
+    }
+
     fn plan(&self) -> Result<SetupPlan, String> {
         let addressing = match self.addressing {
             Addressing::Bits20 => IsaAddressing::Bits20,
             Addressing::Bits24 => IsaAddressing::Bits24,
         };
-        let window = match (self.window, self.family) {
+        let window = match (self.window, self.generation()) {
             (Window::Kib16, _) => TurboWindow::Kib16,
             (Window::Kib64, Generation::Turbo) => TurboWindow::Kib64,
             (Window::Kib64, Generation::Pmac) => {
                 return Err("only Turbo boards have a window of 64 KiB; give --family turbo".to_owned());
             }
         };
-        isa::plan(self.family, self.address, addressing, !self.disable, window)
+        isa::plan(self.generation(), self.address, addressing, !self.disable, window)
             .map_err(|error| error.to_string())
     }
 }
 
 impl Vme {
+    fn generation(&self) -> Generation {
+        self.family.unwrap_or(PMAC.generation)
+    }
+
     fn plan(&self) -> Result<SetupPlan, String> {
         let address_bits = match self.address_bits {
             VmeBits::A16 => AddressBits::A16,
@@ -217,7 +236,7 @@ impl Vme {
             address_bits,
             irq_level: self.irq_level,
             vector: self.vector,
-            generation: self.family,
+            generation: self.generation(),
         }
         .plan()
         .map_err(|error| error.to_string())
@@ -238,7 +257,11 @@ impl Enable {
             save: self.save,
             servo_runs,
         };
-        enable::plan(&self.functions, &options, self.family).map_err(|error| error.to_string())
+        enable::plan(&self.functions, &options, self.family()).map_err(|error| error.to_string())
+    }
+
+    fn family(&self) -> &'static Family {
+        self.family.unwrap_or(&PMAC)
     }
 }
 

@@ -50,13 +50,17 @@ pub struct Sending {
 pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     let sending = &options.sending;
     let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
-    let answer = setup::answer(&options.command, servo_runs).map_err(Failure::Request)?;
+    let mut command = options.command.clone();
+    if sending.port.is_none() {
+        command.is_for(|| Context::family(None, &mut context.connection().ok()?).ok());
+    }
+    let answer = setup::answer(&command, servo_runs).map_err(Failure::Request)?;
     if !sending.send {
         return print(context, &answer);
     }
-    let commands = setup::commands(&options.command, servo_runs).map_err(Failure::Request)?;
+    let commands = setup::commands(&command, servo_runs).map_err(Failure::Request)?;
     if sending.port.is_none() {
-        is_for(&mut context.connection()?, options.command.generation())?;
+        is_for(&mut context.connection()?, command.generation())?;
     }
     // Print the lines before asking. JSON is printed at the end, with the result.
     if !context.output.is_json() {
@@ -176,17 +180,9 @@ fn report(
 
 /// Where sending stopped, without the reason.
 fn stopped(taken: &[String], rest: &[String]) -> String {
-    let (failed, unsent) = match rest {
-        [failed, unsent @ ..] => (failed.as_str(), unsent),
-        [] => ("", rest),
-    };
-    let took = if taken.is_empty() { "nothing".to_owned() } else { taken.join(", ") };
-    let rest = if unsent.is_empty() {
-        "it was the last line".to_owned()
-    } else {
-        format!("not sent: {}", unsent.join(", "))
-    };
-    format!("the board took {took}; then {failed} failed; {rest}")
+    let (failed, unsent) = rest.split_at(rest.len().min(1));
+    let list = |lines: &[String]| if lines.is_empty() { "none".to_owned() } else { lines.join(", ") };
+    format!("done: {}; failed: {}; not sent: {}", list(taken), list(failed), list(unsent))
 }
 
 #[cfg(test)]
@@ -198,11 +194,8 @@ mod tests {
         let lines = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
         assert_eq!(
             stopped(&lines(&["I19=1"]), &lines(&["I59=2", "SAVE", "$$$"])),
-            "the board took I19=1; then I59=2 failed; not sent: SAVE, $$$"
+            "done: I19=1; failed: I59=2; not sent: SAVE, $$$"
         );
-        assert_eq!(
-            stopped(&[], &lines(&["I19=1"])),
-            "the board took nothing; then I19=1 failed; it was the last line"
-        );
+        assert_eq!(stopped(&[], &lines(&["I19=1"])), "done: none; failed: I19=1; not sent: none");
     }
 }
