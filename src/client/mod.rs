@@ -27,7 +27,7 @@ pub mod serial;
 pub mod serial_reply;
 pub mod view;
 
-pub use board::gather::{GatherChunk, GatherFollower, GatherPhase};
+pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Taken};
 pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
 pub use command::rotary::RotaryPlace;

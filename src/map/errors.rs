@@ -5,9 +5,12 @@
 
 use super::functions::response;
 
+/// [`ERRORS`]: a program runs, which bars the command.
+pub const PROGRAM_RUNS: u16 = 1;
+
 /// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
 pub const ERRORS: &[(u16, &str)] = &[
-    (1, "command not allowed while a program is running"),
+    (PROGRAM_RUNS, "command not allowed while a program is running"),
     (2, "password error"),
     (3, "data error or unrecognized command"),
     (4, "illegal character, or serial parity or framing error"),

@@ -278,6 +278,8 @@ fn b5_7_a_program_is_waited_for() {
         1,
         "not sent: coordinate system 1 runs a program already",
     );
+    let told = "&1 runs a program; &1Q ends it after the move under way, &1A at once\n";
+    refused(&site, &["send", "#1HM"], 1, &format!("{told}ERR001"));
     site.run_for(Duration::from_millis(300));
     assert_eq!(site.pmacctl(&["panel", "stop", "1"]).0, 0);
     let ran = ended(&site, child);
@@ -301,7 +303,7 @@ fn b5_7_a_program_is_waited_for() {
 fn c1_a_motor_of_a_turbo_board_is_jogged_to_a_position_and_waited_for() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
-    site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
+    site.wait_for_identity();
     site.wait_until("scales", || site.has_scales());
     assert_eq!(done(&site, &["jog", "32", "=3000", "--wait"]), "#32: 3000.0\n");
     // Held up on its way: it stands elsewhere.

@@ -9,7 +9,9 @@ use serde_json::json;
 use crate::cli::args::values::seconds;
 use crate::cli::console::late::warn_if_late;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::programs::what_runs;
 use crate::client::CommandError;
+use crate::map::errors;
 use crate::protocol::line::resets;
 use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines};
 
@@ -76,10 +78,19 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
                 print(context, lines, options.raw)?;
             }
             context.output.flush()?;
+            if let Some(what_runs) = board_runs(context, code) {
+                // If stderr is closed, the note is lost.
+                let _ = writeln!(io::stderr(), "{what_runs}");
+            }
             return Err(error.into());
         }
     }
     Ok(Verdict::Yes)
+}
+
+/// Which programs run, if the board refused the line because of one.
+fn board_runs(context: &Context, code: Option<u16>) -> Option<String> {
+    (code == Some(errors::PROGRAM_RUNS)).then(|| what_runs(&mut context.board().ok()?)).flatten()
 }
 
 /// The board's error number, if the board refused the line; the message; the reply lines that arrived.

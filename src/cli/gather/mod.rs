@@ -15,9 +15,9 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::{Rows, is_stdout};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
-use crate::client::{Board, CommandError, Connection, GatherFollower, GatherPhase, identity};
+use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Taken, identity};
 use crate::decode::Scales;
-use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, column, plan};
+use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, plan};
 use crate::map::{BufferLayout, DEFAULT_FAMILY, Family, Layout};
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{BoardSettings, Function};
@@ -135,16 +135,13 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         return Err(error.into());
     }
     let mut gather = Run {
-        follower,
+        samples_of: GatherRun::new(follower, plan.columns.clone()),
         plan: &plan,
         clock,
         silence,
         out,
-        gather: None,
-        next: 0,
         samples: 0,
         is_silent: false,
-        ended: None,
     };
     let mut outcome = gather.until(&board, &mut connection, options.seconds, &stop);
     // In any case: nobody else can gather before.
@@ -153,10 +150,10 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         let seconds = gather.silence.as_secs_f64();
         let text = format!("the board gathers nothing: no sample for {seconds:.0} s");
         outcome = Err(Failure::Refused(text));
-    } else if outcome.is_ok() && stopped.is_ok() && gather.ended.is_none() && !gather.is_silent {
+    } else if outcome.is_ok() && stopped.is_ok() && gather.samples_of.ended().is_none() && !gather.is_silent {
         outcome = gather.rest(&board, options.seconds);
     }
-    let (samples, next, ended) = (gather.samples, gather.next, gather.ended);
+    let (samples, next, ended) = (gather.samples, gather.samples_of.next(), gather.samples_of.ended());
     if samples == 0 && (outcome.is_err() || gather.is_silent) {
         gather.out.discard();
     } else {
@@ -257,21 +254,16 @@ fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
 
 /// A running gather.
 struct Run<'a> {
-    follower: GatherFollower,
+    samples_of: GatherRun,
     plan: &'a GatherPlan,
     clock: SampleClock,
     /// Time limit without a sample.
     silence: Duration,
     out: Writer,
-    /// The daemon's number of this gather.
-    gather: Option<u32>,
-    /// The number of the next sample. All earlier ones were written or lost.
-    next: u64,
     /// Samples written.
     samples: u64,
     /// No samples come.
     is_silent: bool,
-    ended: Option<GatherPhase>,
 }
 
 impl Run<'_> {
@@ -295,11 +287,7 @@ impl Run<'_> {
             if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
         let (mut last_news, mut shown, mut renewed) = (Instant::now(), Instant::now(), Instant::now());
         let shows = io::stderr().is_terminal();
-        while self.ended.is_none()
-            && !stop.came()
-            && wanted.is_none_or(|wanted| self.next < wanted)
-            && end.is_none_or(|end| Instant::now() < end)
-        {
+        while self.goes_on(wanted) && !stop.came() && end.is_none_or(|end| Instant::now() < end) {
             if self.take(board, wanted)? {
                 last_news = Instant::now();
             } else if last_news.elapsed() > self.silence {
@@ -319,12 +307,9 @@ impl Run<'_> {
             }
             if shows && shown.elapsed() > PROGRESS {
                 shown = Instant::now();
-                let (samples, lost) = (self.samples, self.next - self.samples);
-                let _ = write!(
-                    io::stderr(),
-                    "\rsamples={samples} lost={lost} {:.1} s ",
-                    self.clock.at(self.next)
-                );
+                let next = self.samples_of.next();
+                let (samples, lost) = (self.samples, next - self.samples);
+                let _ = write!(io::stderr(), "\rsamples={samples} lost={lost} {:.1} s ", self.clock.at(next));
             }
         }
         if shows {
@@ -337,7 +322,7 @@ impl Run<'_> {
     fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
         let began = Instant::now();
-        while self.ended.is_none() && wanted.is_none_or(|wanted| self.next < wanted) {
+        while self.goes_on(wanted) {
             if !self.take(board, wanted)? {
                 if began.elapsed() > self.silence {
                     return Err(Failure::Request(
@@ -352,31 +337,21 @@ impl Run<'_> {
 
     /// Takes the next samples up to `wanted`. Returns whether there were any.
     fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
-        let Some(chunk) = self.follower.next(board)? else { return Ok(false) };
-        if self.gather.is_none() && chunk.phase != GatherPhase::Running && chunk.first > 0 {
-            // The end of the gather before.
-            return Ok(true);
+        let Self { samples_of, out, samples, .. } = self;
+        let taken = samples_of.take(board, wanted, |number, values| {
+            out.row(number, values)?;
+            *samples += 1;
+            Ok::<(), Failure>(())
+        })?;
+        match taken {
+            Taken::Another => Err(Failure::Refused("somebody else started another gather".to_owned())),
+            taken => Ok(taken == Taken::Some),
         }
-        if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
-            return Err(Failure::Refused("somebody else started another gather".to_owned()));
-        }
-        let is_wanted = |number: u64| wanted.is_none_or(|wanted| number < wanted);
-        let mut values = Vec::with_capacity(self.plan.columns.len());
-        let mut number = chunk.first;
-        for sample in chunk.longs.chunks_exact(chunk.sample_longs) {
-            if is_wanted(number) {
-                values.clear();
-                column::decode(&self.plan.columns, sample, &mut values);
-                self.out.row(number, &values)?;
-                self.samples += 1;
-            }
-            number += 1;
-        }
-        self.next = wanted.map_or(number, |wanted| number.min(wanted)).max(self.next);
-        if chunk.phase != GatherPhase::Running {
-            self.ended = Some(chunk.phase);
-        }
-        Ok(true)
+    }
+
+    /// Whether samples up to `wanted` are still to come.
+    fn goes_on(&self, wanted: Option<u64>) -> bool {
+        self.samples_of.ended().is_none() && wanted.is_none_or(|wanted| self.samples_of.next() < wanted)
     }
 }
 

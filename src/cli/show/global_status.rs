@@ -20,5 +20,7 @@ pub fn text(document: &Value) -> Option<String> {
         let values = values.as_array()?.iter().filter_map(Value::as_str);
         Some(values.collect::<Vec<_>>().join(" "))
     };
-    Some(format!("{}: {}", join(&document["words"])?, join(&document["flags"])?))
+    let flags = join(&document["flags"])?;
+    let flags = if flags.is_empty() { "no flag is set" } else { &flags };
+    Some(format!("{}: {flags}", join(&document["words"])?))
 }

@@ -9,7 +9,7 @@ mod global_status;
 pub mod map;
 pub mod motor;
 pub mod motors;
-mod programs;
+pub mod programs;
 pub mod read;
 pub mod screen;
 pub mod status;

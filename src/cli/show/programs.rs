@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use crate::client::{Board, View};
 use crate::decode::BackgroundData;
 
 /// The coordinate systems that run a program, or whose rotary buffer holds lines.
@@ -16,6 +17,18 @@ pub fn documents(data: Option<&BackgroundData>) -> Vec<Value> {
         })
     });
     documents.collect()
+}
+
+/// Which programs run, and what ends them; `None` if no fresh report tells of one. For whoever was refused because one runs.
+pub fn what_runs(board: &mut Board) -> Option<String> {
+    let background = board.snapshot().ok()?.background.filter(View::is_fresh)?;
+    let documents = documents(Some(&background.data));
+    let running = documents.iter().filter(|document| document["running"] == true);
+    let systems: Vec<String> =
+        running.map(|document| format!("&{}", document["coordinate_system"])).collect();
+    let first = systems.first()?;
+    let run = if systems.len() == 1 { "runs a program" } else { "run programs" };
+    Some(format!("{} {run}; {first}Q ends it after the move under way, {first}A at once", systems.join(" ")))
 }
 
 /// One of them in words.

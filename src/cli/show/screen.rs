@@ -30,9 +30,9 @@ impl Screen {
         Self { repaint, note: String::new() }
     }
 
-    /// With a line below the title.
+    /// With a line below the title; in a narrow window with several.
     pub fn with_note(mut self, note: String) -> Self {
-        self.note = note + "\n";
+        self.note = note;
         self
     }
 
@@ -43,7 +43,8 @@ impl Screen {
             let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
             let size = size();
             let motors = text(snapshot, size.map(|(columns, _)| columns));
-            let screen = format!("{title}  update {sequence}\n{}{motors}", self.note);
+            let note = wrapped(&self.note, size);
+            let screen = format!("{title}  update {sequence}\n{note}{motors}");
             output.text(HOME)?;
             // Cleared before and not behind the text: behind the last column that would take the last letter away.
             for line in fitting(&screen, size) {
@@ -61,6 +62,13 @@ impl Screen {
 fn size() -> Option<Size> {
     let size = tcgetwinsize(io::stdout()).ok()?;
     (size.ws_col > 0 && size.ws_row > 0).then(|| (size.ws_col.into(), size.ws_row.into()))
+}
+
+/// The whole line, in as many as it needs in the window.
+fn wrapped(line: &str, size: Option<Size>) -> String {
+    let columns = size.map_or(usize::MAX, |(columns, _)| columns);
+    let characters: Vec<char> = line.chars().collect();
+    characters.chunks(columns).flat_map(|row| row.iter().copied().chain(['\n'])).collect()
 }
 
 /// Cuts the lines to the window. The last row is for the cursor.
@@ -112,5 +120,12 @@ mod tests {
         assert_eq!(fit(Some((80, 3))), ["one", "... 2 more"]);
         assert_eq!(fit(Some((80, 2))), ["... 3 more"]);
         assert_eq!(fit(Some((5, 1))), ["... 3"]);
+    }
+
+    #[test]
+    fn a_line_to_copy_is_never_cut() {
+        assert_eq!(wrapped("try: pmacctl", Some((5, 4))), "try: \npmacc\ntl\n");
+        assert_eq!(wrapped("try", None), "try\n");
+        assert_eq!(wrapped("", Some((5, 4))), "");
     }
 }

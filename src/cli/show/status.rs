@@ -138,6 +138,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             "firmware": identity.firmware,
             "motors": identity.motors,
             "reported_motors": identity.reported_motors(),
+            "motors_of_reports": identity.motor_mask.map(in_mask),
             "servo_period_ns": identity.servo_period_ps.map(|ps| ps as f64 / 1e3),
             "servo_report_cycles": identity.servo_report_cycles,
             "named_motors": named_motors(identity),
@@ -148,6 +149,22 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
         "counters": counters,
         "socket": socket,
     })
+}
+
+/// The motors of a mask, bit 0 for motor 1.
+fn in_mask(mask: u32) -> Vec<u32> {
+    (1..=u32::BITS).filter(|motor| mask >> (motor - 1) & 1 == 1).collect()
+}
+
+/// How many motors are reported, and which, unless they are the first ones.
+fn reports(motors: &[Value]) -> String {
+    let plural = if motors.len() == 1 { "" } else { "s" };
+    let count = format!("{} motor{plural}", motors.len());
+    if (1..).zip(motors).all(|(number, motor)| *motor == number) {
+        return count;
+    }
+    let numbers: Vec<_> = motors.iter().map(Value::to_string).collect();
+    format!("{count}: {}", numbers.join(", "))
 }
 
 /// The motors that the configuration gives a name or a unit.
@@ -207,8 +224,8 @@ fn text(document: &Value) -> String {
     let known = ["type", "family", "firmware"].map(|key| &board[key]);
     let known: Vec<_> = known.into_iter().filter(|value| !value.is_null()).map(plain).collect();
     say("board", if known.is_empty() { "not identified".to_owned() } else { known.join(", ") });
-    if let Some(motors) = board["reported_motors"].as_u64() {
-        say("reports", format!("{motors} motors"));
+    if let Some(motors) = board["motors_of_reports"].as_array() {
+        say("reports", reports(motors));
     }
     for motor in board["named_motors"].as_array().into_iter().flatten() {
         let name = motor["name"].as_str().map_or_else(String::new, |name| format!(" {name}"));

@@ -2,6 +2,7 @@
 //! ([`crate::segment::payload::gather`]).
 
 use super::{Board, ClientError};
+use crate::gather::{Column, column};
 pub use crate::segment::payload::gather::{GatherChunk, GatherPhase};
 use crate::segment::{Cursor, RegionId, Sample, SegmentError};
 
@@ -23,6 +24,83 @@ impl GatherFollower {
         }
         let corrupt = SegmentError::Corrupt { region: RegionId::Gather, sequence: self.sample.sequence() };
         GatherChunk::decode(self.sample.words()).map(Some).ok_or(corrupt.into())
+    }
+}
+
+/// What [`GatherRun::take`] found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taken {
+    /// Nothing yet.
+    Nothing,
+    /// Samples, or the end.
+    Some,
+    /// The samples of another gather, which somebody began meanwhile.
+    Another,
+}
+
+/// The samples of one gather in turn, decoded.
+#[derive(Debug)]
+pub struct GatherRun {
+    follower: GatherFollower,
+    columns: Vec<Column>,
+    /// The daemon's number of this gather.
+    gather: Option<u32>,
+    next: u64,
+    ended: Option<GatherPhase>,
+}
+
+impl GatherRun {
+    /// The next gather that `follower` meets, whose samples hold `columns`. Begin it after this.
+    #[must_use]
+    pub const fn new(follower: GatherFollower, columns: Vec<Column>) -> Self {
+        Self { follower, columns, gather: None, next: 0, ended: None }
+    }
+
+    /// The number of the next sample, from 0. All earlier ones were taken or lost.
+    #[must_use]
+    pub const fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// How the gather has ended, if it has.
+    #[must_use]
+    pub const fn ended(&self) -> Option<GatherPhase> {
+        self.ended
+    }
+
+    /// Takes the next samples, those before number `wanted` alone; `row` gets each with its number.
+    ///
+    /// # Errors
+    /// [`ClientError`] of the segment, or what `row` returns.
+    pub fn take<E: From<ClientError>>(
+        &mut self,
+        board: &Board,
+        wanted: Option<u64>,
+        mut row: impl FnMut(u64, &[f64]) -> Result<(), E>,
+    ) -> Result<Taken, E> {
+        let Some(chunk) = self.follower.next(board)? else { return Ok(Taken::Nothing) };
+        if self.gather.is_none() && chunk.phase != GatherPhase::Running && chunk.first > 0 {
+            // The end of the gather before.
+            return Ok(Taken::Some);
+        }
+        if *self.gather.get_or_insert(chunk.gather) != chunk.gather {
+            return Ok(Taken::Another);
+        }
+        let mut values = Vec::with_capacity(self.columns.len());
+        let mut number = chunk.first;
+        for sample in chunk.longs.chunks_exact(chunk.sample_longs) {
+            if wanted.is_none_or(|wanted| number < wanted) {
+                values.clear();
+                column::decode(&self.columns, sample, &mut values);
+                row(number, &values)?;
+            }
+            number += 1;
+        }
+        self.next = wanted.map_or(number, |wanted| number.min(wanted)).max(self.next);
+        if chunk.phase != GatherPhase::Running {
+            self.ended = Some(chunk.phase);
+        }
+        Ok(Taken::Some)
     }
 }
 
