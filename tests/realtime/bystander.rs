@@ -4,6 +4,8 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, Stdio};
 
+use pmac_dpram::map::{Family, Function};
+
 use crate::support::Site;
 
 /// What somebody else is at who will not live to end it.
@@ -27,9 +29,20 @@ pub enum Bystander {
 pub const JOGGED: u32 = 4;
 
 impl Bystander {
-    /// All of them.
-    pub const ALL: &'static [Self] =
+    const ALL: &'static [Self] =
         &[Self::Subscribed, Self::Watching, Self::Jogging, Self::Streaming, Self::Gathering, Self::HalfSaid];
+
+    /// Those who use what boards of `family` have.
+    pub fn on(family: &Family) -> Vec<Self> {
+        let needs = |bystander: &Self| match bystander {
+            Self::Jogging => Some(Function::Panel),
+            Self::Streaming => Some(Function::Rotary),
+            Self::Subscribed | Self::Watching | Self::Gathering | Self::HalfSaid => None,
+        };
+        let is_there =
+            |bystander: &Self| needs(bystander).is_none_or(|function| family.functions.contains(&function));
+        Self::ALL.iter().copied().filter(is_there).collect()
+    }
 
     /// Whether everybody else is served all the same: there is one gather, one rotary buffer, one table of registers.
     pub fn leaves_room(self) -> bool {
@@ -41,7 +54,7 @@ impl Bystander {
         let program = site.path("bystander.pmc");
         let arguments: &[&str] = match self {
             Self::Subscribed => &["watch", "--rate", "1000"],
-            Self::Watching => &["variable", "watch", "X:$0000", "D:$0028", "Y:$0702"],
+            Self::Watching => &["variable", "watch", "X:$0000", "Y:$1202"],
             Self::Jogging => &["panel", "jog+", "4", "--hold"],
             Self::Streaming => &["rotary", "stream", program.to_str().unwrap(), "--define", "200"],
             Self::Gathering => &["gather", "--source", "servo_timer", "-o", "-"],

@@ -4,8 +4,9 @@
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board, CommandError, Connection, RotaryFeed, RotaryLine, RotaryPlace};
-use pmac_dpram::map::HostOffset;
-use pmac_dpram::map::VariableName;
+use pmac_dpram::map::{
+    BufferLayout, BufferSettings, Family, Function, Generation, HostOffset, Layout, VariableName,
+};
 use pmac_dpram::protocol::CallError;
 use pmac_dpram::protocol::board::VariableRecord;
 use pmac_dpram::segment::RegionId;
@@ -13,14 +14,40 @@ use pmac_dpram::segment::RegionId;
 use crate::misbehaviour::{Misbehaviour, garbles};
 use crate::support::{Site, wait_until};
 
-/// What a sender gives the board.
-pub const TIMEOUT: Duration = Duration::from_millis(250);
+/// What a sender gives the board: a line of which the reply ends by silence takes 100 ms longer.
+pub const TIMEOUT: Duration = Duration::from_millis(750);
 /// What a board does in the background comes within this, or is not waited for any longer.
 const BACKGROUND: Duration = Duration::from_secs(5);
-/// The register that [`Use::Variables`] sets and watches; nobody else writes it.
-const WATCHED: &str = "Y:$0740";
-/// Where [`Use::SetVariable`] writes, and how many: more than one table of the board's holds.
-const SET: (u32, u64) = (0x700, 40);
+
+/// Registers that nobody else writes, of boards of a generation.
+struct Registers {
+    /// [`Use::Variables`] sets and watches it.
+    watched: &'static str,
+    /// It is watched beside that one.
+    beside: &'static str,
+    /// Where [`Use::SetVariable`] writes.
+    set: u64,
+}
+
+const PMAC: Registers = Registers { watched: "Y:$0740", beside: "D:$0028", set: 0x700 };
+/// Above the motors' registers, which end at $107F, and below the coordinate systems', which begin at $2000 (Turbo Software
+/// Reference p. 284-290).
+const TURBO: Registers = Registers { watched: "Y:$1240", beside: "D:$00008B", set: 0x1200 };
+/// How many [`Use::SetVariable`] writes: more than one table of the board's holds.
+const SET: u64 = 40;
+
+fn registers(family: &Family) -> &'static Registers {
+    match family.generation {
+        Generation::Pmac => &PMAC,
+        Generation::Turbo => &TURBO,
+    }
+}
+
+/// Where [`Use::Words`] writes: a stretch of the DPRAM that by default no function takes.
+fn user_area(family: &'static Family) -> HostOffset {
+    let plan = BufferLayout::new(&Layout::new(family, None), &BufferSettings::default());
+    plan.unwrap().user_regions().first().expect("room for the user").start
+}
 
 /// What the host is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,7 +64,7 @@ pub enum Use {
     Gather,
 }
 
-pub const USES: &[Use] = &[
+const USES: &[Use] = &[
     Use::Count,
     Use::Ask,
     Use::Control,
@@ -49,6 +76,18 @@ pub const USES: &[Use] = &[
     Use::Rotary,
     Use::Gather,
 ];
+
+/// What a host can be about on a board of `family`, whose daemon is told how records of variables are written, or is not.
+pub fn uses(family: &Family, records_are_told: bool) -> Vec<Use> {
+    let is_used = |function| family.functions.contains(&function);
+    let can_be = |used: &Use| match used {
+        Use::Panel | Use::Feed => is_used(Function::Panel),
+        Use::Rotary => is_used(Function::Rotary),
+        Use::SetVariable => records_are_told,
+        Use::Count | Use::Ask | Use::Control | Use::Variables | Use::Words | Use::Gather => true,
+    };
+    USES.iter().copied().filter(can_be).collect()
+}
 
 /// How often a variable of the board was asked to go up by one, and was told to have done so.
 #[derive(Default)]
@@ -88,9 +127,10 @@ fn keeps(misbehaviour: Misbehaviour, used: Use) -> bool {
     }
 }
 
-/// Uses a function once, in run `run` of a board that misbehaves so.
+/// Uses a function once, in run `run` of a board of `family` that misbehaves so.
 pub fn use_it(
     site: &Site,
+    family: &'static Family,
     used: Use,
     count: &mut Count,
     run: u64,
@@ -116,10 +156,10 @@ pub fn use_it(
             connection.feed_override(1, Some(7253))?;
             connection.feed_override(1, None).map(drop)
         }
-        Use::Variables => variables(site, &mut connection, run, keeps),
-        Use::SetVariable => set_variables(&mut connection, run, keeps),
+        Use::Variables => variables(site, registers(family), &mut connection, run, keeps),
+        Use::SetVariable => set_variables(registers(family), &mut connection, run, keeps),
         Use::Words => {
-            let first = HostOffset::new(0x2000);
+            let first = user_area(family);
             let words: Vec<u16> = (0..16).map(|word| run as u16 ^ word).collect();
             let masked: Vec<(u16, u16)> = words.iter().map(|&word| (word, 0xFFFF)).collect();
             connection.write(first, &masked, false)?;
@@ -137,14 +177,20 @@ pub fn use_it(
 }
 
 /// Has a register set by a command, and copied by the board into the table of the background.
-fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) -> Result<(), CommandError> {
+fn variables(
+    site: &Site,
+    &Registers { watched, beside, .. }: &Registers,
+    connection: &mut Connection,
+    run: u64,
+    keeps: bool,
+) -> Result<(), CommandError> {
     let value = (run % 0x80_0000) as u32;
-    connection.send(&format!("W{},{value}", WATCHED.replace(':', "")), TIMEOUT)?;
+    connection.send(&format!("W{},{value}", watched.replace(':', "")), TIMEOUT)?;
     let mut board = board(site)?;
     let gone = |error| CommandError::from(CallError::Protocol(format!("{error}")));
     // What was copied for somebody before is no answer.
     let mut seen = board.subscriber().published(RegionId::Variable).map_err(|error| gone(error.into()))?;
-    let registers = ["X:$0000", "D:$0028", WATCHED].map(|text| text.parse::<VariableName>().unwrap());
+    let registers = ["X:$0000", beside, watched].map(|text| text.parse::<VariableName>().unwrap());
     let mut watch = board.watch_variables(&registers)?;
     let end = Instant::now() + BACKGROUND;
     loop {
@@ -155,7 +201,7 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
             let table = board.variables().map_err(gone)?;
             let copied = table.as_ref().and_then(|table| table.data.value_of(registers[2]));
             if let Some(copied) = copied {
-                assert!(!keeps || copied.value() == [value], "{WATCHED} was set to {value}: {copied:?}");
+                assert!(!keeps || copied.value() == [value], "{watched} was set to {value}: {copied:?}");
                 return Ok(());
             }
         }
@@ -166,12 +212,17 @@ fn variables(site: &Site, connection: &mut Connection, run: u64, keeps: bool) ->
 }
 
 /// Has the board write registers in the background, and asks it what they hold.
-fn set_variables(connection: &mut Connection, run: u64, keeps: bool) -> Result<(), CommandError> {
-    let (first, count) = SET;
+fn set_variables(
+    &Registers { set: first, .. }: &Registers,
+    connection: &mut Connection,
+    run: u64,
+    keeps: bool,
+) -> Result<(), CommandError> {
+    let count = SET;
     // Other values in each run: what the run before has left is not taken for what this one wrote.
     let value = |index: u64| (run * count + index) % 0x80_0000;
     let record = |index: u64| VariableRecord {
-        register: format!("Y:${:04X}", u64::from(first) + index),
+        register: format!("Y:${:04X}", first + index),
         offset: None,
         width: None,
         value: value(index) as f64,
@@ -179,7 +230,7 @@ fn set_variables(connection: &mut Connection, run: u64, keeps: bool) -> Result<(
     let records: Vec<VariableRecord> = (0..count).map(record).collect();
     connection.write_variables(&records, TIMEOUT)?;
     for part in (0..count).step_by(8) {
-        let line = format!("RY${:04X},8", u64::from(first) + part);
+        let line = format!("RY${:04X},8", first + part);
         let reply = connection.send(&line, TIMEOUT)?.join(" ");
         let expected: Vec<String> = (part..part + 8).map(|index| value(index).to_string()).collect();
         assert!(!keeps || reply == expected.join(" "), "{line}: {reply}, written {expected:?}");

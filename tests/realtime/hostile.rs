@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::socket::{ControlMessage, MsgFlags, sendmsg};
 use pmac_dpram::client::Connection;
+use pmac_dpram::map::{Family, PMAC, TURBO2};
 use pmac_dpram::protocol::BOARD;
 use serde_json::json;
 
@@ -112,8 +113,17 @@ fn allow_many_descriptors() {
 
 #[test]
 fn attackers_are_not_noticed_by_others() {
+    attackers_are_not_noticed_on(&PMAC);
+}
+
+#[test]
+fn c6_attackers_are_not_noticed_by_others_on_a_turbo_board() {
+    attackers_are_not_noticed_on(&TURBO2);
+}
+
+fn attackers_are_not_noticed_on(family: &'static Family) {
     allow_many_descriptors();
-    let mut site = site();
+    let mut site = site(family);
     let pid = site.daemon_pid();
     let socket = site.socket();
     print_head();
@@ -324,7 +334,7 @@ fn few_descriptors_are_few_places() {
 /// When the system gives no descriptor at all, that is said once and does not keep a processor busy; it passes.
 #[test]
 fn no_descriptor_at_all_is_waited_out() {
-    let mut site = site();
+    let mut site = site(&PMAC);
     let pid = site.daemon_pid();
     let limit = |soft: usize| {
         let program =

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
+use pmac_dpram::map::PMAC;
 use serde_json::json;
 
 use crate::hostile::{call, connect, flood};
@@ -69,7 +70,7 @@ impl Users {
         let mut site = Site::new();
         let everybody = Permissions::from_mode(0o755);
         std::fs::set_permissions(site.directory.path(), everybody.clone()).unwrap();
-        let board = attacked();
+        let board = attacked(&PMAC);
         println!("{board}");
         board.power_up(&mut site, &["--servo-hz", "1000"]);
         let roles = format!("socket_mode = \"0666\"\n[roles]\nengineer = [\"{group}\"]\n");

@@ -6,8 +6,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Connection;
+use pmac_dpram::map::Family;
 use pmac_dpram::segment::{Counter, RegionId, Sample, monotonic_ns};
 
+use crate::board_words::time_index;
 use crate::drawn_board::DrawnBoard;
 use crate::hostile::flooders;
 use crate::support::{PATIENCE, Site, Weight, wait_until};
@@ -19,9 +21,8 @@ const GROWTH_KIB: u64 = 16 * 1024;
 /// With more of them, each may keep a call and replies of 64 KiB each, in buffers that grow twofold.
 const GROWTH_A_FLOODER_KIB: u64 = 192;
 
-/// 48 bits of nanoseconds, as the simulator writes them, at motor 1's compensation position.
+/// 48 bits of nanoseconds, as the simulator writes them.
 const STAMP_MASK: u64 = (1 << 48) - 1;
-const STAMP_WORD: usize = (0x60 - 0x24) / 2;
 
 /// Processor time of the daemon's thread called `name`.
 pub fn processor_time(pid: u32, name: &str) -> Duration {
@@ -112,6 +113,8 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
     let largest: &'static AtomicU64 = Box::leak(Box::new(AtomicU64::new(0)));
     let follower = {
         let subscriber = site.attach();
+        let family = site.connection().info().unwrap().family;
+        let stamp = time_index(Family::by_name(&family).unwrap());
         std::thread::spawn(move || {
             let first = subscriber.published(RegionId::Servo).unwrap() + 1;
             let mut cursor = subscriber.cursor(RegionId::Servo, first).unwrap();
@@ -123,7 +126,7 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
                 while subscriber.next(&mut cursor, &mut sample).unwrap() {
                     assert!(sample.stamp().valid && sample.stamp().servo_timer > timer, "servo time goes on");
                     (timer, last_ns) = (sample.stamp().servo_timer, sample.stamp().time_ns);
-                    let words = &sample.words()[STAMP_WORD..];
+                    let words = &sample.words()[stamp..];
                     let half =
                         |index: usize| u64::from(words[index]) | u64::from(words[index + 1] & 0xFF) << 16;
                     let delay = sample.stamp().time_ns.wrapping_sub(half(0) | half(2) << 24) & STAMP_MASK;
@@ -175,14 +178,14 @@ pub fn watch(site: &Site, what: &str, attack: impl FnOnce()) -> Verdict {
     verdict
 }
 
-/// The board that is attacked.
-pub fn attacked() -> DrawnBoard {
-    DrawnBoard::asked_by("PMAC_HOSTILE_BOARD", 15)
+/// The board of `family` that is attacked.
+pub fn attacked(family: &'static Family) -> DrawnBoard {
+    DrawnBoard::asked_by("PMAC_HOSTILE_BOARD", 15, family)
 }
 
-/// A board and its daemon that live, with the board's own time in each report.
-pub fn site() -> Site {
-    let site = attacked().site(&["--servo-hz", "1000"]);
+/// A board of `family` and its daemon that live, with the board's own time in each report.
+pub fn site(family: &'static Family) -> Site {
+    let site = attacked(family).site(&["--servo-hz", "1000"]);
     site.wait_for_live_servo();
     site.control("time on");
     let mut connection = site.connection();

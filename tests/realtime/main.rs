@@ -10,6 +10,7 @@
 mod support;
 
 mod board_races;
+mod board_words;
 mod bystander;
 mod campaign;
 mod campaign_uses;

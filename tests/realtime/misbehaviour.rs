@@ -1,5 +1,8 @@
 //! What a simulated board can be made to do wrong.
 
+use pmac_dpram::map::{Family, Function};
+
+use crate::board_words::Word;
 use crate::support::Site;
 
 /// What the board does wrong.
@@ -9,7 +12,7 @@ pub enum Misbehaviour {
     /// A fault of the simulator with its value, taken back afterwards.
     Fault(&'static str, &'static str),
     /// Words that are nonsense: an index, a count, a control word.
-    Poke(&'static str, &'static str),
+    Poke(Word, u16),
     /// The servo counter jumps.
     Timer(&'static str),
     Reset,
@@ -17,8 +20,8 @@ pub enum Misbehaviour {
     Power,
 }
 
-/// Whatever a run can draw.
-pub const MISBEHAVIOURS: &[Misbehaviour] = {
+/// Whatever a run can draw on a board of any family.
+const MISBEHAVIOURS: &[Misbehaviour] = {
     use Misbehaviour::*;
     &[
         Nothing,
@@ -53,19 +56,20 @@ pub const MISBEHAVIOURS: &[Misbehaviour] = {
         Fault("rotary_late", "100"),
         Fault("rotary_torn", "on"),
         // Control word, count and text of a response nobody gave.
-        Poke("06D0", "000D"),
-        Poke("06D0", "FFFF"),
-        Poke("06D0", "8003"),
-        Poke("06D2", "FFFF"),
+        Poke(Word::ResponseControl, 0x000D),
+        Poke(Word::ResponseControl, 0xFFFF),
+        Poke(Word::ResponseControl, 0x8003),
+        Poke(Word::ResponseCount, 0xFFFF),
         // Index and size of the gather buffer, in both places.
-        Poke("08FE", "FFFF"),
-        Poke("08FC", "0001"),
-        Poke("07FE", "7FFF"),
-        // Host-Busy, set by somebody else.
-        Poke("0024", "0001"),
+        Poke(Word::GatherIndex, 0xFFFF),
+        Poke(Word::GatherSize, 0x0001),
+        Poke(Word::PrintedGatherIndex, 0x7FFF),
+        // Host-Busy, set by somebody else, at the bit of either family.
+        Poke(Word::ServoBusy, 0x8001),
+        Poke(Word::BackgroundBusy, 0x8000),
         // Data-Ready and the timer of the background report.
-        Poke("0228", "FFFF"),
-        Poke("022A", "0000"),
+        Poke(Word::BackgroundReady, 0xFFFF),
+        Poke(Word::BackgroundTimer, 0x0000),
         Timer("-1"),
         Timer("-20000"),
         Timer("100000"),
@@ -74,12 +78,30 @@ pub const MISBEHAVIOURS: &[Misbehaviour] = {
     ]
 };
 
-/// Makes the board of `site` do it.
-pub fn disturb(site: &Site, misbehaviour: Misbehaviour) {
+/// Whatever a run can draw on a board of `family`: faults of the functions that are used there, words that it has.
+pub fn misbehaviours(family: &'static Family) -> Vec<Misbehaviour> {
+    let is_used = |misbehaviour: &Misbehaviour| match misbehaviour {
+        Misbehaviour::Fault(name, _) if name.starts_with("panel_") => {
+            family.functions.contains(&Function::Panel)
+        }
+        Misbehaviour::Fault(name, _) if name.starts_with("rotary_") => {
+            family.functions.contains(&Function::Rotary)
+        }
+        Misbehaviour::Poke(word, _) => word.offset(family).is_some(),
+        _ => true,
+    };
+    MISBEHAVIOURS.iter().copied().filter(is_used).collect()
+}
+
+/// Makes the board of `site`, which is of `family`, do it.
+pub fn disturb(site: &Site, family: &'static Family, misbehaviour: Misbehaviour) {
     match misbehaviour {
         Misbehaviour::Nothing | Misbehaviour::Power => {}
         Misbehaviour::Fault(name, value) => drop(site.control(&format!("fault {name} {value}"))),
-        Misbehaviour::Poke(offset, value) => drop(site.control(&format!("poke {offset} {value}"))),
+        Misbehaviour::Poke(word, value) => {
+            let offset = word.offset(family).expect("a word that the family has");
+            site.control(&format!("poke {:04X} {value:04X}", offset.bytes()));
+        }
         Misbehaviour::Timer(step) => drop(site.control(&format!("timer {step}"))),
         Misbehaviour::Reset => drop(site.control("reset")),
     }
@@ -90,6 +112,6 @@ pub fn garbles(misbehaviour: Misbehaviour) -> bool {
     matches!(
         misbehaviour,
         Misbehaviour::Fault("ascii_torn" | "ascii_repeat" | "ascii_count", _)
-            | Misbehaviour::Poke("06D0" | "06D2", _)
+            | Misbehaviour::Poke(Word::ResponseControl | Word::ResponseCount, _)
     )
 }

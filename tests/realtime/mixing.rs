@@ -5,32 +5,26 @@
 
 use std::process::{Command, Stdio};
 
+use pmac_dpram::map::{Family, PMAC, TURBO2};
 use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber, WaitOutcome};
 
+use crate::board_words::tagged_longs;
 use crate::support::{PATIENCE, Site};
 
-/// Where a motor's tagged words lie in the payload: the payload begins at host offset 0x24, motor 1 at 0x48, a block
-/// has 30 words, of which the last four are spare.
-const FIRST_MOTOR: usize = (0x48 - 0x24) / 2;
-const BLOCK: usize = 30;
-const FIELDS: usize = 26;
 const READERS: usize = 3;
 const NAME: &str = "PMAC_MIXING_SEGMENT";
+const FAMILY: &str = "PMAC_MIXING_FAMILY";
 const COUNT: &str = "PMAC_SNAPSHOTS";
 
-/// The longs of all motors that carry the update's number.
-pub fn tagged_longs(words: &[u16]) -> impl Iterator<Item = u32> {
-    let long = |index: usize| u32::from(words[index]) | u32::from(words[index + 1]) << 16;
-    let motors = words[FIRST_MOTOR..].chunks(BLOCK).count();
-    (0..motors).flat_map(move |motor| {
-        (0..FIELDS).step_by(2).map(move |field| long(FIRST_MOTOR + motor * BLOCK + field))
-    })
+/// Checks that all longs of all motors are the same number.
+fn is_whole(family: &Family, words: &[u16]) -> bool {
+    let tag = tagged_longs(family, words).next();
+    tag.is_some() && tagged_longs(family, words).all(|long| Some(long) == tag)
 }
 
-/// Checks that all longs of all motors are the same number.
-fn is_whole(words: &[u16]) -> bool {
-    let tag = tagged_longs(words).next();
-    tagged_longs(words).all(|long| Some(long) == tag)
+/// The family whose reports the readers check.
+fn family() -> &'static Family {
+    Family::by_name(&std::env::var(FAMILY).unwrap()).unwrap()
 }
 
 fn snapshots() -> u64 {
@@ -42,6 +36,7 @@ fn snapshots() -> u64 {
 fn reader() {
     let name = std::env::var(NAME).unwrap();
     let subscriber = Subscriber::attach(&SegmentName::new(&name).unwrap()).unwrap();
+    let family = family();
     let mut sample = Sample::new();
     let (mut checked, mut mixed, mut updates, mut last) = (0u64, 0u64, 0u64, 0);
     // Some readers sleep until each update, which takes its time; the others read as fast as they can.
@@ -56,14 +51,26 @@ fn reader() {
         checked += 1;
         updates += u64::from(sequence != last);
         last = sequence;
-        mixed += u64::from(!is_whole(sample.words()));
+        mixed += u64::from(!is_whole(family, sample.words()));
     }
     println!("checked={checked} updates={updates} mixed={mixed}");
 }
 
 #[test]
 fn no_snapshot_is_mixed() {
-    let site = Site::running(&["--servo-hz", "4000"], &[]);
+    no_snapshot_is_mixed_on(&PMAC);
+}
+
+#[test]
+fn c6_no_snapshot_of_a_turbo_board_is_mixed() {
+    no_snapshot_is_mixed_on(&TURBO2);
+}
+
+fn no_snapshot_is_mixed_on(family: &'static Family) {
+    let config = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(config.path(), format!("family = {:?}\n", family.name)).unwrap();
+    let config = config.path().to_str().unwrap();
+    let site = Site::running(&["--servo-hz", "4000", "--family", family.name], &["--config", config]);
     site.control("tag on");
     site.wait_for_live_servo();
     // Until every update in the ring's latest slot is a tagged one.
@@ -75,6 +82,7 @@ fn no_snapshot_is_mixed() {
             Command::new(std::env::current_exe().unwrap())
                 .args(["--exact", "mixing::reader", "--ignored", "--nocapture"])
                 .env(NAME, &site.name)
+                .env(FAMILY, family.name)
                 .stdout(Stdio::piped())
                 .spawn()
                 .unwrap()
@@ -89,9 +97,9 @@ fn no_snapshot_is_mixed() {
     }
     let mut sample = Sample::new();
     subscriber.latest(RegionId::Servo, &mut sample).unwrap();
-    assert!(is_whole(sample.words()));
+    assert!(is_whole(family, sample.words()));
     let mut broken = sample.words().to_vec();
-    broken[FIRST_MOTOR + 7 * BLOCK + 4] ^= 1;
-    assert!(!is_whole(&broken), "the check sees a mixed snapshot");
+    broken[family.servo.index(family.servo.motors.at(8).unwrap()) + 4] ^= 1;
+    assert!(!is_whole(family, &broken), "the check sees a mixed snapshot");
     site.assert_no_violations();
 }

@@ -1,7 +1,7 @@
 //! Everything at once, for long: every function in use, twenty readers, eight command clients.
 //!
 //! An hour: `PMAC_SOAK_SECONDS=3600 cargo test --release --test realtime soak:: -- --nocapture`. Among the other tests it is short.
-//! `PMAC_SOAK_BOARD=n` draws another board: how it reads the manual, how slow it is, what it powers up with.
+//! `soak::c6` has a Turbo board alone. `PMAC_SOAK_BOARD=n` draws another board: how it reads the manual, how slow it is, what it powers up with.
 //!
 //! What is asserted: no ring lost a sample to any reader, no reply went to somebody else, the simulator saw no broken
 //! handshake, memory and descriptors of both processes did not grow, and the daemon's log has nothing but what was asked of it.
@@ -14,7 +14,7 @@ use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::Board;
-use pmac_dpram::map::VariableName;
+use pmac_dpram::map::{Family, Function, PMAC, TURBO2, VariableName};
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, WaitOutcome};
 
 use crate::drawn_board::DrawnBoard;
@@ -29,6 +29,9 @@ const COMMAND_CLIENTS: usize = 8;
 const LINES_A_SECOND: u64 = 10;
 /// The motors the command clients ask about stand still, each in a place of its own; 1 and 2 belong to the program.
 const STANDING_MOTORS: [u32; 6] = [3, 4, 5, 6, 7, 8];
+/// What two clients watch, one register in both.
+const WATCHED: [&[&str]; 2] =
+    [&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"], &["X:$0000", "X:$0701", "D:$002B"]];
 /// What a process may grow by after it has settled.
 const GROWTH_KIB: u64 = 1024;
 
@@ -178,14 +181,13 @@ impl Run<'_> {
         &self,
         subscriber: &Subscriber,
         end: Instant,
-        programs: [&mut Program; 2],
+        mut programs: Vec<&mut Program>,
         threads: &[ScopedJoinHandle<()>],
     ) {
         let weigh = || [self.site.daemon_pid(), self.site.simulator_pid()].map(Weight::of);
         let started = Instant::now();
         let mut settled = None;
         let mut said = Instant::now();
-        let mut programs = programs;
         while settled.is_none() || Instant::now() < end {
             std::thread::sleep(Duration::from_millis(200));
             for program in &mut programs {
@@ -219,7 +221,16 @@ impl Run<'_> {
 
 #[test]
 fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
-    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1).site(&[]);
+    everything_at_once_on(&PMAC);
+}
+
+#[test]
+fn c6_everything_at_once_loses_nothing_on_a_turbo_board() {
+    everything_at_once_on(&TURBO2);
+}
+
+fn everything_at_once_on(family: &'static Family) {
+    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1, family).site(&[]);
     site.wait_for_live_servo();
     let ready = "&1 #1->X #2->Y I55=1";
     wait_until("a board that takes commands", || site.pmacctl(&["send", ready]).0 == 0);
@@ -257,8 +268,9 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
     }
     let mut gather = pmacctl(&site, "the gather", &gather_arguments);
     wait_until("the gather to run", || std::fs::metadata(&file).is_ok_and(|there| there.len() > 4096));
+    let streams = family.functions.contains(&Function::Rotary);
     let stream_arguments = ["rotary", "stream", program.to_str().unwrap(), "--define", "1000", "--run"];
-    let mut stream = pmacctl(&site, "the rotary stream", &stream_arguments);
+    let mut stream = streams.then(|| pmacctl(&site, "the rotary stream", &stream_arguments));
     let subscriber = site.attach();
     let before = counter(&subscriber, Counter::Updates);
     let end = Instant::now() + Duration::from_secs(seconds());
@@ -277,17 +289,18 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
         for client in 0..COMMAND_CLIENTS {
             threads.push(scope.spawn(move || run.send(client)));
         }
-        for registers in
-            [&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"][..], &["X:$0000", "X:$0701", "D:$002B"]]
-        {
+        for registers in WATCHED {
             threads.push(scope.spawn(move || run.watch_variables(registers)));
         }
-        run.report(&subscriber, end, [&mut gather, &mut stream], &threads);
+        let programs = [Some(&mut gather), stream.as_mut()].into_iter().flatten().collect();
+        run.report(&subscriber, end, programs, &threads);
     });
-    let (stream, gather) = (stream.output(), gather.output());
+    let (stream, gather) = (stream.map(|mut stream| stream.output()), gather.output());
+    let [streamed, underruns] =
+        ["lines", "underruns"].map(|name| stream.as_ref().map(|stream| number(stream, name)));
     println!(
-        "{} s: updates={} missed={} skipped={} retries={}; read by {} readers {}; tables {}; commands {}; rotary lines {} \
-         underruns {}; gathered {} lost {}",
+        "{} s: updates={} missed={} skipped={} retries={}; read by {} readers {}; tables {}; commands {}; rotary lines {streamed:?} \
+         underruns {underruns:?}; gathered {} lost {}",
         seconds(),
         counter(&subscriber, Counter::Updates) - before,
         counter(&subscriber, Counter::Missed),
@@ -297,13 +310,11 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
         run.servo_samples.load(Ordering::Relaxed),
         run.variable_samples.load(Ordering::Relaxed),
         run.commands.load(Ordering::Relaxed),
-        number(&stream, "lines"),
-        number(&stream, "underruns"),
         number(&gather, "samples"),
         number(&gather, "lost"),
     );
     println!("simulator: {}", site.status());
-    assert_eq!(number(&stream, "lines"), lines + 1);
+    assert_eq!(streamed, streams.then_some(lines + 1));
     assert_eq!(counter(&subscriber, Counter::Lost), 0);
     assert!(run.commands.load(Ordering::Relaxed) > 0 && run.variable_samples.load(Ordering::Relaxed) > 0);
     let late = site.status()["late"].as_u64().unwrap();
