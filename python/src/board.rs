@@ -1,0 +1,239 @@
+//! One board: live data from the segment, commands through the socket.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, Staleness};
+use pmac_dpram::protocol::control::parse;
+use pmac_dpram::segment::SegmentName;
+use pyo3::prelude::*;
+
+use crate::data::Snapshot;
+use crate::errors::{of_client, of_command, refused, stale};
+use crate::gather::{Gathered, gather};
+use crate::updates::Updates;
+
+/// How long one wait lasts before Python may handle a signal.
+pub const SLICE: Duration = Duration::from_millis(100);
+
+/// The duration of `seconds`, which are no negative number.
+pub fn duration(seconds: f64) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(seconds).map_err(|_| refused(&format!("{seconds} is no time in seconds")))
+}
+
+/// A board of a running `pmacd`.
+#[pyclass(frozen, subclass, module = "pmac_dpram")]
+pub struct Board {
+    name: SegmentName,
+    socket: PathBuf,
+    client: Mutex<Client>,
+    /// Apart from the client: who reads does not wait for a command.
+    connection: Mutex<Option<Connection>>,
+}
+
+/// Attaches as the command line does with `--name` and `--socket`: the socket tells its segment, and both must agree.
+fn attach(name: Option<&str>, socket: Option<&Path>) -> PyResult<Client> {
+    let found = match (name, socket) {
+        (None, Some(socket)) => Client::at_socket(socket).map_err(of_client)?,
+        (name, None) => Client::attach(name.unwrap_or("pmac0")).map_err(of_client)?,
+        (Some(name), Some(socket)) => {
+            let mut board = Client::attach(name).map_err(of_client)?.with_socket(socket);
+            board.connection().map_err(of_command)?;
+            board
+        }
+    };
+    Ok(found)
+}
+
+impl Board {
+    /// Its client. A call that panicked has left nothing half done in it.
+    fn client(&self) -> MutexGuard<'_, Client> {
+        self.client.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew.
+    fn send<R: Send>(
+        &self,
+        py: Python<'_>,
+        action: impl FnOnce(&mut Connection) -> Result<R, CommandError> + Send,
+    ) -> PyResult<R> {
+        let result = py.detach(|| {
+            let mut kept = self.connection.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut connection = match kept.take() {
+                Some(connection) => connection,
+                None => self.connect()?,
+            };
+            let result = action(&mut connection);
+            if matches!(result, Ok(_) | Err(CommandError::Refused(_))) {
+                *kept = Some(connection);
+            }
+            result
+        });
+        result.map_err(of_command)
+    }
+
+    fn connect(&self) -> Result<Connection, CommandError> {
+        Connection::open(&self.socket)?.of_board(&self.name)
+    }
+}
+
+#[pymethods]
+impl Board {
+    #[new]
+    #[pyo3(signature = (name = None, socket = None))]
+    fn new(py: Python<'_>, name: Option<String>, socket: Option<PathBuf>) -> PyResult<Self> {
+        let client = py.detach(|| attach(name.as_deref(), socket.as_deref()))?;
+        let (name, socket) = (client.name().clone(), client.socket().to_owned());
+        Ok(Self { name, socket, client: Mutex::new(client), connection: Mutex::new(None) })
+    }
+
+    /// The board's name.
+    #[getter]
+    fn name(&self) -> String {
+        self.name.as_str().to_owned()
+    }
+
+    /// The daemon's socket.
+    #[getter]
+    fn socket(&self) -> PathBuf {
+        self.socket.clone()
+    }
+
+    /// Everything that the segment has now. Data that are not live raise `StaleData` or `DaemonGone`, unless `stale_ok`.
+    #[pyo3(signature = (*, stale_ok = false))]
+    fn snapshot(&self, py: Python<'_>, stale_ok: bool) -> PyResult<Snapshot> {
+        let found = py.detach(|| self.client().snapshot()).map_err(of_client)?;
+        let none = found.stale.unwrap_or(Staleness::Off);
+        let snapshot = Snapshot::of(found).ok_or_else(|| stale(none))?;
+        match snapshot.servo_staleness() {
+            Some(why) if !stale_ok => Err(stale(why)),
+            _ => Ok(snapshot),
+        }
+    }
+
+    /// Sleeps until there is a servo report newer than number `after` (0: any; None: than the latest), at most `timeout` seconds;
+    /// false when there is none.
+    #[pyo3(signature = (timeout = 1.0, *, after = None))]
+    fn wait(&self, py: Python<'_>, timeout: f64, after: Option<u64>) -> PyResult<bool> {
+        let end = Instant::now() + duration(timeout)?;
+        let after = match after {
+            Some(after) => after,
+            None => py.detach(|| self.client().servo_sequence()).map_err(of_client)?,
+        };
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            if py.detach(|| self.client().wait(after, left.min(SLICE))).map_err(of_client)? {
+                return Ok(true);
+            }
+            if left.is_zero() {
+                return Ok(false);
+            }
+            py.check_signals()?;
+        }
+    }
+
+    /// Servo reports from number `since` on, at most `most`, and how many of that stretch were lost.
+    #[pyo3(signature = (since = 1, most = 65536))]
+    fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
+        let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
+        Ok((history.samples.into_iter().map(Snapshot::of_update).collect(), history.lost))
+    }
+
+    /// Every servo report from now on; see [`Updates`].
+    fn _updates(&self, py: Python<'_>, timeout: f64) -> PyResult<Updates> {
+        let client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
+        Updates::begin(client, duration(timeout)?)
+    }
+
+    /// Sends a command line and returns the lines of its reply. `confirmed`: also what ends command lines for everybody.
+    #[pyo3(signature = (line, timeout = 5.0, *, confirmed = false))]
+    fn command(&self, py: Python<'_>, line: &str, timeout: f64, confirmed: bool) -> PyResult<Vec<String>> {
+        let timeout = duration(timeout)?;
+        if confirmed {
+            let send = || self.connect()?.confirming(true).send(line, timeout);
+            return py.detach(send).map_err(of_command);
+        }
+        self.send(py, |connection| connection.send(line, timeout))
+    }
+
+    /// Sends a control character, `^F` or `F`, and returns the lines of its reply.
+    fn control(&self, py: Python<'_>, character: &str) -> PyResult<Vec<String>> {
+        let character = parse(character)
+            .ok_or_else(|| refused(&format!("{character:?} is no control character; write ^A to ^Z")))?;
+        self.send(py, |connection| connection.control(character))
+    }
+
+    /// A request to the control panel: `jog+`, `jog-`, `jog-stop`, `pre-jog`, `home`, `start`, `step`, `stop` or `hold`.
+    fn panel(&self, py: Python<'_>, action: &str, numbers: Vec<u8>) -> PyResult<()> {
+        self.send(py, |connection| connection.panel(action, &numbers))
+    }
+
+    /// Moves a motor to a position in counts. Returns when the board has taken it, not when the motor is there.
+    fn jog_to(&self, py: Python<'_>, motor: u8, position: f64) -> PyResult<()> {
+        self.send(py, |connection| connection.jog_to(motor, position))
+    }
+
+    /// Has the board gather `sources` (`1.actual_position`, `servo_timer`, `Y:$C003`) each `period` servo cycles for `seconds`. Less
+    /// than was asked for raises `PmacError`.
+    #[pyo3(signature = (sources, seconds, *, period = 1))]
+    fn gather(&self, py: Python<'_>, sources: Vec<String>, seconds: f64, period: u32) -> PyResult<Gathered> {
+        let time = duration(seconds)?;
+        let client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
+        let connection = py.detach(|| self.connect()).map_err(of_command)?;
+        gather(py, client, connection, &sources, period, time)
+    }
+
+    /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs.
+    fn jog(&self, py: Python<'_>, motor: u8, direction: &str) -> PyResult<Jog> {
+        let action = match direction {
+            "+" => "jog+",
+            "-" => "jog-",
+            _ => return Err(refused(&format!("{direction:?} is no direction; write + or -"))),
+        };
+        let connection = py.detach(|| self.connect()).map_err(of_command)?;
+        Ok(Jog { connection: Mutex::new(Some(connection)), action, motor, held: Mutex::new(None) })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Board {}>", self.name.as_str())
+    }
+}
+
+/// A jog that somebody holds.
+#[pyclass(frozen, module = "pmac_dpram")]
+pub struct Jog {
+    connection: Mutex<Option<Connection>>,
+    action: &'static str,
+    motor: u8,
+    held: Mutex<Option<HeldJog>>,
+}
+
+#[pymethods]
+impl Jog {
+    fn __enter__<'py>(jog: Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, Self>> {
+        let this = jog.get();
+        let connection = this.connection.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let connection = connection.ok_or_else(|| refused("this jog is over; ask for another one"))?;
+        let held =
+            py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
+        *this.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(held);
+        Ok(jog)
+    }
+
+    /// Whether the motor is still held; false when the daemon has stopped it.
+    #[getter]
+    fn is_held(&self) -> bool {
+        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        held.as_ref().is_some_and(HeldJog::is_held)
+    }
+
+    #[pyo3(signature = (*_error))]
+    fn __exit__(&self, py: Python<'_>, _error: Bound<'_, pyo3::types::PyTuple>) -> PyResult<bool> {
+        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match held {
+            Some(held) => py.detach(|| held.stop()).map(|_| false).map_err(of_command),
+            None => Ok(false),
+        }
+    }
+}

@@ -1,0 +1,335 @@
+//! Data of one moment: a snapshot or an update, with motors and coordinate systems by their numbers.
+
+use std::sync::Arc;
+
+use pmac_dpram::client::{Snapshot as Found, View};
+use pmac_dpram::decode::{BackgroundData, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor};
+use pyo3::exceptions::{PyAttributeError, PyKeyError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// What the board reported by one moment. `servo` is there; without a background report what it adds is `None`.
+#[derive(Debug)]
+struct Moment {
+    servo: View<ServoData>,
+    background: Option<View<BackgroundData>>,
+}
+
+impl Moment {
+    fn motor(&self, number: usize) -> Option<&ServoMotor> {
+        self.servo.data.motors.iter().find(|motor| motor.motor == number)
+    }
+
+    fn system(&self, number: usize) -> Option<&CoordinateSystem> {
+        let data = &self.background.as_ref()?.data;
+        data.coordinate_systems.iter().find(|system| system.coordinate_system == number)
+    }
+}
+
+/// The board's data at one moment.
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct Snapshot(Arc<Moment>);
+
+impl Snapshot {
+    /// What `found` has; `None` before the first servo report.
+    pub fn of(found: Found) -> Option<Self> {
+        let Found { servo, background, .. } = found;
+        Some(Self(Arc::new(Moment { servo: servo?, background })))
+    }
+
+    /// One servo report.
+    pub fn of_update(servo: View<ServoData>) -> Self {
+        Self(Arc::new(Moment { servo, background: None }))
+    }
+
+    /// Why the servo data are not live.
+    pub fn servo_staleness(&self) -> Option<pmac_dpram::client::Staleness> {
+        self.0.servo.stale
+    }
+}
+
+#[pymethods]
+impl Snapshot {
+    /// The number of the servo report, from 1; it begins anew with each daemon.
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.0.servo.sequence
+    }
+
+    /// When the daemon read it: nanoseconds of `time.monotonic_ns()`.
+    #[getter]
+    fn time_ns(&self) -> u64 {
+        self.0.servo.time_ns
+    }
+
+    /// The same in nanoseconds since 1970.
+    #[getter]
+    fn realtime_ns(&self) -> i64 {
+        self.0.servo.realtime_ns
+    }
+
+    /// The board's servo counter at that update, in servo cycles.
+    #[getter]
+    fn servo_timer(&self) -> u64 {
+        self.0.servo.servo_timer
+    }
+
+    /// Why the data are not live, or `None`.
+    #[getter]
+    fn stale(&self) -> Option<String> {
+        self.0.servo.stale.map(|why| why.to_string())
+    }
+
+    /// The reported motors, by number.
+    #[getter]
+    fn motor(&self) -> Motors {
+        Motors(Arc::clone(&self.0))
+    }
+
+    /// The reported coordinate systems, by number; none in an update.
+    #[getter]
+    fn system(&self) -> Systems {
+        Systems(Arc::clone(&self.0))
+    }
+
+    fn __repr__(&self) -> String {
+        let Moment { servo, .. } = &*self.0;
+        let state = servo.stale.map_or("live".to_owned(), |why| format!("stale: {why}"));
+        format!("<Snapshot {} of {} motors, {state}>", servo.sequence, servo.data.motors.len())
+    }
+}
+
+/// The motors of a snapshot, by number.
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct Motors(Arc<Moment>);
+
+#[pymethods]
+impl Motors {
+    fn __getitem__(&self, number: usize) -> PyResult<Motor> {
+        match self.0.motor(number) {
+            Some(_) => Ok(Motor { moment: Arc::clone(&self.0), number }),
+            None => Err(PyKeyError::new_err(format!("motor {number} is not reported"))),
+        }
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.servo.data.motors.len()
+    }
+
+    fn __iter__(&self) -> Numbers {
+        Numbers(self.keys().into_iter())
+    }
+
+    /// The numbers.
+    fn keys(&self) -> Vec<usize> {
+        self.0.servo.data.motors.iter().map(|motor| motor.motor).collect()
+    }
+}
+
+/// The coordinate systems of a snapshot, by number.
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct Systems(Arc<Moment>);
+
+#[pymethods]
+impl Systems {
+    fn __getitem__(&self, number: usize) -> PyResult<System> {
+        match self.0.system(number) {
+            Some(_) => Ok(System { moment: Arc::clone(&self.0), number }),
+            None => Err(PyKeyError::new_err(format!("coordinate system {number} is not reported"))),
+        }
+    }
+
+    fn __len__(&self) -> usize {
+        self.keys().len()
+    }
+
+    fn __iter__(&self) -> Numbers {
+        Numbers(self.keys().into_iter())
+    }
+
+    /// The numbers.
+    fn keys(&self) -> Vec<usize> {
+        let systems = self.0.background.iter().flat_map(|view| &view.data.coordinate_systems);
+        systems.map(|system| system.coordinate_system).collect()
+    }
+}
+
+/// Numbers of motors or coordinate systems.
+#[pyclass(module = "pmac_dpram")]
+pub struct Numbers(std::vec::IntoIter<usize>);
+
+#[pymethods]
+impl Numbers {
+    fn __iter__(numbers: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        numbers
+    }
+
+    fn __next__(&mut self) -> Option<usize> {
+        self.0.next()
+    }
+}
+
+/// One motor. Positions are in counts, velocities in counts a second; `None` is what the board does not report, or whose
+/// scale is not known (yet).
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct Motor {
+    moment: Arc<Moment>,
+    number: usize,
+}
+
+impl Motor {
+    fn quantity(&self, of: fn(&ServoMotor) -> Option<Quantity>) -> Option<Quantity> {
+        self.moment.motor(self.number).and_then(of)
+    }
+
+    fn value(&self, of: fn(&ServoMotor) -> Option<Quantity>) -> Option<f64> {
+        self.quantity(of)?.value
+    }
+}
+
+#[pymethods]
+impl Motor {
+    /// Its number, from 1.
+    #[getter]
+    fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Actual position, in counts.
+    #[getter]
+    fn position(&self) -> Option<f64> {
+        self.value(|motor| motor.actual_position)
+    }
+
+    /// Actual position as the board holds it, an integer of 1/(Ix08*32) counts.
+    #[getter]
+    fn raw_position(&self) -> Option<i64> {
+        Some(self.quantity(|motor| motor.actual_position)?.raw)
+    }
+
+    /// Commanded position, in counts.
+    #[getter]
+    fn commanded_position(&self) -> Option<f64> {
+        self.value(|motor| motor.commanded_position)
+    }
+
+    /// Following error, in counts.
+    #[getter]
+    fn following_error(&self) -> Option<f64> {
+        self.value(|motor| motor.following_error)
+    }
+
+    /// Velocity, in counts a second.
+    #[getter]
+    fn velocity(&self) -> Option<f64> {
+        self.value(|motor| motor.velocity)
+    }
+
+    /// Position of the master that it follows, in counts.
+    #[getter]
+    fn master_position(&self) -> Option<f64> {
+        self.value(|motor| motor.master_position)
+    }
+
+    /// Where its present move ends, in counts (of the background report).
+    #[getter]
+    fn target_position(&self) -> Option<f64> {
+        let data = &self.moment.background.as_ref()?.data;
+        data.motors.iter().find(|motor| motor.motor == self.number)?.target_position?.value
+    }
+
+    /// The flags of its status words.
+    #[getter]
+    fn status(&self) -> Status {
+        let background = self.moment.background.as_ref().map(|view| &view.data);
+        let motors = background.map_or(&[][..], |data| &data.motors[..]);
+        let second = motors.iter().find(|motor| motor.motor == self.number).and_then(|motor| motor.status);
+        let servo = self.moment.motor(self.number).and_then(|motor| motor.status);
+        Status([servo, second])
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Motor {} at {:?} counts>", self.number, self.position())
+    }
+}
+
+/// One coordinate system of the background report.
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct System {
+    moment: Arc<Moment>,
+    number: usize,
+}
+
+#[pymethods]
+impl System {
+    /// Its number, from 1.
+    #[getter]
+    fn number(&self) -> usize {
+        self.number
+    }
+
+    /// The flags of its status and program status words.
+    #[getter]
+    fn status(&self) -> Status {
+        let system = self.moment.system(self.number);
+        Status([system.and_then(|system| system.status), system.and_then(|system| system.program_status)])
+    }
+
+    /// Program lines left to be executed, as `PR`.
+    #[getter]
+    fn lines_remaining(&self) -> Option<i32> {
+        self.moment.system(self.number)?.lines_remaining
+    }
+
+    /// The axis targets in user units, by the axis' letter.
+    #[getter]
+    fn targets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let targets = PyDict::new(py);
+        for axis in ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"] {
+            let target = self.moment.system(self.number).and_then(|system| system.axis_targets.axis(axis));
+            targets.set_item(axis, target)?;
+        }
+        Ok(targets)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<System {}>", self.number)
+    }
+}
+
+/// Flags by name, as `pmacctl motors --json` has them. A flag of a word that is not reported is `None`.
+#[pyclass(frozen, module = "pmac_dpram")]
+#[derive(Debug)]
+pub struct Status([Option<Flags>; 2]);
+
+/// Names of flags of the second word, which is not always there.
+const SECOND: [&str; 3] = ["in_position", "home_complete", "fatal_following_error"];
+
+#[pymethods]
+impl Status {
+    fn __getattr__(&self, name: &str) -> PyResult<Option<bool>> {
+        for flags in self.0.iter().flatten() {
+            if flags.table.flags.iter().any(|(_, flag)| *flag == name) {
+                return Ok(Some(flags.has(name)));
+            }
+        }
+        if self.0[1].is_none() && SECOND.contains(&name) {
+            return Ok(None);
+        }
+        Err(PyAttributeError::new_err(format!("there is no flag {name}; names() tells those that are set")))
+    }
+
+    /// The flags that are set.
+    fn names(&self) -> Vec<&'static str> {
+        self.0.iter().flatten().flat_map(Flags::names).collect()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Status {}>", self.names().join(" "))
+    }
+}

@@ -1,0 +1,22 @@
+//! `pmac_dpram._native`: the Rust client for Python. What users see is `python/pmac_dpram`.
+
+mod board;
+mod data;
+mod errors;
+mod gather;
+mod updates;
+
+use pyo3::prelude::*;
+
+/// The native part of `pmac_dpram`.
+#[pymodule(gil_used = false)]
+mod _native {
+    #[pymodule_export]
+    use crate::board::{Board, Jog};
+    #[pymodule_export]
+    use crate::data::{Motor, Motors, Snapshot, Status, System, Systems};
+    #[pymodule_export]
+    use crate::gather::Gathered;
+    #[pymodule_export]
+    use crate::updates::Updates;
+}

@@ -1,0 +1,121 @@
+//! Every servo report in turn, none twice, and exactly how many were lost or missed.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use pmac_dpram::client::{Board as Client, ClientError, Staleness, View};
+use pmac_dpram::decode::ServoData;
+use pmac_dpram::segment::Counter;
+use pyo3::prelude::*;
+
+use crate::board::SLICE;
+use crate::data::Snapshot;
+use crate::errors::{of_client, stale};
+
+/// Reports taken from the segment at once.
+const BATCH: usize = 256;
+
+struct Follower {
+    client: Client,
+    generation: u64,
+    /// The number of the next report to take.
+    next: u64,
+    taken: VecDeque<View<ServoData>>,
+    lost: u64,
+    /// How many updates the daemons had missed by now, and the present one at the last look.
+    missed: u64,
+    missed_before: u64,
+}
+
+/// Servo reports from now on, of the present daemon and of those that follow it.
+#[pyclass(frozen, module = "pmac_dpram")]
+pub struct Updates {
+    follower: Mutex<Follower>,
+    timeout: Duration,
+}
+
+impl Follower {
+    /// Takes what has come. Whether there is any.
+    fn take(&mut self) -> Result<bool, ClientError> {
+        if !self.taken.is_empty() {
+            return Ok(true);
+        }
+        self.client.refresh()?;
+        let subscriber = self.client.subscriber();
+        let missed = subscriber.counter(Counter::Missed);
+        if subscriber.generation() != self.generation {
+            (self.generation, self.next, self.missed_before) = (subscriber.generation(), 1, 0);
+        }
+        self.missed += missed.saturating_sub(self.missed_before);
+        self.missed_before = missed;
+        let history = self.client.history(self.next, BATCH)?;
+        self.next = history.next;
+        self.lost += history.lost;
+        self.taken.extend(history.samples);
+        Ok(!self.taken.is_empty())
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<bool, ClientError> {
+        Ok(self.take()? || self.client.wait(self.next - 1, time)? && self.take()?)
+    }
+}
+
+impl Updates {
+    /// From the next report on.
+    pub fn begin(client: Client, timeout: Duration) -> PyResult<Self> {
+        let next = client.servo_sequence().map_err(of_client)? + 1;
+        let subscriber = client.subscriber();
+        let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
+        let (taken, lost, missed) = (VecDeque::new(), 0, 0);
+        let follower = Follower { client, generation, next, taken, lost, missed, missed_before };
+        Ok(Self { follower: Mutex::new(follower), timeout })
+    }
+
+    fn follower(&self) -> MutexGuard<'_, Follower> {
+        self.follower.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[pymethods]
+impl Updates {
+    /// The next report, if there is one already.
+    fn take(&self, py: Python<'_>) -> PyResult<Option<Snapshot>> {
+        let update = py.detach(|| {
+            let mut follower = self.follower();
+            follower.take().map(|_| follower.taken.pop_front())
+        });
+        Ok(update.map_err(of_client)?.map(Snapshot::of_update))
+    }
+
+    /// The next report. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.
+    fn next(&self, py: Python<'_>) -> PyResult<Snapshot> {
+        let end = Instant::now() + self.timeout;
+        loop {
+            if let Some(update) = self.take(py)? {
+                return Ok(update);
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                let found = py.detach(|| self.follower().client.snapshot()).map_err(of_client)?;
+                let servo = found.servo.and_then(|servo| servo.stale);
+                let silent = Staleness::NoUpdates { age_ns: self.timeout.as_nanos() as u64 };
+                return Err(stale(found.stale.or(servo).unwrap_or(silent)));
+            }
+            py.detach(|| self.follower().wait(left.min(SLICE))).map_err(of_client)?;
+            py.check_signals()?;
+        }
+    }
+
+    /// How many reports were overwritten before they were taken here. Exact.
+    #[getter]
+    fn lost(&self, py: Python<'_>) -> u64 {
+        py.detach(|| self.follower().lost)
+    }
+
+    /// How many updates of the board the daemon did not read in time, since this began. Exact.
+    #[getter]
+    fn missed(&self, py: Python<'_>) -> u64 {
+        py.detach(|| self.follower().missed)
+    }
+}

@@ -1,0 +1,190 @@
+"""What a program reads of a live board, and what it is told when there is none."""
+
+import asyncio
+import signal
+import threading
+import time
+
+import pmac_dpram
+import pytest
+
+
+def test_a_snapshot_has_every_motor_in_counts(site):
+    board = site.connect()
+    board.command("#1J=2000")
+    site.until(lambda: abs((board.snapshot().motor[1].position or 0) - 2000) < 1, "the motor to arrive")
+    snapshot = board.snapshot()
+    assert list(snapshot.motor) == list(range(1, 9)) and len(snapshot.motor) == 8
+    motor = snapshot.motor[1]
+    assert (motor.number, snapshot.stale) == (1, None)
+    assert abs(motor.following_error) < 1 and abs(motor.commanded_position - 2000) < 1
+    assert motor.raw_position == pytest.approx(motor.position * 96 * 32, abs=96 * 32)
+    site.until(lambda: board.snapshot().motor[1].status.in_position, "in position")
+    assert motor.status.open_loop is False and "motor_activated" in motor.status.names()
+    with pytest.raises(AttributeError, match="no flag nonsense"):
+        motor.status.nonsense
+    with pytest.raises(KeyError, match="motor 33"):
+        snapshot.motor[33]
+    assert snapshot.system[1].status.running_program is False
+
+
+def test_positions_agree_with_the_boards_own_words(site):
+    board = site.connect()
+    board.command("#2J=-500")
+    site.until(lambda: board.snapshot().motor[2].status.in_position and board.command("#2V") == ["0"], "standstill")
+    assert float(board.command("#2P")[0]) == pytest.approx(board.snapshot().motor[2].position, abs=0.1)
+
+
+def test_errors_carry_the_boards_number(site):
+    board = site.connect()
+    assert board.command("P1=25") == []
+    with pytest.raises(pmac_dpram.PmacError, match="ERR003") as error:
+        board.command("P1 NONSENSE")
+    assert (error.value.code, error.value.lines) == (3, ("25",))
+    with pytest.raises(pmac_dpram.PmacError, match="no control character") as error:
+        board.control("nonsense")
+    assert error.value.code == 0
+    assert len(board.control("^F")) >= 1
+    with pytest.raises(pmac_dpram.PmacError, match="no time"):
+        board.wait(-1)
+
+
+def test_a_name_and_a_socket_must_be_of_one_board(site, new_site):
+    other = new_site()
+    assert pmac_dpram.connect(socket=site.socket).name == site.name
+    with pytest.raises(pmac_dpram.PmacError, match="not of"):
+        pmac_dpram.connect(site.name, other.socket)
+    with pytest.raises(pmac_dpram.DaemonGone):
+        pmac_dpram.connect("no-such-board")
+
+
+def test_waiting_ends_with_a_report_or_with_its_time(site):
+    board = site.connect()
+    assert board.wait(5.0)
+    assert board.wait(5.0, after=board.snapshot().sequence)
+    began = time.monotonic()
+    assert not board.wait(0.2, after=2**62)
+    assert 0.2 <= time.monotonic() - began < 5
+
+
+def test_updates_come_one_by_one_and_none_is_lost(site):
+    updates = site.connect().updates()
+    numbers = [update.sequence for update, _ in zip(updates, range(2000))]
+    assert numbers == list(range(numbers[0], numbers[0] + 2000))
+    assert updates.lost == 0 and updates.missed >= 0
+
+
+def test_updates_can_be_awaited_beside_other_work(site):
+    async def both():
+        ticks = 0
+
+        async def tick():
+            nonlocal ticks
+            while True:
+                ticks += 1
+                await asyncio.sleep(0)
+
+        task = asyncio.create_task(tick())
+        numbers = []
+        async for update in site.connect().updates():
+            numbers.append(update.sequence)
+            if len(numbers) == 200:
+                task.cancel()
+                return numbers, ticks
+
+    numbers, ticks = asyncio.run(both())
+    assert numbers == list(range(numbers[0], numbers[0] + 200)) and ticks > 10
+
+
+def test_history_is_what_is_still_there(site):
+    board = site.connect()
+    last = board.snapshot().sequence
+    samples, lost = board.history(last - 99, 100)
+    assert [sample.sequence for sample in samples] == list(range(last - 99, last + 1)) and lost == 0
+    assert samples[0].servo_timer < samples[-1].servo_timer
+
+
+def test_who_waits_holds_nobody_up(site):
+    board = site.connect()
+    done = []
+
+    def wait():
+        board.wait(0.5, after=2**62)
+        done.append(True)
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    count = 0
+    while not done:
+        count += 1
+    thread.join()
+    assert count > 1000
+
+
+def test_a_killed_daemon_is_told_and_a_new_one_is_found(site):
+    board = site.connect()
+    updates = board.updates(timeout=0.3)
+    next(updates)
+    site.daemon.kill()
+    site.daemon.wait()
+    with pytest.raises(pmac_dpram.DaemonGone, match="start it"):
+        board.snapshot()
+    old = board.snapshot(stale_ok=True)
+    assert "pmacd is gone" in old.stale and old.motor[1].position is not None
+    with pytest.raises(pmac_dpram.DaemonGone):
+        for _ in updates:
+            pass
+    with pytest.raises(pmac_dpram.DaemonGone, match="pmacd"):
+        board.command("P1")
+    site.start_daemon()
+    assert board.snapshot().stale is None
+    assert board.command("P1=1") == []
+    assert next(updates).sequence >= 1
+
+
+def test_a_board_that_stands_still_gives_stale_data(site):
+    board = site.connect()
+    simulator = site.programs[0]
+    simulator.send_signal(signal.SIGSTOP)
+
+    def is_stale():
+        try:
+            board.snapshot()
+        except pmac_dpram.StaleData:
+            return True
+        return False
+
+    try:
+        site.until(is_stale, "stale data")
+        with pytest.raises(pmac_dpram.StaleData):
+            for _ in board.updates(timeout=0.2):
+                pass
+    finally:
+        simulator.send_signal(signal.SIGCONT)
+    site.until(lambda: not is_stale(), "live data")
+
+
+def test_a_jog_lasts_as_long_as_its_block(site):
+    board = site.connect()
+    board.command("I2=3")
+    with board.jog(1, "+") as jog:
+        site.until(lambda: board.snapshot().motor[1].velocity > 100, "the motor to move")
+        assert jog.is_held
+        time.sleep(0.5)
+        assert jog.is_held, "it is renewed"
+    site.until(lambda: abs(board.snapshot().motor[1].velocity) < 1, "the motor to stand")
+    assert not jog.is_held
+    with pytest.raises(ZeroDivisionError), board.jog(1, "-"):
+        1 / 0
+    site.until(lambda: abs(board.snapshot().motor[1].velocity) < 1, "the motor to stand")
+    with pytest.raises(pmac_dpram.PmacError, match="no direction"):
+        board.jog(1, "up")
+
+
+def test_at_9_khz_none_is_lost(new_site):
+    updates = new_site(hz=9000).connect().updates()
+    first = next(updates).sequence
+    for update in updates:
+        if update.sequence - first >= 27_000:
+            break
+    assert updates.lost == 0
