@@ -9,6 +9,7 @@ use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::bus::board_function::Context;
 use pmac_dpram::daemon::bus::function_table::FunctionTable;
 use pmac_dpram::daemon::bus::identify::Identifier;
+use pmac_dpram::daemon::bus::memory_scan::MemoryScan;
 use pmac_dpram::daemon::bus::ports::command_port::CommandPorts;
 use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
@@ -102,6 +103,7 @@ pub fn body(data: &[u8]) {
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
         let port = CommandPorts::new(&PMAC, order, None, now);
         let identifier = Identifier::new(&PMAC, Identity::default(), way & 32 != 0, now);
+        let scan = MemoryScan::new(&PMAC, way & 64 != 0, now);
         let mut bench = Bench {
             shared,
             bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
@@ -112,7 +114,7 @@ pub fn body(data: &[u8]) {
                     clock.clone(),
                 ),
                 BackgroundMirror::new(&PMAC.background, 50_000_000),
-                CommandLines::new(AsciiQueue::new(port, identifier, clock.clone()), None, None),
+                CommandLines::new(AsciiQueue::new(port, identifier, scan, clock.clone()), None, None),
                 VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
                 &BoardSettings::default(),

@@ -7,24 +7,23 @@ mod gather;
 pub mod jobs;
 pub mod lines;
 pub mod rotary;
+pub mod variables;
 
 use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{getsockopt, sockopt::PeerCredentials};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::map::HostOffset;
-use crate::map::VariableName;
-use crate::protocol::board::{Done, ReadReply, ResetsReply, SendReply, VariableRecord, WatchReply};
+use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
+use crate::protocol::program_words::WAITS;
 use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
@@ -35,6 +34,10 @@ use crate::segment::{SegmentName, is_trusted};
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
 /// How much longer than the board the daemon may take. More than the daemon's own grace.
 pub(super) const MARGIN: Duration = Duration::from_secs(2);
+
+/// How long to wait for the daemon to use a function: a large board has many M-variables. And how often to ask.
+const USED: Duration = Duration::from_secs(60);
+const USED_LOOK: Duration = Duration::from_millis(50);
 
 /// A command failed.
 #[derive(Debug, thiserror::Error)]
@@ -296,41 +299,14 @@ impl Connection {
         Ok(Messages { path, link, ended: false })
     }
 
-    /// Turns the connection into a watch on registers and function blocks: PMAC copies them in the background until it is dropped. Returns when the
-    /// board has the table with them.
-    ///
-    /// # Errors
-    /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
-    pub fn watch_variables(mut self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
-        let registers = names.iter().map(ToString::to_string).collect();
-        let parameters = to_map(&calls::WatchVariables { registers });
-        let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
-        call.more = Some(true);
-        let path = self.path.clone();
-        let mut link = match self.link.take() {
-            Some(link) => link,
-            None => self.dial()?,
-        };
-        let deadline = Instant::now() + DAEMON_TIMEOUT;
-        link.call(&encode(&call), deadline, &path)?;
-        let reply = link.next_reply(deadline).map_err(|error| fault(&path, error))?;
-        let WatchReply { table, .. } = read_reply(reply)?;
-        Ok(VariableWatch { path, link, table })
-    }
-
-    /// Has PMAC write registers in the background, in their order, and waits until it has.
-    ///
-    /// # Errors
-    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for what cannot be written.
-    pub fn write_variables(
+    /// As [`Connection::call`], and waits meanwhile if the daemon does not use the function yet.
+    pub(super) fn call_used<T: DeserializeOwned>(
         &mut self,
-        records: &[VariableRecord],
+        method: &str,
+        parameters: &impl Serialize,
         timeout: Duration,
-    ) -> Result<(), CommandError> {
-        let parameters =
-            calls::WriteVariables { records: records.to_vec(), timeout_ms: Some(milliseconds(timeout)) };
-        let Done {} = self.call("WriteVariables", &parameters, timeout.saturating_add(MARGIN))?;
-        Ok(())
+    ) -> Result<T, CommandError> {
+        when_used(|| self.call(method, parameters, timeout))
     }
 
     pub(super) fn call<T: DeserializeOwned>(
@@ -371,6 +347,21 @@ impl Connection {
         // Only a connection whose last reply has been read can be used again.
         self.link = Some(link);
         read_reply(reply)
+    }
+}
+
+/// Calls again and again while the daemon does not use the function yet: at its start, for a few seconds.
+fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, CommandError> {
+    let deadline = Instant::now() + USED;
+    loop {
+        match call() {
+            Err(CommandError::Refused(CallError::Refused { reason }))
+                if reason.contains(WAITS) && Instant::now() < deadline =>
+            {
+                std::thread::sleep(USED_LOOK);
+            }
+            other => return other,
+        }
     }
 }
 
@@ -453,48 +444,6 @@ fn again(error: io::Error) -> io::Result<()> {
     match error.kind() {
         io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Ok(()),
         _ => Err(error),
-    }
-}
-
-/// Registers that PMAC copies as long as this is there.
-#[derive(Debug)]
-pub struct VariableWatch {
-    path: PathBuf,
-    link: Link,
-    table: u32,
-}
-
-impl VariableWatch {
-    /// The number of the first table that has all the registers; see [`super::VariableTable::number`].
-    #[must_use]
-    pub const fn table(&self) -> u32 {
-        self.table
-    }
-
-    /// Whether the daemon still holds the watch. Does not wait: whoever wants to polls the descriptor, which is readable
-    /// when the watch is over.
-    ///
-    /// # Errors
-    /// [`CommandError`] when the daemon has ended it, or is gone.
-    pub fn check(&mut self) -> Result<(), CommandError> {
-        let mut descriptors = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
-        if !poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|ready| ready > 0) {
-            return Ok(());
-        }
-        match self.link.next_reply(after(DAEMON_TIMEOUT)) {
-            Err(source) => Err(CommandError::StreamEnded { path: self.path.clone(), source }),
-            // The only reply has come already; another one can only be the end.
-            Ok(reply) => match reply.error() {
-                Some(error) => Err(error.into()),
-                None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
-            },
-        }
-    }
-}
-
-impl AsFd for VariableWatch {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.link.stream.as_fd()
     }
 }
 

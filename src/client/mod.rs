@@ -31,7 +31,8 @@ pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Tak
 pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
 pub use command::rotary::RotaryPlace;
-pub use command::{CommandError, Connection, Messages, VariableWatch};
+pub use command::variables::VariableWatch;
+pub use command::{CommandError, Connection, Messages};
 pub use hold::HeldJog;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 #[cfg(feature = "serial")]

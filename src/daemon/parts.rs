@@ -21,6 +21,7 @@ use crate::daemon::bus::board_loop::{BoardLoop, Configured, Connections};
 use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::function_table::FunctionTable;
 use crate::daemon::bus::identify::{Identifier, servo_period_ps};
+use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::presence::BoardPresence;
@@ -80,6 +81,7 @@ impl Parts {
         if ![Function::Servo, Function::Background].iter().any(|function| reading.functions.has(*function)) {
             identifier = identifier.without_reports();
         }
+        let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
         let ports = if asks { ports.after_another_host(now) } else { ports.silent_until_used() };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
@@ -95,7 +97,7 @@ impl Parts {
                 settings.background_period_ns,
                 reading.background.selection(settings.family),
             ),
-            CommandLines::new(AsciiQueue::new(ports, identifier, clock.clone()), interrupt, host_port),
+            CommandLines::new(AsciiQueue::new(ports, identifier, scan, clock.clone()), interrupt, host_port),
             VariableMirror::new(&layout, mode, clock.clone()),
             layout,
             reading,

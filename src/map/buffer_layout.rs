@@ -415,12 +415,9 @@ impl BufferLayout {
     }
 
     fn owned(&self, offset: HostOffset, owner: Owner) -> NotUserArea {
-        let (address, owner, user) = (self.print_half(offset), owner.to_string(), self.describe_user_area());
+        let (address, owner, user) =
+            (self.family.print_half(offset), owner.to_string(), self.describe_user_area());
         NotUserArea::Owned { offset, address, owner, user }
-    }
-
-    fn print_half(&self, offset: HostOffset) -> String {
-        format!("{}:{}", self.family.half(offset), self.family.print_number(self.family.pmac_number(offset)))
     }
 
     fn describe_user_area(&self) -> String {

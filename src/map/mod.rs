@@ -24,6 +24,7 @@ pub mod status;
 pub mod table;
 pub mod typed;
 pub mod variable_name;
+pub mod word_use;
 
 /// The axes in the order in which the fixed buffers hold them.
 pub const AXES: [&str; 9] = ["A", "B", "C", "U", "V", "W", "X", "Y", "Z"];

@@ -168,6 +168,13 @@ impl BackgroundMirror {
         self.asked = None;
     }
 
+    /// The report is not used any more: what was seen of it says nothing about the board.
+    pub fn end(&mut self, publisher: &Publisher) {
+        self.reset();
+        self.freshness.end();
+        publisher.set_region_state(RegionId::Background, RegionState::Off);
+    }
+
     /// Gives up what lies there and asks for a new report.
     ///
     /// # Errors

@@ -49,6 +49,11 @@ impl Freshness {
         (!std::mem::replace(&mut self.live, true)).then_some(Transition::Live)
     }
 
+    /// Nobody looks for data any more.
+    pub const fn end(&mut self) {
+        self.live = false;
+    }
+
     /// Nobody polled until `now_ns`, so a silence counts only from here on.
     pub fn reset_deadline(&mut self, now_ns: u64) {
         self.last_ns = self.last_ns.max(now_ns);

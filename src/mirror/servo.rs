@@ -193,6 +193,13 @@ impl ServoMirror {
         self.continuity.reset();
     }
 
+    /// The report is not used any more: what was seen of it says nothing about the board.
+    pub fn end(&mut self, publisher: &Publisher) {
+        self.reset();
+        self.freshness.end();
+        publisher.set_region_state(RegionId::Servo, RegionState::Off);
+    }
+
     /// Polls once, and publishes the update if there is one.
     ///
     /// # Errors

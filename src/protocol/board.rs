@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::ProgramWords;
+use crate::map::Function;
 use crate::map::readings::ReplyEnd;
 use serde::{Deserialize, Serialize};
 
@@ -115,6 +117,12 @@ pub struct BoardInfo {
     /// What others do on the board, or have changed there: another host, or a program.
     #[serde(default)]
     pub elsewhere: Vec<Elsewhere>,
+    /// Functions that are not used yet: the board is asked where its M-variables point.
+    #[serde(default)]
+    pub waiting: Vec<Function>,
+    /// Functions into whose words M-variables of the board point.
+    #[serde(default)]
+    pub program_words: Vec<ProgramWords>,
 }
 
 /// Something that others do on the board, or have changed there.

@@ -35,6 +35,13 @@ impl Functions {
         Self(Vec::new())
     }
 
+    /// These, but not `function`.
+    #[must_use]
+    pub fn without(mut self, function: Function) -> Self {
+        self.0.retain(|own| *own != function);
+        self
+    }
+
     /// Whether none is used.
     #[must_use]
     pub const fn is_empty(&self) -> bool {

@@ -19,6 +19,7 @@ pub mod mirror_selection;
 pub mod moved_motors;
 pub mod parameters;
 pub mod password;
+pub mod program_words;
 pub mod settings;
 pub mod socket_place;
 pub mod transport;
@@ -33,6 +34,7 @@ pub use function::Functions;
 pub use message::{Call, Reply};
 pub use mirror_selection::{BackgroundSettings, ServoSettings};
 pub use parameters::parameters;
+pub use program_words::ProgramWords;
 pub use settings::{BoardSettings, VariableMode, VariablesSettings};
 
 /// The name of our interface.

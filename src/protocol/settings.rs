@@ -11,11 +11,13 @@ use crate::map::{BufferSettings, Family, Firmware, Layout, Readings};
 use crate::rotary;
 
 /// All of them.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoardSettings {
     /// The functions that are used.
     pub functions: Functions,
+    /// Of these, the ones that are used although M-variables of the board point into their words.
+    pub shared_functions: Functions,
     /// What is read of the servo report.
     pub servo: ServoSettings,
     /// What is read of the background report.
@@ -28,6 +30,21 @@ pub struct BoardSettings {
     pub readings: Readings,
     /// The binary rotary format.
     pub rotary: rotary::Settings,
+}
+
+impl Default for BoardSettings {
+    fn default() -> Self {
+        Self {
+            functions: Functions::default(),
+            shared_functions: Functions::none(),
+            servo: ServoSettings::default(),
+            background: BackgroundSettings::default(),
+            plan: BufferSettings::default(),
+            variables: VariablesSettings::default(),
+            readings: Readings::default(),
+            rotary: rotary::Settings::default(),
+        }
+    }
 }
 
 impl BoardSettings {

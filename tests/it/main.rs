@@ -36,6 +36,7 @@ mod open_buffer;
 mod panel;
 mod pauses;
 mod processes;
+mod program_words;
 mod readings;
 mod readings_functions;
 mod readme;

@@ -1,5 +1,6 @@
 //! A simulated board and a daemon in one thread, in time that the test moves.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
@@ -45,6 +46,11 @@ pub struct World {
     sockets_due_ns: u64,
 }
 
+/// Whether a configuration says something of the questions where M-variables point.
+fn names_the_questions(config: &Path) -> bool {
+    std::fs::read_to_string(config).is_ok_and(|text| text.contains("ask_m_variables"))
+}
+
 impl World {
     pub fn new() -> Self {
         Self {
@@ -81,7 +87,9 @@ impl World {
     pub fn start_daemon(&mut self, options: &[String]) -> Result<(), String> {
         let options = std::iter::once("pmacd".to_owned()).chain(options.iter().cloned());
         let options = Options::try_parse_from(options).map_err(|error| error.to_string())?;
-        let settings = Settings::decide(&options).map_err(|error| error.to_string())?;
+        let mut settings = Settings::decide(&options).map_err(|error| error.to_string())?;
+        // A thousand questions more: what is not about them goes without.
+        settings.ask_m_variables &= options.config.as_deref().is_some_and(names_the_questions);
         let failed = |failure: Failure| failure.to_string();
         let settings = self.look(settings, &options).map_err(failed)?;
         let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;

@@ -8,11 +8,12 @@ use std::time::Duration;
 use super::report::{Level, Report};
 use crate::cli::context::{Context, Failure};
 use crate::client::{CommandError, Connection};
-use crate::map::{Family, Generation, Region, TypedAddress};
-use crate::protocol::{BoardSettings, Function};
+use crate::map::word_use::{defined_place, m_variables};
+use crate::map::{Family, Region, TypedAddress};
+use crate::protocol::{BoardInfo, BoardSettings, Function};
 
 /// So many definitions are asked for in one line: a longer reply would hold up other callers' lines.
-const A_QUESTION: usize = 50;
+const A_QUESTION: u16 = 50;
 /// Time limit of one question.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// So many definitions of a stretch are shown.
@@ -38,31 +39,25 @@ impl Definition {
 pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
-    let settings = connection.settings()?;
+    let (settings, info) = (connection.settings()?, connection.info()?);
     let found = definitions(&mut connection, family);
     let found = found.map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
     for region in family.regions {
         let here = found.iter().filter(|definition| definition.touches(region));
-        tell(report, region, &uses(region, &settings), &here.collect::<Vec<_>>());
+        tell(report, region, &uses(region, &settings, &info), &here.collect::<Vec<_>>());
     }
     Ok(())
 }
 
 /// The M-variables that point into the DPRAM. Nothing is changed.
 fn definitions(connection: &mut Connection, family: &Family) -> Result<Vec<Definition>, CommandError> {
-    // User Manual p. 148; Turbo User Manual p. 243.
-    let count = match family.generation {
-        Generation::Pmac => 1024,
-        Generation::Turbo => 8192,
-    };
+    let count = m_variables(family);
     let mut found = Vec::new();
-    for first in (0..count).step_by(A_QUESTION) {
+    for first in (0..count).step_by(A_QUESTION.into()) {
         let last = (first + A_QUESTION).min(count) - 1;
         let reply = connection.question(&format!("M{first}..{last}->"), PATIENCE)?;
         for (number, text) in (first..=last).zip(reply) {
-            // As `X:$060100,0,16,S`, `DP:$060080` or `*`; what is none of the DPRAM is no such address.
-            let place = text.split(',').next().unwrap_or_default();
-            if let Ok(at) = TypedAddress::parse(place, family) {
+            if let Some(at) = defined_place(&text, family) {
                 found.push(Definition { text: format!("M{number}->{text}"), at });
             }
         }
@@ -71,8 +66,12 @@ fn definitions(connection: &mut Connection, family: &Family) -> Result<Vec<Defin
 }
 
 /// The functions in use whose words lie in `region`.
-fn uses(region: &Region, settings: &BoardSettings) -> Vec<&'static str> {
-    let all = Function::ALL.into_iter().filter(|function| settings.functions.has(*function));
+fn uses(region: &Region, settings: &BoardSettings, info: &BoardInfo) -> Vec<&'static str> {
+    let is_held = |function: &Function| {
+        info.program_words.iter().any(|words| words.function == *function && !words.used)
+    };
+    let all = Function::ALL.into_iter();
+    let all = all.filter(|function| settings.functions.has(*function) && !is_held(function));
     let has = |function: &Function| match region.name {
         // The headers of the buffers, and the buffers.
         "pointers" | "user" => {

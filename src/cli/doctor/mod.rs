@@ -384,6 +384,9 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         let level = if other.is_laid_out_otherwise() { Level::Fail } else { Level::Ok };
         report.add(level, "family", other.to_string());
     }
+    for words in &info.program_words {
+        report.add(if words.used { Level::Ok } else { Level::Warn }, "functions", words.to_string());
+    }
     if !settings.functions.has(Function::Ascii) {
         return;
     }

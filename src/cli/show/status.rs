@@ -8,7 +8,8 @@ use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
 use crate::protocol::function::UNKNOWN_FAMILY;
-use crate::protocol::{Function, OpenBufferInfo};
+use crate::protocol::program_words::WAITS;
+use crate::protocol::{Function, OpenBufferInfo, ProgramWords};
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
@@ -190,9 +191,17 @@ fn socket(context: &Context, board: &mut Board) -> Value {
             "command_port": info.command_port, "open_buffer": open_buffer(info.open_buffer.as_ref()),
             "open_buffer_unsaid": info.open_buffer_unsaid,
             "host_port": info.host_port, "unfinished": info.unfinished,
-            "elsewhere": elsewhere::documents(&info.elsewhere) }),
+            "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting,
+            "program_words": info.program_words.iter().map(program_words).collect::<Vec<_>>() }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
     }
+}
+
+/// M-variables that point into a function's words: the fields, and how they are told.
+fn program_words(words: &ProgramWords) -> Value {
+    let mut document = json!(words);
+    document["text"] = words.to_string().into();
+    document
 }
 
 /// The program buffer that is open: its fields, and how it is told.
@@ -286,6 +295,13 @@ fn text(document: &Value) -> String {
         }
         for change in socket["elsewhere"].as_array().into_iter().flatten() {
             say("elsewhere", plain(&change["text"]));
+        }
+        let waiting: Vec<_> = socket["waiting"].as_array().into_iter().flatten().map(plain).collect();
+        if !waiting.is_empty() {
+            say("not used yet", format!("{}: {WAITS}", waiting.join(", ")));
+        }
+        for words in socket["program_words"].as_array().into_iter().flatten() {
+            say("programs' words", plain(&words["text"]));
         }
         for sentence in socket["unfinished"].as_array().into_iter().flatten() {
             say("unfinished", plain(sentence));

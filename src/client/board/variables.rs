@@ -7,7 +7,8 @@
 use std::time::Duration;
 
 use super::{Board, ClientError};
-use crate::client::command::{CommandError, Connection, VariableWatch};
+use crate::client::command::variables::VariableWatch;
+use crate::client::command::{CommandError, Connection};
 use crate::client::view::View;
 use crate::map::VariableName;
 pub use crate::segment::payload::variable::{Variable, VariableTable};

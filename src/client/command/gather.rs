@@ -41,7 +41,7 @@ impl Connection {
         // The daemon waits for the servo report, which comes as seldom as it gathers.
         let periods = 4 * u64::from(plan.period);
         let periods = Duration::from_nanos(periods.saturating_mul(servo_period_ns.unwrap_or_default()));
-        let Done {} = self.call("GatherStart", &parameters, periods.saturating_add(START))?;
+        let Done {} = self.call_used("GatherStart", &parameters, periods.saturating_add(START))?;
         Ok(())
     }
 

@@ -53,7 +53,7 @@ impl Connection {
             run: Some(place.run),
             may_stand: Some(place.may_stand),
         };
-        self.call("RotaryStart", &parameters, LINES)
+        self.call_used("RotaryStart", &parameters, LINES)
     }
 
     /// No line will follow in this connection's stream into rotary buffer `buffer` (from 1): the program is whole.

@@ -224,6 +224,7 @@ impl BoardLoop {
             status.motion = servo.motion();
             status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();
+            status.uses = *self.functions.uses_of_all();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
@@ -313,6 +314,7 @@ impl BoardLoop {
                 let queue = self.functions.ascii.queue();
                 self.reporter.port(queue.ports().in_use(), queue.state(), self.clock.now());
                 self.take_identity();
+                self.take_pointers()?;
             }
             Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}
         }
@@ -347,6 +349,28 @@ impl BoardLoop {
         self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
         self.publisher.set_region_state(RegionId::Board, RegionState::Live);
         self.reporter.identity(identity, motors);
+    }
+
+    /// Uses the functions that the board says it works at, and those that its own programs leave free.
+    fn take_pointers(&mut self) -> Result<(), PortError> {
+        let now = self.clock.now();
+        let enabling = self.functions.ascii.queue().identifier.enabling();
+        let reports = self.reporter.reports();
+        let enabled = [
+            (Function::Servo, reports[0]),
+            (Function::Background, reports[1]),
+            (Function::Panel, enabling.panel == Some(true)),
+            (Function::Variables, enabling.variables == Some(true)),
+        ];
+        let outcome = self.functions.ascii.queue_mut().scan.take_outcome(now);
+        let (functions, mut context) = self.functions_in_context();
+        let enabled = enabled.into_iter().filter_map(|(function, is_on)| is_on.then_some(function));
+        functions.begin(enabled, &mut context)?;
+        if let Some(outcome) = outcome {
+            functions.take_pointers(outcome, &mut context)?;
+            self.reporter.pointers(outcome, self.functions.uses_of_all());
+        }
+        Ok(())
     }
 
     /// Whether work begun at `ns` might delay the servo data.

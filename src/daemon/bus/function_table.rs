@@ -8,28 +8,47 @@ use std::time::Instant;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::memory_scan::Outcome as ScanOutcome;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::daemon::bus::work::panel::PanelQueue;
 use crate::daemon::bus::work::rotary::RotaryQueue;
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteQueue;
+use crate::daemon::shared::function_use::{FunctionUse, Pointers, Use};
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
+use crate::function::servo::read_timer;
 use crate::function::variable_read::VariableReadBusError;
+use crate::map::word_use::function_of;
 use crate::map::{BufferLayout, HostOffset};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
-use crate::protocol::{BoardSettings, Function, control};
+use crate::protocol::{BoardSettings, Function, Functions, control};
 use crate::segment::{Counter, Publisher};
+
+/// What is told of a function that is not used.
+const NOT_NOW: &str = "M-variables of the board point into the words of this function; see pmacctl status";
+
+/// How often the board is looked at for a sign of the servo report, while that waits.
+const SERVO_SIGN_NS: u64 = 500_000;
+
+/// What was seen of the servo report while it is not used yet.
+struct ServoSign {
+    timer: Option<u32>,
+    due_ns: u64,
+}
 
 /// The functions of a board, and which of them are used.
 pub struct FunctionTable {
     clock: Clock,
     layout: BufferLayout,
-    used: [bool; Function::ALL.len()],
+    uses: FunctionUse,
+    /// Those that are used although M-variables point into their words.
+    shared: Functions,
+    servo_sign: ServoSign,
     /// Before all others.
     pub servo: ServoMirror,
     /// Background fixed data.
@@ -57,6 +76,9 @@ impl FunctionTable {
     ) -> Self {
         let now = clock.now();
         Self {
+            uses: FunctionUse::new(settings, ascii.queue().scan.is_wanted()),
+            shared: settings.shared_functions.clone(),
+            servo_sign: ServoSign { timer: None, due_ns: 0 },
             servo,
             background,
             ascii,
@@ -65,7 +87,6 @@ impl FunctionTable {
             variables: Variables { read: variables, write: WriteQueue::new(&layout, settings.readings, now) },
             rotary: RotaryQueue::new(layout.family(), settings.readings, now),
             layout,
-            used: Function::ALL.map(|function| settings.functions.has(function)),
             clock,
         }
     }
@@ -95,10 +116,14 @@ impl FunctionTable {
         }
     }
 
-    /// When the servo data are due; never where they are not used.
+    /// When the servo data are due, or the board is looked at for a sign of them; never where they are not used.
     #[must_use]
     pub fn servo_due_ns(&self) -> u64 {
-        if self.uses(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
+        match self.uses.of(Function::Servo) {
+            Use::On => self.servo.due_ns(),
+            Use::Waits => self.servo_sign.due_ns,
+            Use::Off | Use::Held => u64::MAX,
+        }
     }
 
     /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
@@ -142,6 +167,9 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
+        if function == Function::Servo && self.uses.of(function) == Use::Waits {
+            return self.look_for_servo(context);
+        }
         if let (Function::Panel, Some(panel)) = (function, &mut self.panel) {
             panel.see_kill(self.ascii.queue().kill());
         }
@@ -185,7 +213,8 @@ impl FunctionTable {
     }
 
     fn used_ones(&self) -> impl Iterator<Item = Function> + use<> {
-        Function::ALL.into_iter().zip(self.used).filter_map(|(function, used)| used.then_some(function))
+        let uses = self.uses;
+        Function::ALL.into_iter().filter(move |function| uses.of(*function) == Use::On)
     }
 
     /// Whether the board does something, as far as what is used of it tells; `None` where nothing does.
@@ -228,7 +257,109 @@ impl FunctionTable {
     /// Whether a function is used.
     #[must_use]
     pub fn uses(&self, function: Function) -> bool {
-        Function::ALL.into_iter().zip(self.used).any(|(other, used)| other == function && used)
+        self.uses.of(function) == Use::On
+    }
+
+    /// Which functions are used, and what stands in the way of the others.
+    #[must_use]
+    pub const fn uses_of_all(&self) -> &FunctionUse {
+        &self.uses
+    }
+
+    /// Reads the servo report's timer. One that moves shows that the firmware makes the report: its words are no program's
+    /// to keep data in, and the report need not wait.
+    fn look_for_servo<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
+        let timer = read_timer(context.bus, &self.layout.family().servo)?;
+        let moves = self.servo_sign.timer.replace(timer).is_some_and(|last| last != timer);
+        self.servo_sign.due_ns = context.clock.ns() + SERVO_SIGN_NS;
+        self.begin(moves.then_some(Function::Servo).into_iter(), context)?;
+        Ok(Polled::default())
+    }
+
+    /// The board says that it works at these: their words are its own, and who waits for where M-variables point need not
+    /// wait any more.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn begin<B: Bus>(
+        &mut self,
+        enabled: impl Iterator<Item = Function>,
+        context: &mut Context<'_, B>,
+    ) -> Result<(), PortError> {
+        let before = self.uses;
+        enabled.for_each(|function| self.uses.begin(function));
+        self.follow_use(&before, context)
+    }
+
+    /// The board has told where its M-variables point, or does not tell. Where one points into the words of a function, that
+    /// function is not used, or no more, unless the configuration says so, or somebody uses it just now. Command lines are
+    /// used in any case: through them the board told it.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn take_pointers<B: Bus>(
+        &mut self,
+        outcome: ScanOutcome,
+        context: &mut Context<'_, B>,
+    ) -> Result<(), PortError> {
+        let before = self.uses;
+        match outcome {
+            ScanOutcome::Unknown => Function::ALL.into_iter().for_each(|function| self.uses.begin(function)),
+            ScanOutcome::Known => {
+                let pointers = self.pointers();
+                let is_busy = Function::ALL.map(|function| {
+                    let row = self.rows::<B>().into_iter().find(|(other, _)| *other == function);
+                    let has_work = row.is_some_and(|(_, row)| row.due_ns(&self.clock).is_some());
+                    has_work && !matches!(function, Function::Servo | Function::Background)
+                });
+                let shared = &self.shared;
+                self.uses.decide(pointers, |function| {
+                    let in_use = before.of(function) == Use::On && is_busy[function as usize];
+                    shared.has(function) || function == Function::Ascii || in_use
+                });
+            }
+        }
+        self.follow_use(&before, context)
+    }
+
+    /// The M-variables that point into each function's words.
+    fn pointers(&self) -> [Option<Pointers>; Function::ALL.len()] {
+        let mut all = [None; Function::ALL.len()];
+        let mut last = [None; Function::ALL.len()];
+        for (word, variable) in self.ascii.queue().scan.words() {
+            let Some(function) = function_of(&self.layout, word) else { continue };
+            let own = &mut all[function as usize];
+            match own {
+                None => *own = Some(Pointers { variable, word, others: 0 }),
+                Some(own) if last[function as usize] != Some(variable) => own.others += 1,
+                Some(_) => {}
+            }
+            last[function as usize] = Some(variable);
+        }
+        all
+    }
+
+    /// Takes over what is used now and was not `before`, and leaves what was.
+    fn follow_use<B: Bus>(
+        &mut self,
+        before: &FunctionUse,
+        context: &mut Context<'_, B>,
+    ) -> Result<(), PortError> {
+        for function in Function::ALL {
+            match (before.of(function), self.uses.of(function)) {
+                (Use::Waits | Use::Held, Use::On) => self.row(function).acquire(context)?,
+                (Use::On, Use::Held) => {
+                    self.row(function).leave(context.bus)?;
+                    match function {
+                        Function::Servo => self.servo.end(context.publisher),
+                        Function::Background => self.background.end(context.publisher),
+                        _ => {}
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
@@ -248,6 +379,12 @@ impl FunctionTable {
         job: Job,
         deadline: Instant,
     ) -> Result<Option<Event>, BusError> {
+        if let Some(function) = job.function()
+            && !self.uses(function)
+        {
+            // It was used when the socket looked.
+            return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&NOT_NOW)))));
+        }
         let now = self.clock.now();
         let outcome = match job {
             Job::Panel(request) => {

@@ -8,6 +8,7 @@
 //! | [`guard_time`] | what is not begun shortly before a servo update |
 //! | [`command_intake`] | commands from the socket, answers to it |
 //! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | what the board is, who else changes it, and what of it the clients and the log are told |
+//! | [`memory_scan`] | where the board's own programs keep data |
 //! | [`ports`] | the ports by which lines and interrupts come and go |
 //! | [`work`] | one file for each function that clients use |
 
@@ -19,6 +20,7 @@ pub mod command_intake;
 pub mod function_table;
 pub mod guard_time;
 pub mod identify;
+pub mod memory_scan;
 pub mod phase;
 pub mod ports;
 pub mod presence;

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 use log::{Level, error, info, log};
 
 use crate::clock::Clock;
+use crate::daemon::bus::memory_scan::Outcome;
+use crate::daemon::shared::function_use::FunctionUse;
 use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
@@ -61,6 +63,8 @@ pub struct Reporter {
     port_logged: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
     known: Option<KnownIdentity>,
+    /// As the log has it.
+    uses: FunctionUse,
     bus_error: bool,
     log: ChangeLog,
 }
@@ -94,6 +98,7 @@ impl Reporter {
             port_logged: None,
             identity: None,
             known: None,
+            uses: FunctionUse::UNKNOWN,
             bus_error: false,
             log: ChangeLog { quota: None, clock },
         }
@@ -221,6 +226,28 @@ impl Reporter {
             let level = if other.is_laid_out_otherwise() { Level::Error } else { Level::Info };
             log!(level, "{other}");
         }
+    }
+
+    /// Whether the board has said that it makes the servo report and the background report.
+    #[must_use]
+    pub fn reports(&self) -> [bool; 2] {
+        let is_on = |told: fn(&Identity) -> Option<u32>| self.identity.as_ref().and_then(told) == Some(1);
+        [is_on(|identity| identity.servo_report), is_on(|identity| identity.background_report)]
+    }
+
+    /// Where the board's M-variables point, and what follows for the functions.
+    pub fn pointers(&mut self, outcome: Outcome, uses: &FunctionUse) {
+        if outcome == Outcome::Unknown {
+            let text = "the board does not tell where its M-variables point; pmacd uses all functions of its configuration, though \
+                        programs may keep data in their words";
+            return self.log.tell(Level::Warn, format_args!("{text}"));
+        }
+        if uses.program_words(self.family).ne(self.uses.program_words(self.family)) {
+            for words in uses.program_words(self.family) {
+                self.log.tell(Level::Warn, format_args!("{words}"));
+            }
+        }
+        self.uses = *uses;
     }
 
     /// The bus could not be reached.

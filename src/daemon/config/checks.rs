@@ -103,6 +103,22 @@ pub(super) fn functions(written: Option<Functions>, family: &Family) -> Result<F
     }
 }
 
+/// The functions that are used although M-variables point into their words: each has to be one that is used.
+pub(super) fn shared_functions(
+    written: Option<Functions>,
+    functions: &Functions,
+) -> Result<Functions, Refusal> {
+    let Some(shared) = written else { return Ok(Functions::none()) };
+    match Function::ALL.into_iter().find(|function| shared.has(*function) && !functions.has(*function)) {
+        Some(function) => {
+            let name = function.name();
+            let text = format!("shared_functions has \"{name}\", which `functions` leaves out");
+            Err(Refusal::of("shared_functions", text))
+        }
+        None => Ok(shared),
+    }
+}
+
 /// Refuses settings that leave the daemon nothing to do.
 pub(super) fn something_to_do(functions: &Functions, servo: &ServoSettings) -> Result<(), Refusal> {
     if !Function::ALL.into_iter().any(|function| functions.has(function)) {

@@ -12,7 +12,8 @@ use serde::Deserialize;
 
 use super::board_settings::CheckedSettings;
 use super::checks::{
-    functions, groups, limited, needed, period_ns, segment_mode, socket_mode, something_to_do,
+    functions, groups, limited, needed, period_ns, segment_mode, shared_functions, socket_mode,
+    something_to_do,
 };
 use super::family::{self, FamilyKnown, Recognised};
 use super::mirrored::{BackgroundTable, ServoTable};
@@ -65,6 +66,8 @@ pub struct ConfigFile {
     background_hz: Option<f64>,
     /// Whether to identify the board (TYPE, VERSION, I-variables).
     ask_board: Option<bool>,
+    /// Whether to ask the board where its M-variables point.
+    ask_m_variables: Option<bool>,
     /// The longest wake-up time of the machine's processors, in microseconds.
     cpu_latency_us: Option<u32>,
     /// How long a motor may still move after its held jog is over, in milliseconds; then ^A. 0: never.
@@ -77,6 +80,8 @@ pub struct ConfigFile {
     host_port: Option<HostPortTable>,
     /// The automatic functions in use.
     functions: Option<Functions>,
+    /// Those that are used although M-variables of the board point into their words.
+    shared_functions: Option<Functions>,
     #[serde(default)]
     servo: ServoTable,
     #[serde(default)]
@@ -167,6 +172,8 @@ pub struct Settings {
     pub background_period_ns: u64,
     /// Whether to identify the board.
     pub ask_board: bool,
+    /// Whether to ask the board where its M-variables point.
+    pub ask_m_variables: bool,
     /// The longest wake-up time of the machine's processors, if one is requested.
     pub cpu_latency_us: Option<u32>,
     /// How long a motor may still move after its held jog is over, until ^A stops everything; `None`: for ever.
@@ -267,6 +274,7 @@ impl Settings {
         let roles = file.roles.unwrap_or_default().decide()?;
         let (servo, background) = (file.servo.decide(family)?, file.background.decide(family)?);
         let functions = functions(file.functions, family)?;
+        let shared = shared_functions(file.shared_functions, &functions)?;
         something_to_do(&functions, &servo)?;
         let unknown = known == FamilyKnown::Unknown;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
@@ -283,6 +291,7 @@ impl Settings {
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
         let board_settings = BoardSettings {
             functions: if unknown { Functions::none() } else { functions },
+            shared_functions: shared,
             servo,
             background,
             plan: file.plan,
@@ -322,6 +331,7 @@ impl Settings {
             text_order: file.text_order.unwrap_or_default(),
             background_period_ns: period_ns(file.background_hz.unwrap_or(20.0))?,
             ask_board: file.ask_board.unwrap_or(true),
+            ask_m_variables: file.ask_m_variables.unwrap_or(true),
             cpu_latency_us: limited("cpu_latency_us", file.cpu_latency_us, 0, 1_000_000)?,
             stop_all_after: limited("stop_all_after_ms", file.stop_all_after_ms, 0, 60_000)?
                 .map_or(Some(1000), |ms| (ms > 0).then_some(ms))

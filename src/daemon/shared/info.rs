@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::function_use::Use;
 use super::queue::{Event, GivenUp, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
-use crate::map::Family;
+use crate::map::{Family, Function};
 use crate::protocol::board::Elsewhere;
+use crate::protocol::program_words::WAITS;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
 
 /// How long no command line is answered until that is told: a single one may be slow.
@@ -90,6 +92,26 @@ impl Info {
     #[must_use]
     pub fn settings(&self) -> &BoardSettings {
         &self.settings
+    }
+
+    /// Why `function` cannot be used now, if it cannot.
+    #[must_use]
+    pub fn why_not(&self, function: Function) -> Option<String> {
+        let functions = &self.settings.functions;
+        if !functions.has(function) {
+            return Some(functions.why_not(function, self.family));
+        }
+        match self.status.uses.of(function) {
+            Use::Off | Use::On => None,
+            Use::Waits => Some(format!(
+                "the function `{}` is not used yet: {WAITS}; try again in a few seconds",
+                function.name()
+            )),
+            Use::Held => {
+                let all = &self.board.program_words;
+                all.iter().find(|words| words.function == function).map(ToString::to_string)
+            }
+        }
     }
 
     /// Whether an automatic function is at work.
@@ -173,6 +195,8 @@ impl Info {
         board.reply_end = status.reply_end;
         board.open_buffer = status.buffer.info();
         board.open_buffer_unsaid = status.buffer.is_unsaid;
+        board.waiting = status.uses.waiting().collect();
+        board.program_words = status.uses.program_words(self.family).collect();
         if let Some(host_port) = &mut board.host_port {
             let HostPortCounts { served, old, unannounced } = status.host_port;
             (host_port.served, host_port.old, host_port.unannounced) = (served, old, unannounced);

@@ -4,7 +4,7 @@ use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
-use crate::map::HostOffset;
+use crate::map::{Function, HostOffset};
 use crate::mirror::GatherClock;
 
 /// One job.
@@ -73,6 +73,21 @@ pub enum Job {
 }
 
 impl Job {
+    /// The function that it is for; `None`: words that an engineer writes.
+    #[must_use]
+    pub const fn function(&self) -> Option<Function> {
+        match self {
+            Self::Panel(_) | Self::EndHold(_) | Self::Override { .. } => Some(Function::Panel),
+            Self::Write { .. } => None,
+            Self::WatchVariables(_) | Self::WriteVariables(_) => Some(Function::Variables),
+            Self::GatherBegin { .. } | Self::GatherEnd => Some(Function::Gather),
+            Self::RotaryOpen { .. }
+            | Self::RotarySend { .. }
+            | Self::RotaryFinish(_)
+            | Self::RotaryState(_) => Some(Function::Rotary),
+        }
+    }
+
     /// Whether it only stops motors that jog.
     #[must_use]
     pub fn is_stop(&self) -> bool {

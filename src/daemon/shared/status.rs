@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::function_use::FunctionUse;
 use super::open_buffer::Standing;
 use super::origin::GivenUp;
 use crate::format::Text;
@@ -68,6 +69,8 @@ pub struct BoardStatus {
     pub program_buffer: Option<bool>,
     /// Whether the board gathers, as the servo report tells; `None` while no report tells.
     pub gathers: Option<bool>,
+    /// Which functions are used.
+    pub uses: FunctionUse,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// Resets of the board seen since the start.
@@ -93,6 +96,7 @@ impl BoardStatus {
         motion: Motion { moving: 0, standing: 0 },
         program_buffer: None,
         gathers: None,
+        uses: FunctionUse::UNKNOWN,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         resets: 0,
         identity: None,

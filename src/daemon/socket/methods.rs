@@ -236,11 +236,7 @@ fn needs_lines(info: &Info) -> Result<(), CallError> {
 
 /// Whether `function` is used.
 fn needs(function: Function, info: &Info) -> Result<(), CallError> {
-    let functions = &info.settings().functions;
-    if functions.has(function) {
-        return Ok(());
-    }
-    Err(CallError::Refused { reason: functions.why_not(function, info.family()) })
+    info.why_not(function).map_or(Ok(()), |reason| Err(CallError::Refused { reason }))
 }
 
 /// `action`, of a method that answers more than once.

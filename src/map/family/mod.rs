@@ -373,6 +373,12 @@ impl Family {
         format!("${number:0width$X}", width = self.address_digits)
     }
 
+    /// The PMAC address of the word at `offset`, as `Y:$D012`.
+    #[must_use]
+    pub fn print_half(&self, offset: HostOffset) -> String {
+        format!("{}:{}", self.half(offset), self.print_number(self.pmac_number(offset)))
+    }
+
     /// The region to which the word at `offset` belongs, or `None` when it lies outside the DPRAM.
     #[must_use]
     pub fn region(&self, offset: HostOffset) -> Option<&'static Region> {

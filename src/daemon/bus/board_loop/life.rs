@@ -100,7 +100,10 @@ impl BoardLoop {
         self.functions.ascii.open_line()?;
         let (functions, mut context) = self.functions_in_context();
         functions.reset(&mut context)?;
-        self.functions.ascii.queue_mut().identifier.begin_anew(self.clock.now());
+        let now = self.clock.now();
+        let queue = self.functions.ascii.queue_mut();
+        queue.identifier.begin_anew(now);
+        queue.scan.begin_anew(now);
         if is_new { self.reset_commands() } else { Ok(()) }
     }
 

@@ -20,6 +20,7 @@ use outbox::Outbox;
 
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
+use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
@@ -55,6 +56,8 @@ enum InFlight {
     Control(WaitingControl),
     /// A question of the identifier's.
     Identify,
+    /// A question for definitions of M-variables.
+    Scan,
     /// The question whether a program buffer is open.
     Buffer,
     /// The line of our own after a command that was given up.
@@ -116,6 +119,8 @@ pub struct AsciiQueue {
     outbox: Outbox,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
+    /// Where the board's own programs keep data, and when it is asked.
+    pub scan: MemoryScan,
     state: CommandState,
     last_event: Instant,
     next_poll: Instant,
@@ -126,7 +131,7 @@ pub struct AsciiQueue {
 impl AsciiQueue {
     /// Nothing waits for `ports`.
     #[must_use]
-    pub fn new(ports: CommandPorts, identifier: Identifier, clock: Clock) -> Self {
+    pub fn new(ports: CommandPorts, identifier: Identifier, scan: MemoryScan, clock: Clock) -> Self {
         let now = clock.now();
         Self {
             ports,
@@ -144,6 +149,7 @@ impl AsciiQueue {
             line_is_next: false,
             outbox: Outbox::default(),
             identifier,
+            scan,
             state: CommandState::Unknown,
             last_event: now,
             next_poll: now,
@@ -312,6 +318,9 @@ impl AsciiQueue {
         if self.ports.is_unheard() {
             self.state = CommandState::Silent;
         }
+        if self.state == CommandState::Silent {
+            self.scan.is_silent();
+        }
         if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;
         }
@@ -336,7 +345,7 @@ impl AsciiQueue {
         let question = if self.ports.in_doubt() {
             self.check.due_in(now)
         } else {
-            self.identifier.due_in(now).max(self.questions_barred_for(now))
+            self.identifier.due_in(now).min(self.scan_due_in(now)).max(self.questions_barred_for(now))
         };
         match (self.is_busy(), self.has_interrupt) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
@@ -389,20 +398,43 @@ impl AsciiQueue {
                 self.lines.pop_front();
                 self.buffer.begin(line, next.writer, now);
                 self.identifier.line_goes(line, now);
+                self.scan.line_goes(line, now);
                 self.start(InFlight::Line(next), next.deadline, publisher, now);
             }
-        } else if !questions_wait && self.identifier.due_in(now).is_zero() {
-            if !self.buffer.is_known(now) {
-                return self.ask_buffer(bus, publisher, now);
-            }
+        } else if !questions_wait {
+            self.ask_own(bus, publisher, now)?;
+        }
+        Ok(())
+    }
+
+    /// Asks a question of our own, if one is due: who the board is, or, when that is known, where its programs keep data.
+    fn ask_own(&mut self, bus: &mut impl Bus, publisher: &Publisher, now: Instant) -> Result<(), PortError> {
+        let identifies = self.identifier.due_in(now).is_zero();
+        if !identifies && !self.scan_due_in(now).is_zero() {
+            return Ok(());
+        }
+        if !self.buffer.is_known(now) {
+            return self.ask_buffer(bus, publisher, now);
+        }
+        if identifies {
             if let Some((line, patience)) = self.identifier.next_line(now)
                 && self.ports.begin(bus, line.as_bytes())?
             {
                 self.identifier.sent();
                 self.start(InFlight::Identify, now + patience, publisher, now);
             }
+        } else if let Some((line, patience)) = self.scan.next_line(now)
+            && self.ports.begin(bus, line.as_bytes())?
+        {
+            self.scan.sent();
+            self.start(InFlight::Scan, now + patience, publisher, now);
         }
         Ok(())
+    }
+
+    /// How long the board need not be asked for M-variables; a board that does not answer is not.
+    fn scan_due_in(&self, now: Instant) -> Duration {
+        if self.state == CommandState::Answers { self.scan.due_in(now) } else { Duration::MAX }
     }
 
     fn is_under_way(&self) -> bool {
@@ -429,6 +461,7 @@ impl AsciiQueue {
                             self.outbox.tell(events, Event::Line(ticket, text));
                         }
                         InFlight::Identify => self.identifier.line(text.as_bytes()),
+                        InFlight::Scan => self.scan.line(text.as_bytes()),
                         InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
                         InFlight::Check => {
                             self.check.line(text.as_bytes());
@@ -459,6 +492,12 @@ impl AsciiQueue {
                         self.ports.doubt();
                     }
                     Some(InFlight::Identify) => self.identifier.done(),
+                    Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
+                    Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
+                        self.scan.not_sent();
+                        self.ports.doubt();
+                    }
+                    Some(InFlight::Scan) => self.scan.done(result.is_err(), now),
                     Some(InFlight::Buffer) => self.buffer_answered(result, now),
                     Some(InFlight::Check) | None => {}
                 }

@@ -1,6 +1,7 @@
 //! Command lines for a hand-driven board: who waits for whom, and what is never begun.
 
 use super::*;
+use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
@@ -47,7 +48,12 @@ impl Rig {
         let (events, told) = queue(16).unwrap();
         Self {
             bus: FileBoard::from_file(&file, 0x4000).unwrap(),
-            queue: AsciiQueue::new(port, Identifier::new(&PMAC, Identity::default(), false, now), clock),
+            queue: AsciiQueue::new(
+                port,
+                Identifier::new(&PMAC, Identity::default(), false, now),
+                MemoryScan::new(&PMAC, false, now),
+                clock,
+            ),
             events,
             told,
             publisher: Publisher::create(&options).unwrap(),
@@ -297,7 +303,8 @@ fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
     assert_eq!(next_check(&mut rig), "I3 I10 I3");
     let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, rig.now).after_another_host(rig.now);
     let identifier = Identifier::new(&PMAC, Identity::default(), false, rig.now);
-    rig.queue = AsciiQueue::new(ports, identifier, Clock::real());
+    let scan = MemoryScan::new(&PMAC, false, rig.now);
+    rig.queue = AsciiQueue::new(ports, identifier, scan, Clock::real());
     rig.queue.see_buffer(Some((false, 1)));
     rig.queue.take_over(&mut rig.bus).unwrap();
     rig.poll();

@@ -164,7 +164,7 @@ impl Service {
     }
 
     fn uses(&self, function: Function) -> bool {
-        self.info.settings().functions.has(function)
+        self.info.why_not(function).is_none()
     }
 
     fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant) -> bool {

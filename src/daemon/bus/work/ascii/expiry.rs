@@ -90,7 +90,7 @@ impl AsciiQueue {
                 let shown = Text::of(&format_args!("^{}", char::from((character & 0x1F) + 64)));
                 Some((*ticket, Origin { uid: *uid, shown, stays: false }))
             }
-            InFlight::Identify | InFlight::Buffer | InFlight::Check => None,
+            InFlight::Identify | InFlight::Scan | InFlight::Buffer | InFlight::Check => None,
         }
     }
 
@@ -120,6 +120,11 @@ impl AsciiQueue {
             InFlight::Identify => {
                 self.state = CommandState::Silent;
                 self.identifier.failed(now);
+            }
+            InFlight::Scan if is_cancelled => self.scan.not_sent(),
+            InFlight::Scan => {
+                self.state = CommandState::Silent;
+                self.scan.failed(now);
             }
             InFlight::Buffer if !is_cancelled => {
                 self.state = CommandState::Silent;

@@ -85,6 +85,7 @@ impl AsciiQueue {
             InFlight::Line(line) => self.lines.push_front(line),
             InFlight::Control(control) => self.controls.push_front(control),
             InFlight::Identify => self.identifier.not_sent(),
+            InFlight::Scan => self.scan.not_sent(),
             InFlight::Buffer | InFlight::Check => {}
         }
         Ok(true)

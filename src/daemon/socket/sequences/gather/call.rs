@@ -66,7 +66,7 @@ impl GatherCall {
                 index: readings.gather_index,
             },
             servo_period_ns,
-            uses_report: info.settings().functions.has(Function::Servo),
+            uses_report: info.why_not(Function::Servo).is_none(),
             family,
         })
     }

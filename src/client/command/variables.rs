@@ -1,0 +1,98 @@
+//! Background variables: registers that PMAC copies while somebody watches them, and registers that it writes.
+
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
+use super::{
+    CommandError, Connection, DAEMON_TIMEOUT, Link, MARGIN, after, fault, milliseconds, read_reply, when_used,
+};
+use crate::map::VariableName;
+use crate::protocol::board::{Done, VariableRecord, WatchReply};
+use crate::protocol::message::encode;
+use crate::protocol::parameters::to_map;
+use crate::protocol::{BOARD, Call, CallError, calls};
+
+impl Connection {
+    /// Turns the connection into a watch on registers and function blocks: PMAC copies them in the background until it is dropped. Returns when the
+    /// board has the table with them.
+    ///
+    /// # Errors
+    /// [`CommandError`]; [`CallError::Refused`] in it when no entry is left, or I55 is not 1.
+    pub fn watch_variables(mut self, names: &[VariableName]) -> Result<VariableWatch, CommandError> {
+        let registers = names.iter().map(ToString::to_string).collect();
+        let parameters = to_map(&calls::WatchVariables { registers });
+        let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
+        call.more = Some(true);
+        let path = self.path.clone();
+        let mut link = match self.link.take() {
+            Some(link) => link,
+            None => self.dial()?,
+        };
+        let WatchReply { table, .. } = when_used(|| {
+            let deadline = Instant::now() + DAEMON_TIMEOUT;
+            link.call(&encode(&call), deadline, &path)?;
+            read_reply(link.next_reply(deadline).map_err(|error| fault(&path, error))?)
+        })?;
+        Ok(VariableWatch { path, link, table })
+    }
+
+    /// Has PMAC write registers in the background, in their order, and waits until it has.
+    ///
+    /// # Errors
+    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for what cannot be written.
+    pub fn write_variables(
+        &mut self,
+        records: &[VariableRecord],
+        timeout: Duration,
+    ) -> Result<(), CommandError> {
+        let parameters =
+            calls::WriteVariables { records: records.to_vec(), timeout_ms: Some(milliseconds(timeout)) };
+        let Done {} = self.call_used("WriteVariables", &parameters, timeout.saturating_add(MARGIN))?;
+        Ok(())
+    }
+}
+
+/// Registers that PMAC copies as long as this is there.
+#[derive(Debug)]
+pub struct VariableWatch {
+    path: PathBuf,
+    link: Link,
+    table: u32,
+}
+
+impl VariableWatch {
+    /// The number of the first table that has all the registers; see [`super::VariableTable::number`].
+    #[must_use]
+    pub const fn table(&self) -> u32 {
+        self.table
+    }
+
+    /// Whether the daemon still holds the watch. Does not wait: whoever wants to polls the descriptor, which is readable
+    /// when the watch is over.
+    ///
+    /// # Errors
+    /// [`CommandError`] when the daemon has ended it, or is gone.
+    pub fn check(&mut self) -> Result<(), CommandError> {
+        let mut descriptors = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
+        if !poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|ready| ready > 0) {
+            return Ok(());
+        }
+        match self.link.next_reply(after(DAEMON_TIMEOUT)) {
+            Err(source) => Err(CommandError::StreamEnded { path: self.path.clone(), source }),
+            // The only reply has come already; another one can only be the end.
+            Ok(reply) => match reply.error() {
+                Some(error) => Err(error.into()),
+                None => Err(CallError::Protocol("a second reply to a watch".to_owned()).into()),
+            },
+        }
+    }
+}
+
+impl AsFd for VariableWatch {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.link.stream.as_fd()
+    }
+}

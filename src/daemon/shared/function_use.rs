@@ -1,0 +1,136 @@
+//! Which functions are used: what the configuration says, and what the board's own programs leave free.
+
+use crate::map::{Family, Function, HostOffset};
+use crate::protocol::{BoardSettings, ProgramWords};
+
+const COUNT: usize = Function::ALL.len();
+
+/// Whether a function is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Use {
+    /// The configuration leaves it out.
+    Off,
+    /// Not yet: the board is asked where its M-variables point.
+    Waits,
+    /// It is used.
+    On,
+    /// It is not used: M-variables point into its words.
+    Held,
+}
+
+/// M-variables that point into a function's words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pointers {
+    /// The first of them.
+    pub variable: u16,
+    /// The word it points to.
+    pub word: HostOffset,
+    /// How many others there are.
+    pub others: u16,
+}
+
+/// The use of every function. Held in place: passing it on allocates nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FunctionUse {
+    uses: [Use; COUNT],
+    pointers: [Option<Pointers>; COUNT],
+}
+
+impl FunctionUse {
+    /// Before the bus thread has told: whatever the configuration has is used.
+    pub const UNKNOWN: Self = Self { uses: [Use::On; COUNT], pointers: [None; COUNT] };
+
+    /// As `settings` say. If the board `is_asked` first where its M-variables point, all but command lines wait for that.
+    #[must_use]
+    pub fn new(settings: &BoardSettings, is_asked: bool) -> Self {
+        let uses = Function::ALL.map(|function| match settings.functions.has(function) {
+            false => Use::Off,
+            true if is_asked && function != Function::Ascii => Use::Waits,
+            true => Use::On,
+        });
+        Self { uses, ..Self::UNKNOWN }
+    }
+
+    /// Whether `function` is used.
+    #[must_use]
+    pub const fn of(&self, function: Function) -> Use {
+        self.uses[function as usize]
+    }
+
+    /// The M-variables that point into the words of `function`, as far as known.
+    #[must_use]
+    pub const fn pointers(&self, function: Function) -> Option<Pointers> {
+        self.pointers[function as usize]
+    }
+
+    /// Begins to use `function` if it waits.
+    pub fn begin(&mut self, function: Function) {
+        let own = &mut self.uses[function as usize];
+        if *own == Use::Waits {
+            *own = Use::On;
+        }
+    }
+
+    /// Takes what the board has told of its M-variables. A function into whose words one points is not used, unless it is one
+    /// of `stays`.
+    pub fn decide(&mut self, pointers: [Option<Pointers>; COUNT], stays: impl Fn(Function) -> bool) {
+        self.pointers = pointers;
+        for function in Function::ALL {
+            let own = &mut self.uses[function as usize];
+            if *own != Use::Off {
+                let is_held = pointers[function as usize].is_some() && !stays(function);
+                *own = if is_held { Use::Held } else { Use::On };
+            }
+        }
+    }
+
+    /// The functions that wait.
+    pub fn waiting(&self) -> impl Iterator<Item = Function> {
+        Function::ALL.into_iter().filter(|function| self.of(*function) == Use::Waits)
+    }
+
+    /// What clients are told of the functions into whose words M-variables point.
+    pub fn program_words(&self, family: &'static Family) -> impl Iterator<Item = ProgramWords> {
+        let pointers = Function::ALL.into_iter().zip(self.pointers).zip(self.uses);
+        pointers.filter(|(_, own)| *own != Use::Off).filter_map(move |((function, pointers), own)| {
+            let Pointers { variable, word, others } = pointers?;
+            let (place, used) = (family.print_half(word), own == Use::On);
+            Some(ProgramWords { function, variable: variable.into(), place, others: others.into(), used })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+    use crate::protocol::Functions;
+
+    #[test]
+    fn c3_a_function_is_used_when_no_m_variable_points_into_its_words() {
+        let functions = Functions::all(&PMAC).without(Function::Gather);
+        let settings = BoardSettings { functions, ..BoardSettings::default() };
+        let mut uses = FunctionUse::new(&settings, true);
+        assert_eq!((uses.of(Function::Ascii), uses.of(Function::Gather)), (Use::On, Use::Off));
+        assert_eq!(uses.waiting().count(), 5);
+        uses.begin(Function::Servo);
+        assert_eq!((uses.of(Function::Servo), uses.of(Function::Panel)), (Use::On, Use::Waits));
+        let mut found = [None; COUNT];
+        let pointers = Pointers { variable: 211, word: HostOffset::new(0x48), others: 3 };
+        for function in [Function::Servo, Function::Panel, Function::Gather] {
+            found[function as usize] = Some(pointers);
+        }
+        uses.decide(found, |function| function == Function::Panel);
+        let own = [Function::Servo, Function::Panel, Function::Gather, Function::Rotary];
+        assert_eq!(own.map(|function| uses.of(function)), [Use::Held, Use::On, Use::Off, Use::On]);
+        let told: Vec<_> =
+            uses.program_words(&PMAC).map(|words| (words.function, words.place, words.used)).collect();
+        assert_eq!(
+            told,
+            [(Function::Panel, "Y:$D012".to_owned(), true), (Function::Servo, "Y:$D012".to_owned(), false)]
+        );
+        uses.decide([None; COUNT], |_| false);
+        assert_eq!(uses.of(Function::Servo), Use::On);
+        assert_eq!(FunctionUse::new(&settings, false).of(Function::Servo), Use::On);
+    }
+}

@@ -1,0 +1,92 @@
+//! Which function uses a word of the DPRAM, and where a definition of an M-variable points.
+
+use super::functions::rotary_header;
+use super::{BufferLayout, Family, Function, Generation, HostOffset, Owner, TypedAddress};
+
+/// 16-bit words of a rotary header.
+const ROTARY_HEADER_WORDS: usize = rotary_header::START + 1;
+
+/// The function that uses the word at `offset`: the words with a fixed place, the headers of the buffers, and the buffers.
+/// `None`: nobody, or it lies outside the DPRAM.
+#[must_use]
+pub fn function_of(layout: &BufferLayout, offset: HostOffset) -> Option<Function> {
+    match layout.classify(offset)? {
+        Owner::Fixed(region) => Function::ALL
+            .into_iter()
+            .find(|function| region.name.starts_with(function.name()))
+            .or_else(|| function_of_header(layout.family(), offset)),
+        Owner::Buffer(region) => match region.name {
+            "gather" => Some(Function::Gather),
+            name if name.starts_with("rotary") => Some(Function::Rotary),
+            _ => Some(Function::Variables),
+        },
+        Owner::Firmware(_) => Some(Function::Gather),
+        Owner::User => None,
+    }
+}
+
+fn function_of_header(family: &Family, offset: HostOffset) -> Option<Function> {
+    let (read, write) = (&family.variable_read, &family.variable_write);
+    let read = [read.ready.word, read.multi_user.word, read.timer, read.count, read.start];
+    let is_in = |header: &HostOffset| (*header..header.plus_words(ROTARY_HEADER_WORDS)).contains(&offset);
+    if read.contains(&offset) || [write.count, write.start].contains(&offset) {
+        Some(Function::Variables)
+    } else if [family.gather.size, family.gather.index].contains(&offset) {
+        Some(Function::Gather)
+    } else {
+        family.rotary.headers.iter().any(is_in).then_some(Function::Rotary)
+    }
+}
+
+/// How many M-variables a board of `family` has, from M0 on (User Manual p. 148; Turbo User Manual p. 243).
+#[must_use]
+pub const fn m_variables(family: &Family) -> u16 {
+    match family.generation {
+        Generation::Pmac => 1024,
+        Generation::Turbo => 8192,
+    }
+}
+
+/// Where in the DPRAM of a board of `family` a definition of an M-variable points, as `X:$060100,0,16,S` or `DP:$060080`.
+/// `None` where it points elsewhere, or nowhere (`*`).
+#[must_use]
+pub fn defined_place(text: &str, family: &Family) -> Option<TypedAddress> {
+    TypedAddress::parse(text.split(',').next()?, family).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{BufferSettings, Layout, PMAC, TURBO2};
+
+    fn user_of(family: &'static Family, place: &str) -> Option<Function> {
+        let settings = BufferSettings::default().of(family);
+        let layout = BufferLayout::new(&Layout::new(family, None), &settings).unwrap();
+        function_of(&layout, defined_place(place, family)?.offset)
+    }
+
+    #[test]
+    fn c3_each_word_has_the_function_that_uses_it() {
+        use Function::{Ascii, Background, Gather, Panel, Rotary, Servo, Variables};
+        for (place, function) in [
+            ("Y:$D000,8,1", Panel),
+            ("DP:$D012", Servo),
+            ("Y:$D08A", Background),
+            ("Y:$D18B", Ascii),
+            ("X:$D1B4", Ascii),
+            ("Y:$D1FB,0,16", Variables),
+            ("Y:$D1F7", Rotary),
+            ("Y:$D1FF,0,8", Gather),
+            ("DP:$D200", Gather),
+            ("F:$DFF0", Rotary),
+        ] {
+            assert_eq!(user_of(&PMAC, place), Some(function), "{place}");
+        }
+        for place in ["DP:$D800", "*", "X:$C000,0", "Y:$CFFF"] {
+            assert_eq!(user_of(&PMAC, place), None, "{place}");
+        }
+        // A site's words in the motor report, and its buffer of 500 floating-point values (FACTS-TURBO 19.2).
+        assert_eq!(user_of(&TURBO2, "DP:$060080"), Some(Servo));
+        assert_eq!(user_of(&TURBO2, "Y:$060450"), Some(Gather));
+    }
+}

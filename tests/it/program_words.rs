@@ -1,0 +1,160 @@
+//! C3: a site's own data in the DPRAM. The daemon asks where the board's M-variables point, and leaves alone what they use.
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::support::VirtualSite;
+
+/// Every function; the daemon asks for the M-variables.
+const ASKS: &str = "ask_m_variables = true\n";
+
+/// A simulated board of `family` on which `lines` were sent, and a daemon with `config` started after that.
+fn site(family: &str, lines: &[&str], config: &str) -> VirtualSite {
+    let site = VirtualSite::new();
+    site.start_simulator(&["--dpram-startup", "--family", family]);
+    let first = site.file("first.toml", &format!("family = \"{family}\"\nfunctions = [\"ascii\"]\n"));
+    site.start_daemon(&["--config", &first]);
+    for line in lines {
+        let (code, _, error) = site.hurried(|| site.pmacctl(&["send", "--yes", line]));
+        assert_eq!(code, 0, "{line}: {error}");
+    }
+    site.stop_daemon();
+    let second = site.file("second.toml", &format!("family = \"{family}\"\n{config}"));
+    site.start_daemon(&["--config", &second]);
+    site
+}
+
+/// What `pmacctl status` tells.
+fn told(site: &VirtualSite) -> Value {
+    let (_, text, error) = site.pmacctl(&["status", "--json"]);
+    serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}{error}"))
+}
+
+fn socket_of(site: &VirtualSite) -> Value {
+    told(site)["socket"].clone()
+}
+
+/// Waits until the daemon knows where the M-variables point.
+fn wait_until_known(site: &VirtualSite) {
+    site.wait_until("known M-variables", || socket_of(site)["waiting"].as_array().is_some_and(Vec::is_empty));
+}
+
+/// The functions that are held, each with what is told of it.
+fn held(site: &VirtualSite) -> Vec<(String, String)> {
+    let all = socket_of(site)["program_words"].clone();
+    let held = all.as_array().unwrap().iter().filter(|words| words["used"] == false);
+    held.map(|words| {
+        (words["function"].as_str().unwrap().to_owned(), words["text"].as_str().unwrap().to_owned())
+    })
+    .collect()
+}
+
+#[test]
+fn c3_a_function_into_whose_words_a_program_points_is_not_used() {
+    for (family, definitions, place) in [
+        // As a site on a Turbo board has it: status words in the motor report, a buffer where one gathers (FACTS-TURBO 19.2).
+        ("turbo2", ["M211->DP:$60080", "M500->F:$60450"], "Y:$060080"),
+        ("pmac", ["M211->DP:$D012", "M500->F:$D200"], "Y:$D012"),
+    ] {
+        let site = site(family, &["I48=0", definitions[0], definitions[1], "M211=305419896"], ASKS);
+        wait_until_known(&site);
+        let held = held(&site);
+        let names: Vec<_> = held.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["servo", "gather"], "{family}: {held:?}");
+        assert!(held[0].1.contains(&format!("M211 points to {place}")), "{held:?}");
+        // What the site keeps there stays, whatever else goes on.
+        site.run_for(Duration::from_secs(2));
+        let (_, value, _) = site.hurried(|| site.pmacctl(&["send", "M211"]));
+        assert_eq!(value.trim(), "305419896");
+        // Whoever calls for it is told why, and what to do. Everything else works.
+        let refused = site.hurried(|| {
+            site.pmacctl(&["gather", "--source", "1.actual_position", "--seconds", "0.1", "-o", "-"])
+        });
+        assert_eq!(refused.0, 1, "{refused:?}");
+        assert!(refused.2.contains("M500 points to"), "{refused:?}");
+        assert!(refused.2.contains("shared_functions = [\"gather\"]"), "{refused:?}");
+        let (code, text, error) = site.hurried(|| site.pmacctl(&["status"]));
+        assert!(text.contains("programs' words") && text.contains("M211"), "{code} {text}{error}");
+        let (_, text, _) = site.hurried(|| site.pmacctl(&["doctor"]));
+        assert!(text.contains("is not used: M211 points to"), "{text}");
+        assert!(site.log().contains("the function `servo` is not used: M211 points to"), "{}", site.log());
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn c3_the_configuration_overrules_it_by_name() {
+    let config = format!("{ASKS}shared_functions = [\"servo\"]\n");
+    let site = site("pmac", &["M211->DP:$D012", "M212->Y:$D000"], &config);
+    wait_until_known(&site);
+    site.wait_for_live_servo();
+    let names: Vec<_> = held(&site).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["panel"]);
+    let words = socket_of(&site)["program_words"].clone();
+    let servo = words.as_array().unwrap().iter().find(|words| words["function"] == "servo").unwrap();
+    assert!(servo["text"].as_str().unwrap().starts_with("the function `servo` is used although M211"));
+    // Without the panel's words a stop goes as a line.
+    let (code, _, error) = site.hurried(|| site.pmacctl(&["jog", "1", "stop"]));
+    assert_eq!(code, 0, "{error}");
+    assert!(site.log().contains("by command line"), "{}", site.log());
+    let site = VirtualSite::new();
+    let config = site.file("wrong.toml", "functions = [\"ascii\"]\nshared_functions = [\"servo\"]\n");
+    let options = ["--board", "sim", "--config", &config].map(str::to_owned).to_vec();
+    let refused = site.with_world(move |world| world.start_daemon(&options)).unwrap_err();
+    assert!(refused.contains("shared_functions has \"servo\", which `functions` leaves out"), "{refused}");
+}
+
+#[test]
+fn c3_what_is_defined_later_is_found_and_what_is_taken_away_is_used_again() {
+    let site = site("pmac", &[], ASKS);
+    wait_until_known(&site);
+    site.wait_for_live_servo();
+    assert_eq!(held(&site), []);
+    let send = |line: &str| {
+        let (code, _, error) = site.hurried(|| site.pmacctl(&["send", line]));
+        assert_eq!(code, 0, "{line}: {error}");
+    };
+    send("M900->X:$D014,0,16");
+    site.wait_until("held servo data", || held(&site).iter().any(|(name, _)| name == "servo"));
+    let regions = told(&site)["regions"].clone();
+    assert_eq!(regions["servo"]["state"], "off", "{regions}");
+    send("M900->*");
+    site.wait_until("servo data again", || held(&site).is_empty());
+    site.wait_for_live_servo();
+}
+
+#[test]
+fn c3_a_board_that_cannot_be_asked_is_used_as_before() {
+    let site = site("pmac", &["M211->DP:$D012", "I58=0"], ASKS);
+    site.wait_for_live_servo();
+    wait_until_known(&site);
+    assert!(site.log().contains("the board does not tell where its M-variables point"), "{}", site.log());
+    assert_eq!(socket_of(&site)["program_words"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn c3_no_question_enters_an_open_buffer_and_nobody_waits_for_it() {
+    let site = site("pmac", &["OPEN PROG 77 CLEAR", "X1"], ASKS);
+    site.wait_for_live_servo();
+    wait_until_known(&site);
+    assert!(site.log().contains("the board does not tell"), "{}", site.log());
+    let (code, _, error) = site.hurried(|| site.pmacctl(&["send", "CLOSE"]));
+    assert_eq!(code, 0, "{error}");
+    let (_, listed, _) = site.hurried(|| site.pmacctl(&["send", "LIST PROG 77"]));
+    assert!(!listed.contains("->"), "{listed}");
+}
+
+#[test]
+fn c3_abort_and_kill_overtake_the_questions() {
+    let site = site("turbo2", &[], ASKS);
+    site.wait_for_identity();
+    // The questions have begun, and are far from their end.
+    assert!(!socket_of(&site)["waiting"].as_array().unwrap().is_empty());
+    let began = site.with_world(|world| world.now());
+    let (code, _, error) = site.pmacctl(&["abort"]);
+    assert_eq!(code, 0, "{error}");
+    let took = site.with_world(|world| world.now()) - began;
+    assert!(took < Duration::from_millis(200), "{took:?}");
+    assert!(!socket_of(&site)["waiting"].as_array().unwrap().is_empty(), "they go on");
+}
