@@ -21,7 +21,6 @@ use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
-use crate::function::servo::read_timer;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
 use crate::map::{BufferLayout, HostOffset};
@@ -32,15 +31,6 @@ use crate::segment::{Counter, Publisher};
 /// What is told of a function that is not used.
 const NOT_NOW: &str = "M-variables of the board point into the words of this function; see pmacctl status";
 
-/// How often the board is looked at for a sign of the servo report, while that waits.
-const SERVO_SIGN_NS: u64 = 500_000;
-
-/// What was seen of the servo report while it is not used yet.
-struct ServoSign {
-    timer: Option<u32>,
-    due_ns: u64,
-}
-
 /// The functions of a board, and which of them are used.
 pub struct FunctionTable {
     clock: Clock,
@@ -48,7 +38,6 @@ pub struct FunctionTable {
     uses: FunctionUse,
     /// Those that are used although M-variables point into their words.
     shared: Functions,
-    servo_sign: ServoSign,
     /// Before all others.
     pub servo: ServoMirror,
     /// Background fixed data.
@@ -78,7 +67,6 @@ impl FunctionTable {
         Self {
             uses: FunctionUse::new(settings, ascii.queue().scan.is_wanted()),
             shared: settings.shared_functions.clone(),
-            servo_sign: ServoSign { timer: None, due_ns: 0 },
             servo,
             background,
             ascii,
@@ -116,14 +104,10 @@ impl FunctionTable {
         }
     }
 
-    /// When the servo data are due, or the board is looked at for a sign of them; never where they are not used.
+    /// When the servo data are due; never where they are not used.
     #[must_use]
     pub fn servo_due_ns(&self) -> u64 {
-        match self.uses.of(Function::Servo) {
-            Use::On => self.servo.due_ns(),
-            Use::Waits => self.servo_sign.due_ns,
-            Use::Off | Use::Held => u64::MAX,
-        }
+        if self.uses(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
     }
 
     /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
@@ -167,9 +151,6 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
-        if function == Function::Servo && self.uses.of(function) == Use::Waits {
-            return self.look_for_servo(context);
-        }
         if let (Function::Panel, Some(panel)) = (function, &mut self.panel) {
             panel.see_kill(self.ascii.queue().kill());
         }
@@ -264,16 +245,6 @@ impl FunctionTable {
     #[must_use]
     pub const fn uses_of_all(&self) -> &FunctionUse {
         &self.uses
-    }
-
-    /// Reads the servo report's timer. One that moves shows that the firmware makes the report: its words are no program's
-    /// to keep data in, and the report need not wait.
-    fn look_for_servo<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        let timer = read_timer(context.bus, &self.layout.family().servo)?;
-        let moves = self.servo_sign.timer.replace(timer).is_some_and(|last| last != timer);
-        self.servo_sign.due_ns = context.clock.ns() + SERVO_SIGN_NS;
-        self.begin(moves.then_some(Function::Servo).into_iter(), context)?;
-        Ok(Polled::default())
     }
 
     /// The board says that it works at these: their words are its own, and who waits for where M-variables point need not
