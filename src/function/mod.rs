@@ -36,6 +36,8 @@
 //! | servo idle poll, either way | 1 | 1 | 1 |
 //! | servo of a Turbo board, n motors of the mask | 24n + 5 | 24n + 5 | n = 8: 197 |
 //! | servo of a Turbo board, handshake | 24n + 8 | 24n + 9 | n = 8: 201 |
+//! | servo of a Turbo board by 32 bits, n motors | 12n + 5 | 12n + 5 | n = 8: 101 |
+//! | servo of a Turbo board by 32 bits, handshake | 12n + 8 | 12n + 9 | n = 8: 105 |
 //! | the mask of a Turbo board: written once, then read every 256 updates | 2 | 2 | 2 |
 //! | background report, n numbers | 62n + 9 | 62n + 11 | n = 8: 507 |
 //! | background of w words a number | wn + 9 | wn + 11 | two status words, w = 4, n = 8: 43 |

@@ -14,7 +14,7 @@ use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_HOST_STATUS, SERVO_MOTOR,
     SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
 };
-use crate::map::{Layout, PMAC, Selection};
+use crate::map::{Layout, PMAC, Selection, ServoBlock, TURBO, TURBO2};
 
 const ALL: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -173,4 +173,54 @@ fn the_other_data_by_32_bits() {
     assert_eq!((look, cost), (Some(VariablePoll::Report(0)), documented("variable read by 32 bits")));
     assert!(PLACE.start.bytes().is_multiple_of(4));
     assert_eq!(dpram(&PMAC, 20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
+}
+
+/// What the firmware does for a report of a Turbo board whose timer is `timer`: data, timer, flag.
+fn turbo_report(rig: &mut Rig, block: &ServoBlock, timer: u16) {
+    rig.put(block.timer.low, timer);
+    rig.put(block.pmac_status.word, block.pmac_status.mask);
+}
+
+#[test]
+fn c5_an_update_of_a_turbo_board() {
+    let all = |numbers: u32| u32::MAX >> (32 - numbers);
+    for family in [&TURBO, &TURBO2] {
+        for (access, reading, row) in [
+            (Access::Bits16, ServoReading::Optimistic, "servo of a Turbo board, n motors"),
+            (Access::Bits16, ServoReading::Handshake, "servo of a Turbo board, handshake"),
+            (Access::Bits32, ServoReading::Optimistic, "servo of a Turbo board by 32 bits, n motors"),
+            (Access::Bits32, ServoReading::Handshake, "servo of a Turbo board by 32 bits, handshake"),
+        ] {
+            for n in [1, 8, 32] {
+                let mut rig = Rig::of(family, access);
+                let mut reader = ServoReader::new(&family.servo, reading);
+                reader.set_motors(all(n));
+                turbo_report(&mut rig, &family.servo, 1);
+                let (first, _) = rig.cost(|bus| reader.poll(bus).unwrap());
+                assert_eq!(first, ServoPoll::First(1));
+                // So many that the mask is read as often as it really is.
+                let (updates, mut counted) = (512, 0);
+                for timer in 2..2 + updates {
+                    turbo_report(&mut rig, &family.servo, timer);
+                    let (update, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
+                    assert_eq!(update, ServoPoll::Update(timer.into()), "{n} {reading:?}");
+                    // The flag is clear. Now and then the mask is read with it.
+                    let (idle, look) = rig.cost(|bus| reader.poll(bus).unwrap());
+                    assert_eq!(idle, ServoPoll::Unchanged);
+                    counted += cost + look - 1;
+                }
+                let words = 24 * n as usize / if access == Access::Bits32 { 2 } else { 1 };
+                let mask = 2 * usize::from(updates) / 256;
+                let polls = if reading == ServoReading::Handshake { 9 } else { 5 };
+                assert_eq!(counted, usize::from(updates) * (words + polls) + mask, "{n} {reading:?}");
+                if n == 8 {
+                    assert_eq!(counted / usize::from(updates), documented(row));
+                }
+                // At most a twentieth more than what is necessary; of one motor by 32 bits the one look too many is that already.
+                let most = if (n, access, polls) == (1, Access::Bits32, 9) { 106 } else { 105 };
+                let necessary = usize::from(updates) * (words + if polls == 9 { 8 } else { 5 });
+                assert!(counted * 100 <= necessary * most, "{n} {reading:?}: {counted} of {necessary}");
+            }
+        }
+    }
 }

@@ -93,7 +93,7 @@ fn c5_a_turbo_update_costs_the_words_of_the_masked_motors() {
             let after = counts(&site);
             let [updates, accesses] = [0, 1].map(|index| after[index] - before[index]);
             assert_eq!(updates, 4000, "none is missed: {count} motors, {reading}");
-            // 24 words a motor, and what hands them over: flag and timer before and after, the flag cleared, one idle poll.
+            // What the function's table of costs has for an update, with one idle poll to find it.
             let needed = updates * (24 * count as u64 + polls);
             assert!(accesses * 100 <= needed * 105, "{count} motors, {reading}: {accesses} of {needed}");
             assert!(accesses >= updates * 24 * count as u64);

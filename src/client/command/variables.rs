@@ -64,7 +64,7 @@ pub struct VariableWatch {
 }
 
 impl VariableWatch {
-    /// The number of the first table that has all the registers; see [`super::VariableTable::number`].
+    /// The number of the first table that has all the registers; see [`crate::client::VariableTable::number`].
     #[must_use]
     pub const fn table(&self) -> u32 {
         self.table
