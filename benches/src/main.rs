@@ -12,12 +12,14 @@ mod process;
 mod rig;
 mod segment;
 mod table;
+mod turbo;
 
 const USAGE: &str =
     "usage: pmac-dpram-bench segment [ROUNDS [CHECKED-COPIES [PAGES]]]   (h hot, f fresh, w wake, l loss)
        pmac-dpram-bench daemon [ROUNDS [SECONDS]]
        pmac-dpram-bench bare [ROUNDS [SECONDS]]
        pmac-dpram-bench commands [ROUNDS]
+       pmac-dpram-bench turbo [SECONDS]
        pmac-dpram-bench allocation [SECONDS]
        pmac-dpram-bench growth [SECONDS-PER-LINE]";
 
@@ -35,6 +37,7 @@ fn main() {
         Some("growth") => growth::run(number(1, 4)),
         Some("commands") => commands::run(number(1, 5) as usize),
         Some("bare") => exit(bare::run(number(1, 5) as usize, number(2, 5))),
+        Some("turbo") => exit(turbo::run(number(1, 60))),
         Some("allocation") => exit(allocation::run(number(1, 10))),
         _ => {
             eprintln!("{USAGE}");

@@ -26,6 +26,8 @@ pub struct Rig {
 /// What to run.
 #[derive(Clone, Copy)]
 pub struct Setup {
+    /// The board's family. Of any but `pmac` all motors are reported, by the shipped start-up file.
+    pub family: &'static str,
     pub servo_hz: f64,
     pub motors: u8,
     pub reading: &'static str,
@@ -37,7 +39,14 @@ pub struct Setup {
 
 impl Default for Setup {
     fn default() -> Self {
-        Self { servo_hz: 2258.8, motors: 8, reading: "optimistic", awake: false, only_ascii: false }
+        Self {
+            family: "pmac",
+            servo_hz: 2258.8,
+            motors: 8,
+            reading: "optimistic",
+            awake: false,
+            only_ascii: false,
+        }
     }
 }
 
@@ -58,15 +67,15 @@ impl Rig {
         let startup = at("startup");
         let text = include_str!("../../src/sim/dpram-startup.pmc");
         std::fs::write(&startup, text.replace("I59=8", &format!("I59={}", setup.motors))).expect("written");
-        let simulator = Program::start(
-            Command::new(program("pmac-sim"))
-                .arg("--memory")
-                .arg(at("dpram"))
-                .args(["--interrupt", &unix("irq"), "--control", &unix("control")])
-                .args(["--servo-hz", &setup.servo_hz.to_string()])
-                .arg("--startup")
-                .arg(startup),
-        );
+        let mut simulator = Command::new(program("pmac-sim"));
+        simulator.arg("--memory").arg(at("dpram"));
+        simulator.args(["--interrupt", &unix("irq"), "--control", &unix("control")]);
+        simulator.args(["--family", setup.family, "--servo-hz", &setup.servo_hz.to_string()]);
+        match setup.family {
+            "pmac" => simulator.arg("--startup").arg(startup),
+            _ => simulator.arg("--dpram-startup"),
+        };
+        let simulator = Program::start(&mut simulator);
         let control = at("control");
         until("the simulator's control socket", || control.exists());
         let name = format!("pmac-bench-{}", std::process::id());
@@ -84,7 +93,8 @@ impl Rig {
     pub fn spawn_daemon_of(&mut self, daemon: &str, setup: &Setup, environment: &[(&str, &Path)]) {
         let config = self.directory.path().join("pmacd.toml");
         let board = format!("file:{},irq=unix:{}", self.memory().display(), self.interrupt().display());
-        let mut text = format!("board = \"{board}\"\nservo_reading = \"{}\"\n", setup.reading);
+        let Setup { family, reading, .. } = setup;
+        let mut text = format!("board = \"{board}\"\nfamily = \"{family}\"\nservo_reading = \"{reading}\"\n");
         if setup.awake {
             text += "cpu_latency_us = 0\n";
         }

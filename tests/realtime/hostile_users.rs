@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-use pmac_dpram::map::PMAC;
+use pmac_dpram::map::{Family, PMAC, TURBO2};
 use serde_json::json;
 
 use crate::hostile::{call, connect, flood};
@@ -63,14 +63,14 @@ struct Users {
 }
 
 impl Users {
-    /// A board, a daemon with a socket for everybody, and one group of engineers.
-    fn new() -> Self {
+    /// A board of `family`, a daemon with a socket for everybody, and one group of engineers.
+    fn of(family: &'static Family) -> Self {
         let group = nix::unistd::Group::from_gid(nix::unistd::Gid::from_raw(ENGINEERS)).unwrap();
         let group = group.expect("a group of this number").name;
         let mut site = Site::new();
         let everybody = Permissions::from_mode(0o755);
         std::fs::set_permissions(site.directory.path(), everybody.clone()).unwrap();
-        let board = attacked(&PMAC);
+        let board = attacked(family);
         println!("{board}");
         board.power_up(&mut site, &["--servo-hz", "1000"]);
         let roles = format!("socket_mode = \"0666\"\n[roles]\nengineer = [\"{group}\"]\n");
@@ -135,13 +135,17 @@ impl Drop for Other {
 #[test]
 #[ignore = "needs root, to be another user"]
 fn as_root_a_stranger_may_look_and_nothing_else() {
-    let mut users = Users::new();
+    [&PMAC, &TURBO2].into_iter().for_each(a_stranger_may_look_and_nothing_else);
+}
+
+fn a_stranger_may_look_and_nothing_else(family: &'static Family) {
+    let mut users = Users::of(family);
     let looked = users.pmacctl(STRANGER, &["read", "0x0024"]);
     assert!(looked.status.success(), "{looked:?}");
     for (arguments, method) in [
         (&["send", "#1J+"][..], "Send"),
         (&["send", "^K"], "SendControl"),
-        (&["panel", "jog+", "1"], "Panel"),
+        (&["panel", "stop", "1"], "Panel"),
         (&["write", "0x3000", "7"], "Write"),
     ] {
         let refused = users.pmacctl(STRANGER, arguments);
@@ -152,8 +156,8 @@ fn as_root_a_stranger_may_look_and_nothing_else() {
     }
     let log = users.site.log();
     assert!(!log.contains(&format!("[INFO ] uid {STRANGER} ")), "something of his was sent: {log}");
-    let engineer = users.pmacctl(ENGINEER, &["send", "I59"]);
-    assert_eq!(String::from_utf8_lossy(&engineer.stdout), "8\n", "{engineer:?}");
+    let engineer = users.pmacctl(ENGINEER, &["send", "I58"]);
+    assert_eq!(String::from_utf8_lossy(&engineer.stdout), "1\n", "{engineer:?}");
     let sent = format!("[INFO ] uid {ENGINEER} pid ");
     wait_until("the line in the log", || users.site.log().contains(&sent));
     assert_eq!(users.site.stop_daemon(), 0);
@@ -162,7 +166,11 @@ fn as_root_a_stranger_may_look_and_nothing_else() {
 #[test]
 #[ignore = "needs root, to be another user"]
 fn as_root_no_user_keeps_the_others_out() {
-    let mut users = Users::new();
+    [&PMAC, &TURBO2].into_iter().for_each(no_user_keeps_the_others_out);
+}
+
+fn no_user_keeps_the_others_out(family: &'static Family) {
+    let mut users = Users::of(family);
     print_head();
     watch(&users.site, "a stranger's 300 connections", || {
         let mut crowd = users.other(STRANGER, "crowd");
