@@ -22,8 +22,8 @@ use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRe
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::functions::VARIABLE_READ_ENTRIES;
 use pmac_dpram::map::{
-    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Region, Space, VariableKind,
-    pmac,
+    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, PMAC, Region, Space, TURBO2_8K,
+    VariableKind,
 };
 use pmac_dpram::protocol::check_line;
 
@@ -34,40 +34,45 @@ use super::tape::Tape;
 const STEPS: usize = 400;
 
 struct Functions {
+    family: &'static Family,
     servo: ServoReader,
     background: BackgroundReader,
     ascii: DpramPort,
-    panel: Panel,
+    /// Where the family has one.
+    panel: Option<Panel>,
     reader: VariableReader,
     writer: VariableWriter,
     gather: Option<(GatherReader, ServoTimer)>,
-    rotary: [(RotaryStream, Option<RotarySetup>); 2],
+    rotary: Vec<(RotaryStream, Option<RotarySetup>)>,
     mailbox: MailboxPort,
     registers: RamBytes,
     plan: BufferLayout,
     now: Instant,
 }
 
-/// First byte: what the memory is full of, and how the servo data are read. Then steps: what the memory does, or a function.
+/// First byte: what the memory is full of, how the servo data are read, and the board's family. Then steps: what the memory does, or a function.
 pub fn body(data: &[u8]) {
     let mut tape = Tape::new(data);
     let way = tape.u8();
-    let mut bus = RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]);
-    let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-    let plan = BufferLayout::new(&layout, &BufferSettings::default()).expect("the default plan fits");
+    let family = if way & 16 == 0 { &PMAC } else { &TURBO2_8K };
+    let mut bus = RamBus::of(family, [0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]);
+    let layout = Layout::new(family, None);
+    let plan = BufferSettings::default().of(family);
+    let plan = BufferLayout::new(&layout, &plan).expect("the default plan fits");
     let now = Instant::now();
     let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
     let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };
     let mut functions = Functions {
-        servo: ServoReader::new(&PMAC.servo, reading),
-        background: BackgroundReader::new(&PMAC.background),
-        ascii: DpramPort::new(&PMAC.ascii, order, now),
-        panel: Panel::new(&pmac::PANEL_BLOCK),
-        reader: VariableReader::new(&PMAC.variable_read, PMAC.start, plan.variable_read()),
-        writer: VariableWriter::new(&PMAC, plan.variable_write()),
+        family,
+        servo: ServoReader::new(&family.servo, reading),
+        background: BackgroundReader::new(&family.background),
+        ascii: DpramPort::new(&family.ascii, order, now),
+        panel: family.panel.as_ref().map(Panel::new),
+        reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),
+        writer: VariableWriter::new(family, plan.variable_write()),
         gather: None,
-        rotary: std::array::from_fn(|which| (RotaryStream::of_family(&PMAC).remove(which), None)),
-        mailbox: MailboxPort::new(MailboxSettings::default(), PMAC.ascii.line_limit),
+        rotary: RotaryStream::of_family(family).into_iter().map(|stream| (stream, None)).collect(),
+        mailbox: MailboxPort::new(MailboxSettings::default(), family.ascii.line_limit),
         registers: RamBytes { bytes: [0; 0x200], accesses: 0 },
         plan,
         now,
@@ -107,41 +112,52 @@ impl Functions {
     }
 
     fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+        let block = &self.family.servo;
         match how {
             0 => self.servo.set_motors(0),
             1 => self.servo.set_motors(0xFF),
             2 => self.servo.set_motors(u32::MAX),
             3 => self.servo.reset(),
-            4 => ServoReader::release(&PMAC.servo, bus)?,
+            4 => ServoReader::release(block, bus)?,
             _ => {
                 let look = self.servo.poll(bus)?;
                 if let ServoPoll::Update(timer) | ServoPoll::First(timer) = look {
-                    assert!(timer < 1 << PMAC.servo.timer.bits());
+                    assert!(timer < 1 << block.timer.bits());
                 }
                 let _ = self.servo.global_status();
             }
         }
-        assert!(self.servo.image().len() <= PMAC.servo.words());
-        assert!(bus.take_accesses() <= PMAC.servo.words() as u32 + 5);
-        bus.assert_written("servo", |offset| offset == pmac::SERVO_HOST_STATUS.bytes());
+        assert!(self.servo.image().len() <= block.words());
+        assert!(bus.take_accesses() <= block.words() as u32 + 9);
+        let mask = block.mask.map(|mask| [mask, mask.plus_words(1)]);
+        // Where the host takes PMAC's flag away, it writes that word, too.
+        let taken = (block.busy == BusyRule::ClearWhileWriting).then_some(block.pmac_status.word);
+        let own = [Some(block.host_busy.word), taken];
+        bus.assert_written("servo", |offset| {
+            own.into_iter().flatten().chain(mask.into_iter().flatten()).any(|word| word.bytes() == offset)
+        });
         Ok(())
     }
 
     fn background(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+        let block = &self.family.background;
         match how {
             0 => self.background.set_numbers(3),
             1 => self.background.set_numbers(1000),
             2 => self.background.reset(),
-            3 => BackgroundReader::release(&PMAC.background, bus)?,
+            3 => BackgroundReader::release(block, bus)?,
             _ => {
                 if let BackgroundPoll::Report(_) = self.background.poll(bus)? {
                     assert!(!self.background.image().is_empty());
                 }
             }
         }
-        assert!(self.background.image().len() <= PMAC.background.words());
-        assert!(bus.take_accesses() <= PMAC.background.words() as u32 + 8);
-        bus.assert_written("background", |offset| offset == pmac::BACKGROUND_DATA_READY.bytes());
+        assert!(self.background.image().len() <= block.words());
+        assert!(bus.take_accesses() <= block.words() as u32 + 8);
+        let own = [Some(block.ready.word), block.host_busy.map(|flag| flag.word), block.count];
+        bus.assert_written("background", |offset| {
+            own.into_iter().flatten().any(|word| word.bytes() == offset)
+        });
         Ok(())
     }
 
@@ -180,37 +196,41 @@ impl Functions {
                 }
             }
         }
+        let ascii = &self.family.ascii;
         assert!(!(self.ascii.is_idle() && self.ascii.was_taken()));
         assert!(bus.take_accesses() <= 256);
         bus.assert_written("ascii", |offset| {
-            let cleared = [pmac::ASCII_INPUT_CONTROL, pmac::ASCII_RESPONSE];
-            within(&pmac::ASCII_OUTPUT, offset) || cleared.iter().any(|word| word.bytes() == offset)
+            let cleared = [ascii.response_control, ascii.response];
+            let line = ascii.command.bytes()..ascii.command.bytes() + ascii.command_bytes as u32;
+            let flags = [ascii.command_loaded.word, ascii.control_character];
+            line.contains(&offset) || cleared.iter().chain(&flags).any(|word| word.bytes() == offset)
         });
         Ok(())
     }
 
     fn panel(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+        let (Some(panel), Some(block)) = (&mut self.panel, &self.family.panel) else { return Ok(()) };
         let number = usize::from(tape.u8() & 15);
         match how {
-            0 => drop(self.panel.acquire(bus)?),
-            1 => self.panel.withdraw(bus)?,
-            2 => drop(self.panel.taken(bus)?),
+            0 => drop(panel.acquire(bus)?),
+            1 => panel.withdraw(bus)?,
+            2 => drop(panel.taken(bus)?),
             3 | 4 => {
                 if let Ok(raw) = FeedOverride::from_raw(tape.u32() >> (tape.u8() & 31)) {
-                    let _ = self.panel.set_override(bus, number, raw);
+                    let _ = panel.set_override(bus, number, raw);
                 }
             }
-            5 => drop(self.panel.release_override(bus, number)),
+            5 => drop(panel.release_override(bus, number)),
             _ => {
                 let action = PanelAction::ALL[usize::from(how) % PanelAction::ALL.len()];
-                if let Ok(request) = PanelRequest::of(&pmac::PANEL_BLOCK, action, &[number]) {
+                if let Ok(request) = PanelRequest::of(block, action, &[number]) {
                     assert!((1..=8).contains(&number));
-                    let _ = self.panel.begin(bus, &request)?;
+                    let _ = panel.begin(bus, &request)?;
                 }
             }
         }
         assert!(bus.take_accesses() <= 40);
-        bus.assert_written("panel", |offset| within(&pmac::PANEL, offset));
+        bus.assert_written("panel", |offset| within(&block.region, offset));
         Ok(())
     }
 
@@ -242,7 +262,8 @@ impl Functions {
         let accesses = bus.take_accesses();
         assert!(accesses <= 2 * POLL_WORDS as u32 + 128 + 4, "{accesses}");
         let place = self.plan.variable_read();
-        let controls = [pmac::VARIABLE_READ_CONTROL, pmac::VARIABLE_READ_COUNT, pmac::VARIABLE_READ_START];
+        let read = &self.family.variable_read;
+        let controls = [read.ready.word, read.count, read.start];
         bus.assert_written("variable_read", |offset| {
             within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
         });
@@ -282,7 +303,8 @@ impl Functions {
         }
         assert!(bus.take_accesses() <= 6 * POLL_RECORDS as u32 + 3);
         let place = self.plan.variable_write();
-        let controls = [pmac::VARIABLE_WRITE_COUNT, pmac::VARIABLE_WRITE_START];
+        let write = &self.family.variable_write;
+        let controls = [write.count, write.start];
         bus.assert_written("variable_write", |offset| {
             within(&place, offset) || controls.iter().any(|control| control.bytes() == offset)
         });
@@ -293,12 +315,8 @@ impl Functions {
         if how < 3 || self.gather.is_none() {
             let mode = if how == 0 { GatherMode::Stop } else { GatherMode::Wrap };
             let buffer = GatherBuffer {
-                place: GatherPlace {
-                    buffer: pmac::GATHER_BUFFER,
-                    size: pmac::GATHER_SIZE,
-                    index: pmac::GATHER_INDEX,
-                },
-                room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
+                place: self.family.gather,
+                room_longs: (self.family.length - self.family.gather.buffer.bytes()) / 4,
                 size_longs: u32::from(tape.u16()),
                 sample_longs: u32::from(tape.u8()) % 50,
                 longest_sample: 48,
@@ -308,9 +326,12 @@ impl Functions {
                 index: Default::default(),
             };
             let start = if how == 2 { GatherStart::Running } else { GatherStart::Defined };
-            self.gather = GatherReader::new(buffer, start).ok().map(|reader| (reader, ServoTimer::new(15)));
+            self.gather = GatherReader::new(buffer, start)
+                .ok()
+                .map(|reader| (reader, ServoTimer::new(self.family.servo.timer.bits())));
             return Ok(());
         }
+        let family = self.family;
         let Some((reader, timer)) = &mut self.gather else { return Ok(()) };
         let before = (reader.written(), reader.lost());
         match how {
@@ -321,7 +342,7 @@ impl Functions {
                 return Ok(());
             }
             _ => {
-                let look = reader.poll(bus, |bus: &mut RamBus| report_cycles(bus, &PMAC.servo, timer))?;
+                let look = reader.poll(bus, |bus: &mut RamBus| report_cycles(bus, &family.servo, timer))?;
                 match look {
                     GatherPoll::Samples { count, .. } => {
                         assert!(count > 0 && reader.longs().len() == count * reader.sample_longs());
@@ -339,11 +360,12 @@ impl Functions {
     }
 
     fn rotary(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
-        let which = usize::from(how & 1);
+        // Of the 16 of a Turbo board, two.
+        let which = usize::from(how & 1) * (self.rotary.len() - 1);
         let (stream, set_up) = &mut self.rotary[which];
         if how < 4 || set_up.is_none() {
             let setup = RotarySetup {
-                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(pmac::USER_AREA.start),
+                start: HostOffset::checked(u32::from(tape.u16()) << 1).unwrap_or(self.family.user_area.start),
                 size_longs: u32::from(tape.u16()),
                 coordinate_system: tape.u8() & 15,
                 coordinate_system_base: tape.u8() & 3,
@@ -384,7 +406,7 @@ impl Functions {
         }
         assert!(bus.take_accesses() <= 3 + 9 + 4 * 9);
         let ring = setup.start.bytes()..setup.start.bytes() + 4 * setup.size_longs;
-        let header = PMAC.rotary.headers[which].bytes();
+        let header = self.family.rotary.headers[which].bytes();
         let header = header..header + 12;
         bus.assert_written("rotary", |offset| ring.contains(&offset) || header.contains(&offset));
         Ok(())

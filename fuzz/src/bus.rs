@@ -2,13 +2,13 @@
 
 use pmac_dpram::device::{Bus, BusError, ByteBus, ByteBusError};
 use pmac_dpram::map::functions::response;
-use pmac_dpram::map::{HostOffset, PmacAddress, PmacRegister, Space, pmac};
+use pmac_dpram::map::{Family, HostOffset, PMAC, PmacAddress, PmacRegister, Space, pmac};
 
 use super::tape::Tape;
 
 const WORDS: usize = pmac::LENGTH as usize / 2;
 
-/// Words that steer the functions: status, counts, indices, controls.
+/// Words of a PMAC that steer the functions: status, counts, indices, controls.
 const HOT: [u32; 30] = [
     0x0000, 0x0002, 0x0004, 0x0024, 0x0026, 0x0048, 0x0228, 0x022A, 0x024C, 0x062C, 0x062E, 0x0630, 0x06D0,
     0x06D2, 0x06D4, 0x07D4, 0x07D6, 0x07DC, 0x07DE, 0x07E0, 0x07E2, 0x07E4, 0x07E8, 0x07EA, 0x07EC, 0x07EE,
@@ -20,8 +20,30 @@ pub fn register(space: Space, address: u16) -> PmacRegister {
     PmacRegister::new(PmacAddress::new(space, address.into())).expect("a register's space")
 }
 
+/// The same of a board of `family`.
+fn hot(family: &Family) -> Vec<usize> {
+    if family == &PMAC {
+        return HOT.iter().map(|offset| *offset as usize / 2).collect();
+    }
+    let (read, write, gather) = (&family.variable_read, &family.variable_write, &family.gather);
+    let heads = [
+        (family.servo.region.start, 9),
+        (family.background.region.start, 6),
+        (family.ascii.command_loaded.word, 3),
+        (family.ascii.response_control, 3),
+        (family.rotary.headers[0], 6),
+        (family.rotary.headers[1], 6),
+    ];
+    let words = [read.ready.word, read.timer, read.count, read.start, write.count, write.start, gather.size];
+    let heads = heads.into_iter().flat_map(|(first, count)| first.word()..first.word() + count);
+    heads.chain(words.map(HostOffset::word)).chain([gather.index.word()]).collect()
+}
+
 /// The memory, who touched it, and what will change in it.
 pub struct RamBus {
+    family: &'static Family,
+    /// Words that steer the functions.
+    hot: Vec<usize>,
     words: Box<[u16; WORDS]>,
     accesses: u32,
     /// Offsets in bytes the host wrote to since they were last looked at.
@@ -32,8 +54,20 @@ pub struct RamBus {
 
 impl RamBus {
     pub fn new(fill: u16) -> Self {
+        Self::of(&PMAC, fill)
+    }
+
+    /// The memory of a board of `family`, as long as a PMAC's.
+    pub fn of(family: &'static Family, fill: u16) -> Self {
         let words = Box::new([fill; WORDS]);
-        Self { words, accesses: 0, written: Vec::with_capacity(256), changes: Vec::new() }
+        Self {
+            family,
+            hot: hot(family),
+            words,
+            accesses: 0,
+            written: Vec::with_capacity(256),
+            changes: Vec::new(),
+        }
     }
 
     /// Accesses since the last call.
@@ -56,11 +90,11 @@ impl RamBus {
                 self.words[at % WORDS] = value;
             }
             1 | 2 => {
-                let at = hot(tape.u8());
+                let at = self.hot(tape.u8());
                 self.words[at] = tape.u16();
             }
             3 => {
-                let at = hot(tape.u8());
+                let at = self.hot(tape.u8());
                 self.words[at] = self.words[at].wrapping_add(u16::from(tape.u8()));
             }
             4 => {
@@ -73,22 +107,27 @@ impl RamBus {
             5 => {
                 // A reply, with its count right: control word, and text.
                 let text = tape.piece();
-                let at = pmac::ASCII_RESPONSE.word();
+                let ascii = &self.family.ascii;
+                let at = ascii.response.word();
                 for (pair, n) in text.chunks(2).zip(0..128) {
                     self.words[at + n] = u16::from_le_bytes([pair[0], pair.get(1).copied().unwrap_or(0)]);
                 }
-                self.words[pmac::ASCII_INPUT_COUNT.word()] = text.len() as u16 + 1;
-                self.words[pmac::ASCII_INPUT_CONTROL.word()] =
+                self.words[ascii.response_count.word()] = text.len() as u16 + 1;
+                self.words[ascii.response_control.word()] =
                     [response::LINE, response::ACKNOWLEDGE, response::TO_PROGRAM, response::MESSAGE]
                         [usize::from(tape.u8() & 3)];
             }
             _ => {
                 if self.changes.len() < 16 {
-                    let (after, at) = (u32::from(tape.u8()), hot(tape.u8()));
+                    let (after, at) = (u32::from(tape.u8()), self.hot(tape.u8()));
                     self.changes.push((after, at, tape.u16()));
                 }
             }
         }
+    }
+
+    fn hot(&self, index: u8) -> usize {
+        self.hot[usize::from(index) % self.hot.len()]
     }
 
     fn touch(&mut self, offset: HostOffset) -> Result<usize, BusError> {
@@ -107,10 +146,6 @@ impl RamBus {
         });
         Ok(offset.word())
     }
-}
-
-fn hot(index: u8) -> usize {
-    HOT[usize::from(index) % HOT.len()] as usize / 2
 }
 
 impl Bus for RamBus {
