@@ -113,7 +113,17 @@ impl VirtualSite {
         all.extend(["--socket".to_owned(), self.socket().display().to_string()]);
         all.extend(options.iter().map(|&option| option.to_owned()));
         self.pace.log.lock().unwrap().clear();
-        self.with_world(move |world| world.start_daemon(&all)).unwrap();
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let again = all.clone();
+            match self.with_world(move |world| world.start_daemon(&again)) {
+                // A process that another test starts has the lock of the daemon before until it runs its own program.
+                Err(reason) if reason.contains("another running pmacd") && Instant::now() < deadline => {
+                    std::thread::sleep(PAUSE);
+                }
+                result => return result.unwrap(),
+            }
+        }
     }
 
     /// The log of the daemon since its start.
