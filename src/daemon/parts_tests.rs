@@ -32,9 +32,7 @@ impl World {
         let file = std::fs::File::options().read(true).write(true).create_new(true).open(&path).unwrap();
         file.set_len(0x4000).unwrap();
         let board = Some(format!("file:{}", path.display()));
-        let mut settings = Settings::decide(&Options { board, ..Options::default() }).unwrap();
-        // A report that the board has not told of would wait.
-        settings.ask_m_variables = false;
+        let settings = Settings::decide(&Options { board, ..Options::default() }).unwrap();
         let time = ManualTime::at(BEGIN_NS);
         let mut options = segment_options(&settings, &time.clock()).unwrap();
         directory.path().clone_into(&mut options.directory);

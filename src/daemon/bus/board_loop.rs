@@ -507,7 +507,9 @@ impl BoardLoop {
     fn beat(&mut self, now: u64) {
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
         self.publisher.beat(now);
-        let may_begin = now < self.began_ns + FIRST_SIGN_NS;
+        // What waits has had no time yet to show anything.
+        let waits = self.functions.uses_of_all().waiting().next().is_some();
+        let may_begin = waits || now < self.began_ns + FIRST_SIGN_NS;
         if let Some(state) = self.reporter.board(self.shows_life(), may_begin) {
             self.publisher.set_state(state);
         }

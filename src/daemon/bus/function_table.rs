@@ -10,6 +10,7 @@ use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::memory_scan::Outcome as ScanOutcome;
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::servo_sign::ServoSign;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::daemon::bus::work::panel::PanelQueue;
 use crate::daemon::bus::work::rotary::RotaryQueue;
@@ -38,6 +39,7 @@ pub struct FunctionTable {
     uses: FunctionUse,
     /// Those that are used although M-variables point into their words.
     shared: Functions,
+    servo_sign: ServoSign,
     /// Before all others.
     pub servo: ServoMirror,
     /// Background fixed data.
@@ -67,6 +69,7 @@ impl FunctionTable {
         Self {
             uses: FunctionUse::new(settings, ascii.queue().scan.is_wanted()),
             shared: settings.shared_functions.clone(),
+            servo_sign: ServoSign::default(),
             servo,
             background,
             ascii,
@@ -104,10 +107,14 @@ impl FunctionTable {
         }
     }
 
-    /// When the servo data are due; never where they are not used.
+    /// When the servo data are due, or a look whether the board makes them; never where they are not used.
     #[must_use]
     pub fn servo_due_ns(&self) -> u64 {
-        if self.uses(Function::Servo) { self.servo.due_ns() } else { u64::MAX }
+        match self.uses.of(Function::Servo) {
+            Use::On => self.servo.due_ns(),
+            Use::Waits => self.servo_sign.due_ns(),
+            Use::Off | Use::Held => u64::MAX,
+        }
     }
 
     /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
@@ -151,6 +158,12 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
+        if function == Function::Servo && self.uses.of(function) == Use::Waits {
+            let report = &self.layout.family().servo;
+            let runs = self.servo_sign.look(context.bus, report, context.clock.ns())?;
+            self.begin(runs.then_some(Function::Servo).into_iter(), context)?;
+            return Ok(Polled::default());
+        }
         if let (Function::Panel, Some(panel)) = (function, &mut self.panel) {
             panel.see_kill(self.ascii.queue().kill());
         }

@@ -20,7 +20,7 @@ const AGAIN: Duration = Duration::from_secs(30);
 /// How long to wait after a line that defines one: more may follow.
 const SETTLE: Duration = Duration::from_secs(1);
 /// How long no question need be answered until the board counts as one that cannot be asked.
-const NO_PROGRESS: Duration = Duration::from_secs(3);
+const NO_PROGRESS: Duration = Duration::from_secs(10);
 
 /// What the questions have come to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,7 @@ pub struct MemoryScan {
     /// Whether to begin again when the reply has come.
     again: bool,
     not_before: Instant,
-    /// When a question was answered last, or the first could be asked.
+    /// When the board answered a question of ours last, or the first could be asked.
     progress: Instant,
     /// The present question was acknowledged without an answer before.
     is_repeated: bool,
@@ -203,6 +203,11 @@ impl MemoryScan {
             self.again = false;
             self.next = 0;
         }
+    }
+
+    /// The board answers other questions of ours: it will come to these.
+    pub const fn is_answering(&mut self, now: Instant) {
+        self.progress = now;
     }
 
     /// What has come out since the last call. At the start `now` decides, too: who waits for the definitions need not wait

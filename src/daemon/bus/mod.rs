@@ -8,7 +8,7 @@
 //! | [`guard_time`] | what is not begun shortly before a servo update |
 //! | [`command_intake`] | commands from the socket, answers to it |
 //! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | what the board is, who else changes it, and what of it the clients and the log are told |
-//! | [`memory_scan`] | where the board's own programs keep data |
+//! | [`memory_scan`], [`servo_sign`] | where the board's own programs keep data, and what needs not wait for it |
 //! | [`ports`] | the ports by which lines and interrupts come and go |
 //! | [`work`] | one file for each function that clients use |
 
@@ -27,4 +27,5 @@ pub mod presence;
 pub mod readable;
 pub mod report;
 pub mod scale_doubts;
+pub mod servo_sign;
 pub mod work;

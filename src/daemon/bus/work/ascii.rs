@@ -491,7 +491,10 @@ impl AsciiQueue {
                         self.identifier.not_sent();
                         self.ports.doubt();
                     }
-                    Some(InFlight::Identify) => self.identifier.done(),
+                    Some(InFlight::Identify) => {
+                        self.identifier.done();
+                        self.scan.is_answering(now);
+                    }
                     Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
                     Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
                         self.scan.not_sent();
