@@ -25,6 +25,7 @@
 pub mod control;
 pub mod hold;
 mod late_mark;
+mod line_cut;
 mod response_buffer;
 
 use std::time::{Duration, Instant};
@@ -32,6 +33,7 @@ use std::time::{Duration, Instant};
 use control::Lying;
 use hold::{After, Hold};
 use late_mark::LateMarks;
+use line_cut::cut;
 use response_buffer::Untold;
 
 use crate::device::{Bus, BusError};
@@ -266,12 +268,14 @@ impl DpramPort {
     fn load(&mut self, bus: &mut impl Bus, from: usize) -> Result<(), BusError> {
         let rest = &self.line[from..self.length];
         let first_of_two = rest.len() > self.first_part();
-        let part = &rest[..rest.len().min(self.first_part())];
-        // The byte behind the part: NUL ends the line; in a first part it must be anything else, a blank is harmless.
-        let end = if first_of_two { b' ' } else { 0 };
-        let byte =
-            |index: usize| part.get(index).copied().unwrap_or(if index == part.len() { end } else { 0 });
-        for word in 0..=part.len() / 2 {
+        let part = match first_of_two {
+            true => &rest[..cut(rest, self.first_part(), self.words.line_limit)],
+            false => rest,
+        };
+        // Behind the part NUL ends the line; in a first part there must be anything else, and blanks are harmless.
+        let (end, fill) = if first_of_two { (self.first_part(), b' ') } else { (part.len(), 0) };
+        let byte = |index: usize| part.get(index).copied().unwrap_or(if index <= end { fill } else { 0 });
+        for word in 0..=end / 2 {
             let offset = self.words.command.plus_words(word);
             bus.write16(offset, self.order.pack(byte(2 * word), byte(2 * word + 1)))?;
         }
