@@ -207,10 +207,34 @@ impl PanelRequest {
     #[must_use]
     pub fn together_with(mut self, other: &Self) -> Self {
         self.mask |= other.mask;
-        for (word, added) in self.words.iter_mut().zip(other.words) {
-            *word |= added;
+        for (number, word) in other.asked() {
+            self.words[number - 1] |= word;
         }
         self
+    }
+
+    /// What to ask while the board may still have to read the words of the request `before`. A stop repeats what that one stops by
+    /// the other bits of a word: motor n and coordinate system n have one. `None`: it has to wait, as anything but a stop has,
+    /// and a hold after an abort.
+    #[must_use]
+    pub fn beside(mut self, before: &Self) -> Option<Self> {
+        let shared = self.mask & before.mask;
+        if shared == 0 {
+            return Some(self);
+        }
+        if !self.ends_motion() {
+            return None;
+        }
+        let (stop, is_stop) = (PanelAction::Stop.bits(), before.ends_motion());
+        for (index, word) in self.words.iter_mut().enumerate().filter(|(index, _)| shared >> index & 1 != 0) {
+            let (own, last) = (*word, before.words[index]);
+            let other_kind = if own & MOTOR_BITS == 0 { MOTOR_BITS } else { !MOTOR_BITS };
+            if last & stop != 0 && own & !MOTOR_BITS & !stop != 0 {
+                return None;
+            }
+            *word |= if is_stop { last & other_kind } else { 0 };
+        }
+        Some(self)
     }
 
     /// For the same numbers, but "no action requested" (DPRAM manual p. 13): by it the host sees that PMAC has finished with
@@ -247,8 +271,10 @@ impl PanelRequest {
     /// Whether it only stops, aborts and holds, so that PMAC may be asked twice.
     #[must_use]
     pub fn ends_motion(&self) -> bool {
-        let ending = [PanelAction::JogStop, PanelAction::Stop, PanelAction::Hold].map(PanelAction::bits);
-        self.asked().all(|(_, word)| word == ending[0] || word == ending[1] || word == ending[2])
+        let jogs = PanelAction::JogStop.bits();
+        let ending = jogs | PanelAction::Stop.bits() | PanelAction::Hold.bits();
+        let stops = |word: u16| word & jogs == 0 || word & jogs == jogs;
+        self.asked().all(|(_, word)| word != 0 && word & !ending == 0 && stops(word))
     }
 }
 

@@ -188,6 +188,7 @@ every_function_works_under! {
     b3_every_function_works_under_rotary_index
     b3_every_function_works_under_reply_count_order
     b3_every_function_works_under_panel_mask
+    b3_every_function_works_under_panel_words
     b3_every_function_works_under_variable_write_count
     b3_every_function_works_under_variable_read_pass
     b3_every_function_works_under_mailbox_bell
@@ -289,6 +290,31 @@ fn b3_a_request_that_was_withdrawn_and_is_at_work_hides_no_other() {
         }
         site.assert_no_violations();
     }
+}
+
+#[test]
+fn b3_a_request_does_not_change_the_words_of_the_one_before() {
+    let site = board_that_reads("panel_words", "after_clearing");
+    let mut board = site.connection();
+    // Motor 1 and coordinate system 1 have one word.
+    for line in
+        ["&1 #1->X OPEN PROG 7 CLEAR", "LINEAR F9000 INC", "WHILE(1>0)", "X900", "ENDWHILE", "CLOSE &1B7"]
+    {
+        done(&site, &["send", line]);
+    }
+    done(&site, &["panel", "start", "1"]);
+    until(&mut board, "#1V", "the program runs", |speed| speed.abs() > 0.1);
+    done(&site, &["panel", "stop", "1"]);
+    done(&site, &["panel", "jog-stop", "1"]);
+    until(&mut board, "#1V", "the abort has its effect", |speed| speed.abs() < 0.1);
+    let (_, told, _) = site.hurried(|| site.pmacctl(&["status"]));
+    assert!(!told.contains("runs program"), "{told}");
+    done(&site, &["panel", "jog+", "1"]);
+    done(&site, &["panel", "jog-", "1"]);
+    until(&mut board, "#1V", "the last key counts", |speed| speed < -1.0);
+    done(&site, &["panel", "jog-stop", "1"]);
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    site.assert_no_violations();
 }
 
 #[test]

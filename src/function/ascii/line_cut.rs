@@ -39,6 +39,6 @@ mod tests {
             assert_eq!(cut(line.as_bytes(), 159, 200), 159, "{line}");
         }
         // As long as a line may be: there is no room for blanks.
-        assert_eq!(cut("P1=12345 ".repeat(23)[..200].as_bytes(), 159, 200), 159);
+        assert_eq!(cut(&"P1=12345 ".repeat(23).as_bytes()[..200], 159, 200), 159);
     }
 }

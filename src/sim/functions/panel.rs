@@ -19,7 +19,7 @@
 use crate::map::functions::panel_request::{
     FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,
 };
-use crate::map::readings::Cleared;
+use crate::map::readings::{Cleared, WordsRead};
 use crate::map::{HostOffset, PanelBlock};
 use crate::sim::board::jog::Jog;
 use crate::sim::board::{Board, coordinate};
@@ -59,6 +59,8 @@ pub struct Panel {
     work: Option<u64>,
     /// Requests still to be acted on although the mask is clear.
     rest: Vec<Request>,
+    /// Whose words are still to be read although the mask is clear, and passes until then.
+    unread: Option<(u32, u64)>,
 }
 
 impl Panel {
@@ -72,6 +74,12 @@ impl Panel {
         };
         copy_overrides(panel, board);
         act(&std::mem::take(&mut self.rest), board, programs);
+        if let Some((mask, left)) = self.unread.take() {
+            match left.checked_sub(1) {
+                None => act(&requests(panel, mask, board), board, programs),
+                left => self.unread = left.map(|left| (mask, left)),
+            }
+        }
         let late = board.faults.panel.late;
         if let Some(left) = self.work.take() {
             self.work = left.min(WORK.saturating_add(late)).checked_sub(1);
@@ -101,14 +109,25 @@ impl Panel {
         if fault.torn {
             self.rest = requests.split_off(requests.len() / 2);
         }
-        act(&requests, board, programs);
         self.seen = None;
+        if !when_done && board.identity.readings.panel_words == WordsRead::AfterClearing {
+            board.memory.dpram.write16(panel.request_enable, 0);
+            self.unread = Some((asked.mask | self.unread.map_or(0, |(mask, _)| mask), WORK));
+            return;
+        }
+        act(&requests, board, programs);
         if when_done {
             self.work = Some(WORK.saturating_add(late));
         } else {
             board.memory.dpram.write16(panel.request_enable, 0);
         }
     }
+}
+
+/// What is asked now of the numbers in `mask`.
+fn requests(panel: &PanelBlock, mask: u32, board: &Board) -> Vec<Request> {
+    let asked = (0..panel.numbers).filter(|n| mask >> n & 1 == 1);
+    asked.map(|n| (n, board.memory.dpram.read16(word(panel.request, panel, n)))).collect()
 }
 
 /// The word of the 0-based number `n` in the row of words that begins at `first`.

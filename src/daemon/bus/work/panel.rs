@@ -22,6 +22,9 @@ use crate::protocol::control;
 
 /// How often to ask whether the board has taken a request.
 const POLL: Duration = Duration::from_millis(1);
+/// How long the words of a request stay as they are after the board has taken it: it may still have to read them (the reading
+/// `panel_words`).
+const REST: Duration = Duration::from_millis(50);
 
 #[derive(Debug)]
 struct Waiting {
@@ -82,6 +85,8 @@ pub struct PanelQueue {
     abandoned: Option<(Ticket, Outcome)>,
     /// A request was withdrawn, by this daemon or one before it, and the mask was not seen to be cleared since.
     doubtful: bool,
+    /// The request that was taken last, and until when its words stay as they are.
+    taken: Option<(PanelRequest, Instant)>,
     next_poll: Instant,
     open_loops: OpenLoops,
     kill: Kill,
@@ -98,6 +103,7 @@ impl PanelQueue {
             pending: None,
             abandoned: None,
             doubtful: false,
+            taken: None,
             next_poll: now,
             open_loops: OpenLoops::default(),
             kill: Kill::default(),
@@ -280,6 +286,7 @@ impl PanelQueue {
                 }
             } else if self.panel.taken(bus)? {
                 self.pending = None;
+                self.taken = Some((request, now + REST));
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
@@ -316,7 +323,12 @@ impl PanelQueue {
                 return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
             }
         }
-        let Waiting { ticket, request, deadline, ends_hold, .. } = next;
+        let last = self.taken.filter(|(_, until)| now < *until).map(|(last, _)| last).unwrap_or_default();
+        let Some(request) = next.request.beside(&last) else {
+            self.waiting.push_front(next);
+            return Ok(None);
+        };
+        let Waiting { ticket, deadline, ends_hold, .. } = next;
         let pending = Pending { ticket, request, deadline, doubtful: self.doubtful, ends_hold };
         if self.panel.begin(bus, &pending.lying())? {
             self.pending = Some(pending);

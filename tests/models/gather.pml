@@ -1,0 +1,163 @@
+/* Gathering round and round (I45=3): a ring of CAP samples of two words, an index, and a clock that counts servo cycles. The host
+ * numbers samples by index and clock, and tells how many were overwritten before it came.
+ *
+ * Pmac mirrors src/sim/functions/gather.rs, Host src/function/gather.rs. Every access to the DPRAM is one step; how long the host
+ * stands still between two of its own, nobody knows. A value is its sample's number, in both of its words.
+ *
+ * -D...        what changes; what FAILS is told as the counterexample goes
+ * BEFORE       the index moves before the sample is stored (reading gather_index)
+ * LATE         the clock counts a cycle after its sample was stored, not before
+ * NO_AGAIN     the index is not read again after a copy. FAILS: the board stores a turn of samples during the copy.
+ * KEEP_ALL     a full turn counts as there, with the sample that the board stores next. FAILS: it is stored while it is copied.
+ * NO_HALF      the newest sample is taken as soon as the index is past it. FAILS with BEFORE: it is not stored yet.
+ * NO_CLOCK     samples are numbered by the index alone. FAILS: the host sleeps for a turn, and takes a sample for an older one.
+ * NO_BRACKET   an index counts however long the host stood still between the clock's readings around it. FAILS: two numbers of
+ *              samples a turn apart fit it.
+ */
+#define CAP 8
+#define CHUNK 2
+#define SLACK 1
+#ifndef SAMPLES
+#define SAMPLES 19
+#endif
+#define NOTHING 255
+
+byte low[CAP], high[CAP];
+byte index = 0;
+byte clock = 0;
+bool storing = false;
+
+proctype Pmac() {
+  byte n = 0, slot = 0;
+  do
+  :: n < SAMPLES ->
+#ifdef LATE
+     storing = true;
+#else
+     atomic { storing = true; clock++ };
+#endif
+#ifdef BEFORE
+     index = (slot + 1) % CAP;
+#endif
+     low[slot] = n;
+     high[slot] = n;
+#ifndef BEFORE
+     index = (slot + 1) % CAP;
+#endif
+     atomic {
+#ifdef LATE
+       clock++;
+#endif
+       n++; slot = (slot + 1) % CAP; storing = false
+     }
+  :: else -> break
+  od
+}
+
+byte written = 0, read = 0, lost = 0;
+byte last_before = 0, last_after = 0;
+
+/* GatherReader::learn: how many samples there are, now that the index is `at`, read between the clock's `from` and `to`. */
+inline learn(at, from, to) {
+  d_step {
+    learned = true;
+    ahead = (at + CAP - written % CAP) % CAP;
+#ifdef NO_CLOCK
+    written = written + ahead;
+#else
+    most = to - last_before + SLACK;
+    if
+#ifndef NO_BRACKET
+    :: to - from > CAP / 4 -> learned = false
+#endif
+    :: else ->
+       if
+       :: ahead > most -> learned = false             /* the clock has paused: it is waited for */
+       :: else ->
+          written = written + ahead + ((most - ahead) / CAP) * CAP;
+          last_before = from;
+          last_after = to
+       fi
+    fi;
+#endif
+#ifdef KEEP_ALL
+    oldest = (written > CAP -> written - CAP : 0);
+#else
+    oldest = (written > CAP - 1 -> written - (CAP - 1) : 0);
+#endif
+    if
+    :: learned && read < oldest -> lost = lost + (oldest - read); read = oldest
+    :: else
+    fi;
+    ahead = 0; most = 0; oldest = 0
+  }
+}
+
+proctype Host() {
+  byte before, after, at, count, first, whole, i;
+  byte ahead, most, oldest;
+  byte a[CHUNK], b[CHUNK];
+  byte idle_at = NOTHING;
+  bool learned;
+  do
+  :: before = clock;
+     at = index;
+     after = clock;
+     learn(at, before, after);
+     if :: !learned -> goto ended :: else fi;
+     d_step {
+       whole = written;
+#ifdef BEFORE
+#ifndef NO_HALF
+       if :: idle_at != written && written > 0 -> whole = written - 1 :: else fi;
+#endif
+#endif
+       count = (whole > read -> whole - read : 0);
+       if :: count > CHUNK -> count = CHUNK :: else fi;
+       first = read; i = 0
+     };
+     if
+     :: count == 0 ->
+        /* The next poll comes a millisecond later: what was being stored then is stored. */
+        atomic { !storing -> idle_at = written };
+        goto ended
+     :: else
+     fi;
+     do
+     :: i < count -> a[i] = low[(first + i) % CAP]; b[i] = high[(first + i) % CAP]; i++
+     :: else -> break
+     od;
+#ifndef NO_AGAIN
+     at = index;
+     before = after;
+     after = clock;
+     learn(at, before, after);
+     if :: !learned -> goto ended :: else fi;
+#endif
+     d_step {
+       i = 0;
+       do
+       :: i < count ->
+          if
+          :: first + i >= read -> assert(a[i] == first + i && b[i] == first + i); read = first + i + 1
+          :: else
+          fi;
+          i++
+       :: else -> break
+       od;
+       assert(read <= written && lost <= read)
+     };
+ended: atomic { a[0] = 0; a[1] = 0; b[0] = 0; b[1] = 0; before = 0; after = 0; at = 0; count = 0; first = 0; whole = 0; i = 0 }
+  od
+}
+
+init {
+  byte i = 0;
+  atomic {
+    do
+    :: i < CAP -> low[i] = NOTHING; high[i] = NOTHING; i++
+    :: else -> break
+    od;
+    run Pmac(); run Host()
+  }
+}
