@@ -14,11 +14,11 @@
  * NO_BRACKET   an index counts however long the host stood still between the clock's readings around it. FAILS: two numbers of
  *              samples a turn apart fit it.
  */
-#define CAP 8
+#define CAP 6
 #define CHUNK 2
 #define SLACK 1
 #ifndef SAMPLES
-#define SAMPLES 19
+#define SAMPLES 12
 #endif
 #define NOTHING 255
 
@@ -105,7 +105,7 @@ proctype Host() {
      after = clock;
      learn(at, before, after);
      if :: !learned -> goto ended :: else fi;
-     d_step {
+     atomic {
        whole = written;
 #ifdef BEFORE
 #ifndef NO_HALF
@@ -134,6 +134,7 @@ proctype Host() {
      learn(at, before, after);
      if :: !learned -> goto ended :: else fi;
 #endif
+     skip;
      d_step {
        i = 0;
        do
