@@ -57,7 +57,7 @@ simulator() {
 }
 
 # QEMU 7.2 spoils the flags when it emulates the CMPXCHG16B that newer kernels allocate memory with; without it they do otherwise.
-# boot TEST CORES APPEND [OPTION...]: a machine of emulated processors. Accelerators are not tried: some pretend.
+# boot TEST CORES APPEND [OPTION...]: a machine of emulated processors, and $dpram of shared memory (16K). Accelerators are not tried: some pretend.
 boot() {
 	test=$1
 	cores=$2
@@ -65,7 +65,7 @@ boot() {
 	shift 3
 	background console timeout 300 qemu-system-x86_64 -accel tcg -cpu qemu64,-cx16 -M pc -m 512 -smp "$cores" \
 		-nodefaults -no-user-config -display none -no-reboot -serial stdio \
-		-object "memory-backend-file,id=dpram,mem-path=$site/dpram,size=16K,share=on" -device ivshmem-plain,memdev=dpram \
+		-object "memory-backend-file,id=dpram,mem-path=$site/dpram,size=${dpram:-16K},share=on" -device ivshmem-plain,memdev=dpram \
 		-qtest "unix:$site/qtest,server=on,wait=off" -qtest-log none \
 		-kernel "$kernel/vmlinuz" -initrd "$kernel/initramfs.gz" -append "console=ttyS0 quiet panic=-1 pmac.test=$test $append" "$@"
 	machine=$last

@@ -41,15 +41,16 @@ pci_device() {
 # config DEVICE OFFSET BYTES: writes PCI configuration space; BYTES as printf has them.
 config() { printf "$3" | dd of="$1/config" bs=1 seek=$(($2)) conv=notrunc 2>/dev/null; }
 
-# Places the shared memory, an ivshmem device's third window, in the ISA hole at 0xD4000, where an ISA board has it.
+# place_dpram [BAR]: places the shared memory, an ivshmem device's third window, in the ISA hole at 0xD4000, where an ISA board
+# has it; with the bytes BAR elsewhere there.
 place_dpram() {
 	bridge=/sys/bus/pci/devices/0000:00:00.0
-	# The host bridge's PAM register for 0xD0000 to 0xD7FFF (0x5C on i440FX, 0x93 on Q35): both halves to the bus.
+	# The host bridge's PAM registers for 0xD0000 to 0xDFFFF (0x5C on i440FX, 0x93 on Q35): both halves to the bus.
 	case $(cat $bridge/device) in 0x1237) pam=0x5c ;; *) pam=0x93 ;; esac
-	config $bridge $pam '\x00'
+	config $bridge $pam '\x00\x00'
 	board=$(pci_device 0x1af4 0x1110)
 	config "$board" 4 '\x00\x00'
-	config "$board" 0x18 '\x0c\x40\x0d\x00\x00\x00\x00\x00'
+	config "$board" 0x18 "${1:-\\x0c\\x40\\x0d\\x00}"'\x00\x00\x00\x00'
 	config "$board" 4 '\x02\x00'
 }
 
