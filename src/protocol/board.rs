@@ -125,6 +125,15 @@ pub struct BoardInfo {
     pub program_words: Vec<ProgramWords>,
 }
 
+impl BoardInfo {
+    /// Whether no M-variable keeps the daemon from using `function`.
+    #[must_use]
+    pub fn leaves_free(&self, function: Function) -> bool {
+        let is_held = |words: &ProgramWords| words.function == function && !words.used;
+        !self.program_words.iter().any(is_held)
+    }
+}
+
 /// Something that others do on the board, or have changed there.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Elsewhere {

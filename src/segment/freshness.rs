@@ -117,7 +117,7 @@ impl fmt::Display for Staleness {
             ),
             Self::Off => f.write_str(
                 "the board does not send these data, or pmacd does not read them; switch the function on (servo I48, \
-                background I49, variables I55; `functions` in pmacd's configuration)",
+                background I49, variables I55; `functions` in pmacd's configuration), or see pmacctl status",
             ),
             Self::NoUpdates { age_ns } => {
                 write!(f, "the board has not updated these data for {:.1} s", seconds(*age_ns))

@@ -78,6 +78,7 @@ fn c3_a_function_into_whose_words_a_program_points_is_not_used() {
         assert!(text.contains("programs' words") && text.contains("M211"), "{code} {text}{error}");
         let (_, text, _) = site.hurried(|| site.pmacctl(&["doctor"]));
         assert!(text.contains("is not used: M211 points to"), "{text}");
+        assert!(!text.contains("GATHER"), "no other cause is told: {text}");
         assert!(site.log().contains("the function `servo` is not used: M211 points to"), "{}", site.log());
         site.assert_no_violations();
     }

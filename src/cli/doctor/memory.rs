@@ -67,11 +67,8 @@ fn definitions(connection: &mut Connection, family: &Family) -> Result<Vec<Defin
 
 /// The functions in use whose words lie in `region`.
 fn uses(region: &Region, settings: &BoardSettings, info: &BoardInfo) -> Vec<&'static str> {
-    let is_held = |function: &Function| {
-        info.program_words.iter().any(|words| words.function == *function && !words.used)
-    };
     let all = Function::ALL.into_iter();
-    let all = all.filter(|function| settings.functions.has(*function) && !is_held(function));
+    let all = all.filter(|function| settings.functions.has(*function) && info.leaves_free(*function));
     let has = |function: &Function| match region.name {
         // The headers of the buffers, and the buffers.
         "pointers" | "user" => {

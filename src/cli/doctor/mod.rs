@@ -110,7 +110,10 @@ fn everything(report: &mut Report, context: &Context, system: &System) {
     let settings = settings.flatten();
     let known = settings.clone().unwrap_or_default();
     if let Some(board) = &mut board {
-        data(report, board, &known);
+        let reads = |function: Function| {
+            known.functions.has(function) && info.as_ref().is_none_or(|info| info.leaves_free(function))
+        };
+        data(report, board, reads);
     }
     if let Some(info) = &info {
         functions(report, info, &known);
@@ -250,7 +253,8 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} is for the group {group}; have yourself added to it", path.display())
 }
 
-fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
+/// Checks the reports that the daemon `reads`.
+fn data(report: &mut Report, board: &mut Board, reads: impl Fn(Function) -> bool) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
         // The data are old because the daemon is gone. The daemon check has reported that.
@@ -261,7 +265,7 @@ fn data(report: &mut Report, board: &mut Board, settings: &BoardSettings) {
         [(RegionId::Servo, Function::Servo), (RegionId::Background, Function::Background)]
     {
         let what = region.name();
-        if !settings.functions.has(function) {
+        if !reads(function) {
             continue;
         }
         let Ok(about) = board.subscriber().region(region) else {
