@@ -103,8 +103,7 @@ fn once_everything_was_used_the_bus_thread_allocates_nothing() {
     let subscriber = || pmac_dpram::segment::Subscriber::attach(&site.segment());
     wait_until("the daemon", || subscriber().is_ok_and(|segment| is_live(&segment, RegionId::Servo)));
     let segment = subscriber().unwrap();
-    let used = |info: pmac_dpram::protocol::BoardInfo| info.waiting.is_empty();
-    wait_until("every function", || site.connection().info().is_ok_and(used));
+    site.wait_for_its_functions();
     // The interrupt is connected, what the first error of each kind says is said.
     use_everything(&site);
 

@@ -18,6 +18,7 @@ fn running() -> Site {
     let site = Site::running(&[], &[]);
     site.wait_for_live_servo();
     wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    site.wait_for_its_functions();
     site
 }
 
@@ -210,6 +211,7 @@ fn a_jog_outlives_a_killed_daemon_and_a_request_does_not() {
     std::thread::sleep(Duration::from_millis(500));
     assert!(moves_by_itself(&site), "nobody is left who could stop it but the board");
     site.start_daemon(&[]);
+    site.wait_for_its_functions();
     let mut board = site.connection();
     until(&mut board, "#1V", "it goes on", |speed| speed > 1.0);
     done(&site, &["panel", "jog-stop", "1"]);

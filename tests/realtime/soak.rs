@@ -232,8 +232,7 @@ fn c6_everything_at_once_loses_nothing_on_a_turbo_board() {
 fn everything_at_once_on(family: &'static Family) {
     let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1, family).site(&[]);
     site.wait_for_live_servo();
-    let used = |info: pmac_dpram::protocol::BoardInfo| info.waiting.is_empty();
-    wait_until("every function", || site.connection().info().is_ok_and(used));
+    site.wait_for_its_functions();
     let ready = "&1 #1->X #2->Y I55=1";
     wait_until("a board that takes commands", || site.pmacctl(&["send", ready]).0 == 0);
     for motor in STANDING_MOTORS {

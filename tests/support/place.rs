@@ -95,6 +95,13 @@ impl Place {
             Subscriber::attach(&name).is_ok_and(|subscriber| is_live(&subscriber, RegionId::Servo))
         });
     }
+
+    /// Waits until the daemon knows of every function whether the board's own programs leave it free.
+    pub fn wait_for_its_functions(&self) {
+        wait_until("functions that do not wait", || {
+            self.connection().info().is_ok_and(|info| info.waiting.is_empty())
+        });
+    }
 }
 
 impl Drop for Place {
