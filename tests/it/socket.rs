@@ -15,6 +15,7 @@ use pmac_dpram::protocol::{
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use varlink::OrgVarlinkServiceInterface;
+use varlink_parser::{IDL, VStruct, VStructOrEnum, VType, VTypeExt};
 
 use crate::support::PATIENCE;
 use crate::support::bench::{Bench, no_socket};
@@ -69,9 +70,9 @@ fn understood(method: &str) -> bool {
 
 #[test]
 fn an_independent_parser_reads_the_interfaces() {
-    let service = varlink_parser::IDL::try_from(SERVICE_DESCRIPTION).unwrap();
+    let service = IDL::try_from(SERVICE_DESCRIPTION).unwrap();
     assert_eq!(service.method_keys, ["GetInfo", "GetInterfaceDescription"]);
-    let board = varlink_parser::IDL::try_from(BOARD_DESCRIPTION).unwrap();
+    let board = IDL::try_from(BOARD_DESCRIPTION).unwrap();
     assert_eq!(board.name, BOARD);
     let described: Vec<String> = board.method_keys.iter().map(|name| (*name).to_owned()).collect();
     for name in &described {
@@ -99,10 +100,27 @@ fn an_independent_parser_reads_the_interfaces() {
     let mut raw = Raw::new(&bench);
     raw.call("GetInfo", json!({}));
     let reply = raw.receive().unwrap();
-    let answered: Vec<_> = reply["parameters"].as_object().unwrap().keys().cloned().collect();
-    let mut fields: Vec<_> = board.methods["GetInfo"].output.elts.iter().map(|field| field.name).collect();
-    fields.sort_unstable();
-    assert_eq!(answered, fields);
+    is_as_declared(&reply["parameters"], &board.methods["GetInfo"].output, &board);
+}
+
+/// Every field of the object, and of those inside, is declared, and every declared one is there unless it may be absent.
+fn is_as_declared(answered: &Value, declared: &VStruct, interface: &IDL) {
+    let answered = answered.as_object().unwrap();
+    for name in answered.keys() {
+        assert!(declared.elts.iter().any(|field| field.name == name), "{name} is not declared");
+    }
+    for field in &declared.elts {
+        match (answered.get(field.name), &field.vtype) {
+            (None, VTypeExt::Option(_)) => (),
+            (None, _) => panic!("{} is declared and not answered", field.name),
+            (Some(inner), VTypeExt::Plain(VType::Typename(name))) => {
+                if let VStructOrEnum::VStruct(inner_type) = &interface.typedefs[name].elt {
+                    is_as_declared(inner, inner_type, interface);
+                }
+            }
+            _ => (),
+        }
+    }
 }
 
 #[test]
