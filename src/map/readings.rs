@@ -54,6 +54,7 @@ pub static READINGS: &[Reading] = &[
     found_out("global_words", &["y_first", "x_first"]),
     found_out("background_timer", &["before_ready", "after_ready"]),
     found_out("report_ready", &["ignored", "awaited"]),
+    set("read_entry", &["unsaid", "low_bits"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     set("gather_words", &["size_first", "index_first"]),
     found_out("error_ack", &["none", "follows"]),
@@ -325,6 +326,18 @@ pub enum ReportReady {
     Awaited,
 }
 
+/// Where a Turbo board takes address bits 18-16 of a register to read (Turbo User Manual p. 410 says that the entry's X word
+/// has them, not where). A wrong guess reads another register.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EntryAddress {
+    /// Nobody has said it: registers from $010000 on are not read.
+    #[default]
+    Unsaid,
+    /// In bits 2-0, which the kinds leave free.
+    LowBits,
+}
+
 /// How a Turbo board reads the type word of a record of the background variable write (Turbo User Manual p. 410 names its
 /// parts, not their places). A wrong guess writes another register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -466,6 +479,8 @@ pub struct Readings {
     pub background_timer: TimerOrder,
     /// Turbo: whether a report waits until the last one was taken.
     pub report_ready: ReportReady,
+    /// Turbo: where the high address bits of a register to read stand.
+    pub read_entry: EntryAddress,
     /// Turbo: how the type word of a record to write is made up.
     pub write_record: RecordLayout,
     /// Turbo: which of the two words before the gather buffer is which.

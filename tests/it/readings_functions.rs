@@ -20,7 +20,7 @@ const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 /// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 3] = ["report_ready", "write_record", "gather_words"];
+const OF_TURBO: [&str; 4] = ["report_ready", "read_entry", "write_record", "gather_words"];
 
 impl Board {
     /// That for which `reading` means something.
@@ -124,6 +124,12 @@ fn variables_are_written_and_read(site: &VirtualSite, kind: &Board) {
     }
 }
 
+fn a_high_register_is_watched(site: &VirtualSite) {
+    site.connection().send("WY$7A205,5", PATIENCE).unwrap();
+    let shown = done(site, &["variable", "watch", "Y:$7A205", "--count", "1"]);
+    assert!(shown.ends_with("=5\n"), "{shown}");
+}
+
 fn samples_are_gathered(site: &VirtualSite) {
     let (status, gathered, stderr) =
         site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
@@ -195,6 +201,7 @@ every_function_works_under! {
     b3_every_function_works_under_global_words
     b3_every_function_works_under_background_timer
     b3_every_function_works_under_report_ready
+    b3_every_function_works_under_read_entry
     b3_every_function_works_under_write_record
     b3_every_function_works_under_gather_words
     b3_every_function_works_under_error_ack
@@ -221,6 +228,7 @@ fn b3_a_setting_that_is_missing_shows() {
                 match reading.name.split_once('_').unwrap().0 {
                     "gather" => samples_are_gathered(&site),
                     "rotary" => a_program_runs(&site, board),
+                    "read" => a_high_register_is_watched(&site),
                     "variable" | "write" => variables_are_written_and_read(&site, board),
                     other => unreachable!("{other}"),
                 }

@@ -12,6 +12,7 @@ use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
+use crate::map::readings::EntryAddress;
 use crate::map::{Family, Firmware, HostOffset, PmacAddress, VariableName};
 use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
@@ -379,7 +380,7 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
             let name = name.map_err(|why| CallError::invalid("registers", why))?;
             knows(name, info)?;
             let entry = VariableEntry::from(name);
-            is_told(text, entry, info.family())?;
+            is_told(text, entry, info)?;
             Ok(entry)
         })
         .collect()
@@ -400,15 +401,17 @@ pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Resul
     }
 }
 
-/// Refuses a register whose address goes where no text tells for sure: a wrong guess reads another register, and nothing shows it.
-fn is_told(text: &str, entry: VariableEntry, family: &Family) -> Result<(), CallError> {
+/// Refuses a register whose address goes where no text tells for sure, unless the configuration does: a wrong guess reads
+/// another register, and nothing shows it.
+fn is_told(text: &str, entry: VariableEntry, info: &Info) -> Result<(), CallError> {
+    let family = info.family();
     let told = family.variable_read.entry.told;
-    if entry.address >> told == 0 {
+    if entry.address >> told == 0 || info.settings().readings.read_entry == EntryAddress::LowBits {
         return Ok(());
     }
     Err(refused(format!(
         "{text}: no text tells for sure where a {} takes address bits {told} and above of a register to read; registers below {} \
-         can be watched",
+         can be watched, and all of them with read_entry under [readings] in pmacd's configuration",
         family.title,
         family.print_number(1 << told)
     )))
