@@ -9,7 +9,7 @@ import pytest
 
 def test_samples_come_whole_with_their_times(site):
     board = site.connect()
-    board.command("#1J=5000")
+    board.command("#1J+")
     gathered = board.gather(["servo_timer", "1.actual_position"], 0.5)
     assert len(gathered) == pytest.approx(0.5 * 2259, abs=2) and gathered.lost == 0
     timers = gathered.column(0)
