@@ -3,6 +3,7 @@
 //! The bus thread ([`bus::board_loop`]) owns the board. The socket thread ([`socket`]) owns the clients. Two bounded
 //! queues ([`shared::queue`]) join them. A third thread writes the log, and the first one waits for signals.
 
+mod ask_family;
 pub mod bring_up;
 pub mod bus;
 pub mod config;

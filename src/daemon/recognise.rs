@@ -1,9 +1,10 @@
-//! Looks at the board before anything is written to it: what it is, and whether the configuration says so, too.
+//! Finds out what the board is before anything is written to its DPRAM, and whether the configuration says so, too.
 
 use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
+use super::ask_family;
 use super::config::family::{FamilyKnown, Recognised};
 use super::config::settings::Settings;
 use super::exit::{self, Failure};
@@ -29,21 +30,22 @@ pub fn settled(
     settings: Settings,
     options: &Options,
     inherited: &Inherited,
-    pause: impl FnMut() -> u64,
+    mut pause: impl FnMut() -> u64,
 ) -> Result<Settings, Failure> {
+    let mut seen = |looks| match look(&settings, inherited, looks, &mut pause)? {
+        None => ask(&settings, inherited, &mut pause),
+        seen => Ok(seen),
+    };
     match settings.family_known {
         FamilyKnown::Assumed | FamilyKnown::Recognised | FamilyKnown::Unknown => Ok(settings),
-        FamilyKnown::Written => {
-            let seen = look(&settings, inherited, 1, pause)?;
-            match contradiction(settings.family, seen) {
-                Some(reason) => Err(Failure::new(exit::CONFIGURATION, reason)),
-                None => Ok(settings),
-            }
-        }
+        FamilyKnown::Written => match contradiction(settings.family, seen(1)?) {
+            Some(reason) => Err(Failure::new(exit::CONFIGURATION, reason)),
+            None => Ok(settings),
+        },
         FamilyKnown::Sought => {
-            let seen = look(&settings, inherited, LOOKS, pause)?.map(|seen| of_size(seen, &settings.board));
+            let seen = seen(LOOKS)?.map(|seen| of_size(seen, &settings.board));
             match seen {
-                Some(family) => info!("the board is a {} by what it shows", family.title),
+                Some(family) => info!("the board is a {} by what it shows or answers", family.title),
                 None => warn!("{UNKNOWN_FAMILY}"),
             }
             let settings = Settings::decide_seen(options, seen);
@@ -85,6 +87,17 @@ fn look(
     recognise(&mut bus, looks, |_| pause()).map_err(|error| Failure::board(&error))
 }
 
+/// What the board says where it can be asked without a write into its DPRAM.
+fn ask(
+    settings: &Settings,
+    inherited: &Inherited,
+    mut pause: impl FnMut() -> u64,
+) -> Result<Recognised, Failure> {
+    let Some(mailbox) = &settings.mailbox else { return Ok(None) };
+    let begin = Instant::now();
+    ask_family::by_mailbox(mailbox, inherited, || begin + Duration::from_nanos(pause()))
+}
+
 /// The family that was seen, with as much DPRAM as there surely is. Within the generation, `TYPE` tells more.
 fn of_size(seen: &'static Family, board: &BoardSpec) -> &'static Family {
     let length = match board {
@@ -112,7 +125,7 @@ fn contradiction(written: &Family, seen: Recognised) -> Option<String> {
         Generation::Turbo => "family = \"turbo\" or \"turbo2\"",
     };
     Some(format!(
-        "the configuration says family = \"{}\", but the board is a {} by what it shows, and nothing was written to it; write {right}",
+        "the configuration says family = \"{}\", but the board is a {} by what it shows or answers, and nothing was written to its DPRAM; write {right}",
         written.name, seen.title
     ))
 }

@@ -27,11 +27,7 @@ fn configured(site: &VirtualSite, config: &str) {
 
 /// The daemon's refusal to start.
 fn refusal(site: &VirtualSite, config: &str) -> String {
-    let config = site.file("pmacd.toml", config);
-    let board = format!("file:{}", site.path("dpram").display());
-    let mut all = vec!["--board".to_owned(), board, "--name".to_owned(), site.name.clone()];
-    all.extend(["--socket".to_owned(), site.socket().display().to_string(), "--config".to_owned(), config]);
-    site.with_world(move |world| world.start_daemon(&all)).unwrap_err()
+    site.refusal(&site.file("pmacd.toml", config))
 }
 
 fn memory(site: &VirtualSite) -> Vec<u8> {
@@ -95,13 +91,13 @@ fn c2_a_configuration_that_contradicts_the_board_is_refused() {
         (
             "turbo2",
             "pmac",
-            "is a Turbo PMAC2 by what it shows, and nothing was written to it; write family = \"turbo\"",
+            "is a Turbo PMAC2 by what it shows or answers, and nothing was written to its DPRAM; write family = \"turbo\"",
         ),
-        ("turbo", "pmac2", "is a Turbo PMAC by what it shows"),
+        ("turbo", "pmac2", "is a Turbo PMAC by what it shows or answers"),
         (
             "pmac",
             "turbo",
-            "is a PMAC by what it shows, and nothing was written to it; write family = \"pmac\"",
+            "is a PMAC by what it shows or answers, and nothing was written to its DPRAM; write family = \"pmac\"",
         ),
     ] {
         let site = board(&["--family", family, "--dpram-startup"]);
@@ -161,5 +157,5 @@ fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
     assert_eq!(status(&site)["family"], "turbo2");
     site.assert_no_violations();
     let error = refusal(&board(&["--family", "turbo2"]), "family = \"pmac\"\n");
-    assert!(error.contains("is a Turbo PMAC2 by what it shows"), "{error}");
+    assert!(error.contains("is a Turbo PMAC2 by what it shows or answers"), "{error}");
 }

@@ -315,3 +315,46 @@ fn a_page_that_is_not_configured_is_not_written() {
     // The mailboxes answer all the same.
     assert_eq!(site.connection().send("VERSION", PATIENCE).unwrap(), ["1.16D"]);
 }
+
+/// A VME board of `family` whose DPRAM shows nothing, and the configuration of its mailboxes.
+fn silent_vme(family: &str, written: &str) -> (VirtualSite, String) {
+    let site = VirtualSite::new();
+    let path = |name: &str| site.path(name).display().to_string();
+    let startup = site.file("startup", "I3=2\nI6=1\n");
+    let board = ["--family", family, "--dpram", "8k", "--startup", &startup];
+    let options = mailbox_options(&site, &board);
+    site.start_simulator(&options.iter().map(String::as_str).collect::<Vec<_>>());
+    let config = format!(
+        "family = \"{written}\"\n[mailbox]\nregisters = \"file:{}\"\ntaken = \"unix:{}\"\nreply = \"unix:{}\"\n",
+        path("mailbox"),
+        path("taken"),
+        path("response")
+    );
+    let config = site.file("pmacd.toml", &config);
+    (site, config)
+}
+
+#[test]
+fn c2_a_board_that_shows_nothing_is_asked_through_its_mailboxes() {
+    for family in ["pmac", "pmac2", "turbo", "turbo2"] {
+        let (site, config) = silent_vme(family, "auto");
+        site.start_daemon(&["--config", &config]);
+        site.wait_until("its own family", || {
+            let status = site.hurried(|| site.pmacctl(&["status", "--json"]).1);
+            serde_json::from_str::<serde_json::Value>(&status).unwrap()["family"] == family
+        });
+        assert_eq!(site.connection().send("TYPE", PATIENCE).unwrap().len(), 1, "{family}");
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn c2_a_family_that_the_mailboxes_contradict_is_refused() {
+    for (family, written, right) in [("turbo2", "pmac", "turbo"), ("pmac", "turbo", "pmac")] {
+        let (site, config) = silent_vme(family, written);
+        let before = std::fs::read(site.path("dpram")).unwrap();
+        let error = site.refusal(&config);
+        assert!(error.contains(&format!("write family = \"{right}\"")), "{error}");
+        assert_eq!(std::fs::read(site.path("dpram")).unwrap(), before, "{family}");
+    }
+}

@@ -107,6 +107,15 @@ impl VirtualSite {
         self.start_daemon_on(&board, options);
     }
 
+    /// The refusal of a daemon with the configuration file `config` to start on the board.
+    pub fn refusal(&self, config: &str) -> String {
+        let board = format!("file:{}", self.path("dpram").display());
+        let mut all = vec!["--board".to_owned(), board, "--name".to_owned(), self.name.clone()];
+        all.extend(["--socket".to_owned(), self.socket().display().to_string()]);
+        all.extend(["--config".to_owned(), config.to_owned()]);
+        self.with_world(move |world| world.start_daemon(&all)).unwrap_err()
+    }
+
     /// Starts a daemon on the board that `board` names.
     pub fn start_daemon_on(&self, board: &str, options: &[&str]) {
         let mut all = vec!["--board".to_owned(), board.to_owned(), "--name".to_owned(), self.name.clone()];

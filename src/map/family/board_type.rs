@@ -59,7 +59,8 @@ impl Family {
     }
 
     /// The family that an answer to `TYPE` names (Software Reference p. 286); `None` for a text that is not known.
-    fn of_type(answer: &str) -> Option<&'static Self> {
+    #[must_use]
+    pub fn of_type(answer: &str) -> Option<&'static Self> {
         // An Ultralite (`PMACUL`, `TURBOU`) is a PMAC2 without its own axes.
         match answer.split(',').next().map(str::trim) {
             Some("PMAC1") => Some(&PMAC),

@@ -1,0 +1,75 @@
+//! Asks a board what it is through a port that is no word of its DPRAM: the VME mailboxes, whose place every family shares
+//! (PMAC User Manual p. 263-267, Turbo User Manual p. 397).
+
+use std::time::{Duration, Instant};
+
+use log::info;
+
+use super::config::family::Recognised;
+use super::config::ports::{MailboxConfig, Use};
+use super::exit::Failure;
+use crate::daemon::bus::ports::mailbox::MailboxDriver;
+use crate::device::{ByteBusError, Inherited, System};
+use crate::function::ascii::AsciiEvent;
+use crate::map::Family;
+
+/// What every family answers to.
+const QUESTION: &str = "TYPE";
+/// What a board may set before each line (Turbo's I63).
+const STX: char = '\u{2}';
+/// How long the answer may take, with what the port lets pass before. A board without power answers nothing.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The family that the board names through its mailboxes; `None` where it names none in [`PATIENCE`], and where no line
+/// may go that way. `wait` waits some milliseconds and tells the time.
+///
+/// # Errors
+/// The mailboxes cannot be opened or reached.
+pub fn by_mailbox(
+    config: &MailboxConfig,
+    inherited: &Inherited,
+    wait: impl FnMut() -> Instant,
+) -> Result<Recognised, Failure> {
+    if config.when == Use::Never {
+        return Ok(None);
+    }
+    let driver = MailboxDriver::open(config.clone(), QUESTION.len(), &System::here(), inherited);
+    let mut driver = driver.map_err(|error| Failure::board(error.as_ref()))?;
+    let answer = ask(&mut driver, wait).map_err(|error| Failure::board(&error))?;
+    let family = answer.as_deref().and_then(Family::of_type);
+    if let (Some(answer), Some(_)) = (answer, family) {
+        info!("through the mailboxes the board answers {QUESTION} with \"{answer}\"");
+    }
+    Ok(family)
+}
+
+/// The first line of the board's answer.
+fn ask(
+    driver: &mut MailboxDriver,
+    mut wait: impl FnMut() -> Instant,
+) -> Result<Option<String>, ByteBusError> {
+    let begin = wait();
+    driver.start(begin)?;
+    let mut asked = false;
+    let mut answer = None;
+    let mut now = begin;
+    while now < begin + PATIENCE {
+        driver.tend(now);
+        driver.take_interrupts(now);
+        while let Some(event) = driver.port.poll(&mut driver.registers, now)? {
+            match event {
+                AsciiEvent::Line(text) if asked => {
+                    let line = String::from_utf8_lossy(text.as_bytes());
+                    answer.get_or_insert_with(|| line.trim_start_matches(STX).to_owned());
+                }
+                AsciiEvent::Done(_) if asked => return Ok(answer),
+                _ => {}
+            }
+        }
+        if !asked && driver.is_connected() {
+            asked = driver.port.begin(&mut driver.registers, QUESTION.as_bytes())?;
+        }
+        now = wait();
+    }
+    Ok(answer)
+}
