@@ -32,7 +32,7 @@
 //!
 //! # Features
 //! All are on by default; each builds alone. `client`: the client library. `daemon`: `pmacd`. `sim`: `pmac-sim`.
-//! `cli`: `pmacctl`. `serial`: [`client`] on a serial line. A program that reads a board links 15 crates:
+//! `cli`: `pmacctl`. `serial`: [`client`] on a serial line. `usage`: [`mod@usage`]. A program that reads a board links 15 crates:
 //! `pmac-dpram = { version = "0.1", default-features = false, features = ["client"] }`
 //!
 //! # Invariants
@@ -105,5 +105,5 @@ pub mod segment;
 pub mod setup;
 #[cfg(feature = "sim")]
 pub mod sim;
-#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
+#[cfg(feature = "usage")]
 pub mod usage;

@@ -5,6 +5,7 @@
 
 pub mod answer;
 pub mod board;
+pub mod buffer_line;
 pub mod calls;
 pub mod control;
 pub mod cut_off;

@@ -9,16 +9,13 @@
 //! the background report copies that word (`Y:$000006`), and bit 20 is a binary rotary buffer (Turbo Software Reference p. 290).
 //! Where no such report comes, the board is asked by [`QUESTION`].
 
-mod line;
-
 use std::fmt;
 use std::time::{Duration, Instant};
 
-pub use line::NAME_MAX;
-use line::{Effect, effect, enters_nothing, is_close};
-
 use crate::format::Text;
 use crate::protocol::OpenBufferInfo;
+pub use crate::protocol::buffer_line::NAME_MAX;
+use crate::protocol::buffer_line::{Effect, effect, enters_nothing, is_close};
 
 /// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`;
 /// GRAMMAR 2.7). So the board answers it at once while one is open, too, and it is no word of any program.

@@ -1,7 +1,7 @@
 //! What a line does to the program buffers: opens one, closes what is open, or enters what is open.
 
+use super::line::{command_bytes, resets};
 use crate::format::Text;
-use crate::protocol::line::{command_bytes, resets};
 
 /// The longest name of a buffer: `PROG 32767`.
 pub const NAME_MAX: usize = 16;
@@ -11,13 +11,16 @@ const BUFFERS: [&str; 8] = ["PROG", "PLCC", "PLC", "BINARY", "ROTARY", "ROT", "F
 
 /// What a line does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Effect {
+pub enum Effect {
+    /// It opens the buffer of this name: `PROG 77`.
     Opens(Text<NAME_MAX>),
+    /// It closes what is open.
     Closes,
 }
 
 /// Whether `line` is `CLOSE` and nothing else.
-pub(super) fn is_close(line: &[u8]) -> bool {
+#[must_use]
+pub fn is_close(line: &[u8]) -> bool {
     CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
 }
 
@@ -25,7 +28,7 @@ pub(super) fn is_close(line: &[u8]) -> bool {
 /// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
 /// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). On the other reading the
 /// board would refuse the line.
-pub(super) fn enters_nothing(line: &[u8]) -> bool {
+pub fn enters_nothing(line: &[u8]) -> bool {
     let mut rest = line.trim_ascii();
     let mut acts = false;
     while let Some((&first, behind)) = rest.split_first() {
@@ -50,7 +53,8 @@ pub(super) fn enters_nothing(line: &[u8]) -> bool {
 }
 
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
-pub(super) fn effect(line: &[u8]) -> Option<Effect> {
+#[must_use]
+pub fn effect(line: &[u8]) -> Option<Effect> {
     let mut effect = None;
     for part in command_bytes(line) {
         let mut rest = part;
