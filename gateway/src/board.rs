@@ -1,0 +1,251 @@
+//! The board as one client has it: a connection to `pmacd` of his own, made when it is needed first.
+//!
+//! What opens a program buffer, and every line until it is closed, goes as a sequence of `pmacd`: nobody else's lines enter the
+//! buffer, and `pmacd` closes it when the client, or this program, is gone.
+
+use std::path::PathBuf;
+
+use pmac_dpram::client::command::lines::LinesOptions;
+use pmac_dpram::client::{CommandError, Connection};
+use pmac_dpram::map::HostOffset;
+use pmac_dpram::protocol::board::LineOutcome;
+use pmac_dpram::protocol::buffer_line::{Effect, effect, is_close};
+use pmac_dpram::protocol::{CallError, READ_MAX, deadlines};
+use pmac_dpram::segment::SegmentName;
+
+/// [`Failure::Refused`]: the command is not allowed now.
+pub const NOT_NOW: u16 = 1;
+/// [`Failure::Refused`]: the client lacks a right.
+pub const NO_RIGHT: u16 = 2;
+/// [`Failure::Refused`]: the command is not known, or its value is not.
+pub const UNKNOWN: u16 = 3;
+/// [`Failure::Refused`]: a character is not allowed.
+pub const ILLEGAL: u16 = 4;
+/// [`Failure::Refused`]: the line is too long.
+pub const NO_ROOM: u16 = 6;
+/// [`Failure::Refused`]: somebody else has a buffer open.
+pub const IN_USE: u16 = 7;
+
+/// What others are told a sequence is.
+const SEQUENCE: &str = "download";
+
+/// Why something was not done, or may not have been.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Failure {
+    /// The board has refused it, or nothing was sent.
+    Refused {
+        /// The number of `ERRnnn`, as a board would say it.
+        code: u16,
+        /// What the board had answered before.
+        lines: Vec<String>,
+        /// Why, unless the board itself said so.
+        why: Option<String>,
+    },
+    /// It is not known what the board has done, or there is no board. The client gets no answer.
+    Gone(String),
+}
+
+impl Failure {
+    /// A refusal of which nothing was sent.
+    #[must_use]
+    pub fn unsent(code: u16, why: impl Into<String>) -> Self {
+        Self::Refused { code, lines: Vec::new(), why: Some(why.into()) }
+    }
+}
+
+impl From<CommandError> for Failure {
+    fn from(error: CommandError) -> Self {
+        let why = error.to_string();
+        match error {
+            CommandError::Refused(CallError::Board { code, lines, .. }) => {
+                Self::Refused { code, lines, why: None }
+            }
+            CommandError::Refused(CallError::NotPermitted { .. }) => Self::unsent(NO_RIGHT, why),
+            CommandError::Refused(CallError::InvalidLine { .. }) => Self::unsent(ILLEGAL, why),
+            CommandError::Refused(CallError::Refused { .. } | CallError::Busy) => Self::unsent(NOT_NOW, why),
+            CommandError::Refused(CallError::OutOfRange | CallError::InvalidParameter { .. }) => {
+                Self::unsent(UNKNOWN, why)
+            }
+            _ => Self::Gone(why),
+        }
+    }
+}
+
+/// Where the daemon is, and of which board it has to be.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// Its socket.
+    pub socket: PathBuf,
+    /// The board's name, if the socket alone does not say which is meant.
+    pub name: Option<SegmentName>,
+}
+
+impl Place {
+    /// A connection to the daemon, once it has said that it has the board that is meant.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn connect(&self) -> Result<Connection, CommandError> {
+        let connection = Connection::open(&self.socket)?;
+        match &self.name {
+            Some(name) => connection.of_board(name),
+            None => Ok(connection),
+        }
+    }
+}
+
+/// One client's way to the board.
+#[derive(Debug)]
+pub struct Board {
+    place: Place,
+    connection: Option<Connection>,
+    in_buffer: bool,
+}
+
+impl Board {
+    /// Nothing is connected yet.
+    #[must_use]
+    pub fn new(place: Place) -> Self {
+        Self { place, connection: None, in_buffer: false }
+    }
+
+    /// Whether lines enter a program buffer that this client has opened.
+    #[must_use]
+    pub fn is_in_buffer(&self) -> bool {
+        self.in_buffer
+    }
+
+    fn connection(&mut self) -> Result<&mut Connection, Failure> {
+        if self.connection.is_none() {
+            self.connection = Some(self.place.connect()?);
+        }
+        self.connection.as_mut().ok_or_else(|| Failure::Gone("no connection to pmacd".to_owned()))
+    }
+
+    /// Sends `line` and returns the lines of its reply.
+    ///
+    /// # Errors
+    /// [`Failure`].
+    pub fn send(&mut self, line: &str) -> Result<Vec<String>, Failure> {
+        let opens = matches!(effect(line.as_bytes()), Some(Effect::Opens(_)));
+        if opens || self.in_buffer {
+            return self.send_in_sequence(line, opens);
+        }
+        if is_close(line.as_bytes())
+            && self.connection()?.info()?.open_buffer.is_some_and(|open| open.sequence)
+        {
+            // pmacd lets everybody close what is open. Here each client closes his own.
+            return Err(Failure::unsent(IN_USE, "the program buffer that is open is somebody else's"));
+        }
+        let timeout = deadlines::of_line(line, deadlines::PLAIN);
+        Ok(self.connection()?.send(line, timeout)?)
+    }
+
+    fn send_in_sequence(&mut self, line: &str, opens: bool) -> Result<Vec<String>, Failure> {
+        // A sequence that has ended must not begin anew in the middle: its lines would be commands.
+        self.renew()?;
+        let was_open = self.in_buffer;
+        let timeout = deadlines::of_line(line, deadlines::PLAIN);
+        let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
+        let mut told = None;
+        let goes_on = self.connection()?.lines(options).run(&[line], |reply| {
+            told = Some(reply.clone());
+            true
+        });
+        let goes_on = match goes_on {
+            Err(CommandError::Refused(CallError::Refused { reason })) if !was_open => {
+                return Err(Failure::unsent(IN_USE, reason));
+            }
+            goes_on => goes_on?,
+        };
+        let reply = told.unwrap_or_default();
+        let closes = effect(line.as_bytes()) == Some(Effect::Closes);
+        self.in_buffer = goes_on && if reply.failure.is_some() { was_open } else { !closes };
+        if goes_on && !self.in_buffer {
+            // Whatever a refused line has opened is closed by the end of the sequence.
+            let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
+            self.connection()?.lines(options).finish()?;
+        }
+        match reply.failure {
+            None if goes_on => Ok(reply.lines),
+            None => Err(Failure::Gone("the sequence ended before the line was answered".to_owned())),
+            Some(failure) if failure.outcome == LineOutcome::Refused => {
+                let code = failure.code.unwrap_or(UNKNOWN);
+                Err(Failure::Refused { code, lines: reply.lines, why: None })
+            }
+            Some(failure) if failure.outcome == LineOutcome::NotSent && opens && !was_open => {
+                Err(Failure::unsent(IN_USE, failure.message))
+            }
+            Some(failure) => Err(Failure::Gone(failure.message)),
+        }
+    }
+
+    /// Says that the client is still there, if it has a buffer open. To be called every second.
+    ///
+    /// # Errors
+    /// [`Failure::Gone`] when the buffer is not the client's any more.
+    pub fn renew(&mut self) -> Result<(), Failure> {
+        if !self.in_buffer {
+            return Ok(());
+        }
+        let renewed = self.connection()?.sequence_renew();
+        renewed.map_err(|error| Failure::Gone(format!("the program buffer is open no more: {error}")))
+    }
+
+    /// Sends a control character, and returns the lines of its reply.
+    ///
+    /// # Errors
+    /// [`Failure`].
+    pub fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
+        Ok(self.connection()?.control(character)?)
+    }
+
+    /// Reads `count` bytes of the DPRAM.
+    ///
+    /// # Errors
+    /// [`Failure`].
+    pub fn read(&mut self, first: u16, count: usize) -> Result<Vec<u8>, Failure> {
+        let skipped = usize::from(first & 1);
+        let words = (skipped + count).div_ceil(2);
+        let mut bytes = Vec::with_capacity(2 * words);
+        while bytes.len() < 2 * words {
+            let offset = u32::from(first & !1) + u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+            let part = (words - bytes.len() / 2).min(READ_MAX);
+            let (_, read) = self.connection()?.read(HostOffset::new(offset), part)?;
+            bytes.extend(read.into_iter().flat_map(u16::to_le_bytes));
+        }
+        Ok(bytes.into_iter().skip(skipped).take(count).collect())
+    }
+
+    /// Writes bytes of the DPRAM; of each, the bits of its mask. Only where no function owns the words.
+    ///
+    /// # Errors
+    /// [`Failure`]. Several words may have been written in part when it is [`Failure::Gone`].
+    pub fn write(&mut self, first: u16, bytes: &[(u8, u8)]) -> Result<(), Failure> {
+        let mut padded = vec![(0, 0); usize::from(first & 1)];
+        padded.extend_from_slice(bytes);
+        let words: Vec<(u16, u16)> = padded
+            .chunks(2)
+            .map(|pair| {
+                let (high, high_mask) = pair.get(1).copied().unwrap_or((0, 0));
+                let (low, low_mask) = pair.first().copied().unwrap_or((0, 0));
+                (u16::from_le_bytes([low, high]), u16::from_le_bytes([low_mask, high_mask]))
+            })
+            .collect();
+        let mut offset = u32::from(first & !1);
+        for (index, part) in words.chunks(READ_MAX).enumerate() {
+            let written = self.connection()?.write(HostOffset::new(offset), part, false);
+            match written.map_err(Failure::from) {
+                Err(Failure::Refused { why, .. }) if index > 0 => {
+                    let why = why.unwrap_or_default();
+                    return Err(Failure::Gone(format!(
+                        "a part of the bytes is written, the rest not: {why}"
+                    )));
+                }
+                written => written?,
+            }
+            offset += u32::try_from(2 * part.len()).unwrap_or(u32::MAX);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,24 @@
+//! PMAC's Ethernet protocol in front of a board that has no Ethernet port: what `pmac-gateway` is made of.
+//!
+//! ```text
+//! client ⇄ tcp, udp → packet → session → text, memory → board ⇒ pmacd        (⇒ = process boundary)
+//! ```
+//!
+//! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use speak it.
+//! A client has one thread and one connection to `pmacd`, made when it is needed first. Everything is bounded: clients,
+//! buffers, waits.
+//!
+//! Where the board has refused a line, or nothing was sent, the client is told an error. Where it is not known what the board
+//! has done, no answer is made up: the client's connection ends.
+
+pub mod board;
+mod memory;
+pub mod options;
+pub mod packet;
+pub mod quota;
+pub mod reply;
+pub mod session;
+pub mod tcp;
+pub mod text;
+pub mod tokens;
+pub mod udp;

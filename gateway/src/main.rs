@@ -1,0 +1,86 @@
+//! PMAC's Ethernet protocol in front of a board behind its dual-ported RAM.
+
+use std::io::{self, Write};
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::thread;
+
+use clap::Parser;
+use log::{LevelFilter, info, warn};
+use pmac_dpram::client::CommandError;
+use pmac_dpram::usage::usage;
+use pmac_gateway::options::Options;
+use pmac_gateway::session::Rules;
+use pmac_gateway::{tcp, udp};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
+fn main() -> ExitCode {
+    let options = match Options::try_parse() {
+        Ok(options) => options,
+        Err(error) => return usage("pmac-gateway", &error),
+    };
+    env_logger::Builder::new()
+        .filter_level(LevelFilter::Info)
+        .format(|line, record| writeln!(line, "pmac-gateway: {}", record.args()))
+        .init();
+    match run(&options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            let _ = writeln!(io::stderr(), "pmac-gateway: {why}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Serves until a signal comes. Then every connection to `pmacd` ends with this process, and `pmacd` closes what its clients have open.
+fn run(options: &Options) -> Result<(), String> {
+    let rules = options.rules().map_err(|error| error.to_string())?;
+    let mut signals = Signals::new([SIGINT, SIGTERM]).map_err(|error| format!("signals: {error}"))?;
+    look_at_daemon(&rules)?;
+    let address = options.listen();
+    let refuse = |error| format!("{address}: {error}; choose another --listen");
+    let listener = TcpListener::bind(address).map_err(refuse)?;
+    // The port may have been left to the system.
+    let address = listener.local_addr().map_err(refuse)?;
+    let socket = Arc::new(UdpSocket::bind(address).map_err(refuse)?);
+    warn_of(address, &rules);
+    let start = |name: &str, run: Box<dyn FnOnce() + Send>| {
+        let started = thread::Builder::new().name(name.to_owned()).spawn(run);
+        started.map(drop).map_err(|error| format!("a thread: {error}"))
+    };
+    let own = rules.clone();
+    start("tcp", Box::new(move || tcp::serve(&listener, &own)))?;
+    start("udp", Box::new(move || udp::serve(&socket, &rules)))?;
+    info!("listening on {address}");
+    signals.forever().next();
+    Ok(())
+}
+
+/// A daemon with another board than the one that is meant is refused. One that is not there may come.
+fn look_at_daemon(rules: &Rules) -> Result<(), String> {
+    match rules.place.connect() {
+        Ok(_) => Ok(()),
+        Err(error @ CommandError::OtherBoard { .. }) => Err(error.to_string()),
+        Err(error) => {
+            warn!("{error}; clients are sent away until it is there");
+            Ok(())
+        }
+    }
+}
+
+fn warn_of(address: SocketAddr, rules: &Rules) {
+    if !address.ip().is_loopback() {
+        warn!(
+            "{address} is no loopback address: the protocol has no encryption and no password, and whoever reaches the address \
+             {}; use ssh or WireGuard",
+            if rules.read_only { "reads the board" } else { "moves the machine" }
+        );
+    }
+    if let Some(version) = &rules.version {
+        warn!(
+            "VERSION is answered {version:?}, whatever the board is: a client may take its status bits for others"
+        );
+    }
+}

@@ -1,0 +1,214 @@
+//! One client: what he is answered to each request.
+
+use log::info;
+use pmac_dpram::format::Visible;
+use pmac_dpram::protocol::control;
+use pmac_dpram::protocol::password::without_password;
+
+use crate::board::{self, Board, Failure, Place};
+use crate::packet::{Packet, Request};
+use crate::reply::{Handshake, Pending};
+
+/// One byte that says: done.
+pub(crate) const DONE: u8 = b'@';
+/// One byte that says: not done. Where more stood, a client that reads one byte would take the rest for the next answer.
+pub(crate) const REFUSED: u8 = 0x07;
+/// What a client is told who may only look.
+pub(crate) const READ_ONLY: &str = "this gateway only reads (--read-only)";
+/// Refusals that are logged of one client.
+const TOLD_MAX: u32 = 20;
+
+/// What holds for every client.
+#[derive(Debug, Clone)]
+pub struct Rules {
+    /// The board's daemon.
+    pub place: Place,
+    /// Nothing is sent but questions.
+    pub read_only: bool,
+    /// What `VERSION` is answered, if not by the board.
+    pub version: Option<String>,
+}
+
+/// What a client is answered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answer {
+    /// These bytes, at once.
+    Reply(Vec<u8>),
+    /// Nothing: his connection ends, for this reason.
+    End(String),
+}
+
+/// One client.
+#[derive(Debug)]
+pub struct Session {
+    peer: String,
+    pub(crate) rules: Rules,
+    pub(crate) board: Board,
+    pub(crate) handshake: Handshake,
+    pub(crate) pending: Pending,
+    /// The motor and the coordinate system that he addressed last.
+    pub(crate) motor: Option<u32>,
+    pub(crate) system: Option<u32>,
+    write_error: [u8; 4],
+    told: u32,
+}
+
+impl Session {
+    /// The client at `peer`. Nothing is connected yet.
+    #[must_use]
+    pub fn new(peer: String, rules: Rules) -> Self {
+        let board = Board::new(rules.place.clone());
+        Self {
+            peer,
+            rules,
+            board,
+            handshake: Handshake::default(),
+            pending: Pending::default(),
+            motor: None,
+            system: None,
+            write_error: [0; 4],
+            told: 0,
+        }
+    }
+
+    /// Whether [`Self::renew`] is to be called every second.
+    #[must_use]
+    pub fn wants_renewal(&self) -> bool {
+        self.board.is_in_buffer()
+    }
+
+    /// Says that the client is still there. Why his connection ends, if it does.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn renew(&mut self) -> Result<(), String> {
+        match self.board.renew() {
+            Err(Failure::Gone(why)) => Err(why),
+            _ => Ok(()),
+        }
+    }
+
+    /// What `packet` is answered.
+    pub fn answer(&mut self, packet: &Packet) -> Answer {
+        let Packet { request, upload, value, .. } = *packet;
+        let answer = match request {
+            Request::SendLine => self.text(&packet.data).map(|()| vec![DONE]),
+            Request::GetResponse => {
+                self.pending.clear();
+                self.text(&packet.data).map(|()| self.pending.take())
+            }
+            Request::GetBuffer => Ok(self.pending.take()),
+            Request::GetLine => Ok(self.pending.take_line()),
+            Request::ReadReady => Ok(vec![u8::from(!self.pending.is_empty()), 0]),
+            // ^X would end the line that the board is at, whosever it is. Here each client has a port of his own.
+            Request::Flush => {
+                self.pending.clear();
+                Ok(vec![DONE])
+            }
+            Request::ControlResponse => self.control_response(value),
+            Request::SendControl => self.control_response(value).map(|reply| match reply.first() {
+                Some(&REFUSED) => vec![REFUSED],
+                _ => vec![DONE],
+            }),
+            Request::WriteBuffer => self.write_buffer(&packet.data),
+            Request::WriteError => Ok(self.write_error.to_vec()),
+            Request::GetMem | Request::SetMem | Request::SetBit | Request::SetBits => self.memory(packet),
+            Request::Port | Request::FirmwareDownload | Request::IpAddress => {
+                let why = format!("{request:?} is always refused");
+                self.tell(&why);
+                // A byte would be taken for what is asked for.
+                if upload { Err(Failure::Gone(why)) } else { Ok(vec![REFUSED]) }
+            }
+        };
+        match answer {
+            Ok(bytes) => Answer::Reply(bytes),
+            Err(Failure::Gone(why)) => Answer::End(why),
+            Err(Failure::Refused { code, lines, why }) => {
+                self.refused(code, &lines, why.as_deref());
+                Answer::Reply(self.pending.take())
+            }
+        }
+    }
+
+    /// Puts a refusal where the client fetches it.
+    pub(crate) fn refused(&mut self, code: u16, lines: &[String], why: Option<&str>) {
+        self.pending.lines(lines, self.handshake);
+        self.pending.error(code, self.handshake);
+        if let Some(why) = why {
+            self.tell(why);
+        }
+    }
+
+    /// Logs why something was refused, the first times.
+    pub(crate) fn tell(&mut self, why: &str) {
+        self.told += 1;
+        if self.told <= TOLD_MAX {
+            info!("{}: refused: {}", self.peer, Visible(why));
+        }
+    }
+
+    /// Logs what moves or stops something.
+    pub(crate) fn log_motion(&self, line: &str) {
+        info!("{}: {}", self.peer, Visible(without_password(line)));
+    }
+
+    /// Sends a control character, and returns its reply; nothing for most of them.
+    pub(crate) fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
+        /// `^B ^C ^F ^G ^P ^V`: they report, and do nothing else.
+        const REPORTS: [u8; 6] = [0x02, 0x03, 0x06, 0x07, 0x10, 0x16];
+        const CANCEL: u8 = 0x18;
+        if character == CANCEL {
+            self.pending.clear();
+            return Ok(Vec::new());
+        }
+        if !REPORTS.contains(&character) {
+            if self.rules.read_only {
+                return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
+            }
+            self.log_motion(&control::name(character));
+        }
+        self.board.control(character)
+    }
+
+    fn control_response(&mut self, value: u16) -> Result<Vec<u8>, Failure> {
+        self.pending.clear();
+        let character = u8::try_from(value).ok().filter(|character| (1..=31).contains(character));
+        let character = character
+            .ok_or_else(|| Failure::unsent(board::ILLEGAL, "no control character has this number"))?;
+        let lines = self.control(character)?;
+        // "The resulting response data is not terminated."
+        self.pending.lines(&lines, self.handshake);
+        Ok(self.pending.take())
+    }
+
+    /// Sends lines until one is refused. Four bytes: the number of the line, low byte first; the error; $80 if there is one.
+    fn write_buffer(&mut self, data: &[u8]) -> Result<Vec<u8>, Failure> {
+        const LONGEST: usize = 1024;
+        const ERROR: u8 = 0x80;
+        self.write_error = [0; 4];
+        if data.len() > LONGEST {
+            let [low, _] = board::NO_ROOM.to_le_bytes();
+            self.write_error = [0, 0, low, ERROR];
+            return Ok(self.write_error.to_vec());
+        }
+        let lines = data.split(|byte| *byte == 0).enumerate().filter(|(_, line)| !line.is_empty());
+        for (index, line) in lines {
+            let code = match self.one_text(line) {
+                Ok(()) => continue,
+                Err(Failure::Refused { code, why, .. }) => {
+                    if let Some(why) = why {
+                        self.tell(&why);
+                    }
+                    code
+                }
+                Err(gone) => return Err(gone),
+            };
+            let [low, high] = u16::try_from(index + 1).unwrap_or(u16::MAX).to_le_bytes();
+            self.write_error = [low, high, u8::try_from(code).unwrap_or(u8::MAX), ERROR];
+            break;
+        }
+        // What the lines have answered is not asked for.
+        self.pending.clear();
+        Ok(self.write_error.to_vec())
+    }
+}

@@ -1,0 +1,309 @@
+//! Command lines of a client.
+//!
+//! I3, I4 and I6 are the client's own and go nowhere. Control characters go ahead of the line they stand in, as a board takes them at
+//! once. A line that does not say whom it addresses means whom this client addressed last, whatever others have addressed meanwhile.
+//! A line that is too long for the board goes in parts where that cannot matter, and is refused otherwise.
+
+use pmac_dpram::protocol::LINE_MAX;
+use pmac_dpram::protocol::buffer_line::{Effect, effect};
+use pmac_dpram::protocol::moved_motors::motors_moved;
+
+use crate::board::{self, Failure};
+use crate::reply::Handshake;
+use crate::session::{READ_ONLY, Session};
+use crate::tokens::{self, Kind, Needs, Token, covers};
+
+/// A piece of a line, and what becomes of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Piece {
+    /// It goes to the board.
+    Send(String),
+    /// A question for I-variables that are the client's own, among them: the first and the step between them.
+    Own(String, u32, u32),
+    /// A variable of the client's own gets this value.
+    Set(u32, u32),
+    /// The version is answered here.
+    Version(String),
+}
+
+/// Whom a client addresses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Addressed {
+    motor: Option<u32>,
+    system: Option<u32>,
+}
+
+impl Addressed {
+    fn follow(&mut self, token: &Token) {
+        match token.kind {
+            Kind::Motor(number) => self.motor = Some(number),
+            Kind::System(number) => self.system = Some(number),
+            _ => {}
+        }
+    }
+
+    /// What has to stand before `tokens` so that they mean whom is addressed.
+    fn prefix(self, tokens: &[Token]) -> String {
+        let needed = |needs: Needs, addresses: fn(&Kind) -> bool| {
+            let own = tokens.iter().take_while(|token| !addresses(&token.kind));
+            own.into_iter()
+                .any(|token| matches!(token.kind, Kind::Asks(found) | Kind::Moves(found) if found == needs))
+        };
+        let system = self.system.filter(|_| needed(Needs::System, |kind| matches!(kind, Kind::System(_))));
+        let motor = self.motor.filter(|_| needed(Needs::Motor, |kind| matches!(kind, Kind::Motor(_))));
+        let system = system.map(|number| format!("&{number}")).unwrap_or_default();
+        motor.map_or(system.clone(), |number| format!("{system}#{number}"))
+    }
+}
+
+/// The pieces of `line`.
+fn pieces(
+    line: &str,
+    tokens: &[Token],
+    mut addressed: Addressed,
+    version: Option<&str>,
+) -> Result<Vec<Piece>, Failure> {
+    let mut pieces = Vec::new();
+    let mut rest = tokens;
+    while let Some(first) = rest.first() {
+        let own = own_piece(line, first, version)?;
+        let count = match &own {
+            Some(_) => 1,
+            None => {
+                let is_own = |token: &&Token| matches!(own_piece(line, token, version), Ok(None));
+                fitting(line, rest.iter().take_while(is_own).count(), rest, addressed)?
+            }
+        };
+        let (now, behind) = rest.split_at(count.max(1));
+        pieces.push(own.unwrap_or_else(|| Piece::Send(text_of(line, now, addressed))));
+        now.iter().for_each(|token| addressed.follow(token));
+        rest = behind;
+    }
+    Ok(pieces)
+}
+
+/// What becomes of `token` if it does not go to the board as it is.
+fn own_piece(line: &str, token: &Token, version: Option<&str>) -> Result<Option<Piece>, Failure> {
+    let text = line[token.span.clone()].trim();
+    match token.kind {
+        Kind::SetsOwn(number, Some(value)) => Ok(Some(Piece::Set(number, value))),
+        Kind::SetsOwn(_, None) => {
+            let why = format!("{text:?}: I3, I4 and I6 are the client's own; set each to a plain number");
+            Err(Failure::unsent(board::UNKNOWN, why))
+        }
+        Kind::Variables(first, last, step)
+            if Handshake::VARIABLES.iter().any(|own| covers(first, last, step, *own)) =>
+        {
+            Ok(Some(Piece::Own(text.to_owned(), first, step)))
+        }
+        Kind::Version => Ok(version.map(|version| Piece::Version(version.to_owned()))),
+        _ => Ok(None),
+    }
+}
+
+/// `tokens` as they are sent.
+fn text_of(line: &str, tokens: &[Token], addressed: Addressed) -> String {
+    let start = tokens.first().map_or(0, |token| token.span.start);
+    let end = tokens.last().map_or(0, |token| token.span.end);
+    addressed.prefix(tokens) + line[start..end].trim()
+}
+
+/// How many of the first `count` tokens go in one piece: all of them if the board takes it; else, of questions, as many
+/// as it takes, up to where another motor or coordinate system is addressed.
+fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> Result<usize, Failure> {
+    let fits = |count: usize| text_of(line, &tokens[..count], addressed).len() <= LINE_MAX;
+    if fits(count) {
+        return Ok(count);
+    }
+    let too_long = || {
+        let why = format!(
+            "the line is longer than the {LINE_MAX} characters that the board takes, and is no row of questions"
+        );
+        Failure::unsent(board::NO_ROOM, why)
+    };
+    if !tokens[..count].iter().all(Token::only_asks) {
+        return Err(too_long());
+    }
+    let begins = |index: &usize| matches!(tokens[*index].kind, Kind::Motor(_) | Kind::System(_));
+    (1..count).rev().filter(begins).find(|count| fits(*count)).ok_or_else(too_long)
+}
+
+impl Session {
+    /// Carries out the lines of `text`, and puts their replies where the client fetches them.
+    pub(crate) fn text(&mut self, text: &[u8]) -> Result<(), Failure> {
+        // "The string NULL terminated"; a terminator of the line is more than is needed.
+        let text = text.split(|byte| *byte == 0).next().unwrap_or_default();
+        let text = text.strip_suffix(b"\n").unwrap_or(text);
+        let text = text.strip_suffix(b"\r").unwrap_or(text);
+        for line in text.split(|byte| matches!(byte, b'\r' | b'\n')) {
+            match self.one_text(line) {
+                Err(Failure::Refused { code, lines, why }) => self.refused(code, &lines, why.as_deref()),
+                done => done?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Carries out one line, and what control characters stand in it.
+    pub(crate) fn one_text(&mut self, text: &[u8]) -> Result<(), Failure> {
+        let mut line = String::with_capacity(text.len());
+        let mut controls = Vec::new();
+        for byte in text {
+            match byte {
+                b'\t' => line.push(' '),
+                1..=31 => controls.push(*byte),
+                b' '..=b'~' => line.push(char::from(*byte)),
+                _ => {
+                    let why = format!("the character ${byte:02X} is no ASCII");
+                    return Err(Failure::unsent(board::ILLEGAL, why));
+                }
+            }
+        }
+        for character in controls {
+            let lines = self.control(character)?;
+            self.pending.lines(&lines, self.handshake);
+        }
+        self.line(line.trim())?;
+        self.pending.end(self.handshake);
+        Ok(())
+    }
+
+    fn line(&mut self, line: &str) -> Result<(), Failure> {
+        if line.is_empty() {
+            return Ok(());
+        }
+        if self.board.is_in_buffer() || matches!(effect(line.as_bytes()), Some(Effect::Opens(_))) {
+            return self.whole_line(line);
+        }
+        let tokens = tokens::of(line);
+        let is_harmless = |token: &Token| token.only_asks() || matches!(token.kind, Kind::SetsOwn(..));
+        if self.rules.read_only && !tokens.iter().all(is_harmless) {
+            return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
+        }
+        if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || motors_moved(line) != 0 {
+            self.log_motion(line);
+        }
+        let mut addressed = Addressed { motor: self.motor, system: self.system };
+        let pieces = pieces(line, &tokens, addressed, self.rules.version.as_deref())?;
+        tokens.iter().for_each(|token| addressed.follow(token));
+        (self.motor, self.system) = (addressed.motor, addressed.system);
+        for (index, piece) in pieces.into_iter().enumerate() {
+            let lines = self.piece(piece).map_err(|failure| known_only_in_part(failure, index))?;
+            self.pending.lines(&lines, self.handshake);
+        }
+        Ok(())
+    }
+
+    /// A line that goes as it is: it opens a program buffer, or enters one.
+    fn whole_line(&mut self, line: &str) -> Result<(), Failure> {
+        if self.rules.read_only {
+            return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
+        }
+        if line.len() > LINE_MAX {
+            let why = format!("a program line has at most {LINE_MAX} characters");
+            return Err(Failure::unsent(board::NO_ROOM, why));
+        }
+        if motors_moved(line) != 0 {
+            self.log_motion(line);
+        }
+        let lines = self.board.send(line)?;
+        self.pending.lines(&lines, self.handshake);
+        Ok(())
+    }
+
+    fn piece(&mut self, piece: Piece) -> Result<Vec<String>, Failure> {
+        match piece {
+            Piece::Send(line) => self.board.send(&line),
+            Piece::Version(version) => Ok(vec![version]),
+            Piece::Set(number, value) => {
+                if self.handshake.set(number, value) {
+                    return Ok(Vec::new());
+                }
+                let why = format!("I{number}={value}: a client's own I3 and I6 are 0 to 3, his I4 is 0");
+                Err(Failure::unsent(board::UNKNOWN, why))
+            }
+            Piece::Own(question, first, step) => {
+                let mut lines = self.board.send(&question)?;
+                for (number, line) in (first..).step_by(step.max(1) as usize).zip(&mut lines) {
+                    if let Some(value) = self.handshake.get(number) {
+                        // The board's form, with "I3=" or "$" as its I9 wants it.
+                        let kept = line.rfind(['=', '$']).map_or(0, |at| at + 1);
+                        line.truncate(kept);
+                        line.push_str(&value.to_string());
+                    }
+                }
+                Ok(lines)
+            }
+        }
+    }
+}
+
+/// A failure of a line of which `done` pieces are carried out. That a later one was not sent is then no reason that is the board's:
+/// the client sees the replies up to there.
+fn known_only_in_part(failure: Failure, done: usize) -> Failure {
+    match failure {
+        Failure::Refused { code, lines, why: Some(why) } if done > 0 => {
+            let why = format!("{why}; what stands before it in its line is done");
+            Failure::Refused { code, lines, why: Some(why) }
+        }
+        failure => failure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(line: &str, motor: Option<u32>, system: Option<u32>) -> Result<Vec<Piece>, Failure> {
+        pieces(line, &tokens::of(line), Addressed { motor, system }, Some("1.94"))
+    }
+
+    fn send(line: &str) -> Piece {
+        Piece::Send(line.to_owned())
+    }
+
+    #[test]
+    fn what_is_the_clients_own_does_not_go_to_the_board() {
+        let own = |text: &str, first| Piece::Own(text.to_owned(), first, 1);
+        assert_eq!(
+            of("i6=1 i3=2 ver", None, None).unwrap(),
+            [Piece::Set(6, 1), Piece::Set(3, 2), Piece::Version("1.94".to_owned())]
+        );
+        assert_eq!(of("p1 i3 p2 m1", None, None).unwrap(), [send("p1"), own("i3", 3), send("p2 m1")]);
+        assert_eq!(of("i0..9", None, None).unwrap(), [own("i0..9", 0)]);
+        assert!(matches!(of("i3=p1", None, None), Err(Failure::Refused { code: board::UNKNOWN, .. })));
+        assert!(matches!(of("i0..99=0", None, None), Err(Failure::Refused { code: board::UNKNOWN, .. })));
+    }
+
+    #[test]
+    fn a_line_means_whom_its_client_addressed() {
+        assert_eq!(of("J+", Some(3), None).unwrap(), [send("#3J+")]);
+        assert_eq!(of("J+ #2J-", Some(3), Some(1)).unwrap(), [send("#3J+ #2J-")]);
+        assert_eq!(of("#2J-", Some(3), Some(1)).unwrap(), [send("#2J-")]);
+        assert_eq!(of("B1R", Some(3), Some(2)).unwrap(), [send("&2B1R")]);
+        assert_eq!(of("%PVF", Some(3), Some(2)).unwrap(), [send("&2#3%PVF")]);
+        assert_eq!(of("I122=5 SAVE", Some(3), Some(2)).unwrap(), [send("I122=5 SAVE")]);
+        assert_eq!(of("#4 i3=2 J+", None, None).unwrap(), [send("#4"), Piece::Set(3, 2), send("#4J+")]);
+        assert_eq!(of("J+", None, None).unwrap(), [send("J+")]);
+    }
+
+    #[test]
+    fn too_long_a_line_goes_in_parts_or_not_at_all() {
+        let poll: String = (1..=16).map(|motor| format!("#{motor}?PVF m{motor}90 p{motor}99")).collect();
+        let line = format!("i65???&1??%{poll}");
+        let told = of(&line, None, None).unwrap();
+        assert!(told.len() > 1);
+        let mut whole = String::new();
+        for piece in &told {
+            let Piece::Send(text) = piece else { panic!("{piece:?}") };
+            assert!(text.len() <= LINE_MAX && (whole.is_empty() || text.starts_with('#')), "{text}");
+            whole += text;
+        }
+        assert_eq!(whole, line);
+        let Err(Failure::Refused { code, .. }) = of(&"P1=1 ".repeat(50), None, None) else { panic!() };
+        assert_eq!(code, board::NO_ROOM);
+        let Err(Failure::Refused { code, .. }) = of(&"P1 ".repeat(80), None, None) else { panic!() };
+        assert_eq!(code, board::NO_ROOM);
+        assert!(of(&format!("SEND\"{}\"", "x".repeat(250)), None, None).is_err());
+    }
+}

@@ -1,0 +1,533 @@
+//! What a command line consists of, as far as that has to be known here: which commands only ask, which variables are a client's own,
+//! which motor and coordinate system are addressed, and who needs one that is.
+//!
+//! Only what is known for certain to ask counts as asking. What is not known at all takes the rest of the line with it.
+
+use std::ops::Range;
+
+use crate::reply::Handshake;
+
+/// What a command needs to be addressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing.
+    Nothing,
+    /// A motor.
+    Motor,
+    /// A coordinate system.
+    System,
+}
+
+/// What a command is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `#3`: this motor is addressed.
+    Motor(u32),
+    /// `&2`: this coordinate system is addressed.
+    System(u32),
+    /// It reports something, and does nothing else.
+    Asks(Needs),
+    /// It asks for I-variables: the first, the last, and the step between them.
+    Variables(u32, u32, u32),
+    /// It asks for the firmware's version.
+    Version,
+    /// It sets a variable that is a client's own; to what, where that is a plain number.
+    SetsOwn(u32, Option<u32>),
+    /// It moves or stops something.
+    Moves(Needs),
+    /// It changes something else.
+    Changes,
+    /// Nobody here knows.
+    Unknown,
+}
+
+/// A command, and where it stands in its line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Token {
+    /// Its bytes.
+    pub span: Range<usize>,
+    /// What it is.
+    pub kind: Kind,
+}
+
+impl Token {
+    /// Whether the command changes nothing.
+    #[must_use]
+    pub fn only_asks(&self) -> bool {
+        matches!(
+            self.kind,
+            Kind::Motor(_) | Kind::System(_) | Kind::Asks(_) | Kind::Variables(..) | Kind::Version
+        )
+    }
+}
+
+/// Commands that are words. The longest that fits is it.
+const WORDS: [(&str, Kind); 25] = [
+    ("CHECKSUM", Kind::Asks(Needs::Nothing)),
+    ("CHKS", Kind::Asks(Needs::Nothing)),
+    ("CID", Kind::Asks(Needs::Nothing)),
+    ("CLOSE", Kind::Changes),
+    ("CLS", Kind::Changes),
+    ("CPU", Kind::Asks(Needs::Nothing)),
+    ("DATE", Kind::Asks(Needs::Nothing)),
+    ("ENDGATHER", Kind::Changes),
+    ("GATHER", Kind::Changes),
+    ("HM", Kind::Moves(Needs::Motor)),
+    ("HMZ", Kind::Moves(Needs::Motor)),
+    ("HOME", Kind::Moves(Needs::Motor)),
+    ("HOMEZ", Kind::Moves(Needs::Motor)),
+    ("PC", Kind::Asks(Needs::System)),
+    ("PE", Kind::Asks(Needs::System)),
+    ("PR", Kind::Asks(Needs::System)),
+    ("SAVE", Kind::Changes),
+    ("SID", Kind::Asks(Needs::Nothing)),
+    ("SIZE", Kind::Asks(Needs::Nothing)),
+    ("TIME", Kind::Asks(Needs::Nothing)),
+    ("TODAY", Kind::Asks(Needs::Nothing)),
+    ("TYPE", Kind::Asks(Needs::Nothing)),
+    ("VER", Kind::Version),
+    ("VERSION", Kind::Version),
+    ("VID", Kind::Asks(Needs::Nothing)),
+];
+
+/// The commands of `line`, in their order. Blanks between them belong to none.
+#[must_use]
+pub fn of(line: &str) -> Vec<Token> {
+    let upper = line.to_ascii_uppercase();
+    let mut reader = Reader { line: upper.as_bytes(), at: 0 };
+    let mut tokens = Vec::new();
+    while reader.peek().is_some() {
+        let start = reader.at;
+        let kind = reader.command();
+        if kind == Kind::Unknown || reader.at == start {
+            tokens.push(Token { span: start..line.len(), kind: Kind::Unknown });
+            break;
+        }
+        tokens.push(Token { span: start..reader.at, kind });
+    }
+    tokens
+}
+
+struct Reader<'a> {
+    line: &'a [u8],
+    at: usize,
+}
+
+impl Reader<'_> {
+    /// The next byte that is no blank; it stands at `at` then.
+    fn peek(&mut self) -> Option<u8> {
+        while self.line.get(self.at) == Some(&b' ') {
+            self.at += 1;
+        }
+        self.line.get(self.at).copied()
+    }
+
+    /// The byte behind, blanks and all.
+    fn next_is(&self, wanted: impl Fn(u8) -> bool) -> bool {
+        self.line.get(self.at).is_some_and(|byte| wanted(*byte))
+    }
+
+    /// Takes `text` if it comes next, blanks before it.
+    fn takes(&mut self, text: &str) -> bool {
+        let start = self.at;
+        self.peek();
+        let comes = self.line[self.at..].starts_with(text.as_bytes());
+        self.at = if comes { self.at + text.len() } else { start };
+        comes
+    }
+
+    fn skip_while(&mut self, wanted: impl Fn(u8) -> bool) {
+        while self.next_is(&wanted) {
+            self.at += 1;
+        }
+    }
+
+    /// A whole number, blanks before it and in it.
+    fn number(&mut self) -> Option<u32> {
+        let (mut number, mut end) = (None, self.at);
+        while let Some(digit @ b'0'..=b'9') = self.peek() {
+            self.at += 1;
+            end = self.at;
+            number = Some(number.unwrap_or(0_u32).saturating_mul(10).saturating_add(u32::from(digit - b'0')));
+        }
+        self.at = end;
+        number
+    }
+
+    fn command(&mut self) -> Kind {
+        let Some(first) = self.peek() else { return Kind::Unknown };
+        let rest = &self.line[self.at..];
+        if rest.starts_with(b"LIST") {
+            return self.list();
+        }
+        if rest.starts_with(b"MS") {
+            return self.station();
+        }
+        let word = WORDS.iter().filter(|(word, _)| rest.starts_with(word.as_bytes()));
+        if let Some((word, kind)) = word.max_by_key(|(word, _)| word.len()) {
+            self.at += word.len();
+            // A longer word is another command.
+            let goes_on = kind != &Kind::Version && kind != &Kind::Asks(Needs::System);
+            return if goes_on && self.next_is(|byte| byte.is_ascii_alphabetic()) {
+                Kind::Unknown
+            } else {
+                *kind
+            };
+        }
+        self.at += 1;
+        match first {
+            b'#' => self.address(Kind::Motor),
+            b'&' => self.address(Kind::System),
+            b'?' => self.status(),
+            b'I' | b'M' => self.variable(first),
+            b'P' | b'Q' if matches!(self.peek(), Some(b'0'..=b'9' | b'(' | b'=' | b',')) => {
+                self.variable(first)
+            }
+            b'P' => Kind::Asks(Needs::Motor),
+            b'V' | b'F' if matches!(self.peek(), Some(b'0'..=b'9' | b'(' | b'=' | b'.' | b'-' | b'$')) => {
+                Kind::Unknown
+            }
+            b'V' | b'F' => Kind::Asks(Needs::Motor),
+            b'%' if matches!(self.peek(), Some(b'0'..=b'9' | b'.')) => {
+                self.skip_while(|byte| byte.is_ascii_digit() || byte == b'.');
+                Kind::Moves(Needs::System)
+            }
+            b'%' => Kind::Asks(Needs::System),
+            b'J' => {
+                self.skip_while(|byte| b"=:^!*+-/.$ ".contains(&byte) || byte.is_ascii_digit());
+                Kind::Moves(Needs::Motor)
+            }
+            b'$' => {
+                self.skip_while(|byte| byte == b'$' || byte == b'*');
+                Kind::Moves(Needs::Motor)
+            }
+            b'O' if matches!(self.peek(), Some(b'0'..=b'9' | b'-' | b'.')) => {
+                self.skip_while(|byte| b"-.".contains(&byte) || byte.is_ascii_digit());
+                Kind::Moves(Needs::Motor)
+            }
+            b'K' => Kind::Moves(Needs::Motor),
+            b'R' if self.reads_memory() => Kind::Asks(Needs::Nothing),
+            b'B' => {
+                self.skip_while(|byte| b". ".contains(&byte) || byte.is_ascii_digit());
+                Kind::Moves(Needs::System)
+            }
+            b'A' | b'H' | b'Q' | b'R' | b'S' | b'\\' | b'/' | b'<' | b'>' => Kind::Moves(Needs::System),
+            _ => Kind::Unknown,
+        }
+    }
+
+    fn address(&mut self, kind: impl Fn(u32) -> Kind) -> Kind {
+        let Some(number) = self.number() else { return Kind::Asks(Needs::Nothing) };
+        if !self.takes("->") {
+            return kind(number);
+        }
+        // A definition is asked for, unless one follows: then nothing more is known of the line.
+        match self.peek() {
+            None | Some(b'#' | b'&' | b',') => {
+                self.takes(",");
+                kind(number)
+            }
+            Some(_) => Kind::Unknown,
+        }
+    }
+
+    fn status(&mut self) -> Kind {
+        let first = self.at;
+        self.skip_while(|byte| byte == b'?');
+        match self.at - first {
+            0 => Kind::Asks(Needs::Motor),
+            1 => Kind::Asks(Needs::System),
+            2 => Kind::Asks(Needs::Nothing),
+            _ => Kind::Unknown,
+        }
+    }
+
+    /// A variable behind its letter: a question, or an assignment with its value.
+    fn variable(&mut self, letter: u8) -> Kind {
+        let Some(first) = self.number() else { return Kind::Unknown };
+        let (mut last, mut step) = (first, 1);
+        if self.takes("..") {
+            let Some(number) = self.number() else { return Kind::Unknown };
+            last = number;
+        } else if self.takes(",") {
+            let Some(count) = self.number() else { return Kind::Unknown };
+            if self.takes(",") {
+                let Some(number) = self.number() else { return Kind::Unknown };
+                step = number.max(1);
+            }
+            last = first.saturating_add(count.saturating_sub(1).saturating_mul(step));
+        }
+        if letter == b'M' && self.takes("->") {
+            let asks = matches!(self.peek(), None | Some(b'M' | b'#' | b'&' | b'I' | b'P' | b'Q'));
+            return if asks { Kind::Asks(Needs::Nothing) } else { Kind::Unknown };
+        }
+        if self.takes("==") {
+            return Kind::Unknown;
+        }
+        if self.takes("=") {
+            let start = self.at;
+            let plain = self.number();
+            let is_plain = !matches!(
+                self.peek(),
+                Some(b'+' | b'-' | b'*' | b'/' | b'%' | b'&' | b'|' | b'^' | b'.' | b'(')
+            );
+            self.at = start;
+            if !self.expression() {
+                return Kind::Unknown;
+            }
+            let own =
+                letter == b'I' && Handshake::VARIABLES.iter().any(|own| covers(first, last, step, *own));
+            return match plain.filter(|_| is_plain && first == last) {
+                _ if !own => Kind::Changes,
+                value => Kind::SetsOwn(first, value),
+            };
+        }
+        match letter {
+            b'I' => Kind::Variables(first, last, step),
+            b'Q' => Kind::Asks(Needs::System),
+            _ => Kind::Asks(Needs::Nothing),
+        }
+    }
+
+    /// Goes to the end of an expression; `false` where it is none that is understood here.
+    fn expression(&mut self) -> bool {
+        loop {
+            while matches!(self.peek(), Some(b'+' | b'-')) {
+                self.at += 1;
+            }
+            match self.peek() {
+                Some(b'(') => {
+                    if !self.parenthesis() {
+                        return false;
+                    }
+                }
+                Some(b'$') => {
+                    self.at += 1;
+                    self.skip_while(|byte| byte.is_ascii_hexdigit());
+                }
+                Some(b'*') => self.at += 1,
+                Some(b'0'..=b'9' | b'.') => self.skip_while(|byte| byte.is_ascii_digit() || byte == b'.'),
+                Some(b'A'..=b'Z') => {
+                    self.skip_while(|byte| byte.is_ascii_uppercase());
+                    match self.peek() {
+                        Some(b'(') if !self.parenthesis() => return false,
+                        Some(b'0'..=b'9') => {
+                            self.number();
+                        }
+                        Some(b'(') => {}
+                        _ => return false,
+                    }
+                }
+                _ => return false,
+            }
+            let end = self.at;
+            if !matches!(self.peek(), Some(b'+' | b'-' | b'*' | b'/' | b'%' | b'&' | b'|' | b'^')) {
+                self.at = end;
+                return true;
+            }
+            self.at += 1;
+        }
+    }
+
+    /// Goes behind the parenthesis that begins here; `false` if it does not end.
+    fn parenthesis(&mut self) -> bool {
+        let mut depth = 0;
+        while let Some(byte) = self.line.get(self.at) {
+            self.at += 1;
+            match byte {
+                b'(' => depth += 1,
+                b')' => depth -= 1,
+                _ => {}
+            }
+            if depth == 0 {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// `LIST`, what is listed, and of it which part.
+    fn list(&mut self) -> Kind {
+        self.at += "LIST".len();
+        self.peek();
+        self.skip_while(|byte| byte.is_ascii_alphabetic());
+        let mut end = self.at;
+        while matches!(self.peek(), Some(b'0'..=b'9' | b',' | b'.' | b'S')) {
+            self.at += 1;
+            end = self.at;
+        }
+        self.at = end;
+        Kind::Asks(Needs::System)
+    }
+
+    /// `MS0,I910`: a variable of a MACRO station.
+    fn station(&mut self) -> Kind {
+        self.at += "MS".len();
+        let is_variable = self.number().is_some() && self.takes(",");
+        let letter = self.peek().filter(u8::is_ascii_alphabetic);
+        self.at += 1;
+        if !is_variable || letter.is_none() || self.number().is_none() || self.peek() == Some(b'=') {
+            self.at = self.at.min(self.line.len());
+            return Kind::Unknown;
+        }
+        Kind::Asks(Needs::Nothing)
+    }
+
+    /// Behind an R: whether `X$700` or the like follows. Goes behind it then.
+    fn reads_memory(&mut self) -> bool {
+        let start = self.at;
+        self.skip_while(|byte| b"HDLXYFP".contains(&byte));
+        let has_space = self.at > start;
+        self.takes(":");
+        let is_read = has_space && matches!(self.peek(), Some(b'$' | b'0'..=b'9'));
+        if is_read {
+            self.skip_while(|byte| byte.is_ascii_hexdigit() || b"$,".contains(&byte));
+        } else {
+            self.at = start;
+        }
+        is_read
+    }
+}
+
+/// Whether `number` is among `first`, `first + step` … `last`.
+#[must_use]
+pub fn covers(first: u32, last: u32, step: u32, number: u32) -> bool {
+    first <= number && number <= last && (number - first).is_multiple_of(step.max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn kinds(line: &str) -> Vec<Kind> {
+        of(line).into_iter().map(|token| token.kind).collect()
+    }
+
+    fn only_asks(line: &str) -> bool {
+        of(line).iter().all(Token::only_asks)
+    }
+
+    #[test]
+    fn what_clients_poll_only_asks() {
+        for line in [
+            "i65???&1??%#1?PVF m190 p99#2?PVF m290 p99",
+            "#1P ??? #2P #4F ",
+            "&1#1->,",
+            "&1%",
+            "#1->#2->",
+            "i20 i21 i22 i23",
+            "cid ver cpu type vid date time today",
+            "VERSION DATE TYPE",
+            "I122",
+            "#3?",
+            "m5000..5031",
+            "&1q1..199",
+            "m1..5->",
+            "list forward,s,80",
+            "list plc3,0,2 list gather",
+            "ms0,i910",
+            "RX$0 RHY:$700,2 RL$700",
+            "?? ???",
+            "P",
+            "#1",
+            "PR PC",
+            "",
+        ] {
+            assert!(only_asks(line), "{line}: {:?}", kinds(line));
+        }
+    }
+
+    #[test]
+    fn what_does_anything_else_does_not() {
+        for line in [
+            "#1J+",
+            "#1 j =5000",
+            "P1=3",
+            "P 1 = 3",
+            "P1==3",
+            "P(1)=3",
+            "i6=1 i3=2 ver",
+            "#1->X",
+            "#1-> 1000X",
+            "M1->X:$700",
+            "M1->*",
+            "M1-> X:$700",
+            "&1B1R",
+            "&1R",
+            "#1K",
+            "#1$",
+            "$$$",
+            "SAVE",
+            "OPEN PROG 1 CLEAR",
+            "%50",
+            "& 1 % 50",
+            "WX$700,1",
+            "HOME",
+            "#1HMZ",
+            "#1O10",
+            "ENABLE PLC 1",
+            "GATHER",
+            "ms0,i910=3",
+            "MSCLRF0",
+            "TYPEX",
+            "F100",
+            "PMATCH",
+            "PASSWORD=x",
+            "A",
+            "Z",
+            "????",
+            "I",
+            "I3..",
+            "date=1",
+            "time=12:00",
+            "\"P1\"",
+        ] {
+            assert!(!only_asks(line), "{line}: {:?}", kinds(line));
+        }
+    }
+
+    #[test]
+    fn a_clients_own_variables_are_found_with_their_values() {
+        use Kind::{Changes, SetsOwn, Variables, Version};
+        assert_eq!(kinds("i6=1 i3=2 ver"), [SetsOwn(6, Some(1)), SetsOwn(3, Some(2)), Version]);
+        assert_eq!(kinds("I3=I3|2"), [SetsOwn(3, None)]);
+        assert_eq!(kinds("I0..9=0"), [SetsOwn(0, None)]);
+        assert_eq!(kinds("I 3 = 2I4=0"), [SetsOwn(3, Some(2)), SetsOwn(4, Some(0))]);
+        assert_eq!(kinds("P1=I3*2 I3"), [Changes, Variables(3, 3, 1)]);
+        assert_eq!(kinds("P1=SIN(I3)+3 I0..9 I1,3,2"), [Changes, Variables(0, 9, 1), Variables(1, 5, 2)]);
+        assert_eq!(kinds("I30=3 I13=4 I5=3"), [Changes; 3]);
+        assert_eq!(kinds("SEND\"I3=1\""), [Kind::Moves(Needs::System), Kind::Unknown]);
+        assert_eq!(kinds("I122=I122&$FD1 #1J=5"), [Changes, Kind::Motor(1), Kind::Moves(Needs::Motor)]);
+    }
+
+    #[test]
+    fn a_command_stands_where_it_is_said_to() {
+        let line = " i6=1  ver #2 J= 50 ";
+        let told: Vec<&str> = of(line).into_iter().map(|token| &line[token.span]).collect();
+        assert_eq!(told.iter().map(|text| text.trim()).collect::<Vec<_>>(), ["i6=1", "ver", "#2", "J= 50"]);
+    }
+
+    #[test]
+    fn who_needs_what_is_known() {
+        use Kind::{Asks, Moves};
+        assert_eq!(kinds("?"), [Asks(Needs::Motor)]);
+        assert_eq!(kinds("PVF"), [Asks(Needs::Motor); 3]);
+        assert_eq!(kinds("Q1%"), [Asks(Needs::System); 2]);
+        assert_eq!(kinds("J/K"), [Moves(Needs::Motor); 2]);
+        assert_eq!(kinds("B1RA"), [Moves(Needs::System); 3]);
+    }
+
+    proptest! {
+        #[test]
+        fn any_line_is_cut_in_order_and_to_its_end(line in "[ -~]{0,80}") {
+            let mut end = 0;
+            for token in of(&line) {
+                prop_assert!(line[end..token.span.start].bytes().all(|byte| byte == b' '));
+                prop_assert!(token.span.end > token.span.start);
+                end = token.span.end;
+            }
+            prop_assert!(line[end..].trim().is_empty());
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! Command lines: what goes to the board, what comes back, and in which form.
+
+use std::io::Write;
+
+use super::site::{Site, get_response, packet};
+
+#[test]
+fn a_reply_has_the_modules_form_and_comes_in_one_piece() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.line("P1=25 P2=50"), "\x06");
+    assert_eq!(client.line("P1..2"), "25\r50\r\x06");
+    assert_eq!(client.line("P1\r\n"), "25\r\x06");
+    assert_eq!(client.line(""), "\x06");
+    assert_eq!(client.line("P1 UUU"), "25\r\x07ERR003\r", "an error has no ACK behind it");
+    assert_eq!(client.line("VER"), "1.16D\r\x06");
+    assert_eq!(site.ask("P2"), ["50"], "it is the same board");
+}
+
+#[test]
+fn a_line_is_sent_first_and_its_reply_fetched_later() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    client.line("P1=25 P2=50");
+    assert_eq!(client.request(0xC0, 0xC2, 0, 2), [0, 0], "nothing is ready");
+    assert_eq!(client.get_buffer(), [0]);
+    assert_eq!(client.ask(&packet(0x40, 0xB0, 0, 0, 5, b"P1 P2")), b"@");
+    assert_eq!(client.request(0xC0, 0xC2, 0, 2), [1, 0]);
+    assert_eq!(client.request(0xC0, 0xB1, 0, 0), b"25\r");
+    assert_eq!(client.get_buffer(), b"50\r\x06");
+    client.ask(&packet(0x40, 0xB0, 0, 0, 3, b"UUU"));
+    assert_eq!(client.request(0x40, 0xB3, 500, 0), b"@", "FLUSH");
+    assert_eq!(client.get_buffer(), [0]);
+}
+
+#[test]
+fn i3_i4_and_i6_are_each_clients_own() {
+    let site = Site::new(&[]);
+    let before = site.ask("I3..6");
+    let (mut one, mut two) = (site.client(), site.client());
+    assert_eq!(one.line("i6=0 i3=0 i4=0 P1=7"), "\0");
+    assert_eq!(two.line("P1 i3 i6"), "7\r2\r1\r\x06");
+    assert_eq!(one.line("P1 i3 i6"), "7\r0\r0\r");
+    assert_eq!(one.line("UUU"), "\x07");
+    assert_eq!(two.line("i3=5"), "\x07ERR003\r");
+    let range = two.line("i0..9");
+    let lines: Vec<&str> = range.trim_end_matches('\x06').split_terminator('\r').collect();
+    assert_eq!((lines.len(), lines[3], lines[4], lines[6]), (10, "2", "0", "1"));
+    assert_eq!(site.ask("I3..6"), before, "the board's are as they were");
+}
+
+#[test]
+fn a_long_reply_comes_in_parts_that_are_fetched() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    client.line("P0..499=123456");
+    let mut whole = client.ask(&get_response("P0..499"));
+    assert_eq!(whole.len(), 1400);
+    while whole.last() != Some(&6) {
+        let part = client.get_buffer();
+        assert!(part != [0], "{} bytes", whole.len());
+        whole.extend(part);
+    }
+    assert_eq!(whole, ["123456\r".repeat(500).as_bytes(), b"\x06"].concat());
+}
+
+#[test]
+fn control_characters_go_their_own_way() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.line("#1J+"), "\x06");
+    let moving = client.line("#1V");
+    assert_ne!(moving, "0\r\x06");
+    assert_eq!(client.line("\x0b"), "\x06", "^K as a line");
+    let reports = client.request(0xC0, 0xC4, 2, 0);
+    assert!(reports.len() > 50 && reports.ends_with(b"\r"), "^B: {reports:?}");
+    assert_eq!(client.request(0xC0, 0xC4, 1, 0), [0], "^A answers nothing");
+    assert_eq!(client.request(0xC0, 0xC4, 26, 0), b"\x07ERR001\r", "^Z takes the port away from everybody");
+    assert_eq!(client.request(0xC0, 0xC4, 99, 0), b"\x07ERR004\r");
+    let log = site.log("pmac-gateway");
+    let peer = client.stream.local_addr().unwrap();
+    for line in [format!("{peer}: #1J+"), format!("{peer}: ^K"), format!("{peer}: ^A")] {
+        assert_eq!(log.matches(&line).count(), 1, "{line}: {log}");
+    }
+    assert!(!log.contains("#1V"), "{log}");
+}
+
+#[test]
+fn a_clients_motor_is_his_own() {
+    let site = Site::new(&[]);
+    let (mut one, mut two) = (site.client(), site.client());
+    one.line("#2");
+    two.line("#1");
+    assert_eq!(one.line("J+"), "\x06");
+    assert_eq!(two.line("#"), "2\r\x06", "the board was told whom the line means");
+    one.line("K");
+    assert_eq!(two.line("J+"), "\x06");
+    assert_eq!(two.line("#"), "1\r\x06");
+    two.line("K");
+}
+
+#[test]
+fn too_long_a_line_goes_in_parts_or_is_refused() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    let poll: String =
+        (1..=8).map(|motor| format!("#{motor}?PVF m{motor}90 p{motor}99 p1 p2 p3 p4")).collect();
+    assert!(poll.len() > 200);
+    let answer = client.line(&poll);
+    assert_eq!((answer.matches('\r').count(), answer.ends_with("\r\x06")), (80, true), "{answer}");
+    assert_eq!(client.line(&"P1=1 ".repeat(60)), "\x07ERR006\r");
+    assert_eq!(client.line(&format!("P7=1{}", "0".repeat(250))), "\x07ERR006\r");
+}
+
+#[test]
+fn a_program_buffer_is_its_openers_and_is_closed_with_him() {
+    let site = Site::new(&[]);
+    let (mut one, mut two) = (site.client(), site.client());
+    one.line("P1=5");
+    assert_eq!(one.line("OPEN PROG 7 CLEAR"), "\x06");
+    assert_eq!(one.line("P1=9"), "\x06");
+    assert_eq!(two.line("P1"), "\x07ERR001\r", "not into somebody's program");
+    assert_eq!(two.line("OPEN PROG 8"), "\x07ERR007\r");
+    assert_eq!(two.line("CLOSE"), "\x07ERR007\r");
+    // Longer than pmacd waits for a client that says nothing.
+    std::thread::sleep(std::time::Duration::from_secs(6));
+    assert_eq!(one.line("X10"), "\x06");
+    assert_eq!(one.line("UUU"), "\x07ERR003\r");
+    assert_eq!(one.line("CLOSE"), "\x06");
+    assert_eq!(two.line("P1"), "5\r\x06");
+    assert_eq!(two.line("LIST PROG 7"), "P1=9\rX10\r\x06");
+    assert_eq!(one.line("OPEN PROG 8 CLEAR"), "\x06");
+    drop(one);
+    super::site::wait_until("the buffer to be closed", || two.line("P1") == "5\r\x06");
+    assert_eq!(two.line("OPEN PROG 9 CLEAR"), "\x06");
+}
+
+#[test]
+fn lines_are_written_together_until_one_is_refused() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    let mut write = |lines: &str| {
+        let length = u16::try_from(lines.len()).unwrap();
+        client.ask(&packet(0x40, 0xC6, 0, 0, length, lines.as_bytes()))
+    };
+    assert_eq!(write("OPEN PROG 7 CLEAR\0X1\0Y2\0CLOSE\0P5=1\0"), [0; 4]);
+    assert_eq!(write("P5=2\0UUU\0P5=3\0"), [2, 0, 3, 0x80]);
+    assert_eq!(write(&"P5=4\0".repeat(250)), [0, 0, 6, 0x80]);
+    assert_eq!(client.request(0xC0, 0xC7, 0, 4), [0, 0, 6, 0x80]);
+    assert_eq!(client.line("P5"), "2\r\x06");
+    assert_eq!(client.line("LIST PROG 7"), "X1\rY2\r\x06");
+}
+
+#[test]
+fn who_only_reads_changes_nothing() {
+    let site = Site::of("turbo", &["--read-only", "--version-as", "1.94"]);
+    let before = site.ask("I3..6");
+    let mut client = site.client();
+    assert_eq!(client.line("i6=1 i3=2 ver"), "1.94\r\x06");
+    for line in ["#1J+", "P1=5", "I3=P1", "OPEN PROG 1", "&1B1R", "#1K", "SAVE", "\x0b", "P1 #1J/"] {
+        let code = if line == "I3=P1" { "003" } else { "002" };
+        assert_eq!(client.line(line), format!("\x07ERR{code}\r"), "{line:?}");
+    }
+    assert!(client.line("#1?PVF P1").ends_with("\r\x06"));
+    assert_eq!(client.request(0xC0, 0xC4, 11, 0), b"\x07ERR002\r", "^K");
+    assert!(client.request(0xC0, 0xC4, 16, 0).ends_with(b"\r"), "^P");
+    assert_eq!(client.ask(&packet(0x40, 0xB5, 0x1000, 0, 2, &[1, 2])), b"\x07", "SETMEM");
+    assert_eq!(client.ask(&packet(0x40, 0xC6, 0, 0, 5, b"P1=5\0")), [1, 0, 2, 0x80]);
+    assert_eq!((site.ask("I3..6"), site.ask("P1")), (before, vec!["0".to_owned()]));
+    assert!(!site.log("pmac-gateway").contains("J+"), "nothing has moved");
+}
+
+#[test]
+fn what_is_no_request_ends_the_connection_and_what_is_refused_does_not() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.ask(&packet(0x40, 0xCB, 1, 0, 3, b"abc")), b"\x07", "firmware");
+    assert_eq!(client.ask(&packet(0x40, 0xE0, 0, 0, 4, &[10, 0, 0, 1])), b"\x07", "another address");
+    assert_eq!(client.request(0x40, 0xBE, 0, 0), b"\x07", "a byte to the host port");
+    assert_eq!(client.line("P0"), "0\r\x06");
+    // A byte would be taken for the one that was asked for.
+    for request in [0xBE, 0xE0] {
+        let mut client = site.client();
+        client.stream.write_all(&packet(0xC0, request, 0, 0, 0, &[])).unwrap();
+        assert!(client.is_ended(), "{request:02X}");
+    }
+    let mut other = site.client();
+    other.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+    assert!(other.is_ended());
+    assert_eq!(client.line("P0"), "0\r\x06");
+}

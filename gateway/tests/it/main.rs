@@ -1,0 +1,4 @@
+//! The gateway against a simulated board and its daemon, as processes.
+
+mod lines;
+mod site;
