@@ -115,6 +115,8 @@ pub struct DpramPort {
     open_ended: bool,
     /// Which replies the board marks late.
     late_marks: LateMarks,
+    /// Another host may have left the first part of a line, without the second; the board was not told yet to forget it.
+    half_left: bool,
 }
 
 impl DpramPort {
@@ -137,12 +139,13 @@ impl DpramPort {
             reply_end: ReplyEnd::Ack,
             open_ended: false,
             late_marks: LateMarks::default(),
+            half_left: false,
         }
     }
 
     /// Begins held: a host that died may have left the board at a line, and the rest of a reply to come.
     pub fn hold(&mut self, now: Instant) {
-        self.state = State::Held(Hold::asking(now, false));
+        self.state = State::Held(Hold::asking(now, self.half_left));
     }
 
     /// The board has taken `^X`, which "will also clear the control words" (DPRAM manual p. 27), with whatever lies there by then.

@@ -1,8 +1,11 @@
 //! Slow lines, late replies, and who is told what of them, under each reading of the manual.
 
+use std::fs::OpenOptions;
+use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
 use pmac_dpram::client::CommandError;
+use pmac_dpram::map::{PMAC, TURBO2};
 use pmac_dpram::protocol::CallError;
 use serde_json::{Value, json};
 
@@ -297,5 +300,30 @@ fn b1_2_a_board_that_refuses_the_question_for_a_buffer_takes_lines() {
         assert!(status.contains(told), "{late}: {status}");
         site.control("fault servo_silent off");
         site.wait_until("a report that tells", || !site.run(&["status"]).stdout.contains("open buffer"));
+    }
+}
+
+#[test]
+fn a_line_that_a_dead_host_left_half_done_is_forgotten() {
+    for (family, begins_second) in [(&PMAC, false), (&PMAC, true), (&TURBO2, false)] {
+        let site = VirtualSite::new();
+        site.start_simulator(&["--family", family.name, "--dpram-startup"]);
+        site.run_for(Duration::from_millis(100));
+        // The first part of a line, without a NUL; the board takes it and waits for the second.
+        let ascii = &family.ascii;
+        let memory = OpenOptions::new().write(true).open(site.path("dpram")).unwrap();
+        let first = format!("{:<1$}", "P7=5 P8=6", ascii.command_bytes);
+        memory.write_all_at(first.as_bytes(), ascii.command.bytes().into()).unwrap();
+        let (flag, mask) = (ascii.command_loaded.word, ascii.command_loaded.mask);
+        memory.write_all_at(&mask.to_le_bytes(), flag.bytes().into()).unwrap();
+        site.run_for(Duration::from_millis(100));
+        if begins_second {
+            memory.write_all_at(b"P9\0\0", ascii.command.bytes().into()).unwrap();
+        }
+        let config = site.file("pmacd.toml", &format!("family = \"{}\"\n", family.name));
+        site.start_daemon(&["--config", &config]);
+        site.wait_for_identity();
+        assert_eq!(site.ask("P7 P8"), ["0", "0"], "{}: half a line was carried out", family.name);
+        site.assert_no_violations();
     }
 }

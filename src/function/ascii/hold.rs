@@ -132,6 +132,22 @@ impl DpramPort {
         )
     }
 
+    /// Looks whether another host may have died in a line of two parts: the first has no NUL (DPRAM manual p. 28) and leaves the last
+    /// byte of the buffer set. The board may keep that part, and would put our first line behind it. So it is told to forget it.
+    /// A long line that was finished leaves the same byte, and so does memory that was never written: then the `^X` cancels
+    /// nothing. It is one try: a board that does not take it (firmware before 1.15) is asked on as if nothing were there. 2 reads.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn look_for_half_a_line(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        let last_word = bus.read16(self.words.command.plus_words(self.words.command_bytes / 2 - 1))?;
+        self.half_left = self.order.unpack(last_word)[1] != 0 && !self.is_out_of_reach(bus)?;
+        if let State::Held(Hold { asking: Asking::Due { cancels, .. }, .. }) = &mut self.state {
+            *cancels |= self.half_left;
+        }
+        Ok(())
+    }
+
     /// Whether the question lies in its word.
     pub(super) const fn hold_asks(&self) -> bool {
         matches!(self.state, State::Held(Hold { asking: Asking::Lies { .. }, .. }))
@@ -193,6 +209,7 @@ impl DpramPort {
             Asking::Lies { since, cancels } => {
                 if !self.control_pending(bus, now)? {
                     hold.in_vain = false;
+                    self.half_left = false;
                     hold.asking = if cancels {
                         Asking::Due { from: now, cancels: false }
                     } else {
@@ -206,6 +223,7 @@ impl DpramPort {
                     hold.asking = if looks_at_flag && !self.takes_characters && !cancels {
                         Asking::Over
                     } else {
+                        let cancels = cancels && !std::mem::take(&mut self.half_left);
                         Asking::Due { from: now + ASK_AGAIN, cancels }
                     };
                 }

@@ -166,6 +166,7 @@ impl AsciiQueue {
     pub fn take_over(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         let last: Text<{ check::LINE_MAX }> = self.ports.dpram.last_line(bus)?;
         self.check.follow(last.as_bytes());
+        self.ports.dpram.look_for_half_a_line(bus)?;
         self.ports.dpram.release(bus)
     }
 
