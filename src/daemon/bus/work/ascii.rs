@@ -9,6 +9,7 @@ mod check;
 mod controls;
 mod expiry;
 mod outbox;
+mod wait;
 mod way;
 
 use std::collections::VecDeque;
@@ -17,6 +18,7 @@ use std::time::{Duration, Instant};
 use buffer::BufferQuestion;
 use check::Check;
 use outbox::Outbox;
+use wait::Wait;
 
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
@@ -69,7 +71,7 @@ struct WaitingLine {
     ticket: Ticket,
     line: Text<LINE_MAX>,
     origin: Origin,
-    deadline: Instant,
+    wait: Wait,
     writer: Writer,
     /// It is not to be sent any more: this user stopped all motion by this character.
     dropped_by: Option<(u32, u8)>,
@@ -80,7 +82,7 @@ struct WaitingControl {
     ticket: Ticket,
     uid: u32,
     character: u8,
-    deadline: Instant,
+    wait: Wait,
 }
 
 #[derive(Clone, Copy)]
@@ -122,6 +124,8 @@ pub struct AsciiQueue {
     /// Where the board's own programs keep data, and when it is asked.
     pub scan: MemoryScan,
     state: CommandState,
+    /// When the board last ended a command, whosever.
+    answered: Option<Instant>,
     last_event: Instant,
     next_poll: Instant,
     has_interrupt: bool,
@@ -151,6 +155,7 @@ impl AsciiQueue {
             identifier,
             scan,
             state: CommandState::Unknown,
+            answered: None,
             last_event: now,
             next_poll: now,
             has_interrupt: false,
@@ -271,18 +276,29 @@ impl AsciiQueue {
                     self.fallback.ask_soon(&self.ports, now);
                 }
                 let dropped_by = None;
-                self.lines.push_back(WaitingLine { ticket, line, origin, deadline, writer, dropped_by });
+                let wait = if origin.stays {
+                    Wait::to_the_last(now, deadline)
+                } else {
+                    Wait::for_answer(now, deadline)
+                };
+                self.lines.push_back(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
             }
             Command::First { ticket, line, origin, deadline } => {
                 let (writer, dropped_by) = (Writer::Question, None);
-                self.lines.push_front(WaitingLine { ticket, line, origin, deadline, writer, dropped_by });
+                let wait = Wait::to_the_last(now, deadline);
+                self.lines.push_front(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
             }
             Command::Control { ticket, uid, drops_lines, character, deadline } => {
                 if drops_lines {
                     let dropped = self.lines.iter_mut().filter(|line| !line.origin.stays);
                     dropped.for_each(|line| line.dropped_by = Some((uid, character)));
                 }
-                self.controls.push_back(WaitingControl { ticket, uid, character, deadline });
+                let wait = if control_has_reply(character) {
+                    Wait::for_answer(now, deadline)
+                } else {
+                    Wait::to_the_last(now, deadline)
+                };
+                self.controls.push_back(WaitingControl { ticket, uid, character, wait });
             }
             Command::ReadWords { .. } | Command::Job { .. } => {}
         }
@@ -382,8 +398,8 @@ impl AsciiQueue {
         if let Some(&next) = self.lines.front()
             && (questions_wait || !self.identifier.is_overdue(now))
         {
-            if now >= next.deadline {
-                // Its caller has been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
+            if now >= next.wait.begin_by {
+                // Its caller may have been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
                 return Ok(());
             }
             let line = next.line.as_bytes();
@@ -400,7 +416,7 @@ impl AsciiQueue {
                 self.buffer.begin(line, next.writer, now);
                 self.identifier.line_goes(line, now);
                 self.scan.line_goes(line, now);
-                self.start(InFlight::Line(next), next.deadline, publisher, now);
+                self.start(InFlight::Line(next), next.wait.deadline, publisher, now);
             }
         } else if !questions_wait {
             self.ask_own(bus, publisher, now)?;
@@ -474,6 +490,7 @@ impl AsciiQueue {
             AsciiEvent::Done(result) => {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
+                self.answered = Some(now);
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
                     return self.end_check(result, now);
                 }

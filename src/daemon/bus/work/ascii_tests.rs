@@ -15,6 +15,8 @@ use crate::segment::{CreateOptions, Identity, SegmentName};
 
 #[path = "ascii/buffer_tests.rs"]
 mod buffer;
+#[path = "ascii/wait_tests.rs"]
+mod wait;
 
 struct Rig {
     bus: FileBoard,
@@ -144,41 +146,6 @@ impl Rig {
 
     fn loaded(&mut self) -> bool {
         self.bus.read16(PMAC.ascii.command_loaded.word).unwrap() & PMAC.ascii.command_loaded.mask != 0
-    }
-}
-
-#[test]
-fn a_line_whose_time_is_over_is_never_begun() {
-    let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
-    rig.poll();
-    assert!(rig.loaded());
-    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
-    for ticket in [2, 3, 4] {
-        rig.send(ticket, "#1J+", Duration::from_millis(100));
-    }
-    // The daemon stands still for a second; meanwhile the board answers.
-    rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
-    rig.now += Duration::from_secs(1);
-    for _ in 0..6 {
-        rig.poll();
-        assert!(!rig.loaded(), "its caller has been told that it was not done");
-    }
-    let unavailable = |ticket| (ticket, Outcome::Unavailable);
-    assert_eq!(rig.ended(), [(1, Outcome::Done), unavailable(2), unavailable(3), unavailable(4)]);
-}
-
-#[test]
-fn a_line_that_lay_before_the_board_may_have_been_carried_out() {
-    for state in [CommandState::Answers, CommandState::Unknown, CommandState::Silent] {
-        let mut rig = Rig::new();
-        rig.queue.state = state;
-        rig.send(1, "SAVE", Duration::from_millis(1));
-        rig.poll();
-        assert!(rig.loaded());
-        rig.now += Duration::from_millis(1);
-        rig.poll();
-        assert_eq!(rig.ended(), [(1, Outcome::TimedOut)], "{state:?}");
     }
 }
 

@@ -33,7 +33,7 @@ impl AsciiQueue {
                 }
                 self.kills += u64::from(pending.character == control::KILL);
                 self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));
-            } else if now >= pending.deadline {
+            } else if now >= pending.wait.deadline {
                 self.ports.withdraw_control(bus, now)?;
                 self.control_pending = None;
                 // One that answered so far may have taken it in this moment.
@@ -46,14 +46,14 @@ impl AsciiQueue {
         // does not wait, nor behind them.
         let is_idle = self.ports.is_idle() && !self.ports.in_doubt();
         let line_lies = self.ports.line_lies();
-        let ready = |WaitingControl { character, deadline, .. }: &WaitingControl| {
+        let ready = |WaitingControl { character, wait, .. }: &WaitingControl| {
             let may_go = !control_has_reply(*character) && (!line_lies || goes_over_line(*character));
-            now < *deadline && (is_idle || may_go)
+            now < wait.begin_by && (is_idle || may_go)
         };
         let Some(index) = self.controls.iter().position(ready) else {
-            if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.deadline) {
+            if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.wait.begin_by) {
                 self.controls.pop_front();
-                self.not_begun(events, publisher, late.ticket, now);
+                self.not_begun(events, publisher, late.ticket, late.wait, now);
             }
             return Ok(());
         };
@@ -64,7 +64,7 @@ impl AsciiQueue {
             self.buffer.follow_control(first.character, first.uid, now);
             self.last_event = now;
             if has_reply {
-                self.start(InFlight::Control(first), first.deadline, publisher, now);
+                self.start(InFlight::Control(first), first.wait.deadline, publisher, now);
             } else {
                 publisher.counters().add(Counter::AsciiCommands, 1);
                 self.control_pending = Some(first);

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use log::warn;
 
+use super::wait::Wait;
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by};
@@ -35,14 +36,14 @@ impl AsciiQueue {
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
                 continue;
             }
-            let Some(&first) = self.lines.front().filter(|first| now >= first.deadline) else { break };
+            let Some(&first) = self.lines.front().filter(|first| now >= first.wait.begin_by) else { break };
             self.lines.pop_front();
             if self.under_way.is_none() && self.ports.is_idle() {
                 // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
                 // buffer with nobody to take it. It must not be carried out by surprise later.
                 self.ports.withdraw_line(bus)?;
             }
-            self.not_begun(events, publisher, first.ticket, now);
+            self.not_begun(events, publisher, first.ticket, first.wait, now);
         }
         Ok(())
     }
@@ -150,9 +151,11 @@ impl AsciiQueue {
         events: &Sender<Event>,
         publisher: &Publisher,
         ticket: Ticket,
+        wait: Wait,
         now: Instant,
     ) {
-        // That it waited for another one says nothing of the board.
+        // That it waited for others says nothing of the board.
+        let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         let line_before = match self.under_way {
             Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
                 Some(GivenUp { by: origin, since })
@@ -161,7 +164,7 @@ impl AsciiQueue {
         };
         if let Some(given_up) = self.check.given_up().or(line_before) {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(given_up.reason(now))));
-        } else if self.under_way.is_some() && !self.ports.in_doubt() {
+        } else if waited && !self.ports.in_doubt() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
             self.fail(events, publisher, ticket, false);

@@ -1,0 +1,58 @@
+//! Until when a command may be begun.
+
+use super::*;
+
+#[test]
+fn a_line_whose_time_is_over_is_never_begun() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.poll();
+    assert!(rig.loaded());
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+    for ticket in [2, 3, 4] {
+        rig.send(ticket, "#1J+", Duration::from_millis(100));
+    }
+    // The daemon stands still for a second; meanwhile the board answers.
+    rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
+    rig.now += Duration::from_secs(1);
+    for _ in 0..6 {
+        rig.poll();
+        assert!(!rig.loaded(), "its caller has been told that it was not done");
+    }
+    // The board answers: they only came too late.
+    let busy = |ticket| (ticket, Outcome::Busy);
+    assert_eq!(rig.ended(), [(1, Outcome::Done), busy(2), busy(3), busy(4)]);
+    assert_eq!(rig.queue.state(), CommandState::Answers);
+}
+
+#[test]
+fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.send(2, "P2", Duration::from_secs(1));
+    rig.send(3, "P3", Duration::from_secs(60));
+    rig.poll();
+    rig.take();
+    // It would have to be given up 5 ms later, which holds the port for everybody, and says that the board is silent.
+    rig.now += Duration::from_millis(995);
+    rig.respond(response::ACKNOWLEDGE);
+    rig.now += SETTLE;
+    rig.poll();
+    assert_eq!(rig.take(), "P3");
+    assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Busy)]);
+    assert_eq!(rig.queue.state(), CommandState::Answers);
+}
+
+#[test]
+fn a_line_that_lay_before_the_board_may_have_been_carried_out() {
+    for state in [CommandState::Answers, CommandState::Unknown, CommandState::Silent] {
+        let mut rig = Rig::new();
+        rig.queue.state = state;
+        rig.send(1, "SAVE", Duration::from_millis(1));
+        rig.poll();
+        assert!(rig.loaded());
+        rig.now += Duration::from_millis(1);
+        rig.poll();
+        assert_eq!(rig.ended(), [(1, Outcome::TimedOut)], "{state:?}");
+    }
+}
