@@ -173,13 +173,20 @@ fn installed() -> tempfile::TempDir {
         fs::set_permissions(&to, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
     };
     put("systemd/pmacd@.service", "usr/lib/systemd/system/pmacd@.service", 0o644);
-    put("systemd/pci-prepare", "usr/lib/pmacd/pci-prepare", 0o755);
-    put("systemd/pci-prepare", "usr/sbin/pmacd", 0o755);
+    put("systemd/pmac-gateway@.service", "usr/lib/systemd/system/pmac-gateway@.service", 0o644);
+    for program in ["usr/lib/pmacd/pci-prepare", "usr/sbin/pmacd", "usr/bin/pmac-gateway"] {
+        put("systemd/pci-prepare", program, 0o755);
+    }
     tree
 }
 
+/// The service that a drop-in is for.
+fn service_of(drop_in: &str) -> &'static str {
+    if drop_in.starts_with("gateway") { "pmac-gateway@pmac0.service" } else { "pmacd@pmac0.service" }
+}
+
 fn with_drop_in(tree: &Path, name: &str) {
-    let directory = tree.join("etc/systemd/system/pmacd@pmac0.service.d");
+    let directory = tree.join("etc/systemd/system").join(format!("{}.d", service_of(name)));
     fs::create_dir_all(&directory).unwrap();
     fs::copy(root().join("systemd/dropins").join(name), directory.join(name)).unwrap();
 }
@@ -211,7 +218,7 @@ fn with_systemd_it_finds_nothing_to_say_about_the_units() {
         let output = Command::new("systemd-analyze")
             .args(["verify", "--man=no", "--recursive-errors=no", "--root"])
             .arg(tree.path())
-            .arg("pmacd@pmac0.service")
+            .arg(service_of(name))
             .output()
             .unwrap();
         let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
@@ -236,6 +243,7 @@ fn with_systemd_the_units_expose_no_more_than_they_promise() {
         ("pci.conf", 10),
         ("real-time.conf", 10),
         ("wake-up.conf", 10),
+        ("gateway-writes.conf", 15),
     ] {
         let tree = installed();
         if !name.is_empty() {
@@ -244,7 +252,7 @@ fn with_systemd_the_units_expose_no_more_than_they_promise() {
         let output = Command::new("systemd-analyze")
             .args(["security", "--offline=true", &format!("--threshold={threshold}"), "--root"])
             .arg(tree.path())
-            .arg("pmacd@pmac0.service")
+            .arg(service_of(name))
             .output()
             .unwrap();
         let said = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -9,6 +9,9 @@ use super::sections::complete;
 /// The part of pmacd.toml(5) that is written by hand, up to the lists of names.
 const CONFIGURATION: &str = include_str!("../../systemd/man/pmacd.toml.5");
 
+/// The page of the program that is no part of this package.
+const GATEWAY: &str = include_str!("../../systemd/man/pmac-gateway.8");
+
 /// The programs.
 pub fn programs() -> [Command; 3] {
     let pmacd = pmac_dpram::daemon::options::Options::command();
@@ -16,7 +19,7 @@ pub fn programs() -> [Command; 3] {
     [pmacd, pmac_sim, pmac_dpram::cli::command()]
 }
 
-/// The pages: one of each program, of each command of pmacctl, and of the configuration.
+/// The pages: one of each program, of each command of pmacctl, of the configuration, and of the gateway.
 pub fn pages() -> Vec<(String, String)> {
     let mut pages = Vec::new();
     for mut program in programs() {
@@ -28,6 +31,7 @@ pub fn pages() -> Vec<(String, String)> {
     let mut configuration = Page::from(CONFIGURATION);
     complete(&mut configuration, "pmacd.toml");
     pages.push(("pmacd.toml.5".to_owned(), configuration.finish()));
+    pages.push(("pmac-gateway.8".to_owned(), GATEWAY.to_owned()));
     pages
 }
 
