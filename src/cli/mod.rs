@@ -8,7 +8,7 @@
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
 //! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
-//! | `gather`, `rotary` | samples to a file; motion programs from a file |
+//! | `gather`, `log`, `rotary` | samples to a file; every update to a file; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
 //! | `doctor` | what is wrong, and what to do |
@@ -22,6 +22,7 @@ mod doctor;
 mod files;
 mod gather;
 mod layout;
+mod log;
 mod rotary;
 mod setup;
 mod show;
@@ -103,6 +104,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Rotary(options) => rotary::run(&mut context, &options),
         Command::Variable(options) => registers::run(&mut context, &options),
         Command::Gather(options) => gather::run(&mut context, &options),
+        Command::Log(options) => log::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

@@ -148,6 +148,31 @@ fn address(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
     block.unsigned(at).map(Quantity::address)
 }
 
+/// How many fields a motor's block may have.
+pub const MOTOR_FIELDS: usize = FIELDS.len();
+
+impl ServoMotor {
+    /// The place in [`ServoMotor::quantities`] of the field called `name` in the register table; `None` if the family lacks it.
+    #[must_use]
+    pub fn place(&self, name: &str) -> Option<usize> {
+        let place = FIELDS.iter().position(|field| field.name == name)?;
+        (self.fields >> place & 1 != 0).then_some(place)
+    }
+
+    /// The names of the fields that the family has.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
+        let fields = self.fields;
+        (0..).zip(&FIELDS).filter(move |(place, _)| fields >> *place & 1 != 0).map(|(_, field)| field.name)
+    }
+
+    /// The values of all fields.
+    #[must_use]
+    pub fn quantities(&self) -> [Option<Quantity>; MOTOR_FIELDS] {
+        let mut copy = *self;
+        FIELDS.each_ref().map(|field| *(field.value)(&mut copy))
+    }
+}
+
 impl ServoData {
     /// The flags of the board's status words, in the order of `???`; `None` where the report has none.
     #[must_use]

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::reading::Reading;
 use super::source::Source;
 use crate::decode::Scales;
+use crate::table::{Field, Kind};
 
 /// One column of gathered data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -49,11 +50,24 @@ impl Column {
         }
     }
 
+    fn field(&self) -> Field {
+        Field::new(&self.name, self.unit, Kind::Real)
+    }
+
     /// Name and unit, as a table's head has it.
     #[must_use]
     pub fn title(&self) -> String {
-        if self.unit.is_empty() { self.name.clone() } else { format!("{} [{}]", self.name, self.unit) }
+        self.field().title()
     }
+}
+
+/// The fields of a table of samples: `sample` (of lost ones the rows are missing, so that it jumps), [`SampleClock::title`], the
+/// columns.
+#[must_use]
+pub fn fields(columns: &[Column], clock: SampleClock) -> Vec<Field> {
+    let time = if clock.servo_period_ns.is_some() { Kind::Seconds } else { Kind::Real };
+    let own = [Field::new("sample", "", Kind::Integer), Field::new(clock.title(), "", time)];
+    own.into_iter().chain(columns.iter().map(Column::field)).collect()
 }
 
 /// The values of one sample, appended to `values`. What the sample is too short for is not a number.

@@ -3,18 +3,14 @@
 //!
 //! A sample is the chosen sources' values in the order of I21 to I44, each one long (`Y:`, `X:`) or two (`D:`, `L:`,
 //! Y half first). [`Source`] names one, [`plan()`] makes the columns, [`gather_lines`] the lines, [`Column`] turns longs into numbers,
-//! [`csv`] and [`npy`] write them. Reading the samples from the DPRAM is [`crate::function`]'s part.
+//! [`fields`] is the table of them. Reading the samples from the DPRAM is [`crate::function`]'s part.
 
 pub mod column;
-pub mod csv;
-pub mod npy;
 pub mod plan;
 pub mod reading;
 pub mod source;
 
-pub use column::{Column, SampleClock};
-pub use csv::CsvWriter;
-pub use npy::NpyWriter;
+pub use column::{Column, SampleClock, fields};
 pub use plan::{GatherMode, GatherPlan, GatherRequest, MOST_PERIOD, PlanError, gather_lines, plan};
 pub use reading::Reading;
 pub use source::{Source, SourceError};

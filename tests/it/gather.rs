@@ -4,7 +4,8 @@ use std::io::Cursor;
 
 use pmac_dpram::function::gather::GatherPoll;
 use pmac_dpram::function::servo_timer::ServoTimer;
-use pmac_dpram::gather::{CsvWriter, GatherMode, NpyWriter, SampleClock};
+use pmac_dpram::gather::{GatherMode, SampleClock, fields};
+use pmac_dpram::table::{CsvWriter, NpyWriter};
 
 use crate::support::gather_rig::{GatherRig, scales, take};
 
@@ -17,8 +18,8 @@ fn a_minute_of_every_servo_cycle_loses_nothing() {
         let mut reader = rig.begin(&plan, &mut timer);
         rig.send("#1J+");
         let clock = SampleClock { period: plan.period, servo_period_ns: scales().servo_period_ns() };
-        let mut csv = CsvWriter::new(Vec::new(), &plan.columns, clock).unwrap();
-        let mut npy = NpyWriter::new(Cursor::new(Vec::new()), &plan.columns, clock).unwrap();
+        let mut csv = CsvWriter::new(Vec::new(), &fields(&plan.columns, clock)).unwrap();
+        let mut npy = NpyWriter::new(Cursor::new(Vec::new()), &fields(&plan.columns, clock)).unwrap();
         let (mut next, mut begin, mut last) = (0, None, 0.0);
         while clock.at(next) < seconds {
             rig.pass(400);
@@ -31,8 +32,9 @@ fn a_minute_of_every_servo_cycle_loses_nothing() {
                 assert!(values[1] >= last - 1.0 && values[1] < last + 20.0, "{} after {last}", values[1]);
                 assert!((values[1] - values[2]).abs() < 200.0, "it follows");
                 last = values[1];
-                csv.row(number, values).unwrap();
-                npy.row(number, values).unwrap();
+                let row = [&[number as f64, clock.at(number)], values].concat();
+                csv.row(&row).unwrap();
+                npy.row(&row).unwrap();
             });
             assert_eq!(look, GatherPoll::Idle);
         }

@@ -26,6 +26,7 @@ mod host_port;
 mod inherited;
 mod jog;
 mod late;
+mod log;
 mod mailbox;
 mod man;
 mod map;

@@ -17,6 +17,7 @@ use crate::cli::doctor::Doctor;
 use crate::cli::files::backup::{Backup, Diff, Restore};
 use crate::cli::files::download::Download;
 use crate::cli::gather::Gather;
+use crate::cli::log::Log;
 use crate::cli::rotary::Rotary;
 use crate::cli::setup::absolute::Absolute;
 use crate::cli::setup::send::Setup;
@@ -93,6 +94,8 @@ pub enum Command {
     Variable(Variable),
     /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
     Gather(Gather),
+    /// Write every servo update to a .csv or .npy file, with exact counts of what is missing. Only reads
+    Log(Log),
     /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
     Abort(Abort),
     /// Kill every motor at once by ^K: open loops, no output. Exit status 0: the board took it

@@ -92,6 +92,16 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
+/// A number of bytes: `1500`, `64k`, `100M`, `10G`, by powers of 1000.
+pub fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || "not a number of bytes above 0, as 1500, 64k, 100M or 10G".to_owned();
+    let units = [('k', 1_000), ('M', 1_000_000), ('G', 1_000_000_000), ('T', 1_000_000_000_000)];
+    let scaled = units.iter().find_map(|(unit, factor)| Some((text.strip_suffix(*unit)?, *factor)));
+    let (digits, factor) = scaled.unwrap_or((text, 1_u64));
+    let number: u64 = digits.parse().map_err(|_| wrong())?;
+    number.checked_mul(factor).filter(|bytes| *bytes > 0).ok_or_else(wrong)
+}
+
 /// The time between two prints.
 pub fn rate(text: &str) -> Result<Duration, String> {
     let hz: f64 = text.parse().map_err(|_| "not a number of prints a second".to_owned())?;
@@ -117,5 +127,9 @@ mod tests {
         }
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
         assert_eq!(rate("4"), Ok(Duration::from_millis(250)));
+        for text in ["0", "-1", "1.5M", "M", "", "99999999999T", "10B"] {
+            assert!(bytes(text).is_err(), "{text}");
+        }
+        assert_eq!((bytes("1500"), bytes("64k"), bytes("10G")), (Ok(1500), Ok(64_000), Ok(10_000_000_000)));
     }
 }

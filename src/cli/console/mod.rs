@@ -8,4 +8,5 @@ pub mod number;
 pub mod output;
 pub mod sink;
 pub mod table;
+pub mod table_file;
 pub mod time;

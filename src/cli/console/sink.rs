@@ -162,6 +162,11 @@ impl Rows {
         self.rows
     }
 
+    /// The length of the file once all rows are in it.
+    pub fn bytes(&self) -> u64 {
+        self.length + self.collected.len() as u64
+    }
+
     /// Marks the end of a row.
     ///
     /// # Errors

@@ -1,23 +1,23 @@
-//! Gathered data as a NumPy file, `.npy` version 1.0: one-dimensional, one structured element a sample, with the fields
-//! `sample` (`<i8`), `time_s` or `servo_cycle` (`<f8`) and one `<f8` a column, by its name.
+//! A table as a NumPy file, `.npy` version 1.0: one-dimensional, one structured element a row, with a field `<i8` for whole numbers
+//! and `<f8` for others, by its name.
 //!
 //! The header says how many elements there are, which nobody knows before the end: it keeps room for any number, and
 //! [`NpyWriter::note`] writes the present one into it, so that a file that was cut off can be read up to there.
 
 use std::io::{self, Seek, SeekFrom, Write};
 
-use super::{Column, SampleClock};
+use super::{Field, Kind};
 
-const MAGIC: &[u8; 8] = b"\x93NUMPY\x01\x00";
+pub(super) const MAGIC: &[u8; 8] = b"\x93NUMPY\x01\x00";
 /// Digits of the largest u64.
 const COUNT_DIGITS: usize = 20;
 /// Magic, length and header together are a multiple of this.
 const ALIGNMENT: usize = 64;
 
-/// Writes samples as elements of a NumPy array.
+/// Writes rows as elements of a NumPy array.
 pub struct NpyWriter<W> {
     out: W,
-    clock: SampleClock,
+    kinds: Vec<Kind>,
     /// The header's text before the number of elements, and its length in all.
     dictionary: String,
     header_length: usize,
@@ -29,13 +29,16 @@ impl<W: Write + Seek> NpyWriter<W> {
     ///
     /// # Errors
     /// What `out` reports; [`io::ErrorKind::InvalidInput`] when the header would be longer than version 1.0 allows.
-    pub fn new(out: W, columns: &[Column], clock: SampleClock) -> io::Result<Self> {
-        let mut fields = format!("('sample', '<i8'), ('{}', '<f8')", clock.title());
-        for column in columns {
-            let name = column.name.replace('\\', "\\\\").replace('\'', "\\'");
-            fields.push_str(&format!(", ('{name}', '<f8')"));
-        }
-        let dictionary = format!("{{'descr': [{fields}], 'fortran_order': False, 'shape': (");
+    pub fn new(out: W, fields: &[Field]) -> io::Result<Self> {
+        let described: Vec<String> = fields
+            .iter()
+            .map(|field| {
+                let name = field.name.replace('\\', "\\\\").replace('\'', "\\'");
+                let format = if field.kind == Kind::Integer { "<i8" } else { "<f8" };
+                format!("('{name}', '{format}')")
+            })
+            .collect();
+        let dictionary = format!("{{'descr': [{}], 'fortran_order': False, 'shape': (", described.join(", "));
         // Behind the count: `,), }` and the newline.
         let unpadded = MAGIC.len() + 2 + dictionary.len() + COUNT_DIGITS + 6;
         let header_length = unpadded.next_multiple_of(ALIGNMENT) - MAGIC.len() - 2;
@@ -45,20 +48,23 @@ impl<W: Write + Seek> NpyWriter<W> {
                 "too many columns for a NumPy 1.0 header",
             ));
         }
-        let mut writer = Self { out, clock, dictionary, header_length, elements: 0 };
+        let kinds = fields.iter().map(|field| field.kind).collect();
+        let mut writer = Self { out, kinds, dictionary, header_length, elements: 0 };
         writer.header()?;
         Ok(writer)
     }
 
-    /// Writes one sample. Lost ones are missing elements: the sample number jumps.
+    /// Writes one row: a value a field. What is not known is not a number.
     ///
     /// # Errors
     /// What the output reports.
-    pub fn row(&mut self, sample: u64, values: &[f64]) -> io::Result<()> {
-        self.out.write_all(&sample.to_le_bytes())?;
-        self.out.write_all(&self.clock.at(sample).to_le_bytes())?;
-        for value in values {
-            self.out.write_all(&value.to_le_bytes())?;
+    pub fn row(&mut self, values: &[f64]) -> io::Result<()> {
+        for (value, kind) in values.iter().zip(&self.kinds) {
+            let bytes = match kind {
+                Kind::Integer => (*value as i64).to_le_bytes(),
+                Kind::Seconds | Kind::Real => value.to_le_bytes(),
+            };
+            self.out.write_all(&bytes)?;
         }
         self.elements += 1;
         Ok(())
@@ -104,7 +110,6 @@ impl<W: Write + Seek> NpyWriter<W> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::column::tests::{columns, scales};
     use super::*;
     use std::io::Cursor;
 
@@ -116,35 +121,38 @@ mod tests {
         (std::str::from_utf8(header).unwrap(), data)
     }
 
+    fn fields() -> [Field; 3] {
+        [
+            Field::new("sample", "", Kind::Integer),
+            Field::new("time_s", "", Kind::Seconds),
+            Field::new("X:$0033,u", "count", Kind::Real),
+        ]
+    }
+
     #[test]
-    fn a_structured_array_of_the_samples() {
-        let columns = columns(&["1.actual_position", "X:$0033,u"], &scales());
-        let clock = SampleClock { period: 2, servo_period_ns: Some(500_000.0) };
-        let mut writer = NpyWriter::new(Cursor::new(Vec::new()), &columns, clock).unwrap();
-        writer.row(0, &[1.5, 2.0]).unwrap();
+    fn a_structured_array_of_the_rows() {
+        let mut writer = NpyWriter::new(Cursor::new(Vec::new()), &fields()).unwrap();
+        writer.row(&[0.0, 0.0, 1.5]).unwrap();
         writer.note().unwrap();
-        writer.row(7, &[-1.0, 3.0]).unwrap();
+        writer.row(&[7.0, 0.007, -1.0]).unwrap();
         let bytes = writer.finish().unwrap().into_inner();
         let (text, data) = header(&bytes);
         assert_eq!(
             text.trim_end_matches(' ').trim_end_matches('\n').trim_end(),
-            "{'descr': [('sample', '<i8'), ('time_s', '<f8'), ('1.actual_position', '<f8'), ('X:$0033,u', '<f8')], \
+            "{'descr': [('sample', '<i8'), ('time_s', '<f8'), ('X:$0033,u', '<f8')], \
              'fortran_order': False, 'shape': (2,), }"
         );
         assert!(text.ends_with('\n'));
         let words: Vec<_> = data.as_chunks::<8>().0.iter().map(|bytes| u64::from_le_bytes(*bytes)).collect();
-        assert_eq!(data.len(), 2 * 4 * 8);
-        assert_eq!((words[0], words[4]), (0, 7));
+        assert_eq!(data.len(), 2 * 3 * 8);
+        assert_eq!((words[0], words[3]), (0, 7));
         let floats: Vec<_> = words.iter().map(|word| f64::from_bits(*word)).collect();
-        assert_eq!((floats[2], floats[3], floats[6], floats[7]), (1.5, 2.0, -1.0, 3.0));
-        assert_eq!(floats[5], 0.007);
+        assert_eq!((floats[2], floats[4], floats[5]), (1.5, 0.007, -1.0));
     }
 
     #[test]
     fn the_header_keeps_its_length_whatever_the_count() {
-        let columns = columns(&["1.actual_position"], &scales());
-        let clock = SampleClock { period: 1, servo_period_ns: None };
-        let mut writer = NpyWriter::new(Cursor::new(Vec::new()), &columns, clock).unwrap();
+        let mut writer = NpyWriter::new(Cursor::new(Vec::new()), &fields()).unwrap();
         let empty = writer.out.get_ref().len();
         writer.elements = u64::MAX;
         writer.note().unwrap();

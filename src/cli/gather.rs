@@ -1,7 +1,5 @@
 //! `pmacctl gather`: writes samples taken by the board at servo rate to a file.
 
-mod file;
-
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -9,15 +7,15 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use serde_json::json;
 
-use self::file::Writer;
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::sink::{Rows, is_stdout};
+use crate::cli::console::sink::is_stdout;
+use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Taken, identity};
 use crate::decode::Scales;
-use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, plan};
+use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, fields, plan};
 use crate::map::{BufferLayout, DEFAULT_FAMILY, Family, Layout};
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{BoardSettings, Function};
@@ -90,14 +88,8 @@ fn stop(context: &mut Context, of: Option<u32>) -> Result<Verdict, Failure> {
 }
 
 fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
-    let extension = output.extension().and_then(|extension| extension.to_str());
+    let form = Form::of(output)?;
     let is_stdout = is_stdout(output);
-    if !is_stdout && !matches!(extension, Some("csv" | "npy")) {
-        let path = output.display();
-        return Err(Failure::Request(format!(
-            "{path}: the name must end in .csv or .npy; - is CSV on stdout"
-        )));
-    }
     let mut board = context.board()?;
     let mut connection = context.connection()?;
     let settings = connection.settings()?;
@@ -124,8 +116,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         .map_err(Failure::request)?;
     let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
     let stop = Interrupt::listen()?;
-    let rows = Rows::open(output, &stop)?;
-    let mut out = Writer::new(rows, extension == Some("npy"), &plan.columns, clock)?;
+    let mut out = TableFile::open(output, form, &fields(&plan.columns, clock), &stop)?;
 
     let silence = silence(&clock, &layout);
     let follower = board.follow_gather()?;
@@ -140,6 +131,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         clock,
         silence,
         out,
+        row: Vec::new(),
         samples: 0,
         is_silent: false,
     };
@@ -259,7 +251,9 @@ struct Run<'a> {
     clock: SampleClock,
     /// Time limit without a sample.
     silence: Duration,
-    out: Writer,
+    out: TableFile,
+    /// A row of it.
+    row: Vec<f64>,
     /// Samples written.
     samples: u64,
     /// No samples come.
@@ -337,9 +331,11 @@ impl Run<'_> {
 
     /// Takes the next samples up to `wanted`. Returns whether there were any.
     fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
-        let Self { samples_of, out, samples, .. } = self;
+        let Self { samples_of, out, row, clock, samples, .. } = self;
         let taken = samples_of.take(board, wanted, |number, values| {
-            out.row(number, values)?;
+            row.clear();
+            row.extend([number as f64, clock.at(number)].iter().chain(values));
+            out.row(row)?;
             *samples += 1;
             Ok::<(), Failure>(())
         })?;

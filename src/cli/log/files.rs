@@ -1,0 +1,387 @@
+//! The files of a log: one, or a series that is begun anew by size or time and of which the oldest are removed.
+//!
+//! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
+
+use std::ffi::OsStr;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::sink::is_stdout;
+use crate::cli::console::table_file::{Form, TableFile};
+use crate::cli::context::Failure;
+use crate::table::Field;
+
+use super::follow::Gap;
+
+/// How long until a full disk is tried again.
+const TRY_AGAIN: Duration = Duration::from_secs(1);
+/// How often rows go to the file, whether it is time for them or not, and old files are looked at.
+const TEND: Duration = Duration::from_secs(1);
+/// Digits of a file's number.
+const DIGITS: usize = 6;
+
+/// When another file is begun, and how much is kept.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Rotation {
+    /// Once a file has so many bytes.
+    pub bytes: Option<u64>,
+    /// Once a file is so old.
+    pub age: Option<Duration>,
+    /// The bytes that all files of the series may take.
+    pub keep: Option<u64>,
+}
+
+impl Rotation {
+    fn is_wanted(self) -> bool {
+        self.bytes.is_some() || self.age.is_some() || self.keep.is_some()
+    }
+
+    /// The size at which another file is begun: where only the whole is bounded, a quarter of that.
+    fn limit(self) -> Option<u64> {
+        self.bytes.or(self.keep.map(|keep| keep / 4))
+    }
+}
+
+/// What a row stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Meaning {
+    Update,
+    Gap(Gap),
+}
+
+/// What stands in the files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    pub updates: u64,
+    pub missed: u64,
+    pub lost: u64,
+}
+
+impl Tally {
+    fn add(&mut self, meaning: Meaning) {
+        match meaning {
+            Meaning::Update => self.updates += 1,
+            Meaning::Gap(gap) => {
+                self.missed += gap.missed;
+                self.lost += gap.lost;
+            }
+        }
+    }
+
+    /// These rows as one gap: they were not written.
+    fn add_unwritten(&mut self, meaning: Meaning) {
+        match meaning {
+            Meaning::Update => self.lost += 1,
+            Meaning::Gap(_) => self.add(meaning),
+        }
+    }
+}
+
+/// The files of a log.
+pub struct Files {
+    path: PathBuf,
+    form: Form,
+    fields: Vec<Field>,
+    rotation: Rotation,
+    stop: Interrupt,
+    file: TableFile,
+    began: Instant,
+    tended: Instant,
+    /// The number of the present file of a series.
+    number: u64,
+    /// What is in the files.
+    written: Tally,
+    /// The rows handed to the present file that it may not hold yet.
+    pending: Vec<Meaning>,
+    kept: u64,
+    /// What found no room since the last row that did.
+    unwritten: Tally,
+    /// Until when the disk counts as full.
+    full_until: Option<Instant>,
+    /// A row without values, for gaps.
+    gap_row: Vec<f64>,
+}
+
+impl Files {
+    /// Opens the first file.
+    ///
+    /// # Errors
+    /// [`Failure`]: the name does not fit, or the file cannot be opened.
+    pub fn open(
+        path: &Path,
+        fields: Vec<Field>,
+        rotation: Rotation,
+        stop: &Interrupt,
+    ) -> Result<Self, Failure> {
+        let form = Form::of(path)?;
+        if is_stdout(path) && rotation.is_wanted() {
+            return Err(Failure::Request("stdout is one file: it cannot rotate or keep less".to_owned()));
+        }
+        let number = if rotation.is_wanted() { newest(path)? + 1 } else { 0 };
+        let file = TableFile::open(&place(path, number), form, &fields, stop)?;
+        Ok(Self {
+            path: path.to_owned(),
+            form,
+            rotation,
+            stop: stop.clone(),
+            file,
+            began: Instant::now(),
+            tended: Instant::now(),
+            number,
+            written: Tally::default(),
+            pending: Vec::new(),
+            kept: 0,
+            unwritten: Tally::default(),
+            full_until: None,
+            gap_row: vec![f64::NAN; fields.len()],
+            fields,
+        })
+    }
+
+    /// The name of the present file.
+    pub fn present(&self) -> PathBuf {
+        place(&self.path, self.number)
+    }
+
+    /// What stands in the files, and what found no room.
+    pub fn tally(&self) -> Tally {
+        let Tally { updates, missed, lost } = self.written;
+        let Tally { missed: more_missed, lost: more_lost, .. } = self.unwritten;
+        Tally { updates, missed: missed + more_missed, lost: lost + more_lost }
+    }
+
+    /// Writes one row.
+    ///
+    /// # Errors
+    /// [`Failure`]: the output cannot be written to, other than for want of room.
+    pub fn row(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
+        if self.full_until.is_some_and(|until| Instant::now() < until) {
+            self.unwritten.add_unwritten(meaning);
+            return Ok(());
+        }
+        self.full_until = None;
+        let Tally { missed, lost, .. } = std::mem::take(&mut self.unwritten);
+        if missed + lost > 0 {
+            let gap = Gap { missed, lost };
+            // With the number and times of the row behind it: those of the one before are gone.
+            self.gap_row[..3].copy_from_slice(&row[..3]);
+            self.gap_row[3..5].copy_from_slice(&[missed as f64, lost as f64]);
+            let row = std::mem::take(&mut self.gap_row);
+            let put = self.put(&row, Meaning::Gap(gap));
+            self.gap_row = row;
+            put?;
+        }
+        self.put(row, meaning)
+    }
+
+    fn put(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
+        self.pending.push(meaning);
+        let put = self.file.row(row);
+        self.settle(put)
+    }
+
+    /// Looks after the files, where a second has passed: what is written can be read then, and old files are removed.
+    ///
+    /// # Errors
+    /// As [`Files::row`].
+    pub fn tend(&mut self) -> Result<(), Failure> {
+        if self.tended.elapsed() < TEND {
+            return Ok(());
+        }
+        self.tended = Instant::now();
+        let put = self.file.finish();
+        self.settle(put)?;
+        self.remove_oldest();
+        let is_large = self.rotation.limit().is_some_and(|limit| self.file.bytes() >= limit);
+        let is_old = self.rotation.age.is_some_and(|age| self.began.elapsed() >= age);
+        if (is_large || is_old) && self.file.kept() > 0 {
+            self.rotate()?;
+        }
+        Ok(())
+    }
+
+    /// Begins another file. Where that finds no room, the present one goes on.
+    fn rotate(&mut self) -> Result<(), Failure> {
+        match TableFile::open(&place(&self.path, self.number + 1), self.form, &self.fields, &self.stop) {
+            Ok(file) => {
+                self.file = file;
+                self.number += 1;
+                self.kept = 0;
+                self.began = Instant::now();
+                Ok(())
+            }
+            Err(failure) => {
+                let _ = writeln!(io::stderr(), "{failure}; {} goes on", self.present().display());
+                self.began = Instant::now();
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes the rest.
+    ///
+    /// # Errors
+    /// As [`Files::row`].
+    pub fn finish(&mut self) -> Result<(), Failure> {
+        let put = self.file.finish();
+        self.settle(put)
+    }
+
+    /// Removes the file if nothing has been written to it.
+    pub fn discard(&mut self) {
+        self.file.discard();
+    }
+
+    /// Takes note of which rows the file holds by now, and of those that it has no room for.
+    fn settle(&mut self, put: Result<(), Failure>) -> Result<(), Failure> {
+        let kept = self.file.kept();
+        let whole = usize::try_from(kept - self.kept).unwrap_or(usize::MAX).min(self.pending.len());
+        self.pending.drain(..whole).for_each(|meaning| self.written.add(meaning));
+        self.kept = kept;
+        match put {
+            Err(failure) if self.file.resume_full() => {
+                if self.full_until.is_none() && self.unwritten == Tally::default() {
+                    let _ =
+                        writeln!(io::stderr(), "{failure}; what finds no room is lost, until there is some");
+                }
+                self.pending.drain(..).for_each(|meaning| self.unwritten.add_unwritten(meaning));
+                self.full_until = Some(Instant::now() + TRY_AGAIN);
+                Ok(())
+            }
+            put => put,
+        }
+    }
+
+    /// Removes the oldest files of the series until the rest takes no more than it may.
+    fn remove_oldest(&mut self) {
+        let Some(keep) = self.rotation.keep else { return };
+        let Ok(files) = series(&self.path) else { return };
+        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
+        others.sort_unstable_by_key(|(number, ..)| *number);
+        let mut bytes = self.file.bytes() + others.iter().map(|(_, _, length)| length).sum::<u64>();
+        for (_, path, length) in others {
+            if bytes <= keep {
+                break;
+            }
+            match std::fs::remove_file(&path) {
+                Ok(()) => bytes -= length,
+                Err(error) => {
+                    let _ = writeln!(io::stderr(), "{}: {error}; it stays", path.display());
+                }
+            }
+        }
+    }
+}
+
+/// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 is no series.
+fn place(path: &Path, number: u64) -> PathBuf {
+    if number == 0 {
+        return path.to_owned();
+    }
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{number:0DIGITS$}."));
+    name.push(path.extension().unwrap_or_default());
+    path.with_file_name(name)
+}
+
+/// The files of the series `path`: number, path, length.
+fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
+    let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
+    let number = |name: &OsStr| {
+        let (stem, rest) = (path.file_stem()?.to_str()?, name.to_str()?);
+        let digits = rest.strip_prefix(stem)?.strip_prefix('-')?;
+        let digits = digits.strip_suffix(path.extension()?.to_str()?)?.strip_suffix('.')?;
+        let is_number = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
+        if is_number { digits.parse().ok() } else { None }
+    };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(directory)? {
+        let entry = entry?;
+        if let Some(number) = number(&entry.file_name())
+            && let Ok(metadata) = entry.metadata()
+            && metadata.is_file()
+        {
+            files.push((number, entry.path(), metadata.len()));
+        }
+    }
+    Ok(files)
+}
+
+/// The highest number in the series; 0 where there is none.
+fn newest(path: &Path) -> Result<u64, Failure> {
+    let files = series(path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
+    Ok(files.into_iter().map(|(number, ..)| number).max().unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::{Kind, Table};
+
+    fn fields() -> Vec<Field> {
+        let names = ["update", "time_s", "unix_s", "missed", "lost", "1.actual_position"];
+        names.map(|name| Field::new(name, "", Kind::Real)).into()
+    }
+
+    fn row(update: u64) -> [f64; 6] {
+        [update as f64, 0.0, 0.0, 0.0, 0.0, 5.0]
+    }
+
+    #[test]
+    fn the_files_of_a_series_are_numbered_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.csv");
+        std::fs::write(directory.path().join("log-000041.csv"), "old").unwrap();
+        std::fs::write(directory.path().join("log-x.csv"), "another").unwrap();
+        let rotation = Rotation { bytes: Some(1), ..Rotation::default() };
+        let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+        for update in 1..=3 {
+            files.row(&row(update), Meaning::Update).unwrap();
+            files.tended -= TEND;
+            files.tend().unwrap();
+        }
+        files.finish().unwrap();
+        files.discard();
+        assert_eq!(files.tally(), Tally { updates: 3, missed: 0, lost: 0 });
+        for (number, update) in [(42, 1.0), (43, 2.0), (44, 3.0)] {
+            let table = Table::parse(&std::fs::read(place(&path, number)).unwrap()).unwrap();
+            assert_eq!((table.rows(), table.columns[0][0]), (1, update));
+        }
+    }
+
+    #[test]
+    fn the_oldest_are_removed_and_no_other_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.npy");
+        let stranger = directory.path().join("log-1.npy");
+        std::fs::write(&stranger, vec![0; 10_000]).unwrap();
+        for number in 1..=3 {
+            std::fs::write(place(&path, number), vec![0; 1000]).unwrap();
+        }
+        let rotation = Rotation { keep: Some(2500), ..Rotation::default() };
+        let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+        files.row(&row(1), Meaning::Update).unwrap();
+        files.tended -= TEND;
+        files.tend().unwrap();
+        let left: Vec<_> = (1..=4).map(|number| place(&path, number).exists()).collect();
+        assert_eq!((left, stranger.exists()), (vec![false, true, true, true], true));
+    }
+
+    #[test]
+    fn a_full_disk_costs_whole_rows_which_are_counted() {
+        // The only file that is always full.
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("full.csv");
+        std::os::unix::fs::symlink("/dev/full", &path).unwrap();
+        let mut files = Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
+        for update in 0..2000 {
+            let gap = Gap { missed: 2, lost: 0 };
+            let meaning = if update == 7 { Meaning::Gap(gap) } else { Meaning::Update };
+            files.row(&row(update), meaning).unwrap();
+        }
+        files.finish().unwrap();
+        assert_eq!(files.tally(), Tally { updates: 0, missed: 2, lost: 1999 });
+    }
+}

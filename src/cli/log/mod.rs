@@ -1,0 +1,255 @@
+//! `pmacctl log`: writes every servo update to a file, for as long as it is asked to.
+
+mod files;
+mod follow;
+mod row;
+mod trigger;
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::json;
+
+use self::files::{Files, Meaning, Rotation, Tally};
+use self::follow::{Follower, Step};
+use self::row::{Rows, TIME};
+use self::trigger::{Before, Condition};
+use crate::cli::args::values::{bytes, number, seconds};
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::sink::is_stdout;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::{Board, Staleness, View, identity};
+use crate::decode::ServoData;
+
+/// How long to sleep before looking for updates again: a small part of what the segment keeps.
+const LOOK: Duration = Duration::from_millis(20);
+/// After so long without an update, say so.
+const SILENCE: Duration = Duration::from_secs(2);
+
+#[derive(Debug, Args)]
+pub struct Log {
+    /// The file, ending in .csv or .npy; - is CSV on stdout
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Only these motors: 1,2 [default: all that the board reports]
+    #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
+    motors: Vec<u8>,
+    /// Only these fields, named as in `motors --json` [default: commanded_position, actual_position, following_error, velocity,
+    /// servo_status]
+    #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
+    fields: Vec<String>,
+    /// Duration in seconds, counted from the trigger if there is one; without it until ^C
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    seconds: Option<Duration>,
+    /// Begin another file, FILE-000001 and following, once one has so many bytes: 100M
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    rotate_bytes: Option<u64>,
+    /// Begin another file after this time, in seconds
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    rotate_seconds: Option<Duration>,
+    /// Remove the oldest files of FILE-000001 and following, so that all take at most so many bytes: 10G
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    keep: Option<u64>,
+    /// Begin when this is true, which is time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop', '!1.open_loop'
+    #[arg(long, value_name = "CONDITION")]
+    trigger: Option<Condition>,
+    /// With --trigger: write this time before it, too, in seconds
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = seconds, requires = "trigger")]
+    before: Duration,
+}
+
+/// The most numbers to keep from before the trigger: 256 MiB of them.
+const MOST_BEFORE: f64 = (1 << 25) as f64;
+
+pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let stop = Interrupt::listen()?;
+    let began_ns = board.subscriber().now_ns();
+    let end_ns = options.seconds.map(|time| began_ns.saturating_add(time.as_nanos() as u64));
+    let mut run = Run {
+        options,
+        stop,
+        // Without a trigger it begins at once.
+        end_ns: end_ns.filter(|_| options.trigger.is_none()),
+        before: options.trigger.as_ref().map(|_| Before::new(options.before.as_nanos() as u64)),
+        output: None,
+        servo_period_ns: None,
+        over: false,
+    };
+    let mut follower = Follower::new(&mut board)?;
+    let mut silence = Silence::default();
+    loop {
+        let identity = board.identity()?;
+        run.servo_period_ns = identity::scales(&identity).servo_period_ns();
+        let mut came = false;
+        let stale = follower.advance(&mut board, |step| {
+            came = true;
+            run.take(step)
+        })?;
+        if let Some(output) = &mut run.output {
+            output.files.tend()?;
+        }
+        let now_ns = board.subscriber().now_ns();
+        if run.over || run.stop.came() || run.end_ns.is_some_and(|end| now_ns >= end) {
+            break;
+        }
+        silence.note(came, stale, &board);
+        std::thread::sleep(LOOK);
+    }
+    finish(context, options, run)
+}
+
+/// A log under way.
+struct Run<'a> {
+    options: &'a Log,
+    stop: Interrupt,
+    /// By the segment's clock; `None` while there is no end, or it is not known yet.
+    end_ns: Option<u64>,
+    /// The rows from before the trigger, until it comes.
+    before: Option<Before>,
+    /// Since the first update.
+    output: Option<Output>,
+    servo_period_ns: Option<f64>,
+    /// Whether an update from behind the end has come.
+    over: bool,
+}
+
+struct Output {
+    rows: Rows,
+    files: Files,
+}
+
+impl Run<'_> {
+    /// Takes the next step.
+    fn take(&mut self, step: Step) -> Result<(), Failure> {
+        if self.over {
+            return Ok(());
+        }
+        match step {
+            Step::Update(update) if self.end_ns.is_some_and(|end| update.time_ns >= end) => {
+                self.over = true;
+                Ok(())
+            }
+            Step::Update(update) => self.update(&update),
+            Step::Gap(gap) => {
+                // Before the first update, and before the trigger, nothing is missing.
+                let (Some(Output { rows, files }), None) = (&mut self.output, &self.before) else {
+                    return Ok(());
+                };
+                files.row(rows.gap(gap), Meaning::Gap(gap))
+            }
+        }
+    }
+
+    fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {
+        let Output { rows, files } = match &mut self.output {
+            Some(output) => output,
+            none => none.insert(begin(self.options, update, self.servo_period_ns, &self.stop)?),
+        };
+        let Some(before) = &mut self.before else {
+            return files.row(rows.update(update), Meaning::Update);
+        };
+        if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
+            before.keep(update.time_ns, rows.update(update));
+            return Ok(());
+        }
+        let _ = writeln!(io::stderr(), "triggered at update {}", update.sequence);
+        rows.update(update);
+        let trigger = rows.zero();
+        for mut row in before.take() {
+            row[TIME] -= trigger;
+            files.row(&row, Meaning::Update)?;
+        }
+        self.before = None;
+        self.end_ns = self.options.seconds.map(|time| update.time_ns.saturating_add(time.as_nanos() as u64));
+        files.row(rows.update(update), Meaning::Update)
+    }
+}
+
+/// Checks what was asked for against the first update, and opens the file.
+fn begin(
+    options: &Log,
+    first: &View<ServoData>,
+    servo_period_ns: Option<f64>,
+    stop: &Interrupt,
+) -> Result<Output, Failure> {
+    let motors: Vec<usize> = options.motors.iter().map(|motor| usize::from(*motor)).collect();
+    let rows = Rows::new(first, &motors, &options.fields, servo_period_ns)?;
+    if let Some(mistake) = options.trigger.as_ref().and_then(|trigger| trigger.mistake(&first.data)) {
+        return Err(Failure::Request(mistake));
+    }
+    let fields = rows.fields();
+    let numbers = options.before.as_nanos() as f64 / servo_period_ns.unwrap_or(1e5) * fields.len() as f64;
+    if options.trigger.is_some() && numbers > MOST_BEFORE {
+        return Err(Failure::Request(
+            "--before: that is too much to keep in memory; name fewer motors or fields".to_owned(),
+        ));
+    }
+    let unknown = rows.without_value(&first.data);
+    if !unknown.is_empty() {
+        let names = unknown.join(", ");
+        let _ = writeln!(
+            io::stderr(),
+            "{names}: not read from the board, or not known; it stays NaN until it is"
+        );
+    }
+    let rotation = Rotation { bytes: options.rotate_bytes, age: options.rotate_seconds, keep: options.keep };
+    Ok(Output { rows, files: Files::open(&options.output, fields, rotation, stop)? })
+}
+
+/// Says once what no update comes of, and that updates come again.
+#[derive(Default)]
+struct Silence {
+    last: Option<Instant>,
+    said: bool,
+}
+
+impl Silence {
+    fn note(&mut self, came: bool, stale: Option<Staleness>, board: &Board) {
+        let now = Instant::now();
+        let last = *self.last.get_or_insert(now);
+        if came {
+            self.last = Some(now);
+            if std::mem::take(&mut self.said) {
+                let _ = writeln!(io::stderr(), "{}: updates come again", board.name());
+            }
+        } else if !self.said && last.elapsed() >= SILENCE {
+            self.said = true;
+            let why = stale.map_or("none yet", Staleness::name);
+            let _ = writeln!(io::stderr(), "{}: no updates ({why}); waiting for some", board.name());
+        }
+    }
+}
+
+fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Failure> {
+    let waited_in_vain = run.before.is_some();
+    let Some(Output { mut files, .. }) = run.output else {
+        return Err(Failure::Refused("no update came".to_owned()));
+    };
+    let finished = files.finish();
+    let Tally { updates, missed, lost } = files.tally();
+    if updates == 0 {
+        files.discard();
+    }
+    finished?;
+    if context.output.is_json() && !is_stdout(&options.output) {
+        let file = files.present();
+        context.output.json(&json!({ "updates": updates, "lost": lost, "missed": missed, "file": file }))?;
+    } else {
+        let summary = format!("updates={updates} lost={lost} missed={missed}");
+        if is_stdout(&options.output) {
+            writeln!(io::stderr(), "{summary}")?;
+        } else {
+            context.output.line(summary)?;
+        }
+    }
+    match (waited_in_vain, lost) {
+        (true, _) => Err(Failure::Refused("the trigger never came; nothing is written".to_owned())),
+        (false, 0) => Ok((updates > 0).into()),
+        (false, lost) => Err(Failure::Refused(format!(
+            "{lost} updates are not in the file; its rows with lost > 0 say where"
+        ))),
+    }
+}

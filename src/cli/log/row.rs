@@ -1,0 +1,170 @@
+//! What stands in a row: which update, when, what is missing before the next, and the motors' values.
+
+use crate::cli::context::Failure;
+use crate::client::View;
+use crate::decode::{Quantity, ServoData};
+use crate::gather::SampleClock;
+use crate::table::{Field, Kind};
+
+use super::follow::Gap;
+
+/// The fields of a motor that are logged unless others are named.
+pub const DEFAULT_FIELDS: &[&str] =
+    &["commanded_position", "actual_position", "following_error", "velocity", "servo_status"];
+
+/// One value of every row.
+#[derive(Debug, Clone, PartialEq)]
+struct Column {
+    /// The motor's number, and the value's place in [`crate::decode::ServoMotor::quantities`].
+    motor: usize,
+    place: usize,
+    /// Whether the value is scaled; else it is the register's integer.
+    is_scaled: bool,
+    field: Field,
+}
+
+/// Turns updates into rows.
+pub struct Rows {
+    clock: SampleClock,
+    columns: Vec<Column>,
+    /// The servo timer and the host's time at time 0.
+    zero: (u64, u64),
+    /// The host's time, and the row's, at the update before.
+    last: Option<(u64, f64)>,
+    /// The servo timer of the update before.
+    last_timer: u64,
+    row: Vec<f64>,
+}
+
+/// The fields before the columns: `update`, the time, `unix_s`, `missed`, `lost`.
+const OWN: usize = 5;
+/// The place of the time in a row.
+pub const TIME: usize = 1;
+
+impl Rows {
+    /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that the report has.
+    ///
+    /// # Errors
+    /// [`Failure::Request`] names what the report does not have.
+    pub fn new(
+        first: &View<ServoData>,
+        motors: &[usize],
+        fields: &[String],
+        servo_period_ns: Option<f64>,
+    ) -> Result<Self, Failure> {
+        let reported: Vec<usize> = first.data.motors.iter().map(|motor| motor.motor).collect();
+        let motors = if motors.is_empty() { &reported } else { motors };
+        let columns = motors.iter().map(|number| columns(&first.data, *number, fields));
+        let columns: Vec<Column> = columns.collect::<Result<Vec<_>, _>>()?.concat();
+        let clock = SampleClock { period: 1, servo_period_ns };
+        let zero = (first.servo_timer, first.time_ns);
+        Ok(Self { clock, columns, zero, last: None, last_timer: first.servo_timer, row: Vec::new() })
+    }
+
+    /// The fields of the table.
+    pub fn fields(&self) -> Vec<Field> {
+        let time = if self.clock.servo_period_ns.is_some() { Kind::Seconds } else { Kind::Real };
+        let own: [Field; OWN] = [
+            Field::new("update", "", Kind::Integer),
+            Field::new(self.clock.title(), "", time),
+            Field::new("unix_s", "", Kind::Seconds),
+            Field::new("missed", "", Kind::Integer),
+            Field::new("lost", "", Kind::Integer),
+        ];
+        own.into_iter().chain(self.columns.iter().map(|column| column.field.clone())).collect()
+    }
+
+    /// The names of the columns of which `update` has no value.
+    pub fn without_value(&self, update: &ServoData) -> Vec<&str> {
+        let has = |column: &Column| column.quantity(update).is_some();
+        self.columns.iter().filter(|column| !has(column)).map(|column| &*column.field.name).collect()
+    }
+
+    /// The row of an update.
+    pub fn update(&mut self, update: &View<ServoData>) -> &[f64] {
+        let unix_s = update.realtime_ns as f64 / 1e9;
+        let time = self.time(update);
+        self.row.clear();
+        self.row.extend([update.sequence as f64, time, unix_s, 0.0, 0.0]);
+        let Self { row, columns, .. } = self;
+        row.extend(columns.iter().map(|column| column.number(&update.data)));
+        row
+    }
+
+    /// Makes the time of the update before time 0, and returns what it was.
+    pub fn zero(&mut self) -> f64 {
+        let Some((_, time)) = &mut self.last else { return 0.0 };
+        self.zero.0 = self.last_timer;
+        std::mem::take(time)
+    }
+
+    /// The row of what is missing beside the update before: with its number and times, and without values.
+    pub fn gap(&mut self, gap: Gap) -> &[f64] {
+        self.row.resize(OWN + self.columns.len(), f64::NAN);
+        self.row[3..OWN].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
+        self.row[OWN..].fill(f64::NAN);
+        &self.row
+    }
+
+    /// By the board's servo timer. Where that begins anew, after a reset or with another daemon, the host's clock says how long it
+    /// has been since the update before.
+    fn time(&mut self, update: &View<ServoData>) -> f64 {
+        let View { servo_timer, time_ns, .. } = *update;
+        if let Some((last_ns, last)) = self.last
+            && servo_timer < self.last_timer
+        {
+            let cycle_ns = self.clock.servo_period_ns.unwrap_or(1e9);
+            let cycles = last / self.clock.at(1) + time_ns.saturating_sub(last_ns) as f64 / cycle_ns;
+            self.zero.0 = servo_timer.wrapping_sub(cycles.round() as u64);
+        }
+        let time = self.clock.at(servo_timer.wrapping_sub(self.zero.0));
+        self.last = Some((time_ns, time));
+        self.last_timer = servo_timer;
+        time
+    }
+}
+
+fn columns(first: &ServoData, number: usize, fields: &[String]) -> Result<Vec<Column>, Failure> {
+    let Some(motor) = first.motors.iter().find(|motor| motor.motor == number) else {
+        let reported: Vec<_> = first.motors.iter().map(|motor| motor.motor.to_string()).collect();
+        return Err(Failure::Request(format!(
+            "motor {number} is not in the servo report; it has {}",
+            reported.join(", ")
+        )));
+    };
+    let quantities = motor.quantities();
+    let column = |name: &str| {
+        let place = motor.place(name)?;
+        let quantity = quantities[place];
+        let is_scaled = quantity.is_some_and(|quantity| quantity.value.is_some());
+        let unit = quantity.map_or("", |quantity| quantity.unit);
+        let field = Field::new(format!("{number}.{name}"), unit, Kind::Real);
+        Some(Column { motor: number, place, is_scaled, field })
+    };
+    if fields.is_empty() {
+        return Ok(DEFAULT_FIELDS.iter().filter_map(|name| column(name)).collect());
+    }
+    let unknown = |name: &str| {
+        let names: Vec<_> = motor.names().collect();
+        Failure::Request(format!("the servo report has no {name:?}; it has {}", names.join(", ")))
+    };
+    fields.iter().map(|name| column(name).ok_or_else(|| unknown(name))).collect()
+}
+
+impl Column {
+    fn quantity(&self, update: &ServoData) -> Option<Quantity> {
+        // Most boards report motors from 1 on, without gaps.
+        let motor = update.motors.get(self.motor - 1).filter(|motor| motor.motor == self.motor);
+        let motor = motor.or_else(|| update.motors.iter().find(|motor| motor.motor == self.motor));
+        motor?.quantities()[self.place]
+    }
+
+    /// Not a number where the report does not have it now, or its scale is not known any more.
+    fn number(&self, update: &ServoData) -> f64 {
+        let number = self.quantity(update).and_then(|quantity| match self.is_scaled {
+            true => quantity.value,
+            false => Some(quantity.raw as f64),
+        });
+        number.unwrap_or(f64::NAN)
+    }
+}

@@ -1,0 +1,153 @@
+//! When to begin: a condition on a motor's value or flag, and the rows from before it.
+
+use std::collections::VecDeque;
+use std::str::FromStr;
+
+use crate::decode::{Flags, ServoData};
+
+/// How a value is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Comparison {
+    Above,
+    Below,
+}
+
+/// What is looked at.
+#[derive(Debug, Clone, PartialEq)]
+enum Test {
+    /// A value against a limit.
+    Value { field: String, is_absolute: bool, comparison: Comparison, limit: f64 },
+    /// A flag of the servo status word.
+    Flag { name: String, is_set: bool },
+}
+
+/// A condition on one motor, as it is typed: `1.following_error>100`, `|1.following_error|>100`, `1.open_loop`, `!1.open_loop`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Condition {
+    motor: usize,
+    test: Test,
+}
+
+/// How conditions are written.
+const FORM: &str =
+    "write MOTOR.FIELD>NUMBER, |MOTOR.FIELD|>NUMBER or the same with <, MOTOR.FLAG or !MOTOR.FLAG";
+
+impl FromStr for Condition {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let malformed = || format!("no condition; {FORM}");
+        let text = text.trim();
+        let Some(at) = text.find(['<', '>']) else {
+            let (motor, name) = text.trim_start_matches('!').split_once('.').ok_or_else(malformed)?;
+            let test = Test::Flag { name: name.to_owned(), is_set: !text.starts_with('!') };
+            return Ok(Self { motor: motor.parse().map_err(|_| malformed())?, test });
+        };
+        let (value, rest) = text.split_at(at);
+        let comparison = if rest.starts_with('>') { Comparison::Above } else { Comparison::Below };
+        let limit = rest[1..].trim().parse().map_err(|_| malformed())?;
+        let value = value.trim();
+        let inner = value.strip_prefix('|').and_then(|value| value.strip_suffix('|'));
+        let (motor, field) = inner.unwrap_or(value).split_once('.').ok_or_else(malformed)?;
+        let motor = motor.trim().parse().map_err(|_| malformed())?;
+        let field = field.trim().to_owned();
+        Ok(Self { motor, test: Test::Value { field, is_absolute: inner.is_some(), comparison, limit } })
+    }
+}
+
+impl Condition {
+    /// What is wrong with it, for updates like `first`.
+    pub fn mistake(&self, first: &ServoData) -> Option<String> {
+        let Some(motor) = first.motors.iter().find(|motor| motor.motor == self.motor) else {
+            return Some(format!("--trigger: motor {} is not in the servo report", self.motor));
+        };
+        let (name, has) = match &self.test {
+            Test::Value { field, .. } => (field, motor.place(field).is_some()),
+            Test::Flag { name, .. } => {
+                let known = |flags: Flags| flags.table.flags.iter().any(|(_, flag)| flag == name);
+                (name, motor.status.is_none_or(known))
+            }
+        };
+        (!has).then(|| format!("--trigger: the servo report has no {name:?}; {FORM}"))
+    }
+
+    /// Whether it is true. A value that is not known makes no condition true.
+    pub fn is_met(&self, update: &ServoData) -> bool {
+        let Some(motor) = update.motors.iter().find(|motor| motor.motor == self.motor) else { return false };
+        match &self.test {
+            Test::Flag { name, is_set } => motor.status.is_some_and(|flags| flags.has(name) == *is_set),
+            Test::Value { field, is_absolute, comparison, limit } => {
+                let quantity = motor.place(field).and_then(|place| motor.quantities()[place]);
+                let value =
+                    quantity.map_or(f64::NAN, |quantity| quantity.value.unwrap_or(quantity.raw as f64));
+                let value = if *is_absolute { value.abs() } else { value };
+                match comparison {
+                    Comparison::Above => value > *limit,
+                    Comparison::Below => value < *limit,
+                }
+            }
+        }
+    }
+}
+
+/// The newest rows, of a bounded time.
+#[derive(Debug, Default)]
+pub struct Before {
+    span_ns: u64,
+    rows: VecDeque<(u64, Vec<f64>)>,
+}
+
+impl Before {
+    /// Keeps rows for `span_ns`.
+    pub const fn new(span_ns: u64) -> Self {
+        Self { span_ns, rows: VecDeque::new() }
+    }
+
+    /// Keeps a row of the time `time_ns`, and forgets those that are too old by then. Memory is used again.
+    pub fn keep(&mut self, time_ns: u64, row: &[f64]) {
+        let mut spare = Vec::new();
+        while self.rows.front().is_some_and(|(then, _)| time_ns.saturating_sub(*then) > self.span_ns) {
+            spare = self.rows.pop_front().map(|(_, row)| row).unwrap_or_default();
+        }
+        spare.clear();
+        spare.extend_from_slice(row);
+        self.rows.push_back((time_ns, spare));
+    }
+
+    /// The rows, oldest first.
+    pub fn take(&mut self) -> impl Iterator<Item = Vec<f64>> {
+        std::mem::take(&mut self.rows).into_iter().map(|(_, row)| row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conditions_as_they_are_typed() {
+        let parse = |text: &str| text.parse::<Condition>();
+        let value = |is_absolute, comparison, limit| Condition {
+            motor: 12,
+            test: Test::Value { field: "following_error".to_owned(), is_absolute, comparison, limit },
+        };
+        assert_eq!(parse("12.following_error>100"), Ok(value(false, Comparison::Above, 100.0)));
+        assert_eq!(parse(" |12.following_error| > 1e2 "), Ok(value(true, Comparison::Above, 100.0)));
+        assert_eq!(parse("12.following_error < -2.5"), Ok(value(false, Comparison::Below, -2.5)));
+        let flag = |is_set| Condition { motor: 1, test: Test::Flag { name: "open_loop".to_owned(), is_set } };
+        assert_eq!((parse("1.open_loop"), parse("!1.open_loop")), (Ok(flag(true)), Ok(flag(false))));
+        for wrong in ["", "open_loop", "x.open_loop", "1.velocity>", "1.velocity>x", "|1.velocity>3", ">3"] {
+            assert!(parse(wrong).is_err_and(|text| text.contains("write MOTOR")), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn rows_from_before_are_of_a_bounded_time() {
+        let mut before = Before::new(10);
+        for time in [0, 5, 9, 10, 11, 20, 21] {
+            before.keep(time, &[time as f64]);
+        }
+        assert_eq!(before.take().map(|row| row[0]).collect::<Vec<_>>(), [11.0, 20.0, 21.0]);
+        assert_eq!(before.take().count(), 0);
+    }
+}

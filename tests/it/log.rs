@@ -1,0 +1,173 @@
+//! `pmacctl log`: every servo update in a file, and what is missing in rows of its own.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, ChildStdout, Stdio};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use pmac_dpram::segment::Counter;
+use pmac_dpram::table::Table;
+
+use crate::support::VirtualSite;
+
+/// Servo cycles at a time: what the segment keeps is four times as much.
+const PIECE: u64 = 1000;
+/// Rows that the log may not have sent yet: it collects 8 KiB.
+const COLLECTED: u64 = 400;
+
+/// A log to a pipe, on a board whose time stands still but for the steps of the test.
+struct Log<'a> {
+    site: &'a VirtualSite,
+    child: Child,
+    stdout: BufReader<ChildStdout>,
+    text: String,
+}
+
+impl<'a> Log<'a> {
+    fn begin(site: &'a VirtualSite, options: &[&str]) -> Self {
+        site.wait_until("the board's scales", || site.has_scales());
+        site.hold();
+        let arguments = [&["log", "-o", "-", "--motors", "1"], options].concat();
+        let mut child =
+            site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let stdout = BufReader::new(child.stdout.take().unwrap());
+        let mut log = Self { site, child, stdout, text: String::new() };
+        // Nobody can see when it has attached; it has when it writes.
+        log.follow_until(1);
+        log
+    }
+
+    /// Lets time pass, and reads rows, until update `number` has been read.
+    fn follow_until(&mut self, number: u64) {
+        let attached = self.site.attach();
+        let published = || attached.counter(Counter::Updates);
+        let mut last = 0;
+        let mut due = 0;
+        while last < number {
+            if last >= due {
+                self.site.step(PIECE);
+                due = published().saturating_sub(COLLECTED);
+            }
+            let mut line = String::new();
+            assert!(self.stdout.read_line(&mut line).unwrap() > 0, "the log has ended");
+            last = line.split(',').next().and_then(|update| update.parse().ok()).unwrap_or(0);
+            due = due.min(published().saturating_sub(COLLECTED));
+            self.text += &line;
+        }
+    }
+
+    /// Ends it as a service manager does: its table, and its last words.
+    fn end(mut self) -> (Table, String) {
+        kill(Pid::from_raw(self.child.id().cast_signed()), Signal::SIGTERM).unwrap();
+        for line in self.stdout.lines() {
+            self.text += &line.unwrap();
+            self.text.push('\n');
+        }
+        let said = std::io::read_to_string(self.child.stderr.take().unwrap()).unwrap();
+        assert!(self.child.wait().unwrap().success(), "{said}");
+        self.site.go_on();
+        (Table::parse(self.text.as_bytes()).unwrap(), said)
+    }
+}
+
+#[test]
+fn every_update_stands_in_the_file() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.ask("#1J+");
+    let mut log = Log::begin(&site, &[]);
+    let first = site.attach().counter(Counter::Updates);
+    log.follow_until(first + 10 * PIECE);
+    let (table, said) = log.end();
+    let column = |name: &str| table.column(name).unwrap();
+    let updates = column("update");
+    assert!(updates.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "one after the other");
+    assert!(updates.len() as u64 >= 10 * PIECE);
+    let summary = format!("updates={} lost=0 missed=0\n", updates.len());
+    assert!(said.ends_with(&summary), "{said}");
+    // By the board's own timer: a servo cycle from row to row.
+    let period = 3_713_707.0 / 8_388_608_000.0;
+    let (times, positions) = (column("time_s"), column("1.actual_position"));
+    let span = times[times.len() - 1] - times[0];
+    assert!((span - period * (times.len() - 1) as f64).abs() < 1e-6, "{span}");
+    assert!(positions.windows(2).skip(PIECE as usize).all(|pair| pair[1] > pair[0]), "the motor jogs");
+    let index = table.index("1.velocity").unwrap();
+    assert_eq!(table.fields[index].unit, "count/s");
+}
+
+#[test]
+fn what_the_daemon_missed_is_a_row_of_its_own() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    let mut log = Log::begin(&site, &["--fields", "commanded_position"]);
+    let subscriber = site.attach();
+    let missed_before = subscriber.counter(Counter::Missed);
+    for pause in [3, 40] {
+        site.daemon_stands_still(true);
+        site.step(pause);
+        site.daemon_stands_still(false);
+        log.follow_until(subscriber.counter(Counter::Updates) + PIECE);
+    }
+    let missed = subscriber.counter(Counter::Missed) - missed_before;
+    assert!(missed >= 40, "{missed}");
+    let (table, said) = log.end();
+    let column = |name: &str| table.column(name).unwrap();
+    let (counted, positions) = (column("missed"), column("1.commanded_position"));
+    assert_eq!(counted.iter().sum::<f64>() as u64, missed);
+    let gaps = counted.iter().zip(positions).filter(|(missed, _)| **missed > 0.0);
+    assert!(gaps.clone().count() >= 2 && gaps.clone().all(|(_, position)| position.is_nan()));
+    let updates = positions.iter().filter(|position| !position.is_nan()).count();
+    assert!(said.ends_with(&format!("updates={updates} lost=0 missed={missed}\n")), "{said}");
+    // The time goes on by what the board did meanwhile.
+    let times = column("time_s");
+    let period = 3_713_707.0 / 8_388_608_000.0;
+    let span = times[times.len() - 1] - times[0];
+    assert!((span - period * ((updates - 1) as f64 + missed as f64)).abs() < 1e-6, "{span}");
+}
+
+#[test]
+fn a_trigger_brings_the_rows_from_before_it() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.wait_until("the board's scales", || site.has_scales());
+    let file = site.path("log.csv").display().to_string();
+    let options = ["--trigger", "|1.following_error|>5", "--before", "0.1", "--seconds", "0.2"];
+    let arguments = [&["log", "-o", &file, "--motors", "1"], &options[..]].concat();
+    let child = site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // It moves to and fro until the log has begun, seen it and ended.
+    let output = std::thread::spawn(|| child.wait_with_output().unwrap());
+    let mut there = false;
+    site.wait_until("the end of the log", || {
+        site.ask(if there { "#1J=0" } else { "#1J=5000" });
+        there = !there;
+        output.is_finished()
+    });
+    let output = output.join().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = Table::parse(&std::fs::read(&file).unwrap()).unwrap();
+    let (times, errors) = (table.column("time_s").unwrap(), table.column("1.following_error").unwrap());
+    let at = times.iter().position(|time| *time == 0.0).unwrap();
+    assert!(errors[at].abs() > 5.0 && errors[..at].iter().all(|error| error.abs() <= 5.0), "{}", errors[at]);
+    assert!(times[0] < 0.0 && times[0] >= -0.11, "{}", times[0]);
+    assert!((0.15..0.25).contains(&times[times.len() - 1]), "{}", times[times.len() - 1]);
+}
+
+#[test]
+fn what_cannot_be_logged_is_refused_in_words() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    for (options, said) in [
+        (&["-o", "x.txt"][..], "the name must end in .csv or .npy"),
+        (&["-o", "-", "--motors", "9"], "motor 9 is not in the servo report; it has 1, 2, 3"),
+        (&["-o", "-", "--fields", "speed"], "the servo report has no \"speed\"; it has commanded_position"),
+        (&["-o", "-", "--trigger", "1.speed>3"], "--trigger: the servo report has no \"speed\""),
+        (&["-o", "-", "--trigger", "12.velocity>3"], "--trigger: motor 12 is not in the servo report"),
+        (&["-o", "-", "--keep", "1G"], "stdout is one file"),
+        (&["-o", "-", "--before", "3"], "--trigger"),
+        (&["-o", "/nonexistent/x.csv"], "/nonexistent/x.csv: No such file"),
+    ] {
+        let (status, stdout, stderr) = site.pmacctl(&[&["log"], options].concat());
+        assert_eq!((status, &*stdout), (2, ""), "{options:?}: {stderr}");
+        assert!(stderr.contains(said), "{options:?}: {stderr}");
+    }
+}
