@@ -24,7 +24,7 @@ use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
 use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    BufferLayout, BufferSettings, Family, GatherPlace, HostOffset, Layout, PMAC, Space, VariableKind, pmac,
+    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, PMAC, Space, TURBO2_8K, VariableKind,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{BoardSettings, Function};
@@ -34,6 +34,8 @@ use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSp
 use super::bus::{RamBus, register};
 use super::tape::Tape;
 
+/// The families whose boards are played.
+const FAMILIES: [&Family; 2] = [&PMAC, &TURBO2_8K];
 /// When it begins, in nanoseconds.
 const BEGIN_NS: u64 = 1_000_000_000_000;
 /// Most steps of one input.
@@ -54,17 +56,19 @@ thread_local!(static SHARED: RefCell<Option<Shared>> = const { RefCell::new(None
 
 fn shared() -> Shared {
     let directory = tempfile::tempdir_in("/dev/shm").unwrap();
+    // One segment for boards of both families.
+    let longest = |words: fn(&Family) -> usize| FAMILIES.into_iter().map(words).max().unwrap_or_default();
     let regions = [
-        (RegionId::Servo, 516),
-        (RegionId::Background, 1028),
-        (RegionId::Board, 528),
-        (RegionId::Variable, 2 * variable::PAYLOAD_WORDS as u32),
-        (RegionId::Gather, 2 * gather::longest_payload(&PMAC) as u32),
+        (RegionId::Servo, longest(|family| family.servo.words())),
+        (RegionId::Background, longest(|family| family.background.words())),
+        (RegionId::Board, 264),
+        (RegionId::Variable, variable::PAYLOAD_WORDS),
+        (RegionId::Gather, longest(gather::longest_payload)),
     ];
-    let regions = regions.map(|(id, payload_bytes)| RegionSpec {
+    let regions = regions.map(|(id, words)| RegionSpec {
         id,
         slots: 4,
-        payload_bytes,
+        payload_bytes: 2 * words as u32,
         first_host_offset: 0,
         blocks: pmac_dpram::segment::BlockPlace::NONE,
         period_hint_ns: 442_673,
@@ -78,6 +82,7 @@ fn shared() -> Shared {
 
 struct Bench<'a> {
     shared: &'a mut Shared,
+    family: &'static Family,
     bus: RamBus,
     functions: FunctionTable,
     time: ManualTime,
@@ -88,32 +93,35 @@ struct Bench<'a> {
     wrote_anywhere: bool,
 }
 
-/// First byte: what the memory is full of, and settings. Then steps: what the memory does, what clients ask for, passes.
+/// First byte: what the memory is full of, settings, and the board's family. Then steps: what the memory does, what clients ask for, passes.
 pub fn body(data: &[u8]) {
     SHARED.with_borrow_mut(|place| {
         let shared = place.get_or_insert_with(shared);
         while shared.receiver.try_receive().is_some() {}
         let mut tape = Tape::new(data);
         let way = tape.u8();
-        let layout = Layout::new(Family::by_name("pmac").unwrap(), None);
-        let plan = BufferLayout::new(&layout, &BufferSettings::default()).expect("the default plan fits");
+        let family = FAMILIES[usize::from(way >> 7)];
+        let layout = Layout::new(family, None);
+        let plan = BufferSettings::default().of(family);
+        let plan = BufferLayout::new(&layout, &plan).expect("the default plan fits");
         let time = ManualTime::at(BEGIN_NS);
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
-        let port = CommandPorts::new(&PMAC, order, None, now);
-        let identifier = Identifier::new(&PMAC, Identity::default(), way & 32 != 0, now);
-        let scan = MemoryScan::new(&PMAC, way & 64 != 0, now);
+        let port = CommandPorts::new(family, order, None, now);
+        let identifier = Identifier::new(family, Identity::default(), way & 32 != 0, now);
+        let scan = MemoryScan::new(family, way & 64 != 0, now);
         let mut bench = Bench {
             shared,
-            bus: RamBus::new([0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
+            family,
+            bus: RamBus::of(family, [0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
             functions: FunctionTable::new(
                 ServoMirror::new(
-                    &PMAC.servo,
+                    &family.servo,
                     if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
                     clock.clone(),
                 ),
-                BackgroundMirror::new(&PMAC.background, 50_000_000),
+                BackgroundMirror::new(&family.background, 50_000_000),
                 CommandLines::new(AsciiQueue::new(port, identifier, scan, clock.clone()), None, None),
                 VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
@@ -226,9 +234,9 @@ impl Bench<'_> {
         match how {
             0 | 1 => {
                 let action = PanelAction::ALL[usize::from(tape.u8()) % PanelAction::ALL.len()];
-                Job::Panel(
-                    PanelRequest::of(&pmac::PANEL_BLOCK, action, &[usize::from(tape.u8() & 7) + 1]).unwrap(),
-                )
+                // Of a board without a panel the socket lets none through; it may have known the family by then only.
+                let panel = self.family.panel.as_ref().or(PMAC.panel.as_ref()).expect("a PMAC has a panel");
+                Job::Panel(PanelRequest::of(panel, action, &[usize::from(tape.u8() & 7) + 1]).unwrap())
             }
             2 => {
                 let raw = FeedOverride::from_raw(u32::from(tape.u16() & 0x7FFF)).ok();
@@ -241,7 +249,7 @@ impl Bench<'_> {
                 let anywhere = tape.u8() & 1 != 0;
                 self.wrote_anywhere |= anywhere;
                 let count = usize::from(tape.u8() & 7) + 1;
-                let first = u32::from(tape.u16() & 0x3FFE).min(pmac::LENGTH - 2 * count as u32);
+                let first = u32::from(tape.u16() & 0x3FFE).min(self.family.length - 2 * count as u32);
                 let words = (0..count).map(|_| MaskedWord { value: tape.u16(), mask: tape.u16() });
                 Job::Write { first: HostOffset::checked(first).unwrap(), words: words.collect(), anywhere }
             }
@@ -260,12 +268,8 @@ impl Bench<'_> {
             8 => {
                 let size_longs = u32::from(tape.u16());
                 let buffer = GatherBuffer {
-                    place: GatherPlace {
-                        buffer: pmac::GATHER_BUFFER,
-                        size: pmac::GATHER_SIZE,
-                        index: pmac::GATHER_INDEX,
-                    },
-                    room_longs: (pmac::LENGTH - pmac::GATHER_BUFFER.bytes()) / 4,
+                    place: self.family.gather,
+                    room_longs: (self.family.length - self.family.gather.buffer.bytes()) / 4,
                     size_longs,
                     sample_longs: u32::from(tape.u8()),
                     longest_sample: 48,
@@ -328,19 +332,8 @@ impl Bench<'_> {
     fn bounded(&mut self, most: u32) {
         let accesses = self.bus.take_accesses();
         assert!(accesses <= most, "{accesses} accesses in one go");
-        let owned = [pmac::PANEL, pmac::ASCII_OUTPUT, pmac::POINTERS, pmac::USER_AREA];
-        let controls = [
-            pmac::SERVO_HOST_STATUS,
-            pmac::BACKGROUND_DATA_READY,
-            pmac::ASCII_INPUT_CONTROL,
-            pmac::ASCII_RESPONSE,
-        ];
-        let anywhere = self.wrote_anywhere;
-        self.bus.assert_written("the daemon", |offset| {
-            anywhere
-                || owned.iter().any(|region| (region.start.bytes()..region.end.bytes()).contains(&offset))
-                || controls.iter().any(|control| control.bytes() == offset)
-        });
+        let (anywhere, family) = (self.wrote_anywhere, self.family);
+        self.bus.assert_written("the daemon", |offset| anywhere || is_hosts(family, offset));
     }
 
     fn hear(&mut self) {
@@ -384,4 +377,22 @@ impl Bench<'_> {
             self.asked.iter().filter(|(_, times)| **times == 0).map(|(number, _)| number).collect();
         assert!(open.is_empty(), "never answered: {open:?}");
     }
+}
+
+/// Whether the host may write to the word at `offset` of a board of `family`.
+fn is_hosts(family: &Family, offset: u32) -> bool {
+    let Family { servo, background, ascii, .. } = family;
+    // Where the host takes PMAC's flag away, it writes that word, too.
+    let taken = (servo.busy == BusyRule::ClearWhileWriting).then_some(servo.pmac_status.word);
+    let mask = servo.mask.into_iter().flat_map(|mask| [mask, mask.plus_words(1)]);
+    let busy = background.host_busy.map(|flag| flag.word);
+    let words = [Some(servo.host_busy.word), taken, busy, background.count].into_iter().flatten().chain(mask);
+    let mut words = words.chain([background.ready.word, ascii.response_control, ascii.response]);
+    let whole = |name: &str| match name {
+        "panel" => family.panel.is_some(),
+        name => ["ascii_output", "pointers", "user"].contains(&name),
+    };
+    let mut regions = family.regions.iter().filter(|region| whole(region.name));
+    words.any(|word| word.bytes() == offset)
+        || regions.any(|region| (region.start.bytes()..region.end.bytes()).contains(&offset))
 }
