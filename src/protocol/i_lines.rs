@@ -48,7 +48,8 @@ fn settings_in(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
     let mut at = 0;
     std::iter::from_fn(move || {
         while at < line.len() {
-            let is_start = line[at].eq_ignore_ascii_case(&b'i') && !is_in_word(line, at);
+            let is_letter = line[at].eq_ignore_ascii_case(&b'i');
+            let is_start = is_letter && !is_in_word(line, at) && !is_a_stations(&line[..at]);
             at += 1;
             if is_start && let Some((setting, next)) = setting_at(line, at) {
                 at = next;
@@ -62,6 +63,15 @@ fn settings_in(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
 /// Whether the letter at `at` goes on with a word.
 fn is_in_word(line: &[u8], at: usize) -> bool {
     at.checked_sub(1).and_then(|before| line.get(before)).is_some_and(u8::is_ascii_alphabetic)
+}
+
+/// Whether the I behind `before` is a variable of a MACRO station, as in `MS0,I910=7` (GRAMMAR 2.9).
+fn is_a_stations(before: &[u8]) -> bool {
+    let Some(before) = before.trim_ascii_end().strip_suffix(b",") else { return false };
+    let digits = before.iter().rev().take_while(|byte| matches!(byte, b' ' | b'0'..=b'9')).count();
+    let word = &before[..before.len() - digits];
+    let is_node = before[word.len()..].iter().any(u8::is_ascii_digit);
+    is_node && word.len() >= 2 && word[word.len() - 2..].eq_ignore_ascii_case(b"MS")
 }
 
 /// Text without the blanks in it.
@@ -171,6 +181,8 @@ mod tests {
                 vec![(One(58), Some(0)), (One(59), Some(8)), (Unknown, Some(1))],
             ),
             ("I58=$0", vec![(One(58), None)]),
+            ("MS0,I58=0 ms 16 , i 58 = 0 MSI58=0", vec![]),
+            ("M0,I58=0 MS,I58=0", vec![(One(58), Some(0)), (One(58), Some(0))]),
             ("I58=P1", vec![(One(58), None)]),
             ("I58=1&0 I2=1.0 I3=*", vec![(One(58), None), (One(2), None), (One(3), None)]),
             ("SEND\"I58=0\"I2=3", vec![(One(2), Some(3))]),

@@ -179,3 +179,39 @@ fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
     }
     site.assert_no_violations();
 }
+
+/// Files with compiled PLCs in them: no board takes those as lines.
+#[test]
+fn c4b_the_lines_of_a_buffer_that_is_not_opened_are_left_out() {
+    let site = VirtualSite::running(&[], &[]);
+    let text = "P1=1\nOPEN PLCC 0 CLEAR\nP2=1\nP3=1\nCLOSE\nP4=1\n";
+    let path = site.file("compiled.pmc", text);
+    let ran = site.run(&["download", &path]);
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.stderr.contains("compiled.pmc:2: ERR") && ran.stderr.contains("PLCC 0"), "{ran:?}");
+    assert!(!ran.stderr.contains("somebody else"), "nobody closed it: {ran:?}");
+    let ran = site.run(&["download", &path, "--keep-going"]);
+    assert_eq!(ran.code, Some(1));
+    for line in [3, 4] {
+        assert!(ran.stderr.contains(&format!("compiled.pmc:{line}: not sent, ")), "{ran:?}");
+    }
+    assert!(ran.stderr.contains("the board took 3 of 6 lines"), "{ran:?}");
+    assert_eq!(sent(&site, "P1 P2 P3 P4"), "1\n0\n0\n1\n");
+    site.assert_no_violations();
+}
+
+/// A file for the board that clears more than is there, and sets variables of a MACRO station that are called as the board's.
+#[test]
+fn c4b_a_file_that_clears_a_board_downloads() {
+    let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    let text = "CLOSE\nUNDEFINE ALL\n#1DEL BLCOMP\n#32DELETE COMP\n#2 DEL TCOMP\nDELETE CCBUF\n&1\n#1->100X\n#2->0\n&2\n#1->0\n\
+                #2->Y\nMS0,I58=0\n";
+    let path = site.file("clear.pmc", text);
+    for _ in 0..2 {
+        let ran = site.run(&["download", &path]);
+        assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)));
+    }
+    assert_eq!(sent(&site, "&1#1-> #2-> &2#1-> #2-> I58"), "100X\n0\n0\nY\n1\n");
+    site.assert_no_violations();
+}

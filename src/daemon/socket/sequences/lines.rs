@@ -15,6 +15,7 @@ use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
+use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::line::resets;
 use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line, deadlines};
@@ -29,6 +30,9 @@ const AT_END_MAX: usize = 8;
 /// The longest name of a sequence.
 const NAME_MAX: usize = 20;
 
+/// What is said of a line of a buffer that the board has refused to open.
+const NOT_OPENED: &str =
+    "not sent, it would have been carried out at once: the board has not opened its program buffer";
 /// No program buffer is open that would take the line. `LEARN` and what belongs into another kind of buffer get it too.
 const NO_BUFFER: u16 = 5;
 
@@ -116,6 +120,11 @@ pub(in crate::daemon::socket) struct Lines {
     taken: u64,
     /// What its lines have opened.
     buffer: OpenBuffer,
+    /// The board has refused the line that was to open it. An error may follow what opened it: it counts as open until that is
+    /// known.
+    open_refused: bool,
+    /// Lines are left out up to the next that opens or closes a buffer: theirs was not opened.
+    leaves_out: bool,
     /// Lines that the open buffer has taken.
     entered: u64,
     /// A line has failed.
@@ -150,6 +159,8 @@ impl Lines {
             number: 0,
             taken: 0,
             buffer: OpenBuffer::default(),
+            open_refused: false,
+            leaves_out: false,
             entered: 0,
             failed: false,
             is_unexplained: false,
@@ -179,15 +190,22 @@ impl Lines {
         if matches!(done.outcome, Outcome::Done | Outcome::Error(_)) {
             self.buffer.done(line.as_bytes());
         }
+        if let Some(Effect::Opens(_)) = effect(line.as_bytes()) {
+            self.open_refused = matches!(done.outcome, Outcome::Error(_));
+        }
+        let is_unopened = self.open_refused && done.outcome == Outcome::Barred(Barred::Closed);
         if done.outcome == Outcome::Barred(Barred::Closed) {
-            self.leave_buffer(closed_by_others);
+            self.leave_buffer(if is_unopened { not_opened } else { closed_by_others });
         }
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
             // A board that resets need not acknowledge it.
             Err(_) if done.outcome == Outcome::TimedOut && resets(line.as_bytes()) => (Vec::new(), None),
             Err(mut error) => {
-                let failure = failure_of(done.outcome, &error);
+                let mut failure = failure_of(done.outcome, &error);
+                if is_unopened {
+                    failure.message = NOT_OPENED.to_owned();
+                }
                 (error.take_lines(), Some(failure))
             }
         };
@@ -196,7 +214,8 @@ impl Lines {
             (true, true) => self.entered += u64::from(failure.is_none()),
             _ => self.entered = 0,
         }
-        let goes_on = self.batch.keep_going && matches!(done.outcome, Outcome::Error(_));
+        self.leaves_out = self.batch.keep_going && is_unopened;
+        let goes_on = self.batch.keep_going && (is_unopened || matches!(done.outcome, Outcome::Error(_)));
         self.failed |= failure.is_some() && !goes_on;
         self.is_unexplained = failure.is_some()
             && match done.outcome {
@@ -212,10 +231,8 @@ impl Lines {
         })
     }
 
-    /// The next line is not sent: somebody has stopped all motion.
-    fn line_dropped(&mut self, reason: Text<REASON_MAX>) -> Reply {
-        self.failed = true;
-        let message = String::from_utf8_lossy(reason.as_bytes()).into_owned();
+    /// The next line is not sent.
+    fn line_left_out(&mut self, message: String) -> Reply {
         let failure = LineFailure { outcome: LineOutcome::NotSent, code: None, message };
         self.number += 1;
         reply(&RunLinesReply {
@@ -309,7 +326,9 @@ impl Lines {
             return Step::Wait(now + CLOSE_AGAIN);
         }
         let is_cut_short = self.failed || self.ending.is_some();
+        let open_refused = self.open_refused;
         self.leave_buffer(|name, entered| match &done.result {
+            _ if done.outcome == Outcome::Barred(Barred::Closed) && open_refused => not_opened(name, entered),
             _ if done.outcome == Outcome::Barred(Barred::Closed) => closed_by_others(name, entered),
             Err(error) => format!(
                 "{name}, which it opened, may still be open: {entered} lines entered it, and CLOSE failed ({error}); send CLOSE"
@@ -334,6 +353,11 @@ impl Lines {
 /// What is said of a buffer that somebody else has closed.
 fn closed_by_others(name: &str, entered: u64) -> String {
     format!("{name}, which it opened, was closed by somebody else: {entered} lines entered it")
+}
+
+/// What is said of a buffer that the board has not opened, and of which no line was sent.
+fn not_opened(name: &str, _: u64) -> String {
+    format!("{name} was not opened")
 }
 
 impl Sequence for Lines {
@@ -383,7 +407,12 @@ impl Sequence for Lines {
         if let Some(reason) = self.dropped
             && self.batch.lines.pop_front().is_some()
         {
-            return Step::Tell(self.line_dropped(reason));
+            self.failed = true;
+            return Step::Tell(self.line_left_out(String::from_utf8_lossy(reason.as_bytes()).into_owned()));
+        }
+        self.leaves_out &= self.batch.lines.front().is_none_or(|line| effect(line.as_bytes()).is_none());
+        if self.leaves_out && self.batch.lines.pop_front().is_some() {
+            return Step::Tell(self.line_left_out(NOT_OPENED.to_owned()));
         }
         if self.check_is_due() {
             self.phase = Phase::Checking;

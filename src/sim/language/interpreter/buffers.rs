@@ -287,10 +287,9 @@ impl Line<'_, '_> {
                     TableKind::Cutter => cs,
                     TableKind::User | TableKind::Transformation => 0,
                 };
-                let tables = &mut self.programs.store.tables;
-                let before = tables.len();
-                tables.retain(|table| table.kind != kind || table.owner != owner);
-                if tables.len() == before { Err(CommandError::SYNTAX) } else { Ok(()) }
+                // A site's backup deletes the tables of all motors, whether they have any or not.
+                self.programs.store.tables.retain(|table| table.kind != kind || table.owner != owner);
+                Ok(())
             }
         }
     }

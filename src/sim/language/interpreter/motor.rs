@@ -121,7 +121,8 @@ impl Line<'_, '_> {
         }
         let definition = definition(&mut self.scanner, cs, generation)?;
         if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
-            return Err(CommandError::SYNTAX);
+            // A site's backup clears in each coordinate system what is not its own, and keeps what is another's.
+            return if definition.is_none() { Ok(()) } else { Err(CommandError::SYNTAX) };
         }
         if self.board.runs_program(cs) {
             return Err(CommandError::RUNNING);

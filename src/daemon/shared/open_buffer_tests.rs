@@ -1,0 +1,201 @@
+use super::*;
+
+const ANNE: Writer = Writer::Hand(Account { uid: 1000, pid: 1 });
+const BOB: Writer = Writer::Hand(Account { uid: 1001, pid: 2 });
+
+fn sequence(number: u64, inside: bool) -> Writer {
+    Writer::Sequence { number, account: Account { uid: 1000, pid: 1 }, inside }
+}
+
+/// Both ends of a line that the board takes.
+fn sent(buffer: &mut OpenBuffer, line: &str, by: Writer) {
+    buffer.begin(line.as_bytes(), by, Instant::now());
+    buffer.done(line.as_bytes());
+}
+
+#[test]
+fn b1_2_only_who_opened_a_buffer_writes_into_it() {
+    let mut buffer = OpenBuffer::default();
+    let everybody = [ANNE, BOB, sequence(1, false), Writer::Question];
+    assert!(everybody.iter().all(|writer| buffer.bars(b"X1", *writer).is_none()));
+    sent(&mut buffer, "OPEN PROG 77 CLEAR", ANNE);
+    let other_process = Writer::Hand(Account { uid: 1000, pid: 9 });
+    assert_eq!((buffer.bars(b"X1", ANNE), buffer.bars(b"X1", other_process)), (None, None));
+    for writer in [BOB, sequence(1, false), Writer::Question] {
+        let Some(Barred::Open(Some(opened))) = buffer.bars(b"X1", writer) else { panic!("{writer:?}") };
+        assert_eq!((&*opened.name, opened.by), ("PROG 77", ANNE));
+    }
+    assert_eq!(buffer.bars(b" close ", BOB), None);
+    assert!(buffer.bars(b"CLOSE", sequence(1, false)).is_some() && buffer.bars(b"CLOSE X1", BOB).is_some());
+    sent(&mut buffer, "CLOSE", BOB);
+    sent(&mut buffer, "OPEN PLC 3", sequence(1, false));
+    assert_eq!(buffer.bars(b"X1", sequence(1, true)), None);
+    assert!(buffer.bars(b"X1", sequence(2, false)).is_some() && buffer.bars(b"X1", ANNE).is_some());
+    sent(&mut buffer, "CLOSE", ANNE);
+    assert_eq!(
+        buffer.bars(b"X1", sequence(1, true)),
+        Some(Barred::Closed),
+        "it would be carried out at once"
+    );
+}
+
+#[test]
+fn b1_2_the_boards_reports_tell_what_others_open_and_close() {
+    let mut buffer = OpenBuffer::default();
+    buffer.see(true, 1);
+    assert_eq!(buffer.bars(b"X1", ANNE), Some(Barred::Open(None)));
+    sent(&mut buffer, "CLOSE", ANNE);
+    buffer.see(true, 2);
+    assert!(!buffer.is_open(), "a report from before");
+    buffer.see(true, 2 + OLD_REPORTS);
+    assert!(buffer.is_open(), "not closed after all");
+    buffer.see(false, 60);
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    buffer.see(false, 61);
+    assert!(buffer.is_open(), "a report from before");
+    buffer.see(false, 61 + OLD_REPORTS);
+    assert!(!buffer.is_open(), "the board has refused the line, or somebody else has closed it");
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    buffer.unsee();
+    assert!(buffer.is_open(), "no report comes");
+    buffer.learn(Some(-41301), Instant::now());
+    assert_eq!(buffer.bars(b"X1", ANNE), None);
+    buffer.learn(Some(41301), Instant::now());
+    assert!(!buffer.is_open());
+}
+
+#[test]
+fn b1_2_without_reports_the_board_is_asked_before_a_line_that_might_enter() {
+    let now = Instant::now();
+    let asks = |buffer: &OpenBuffer, line: &str, writer| buffer.must_ask(line.as_bytes(), writer, now);
+    let mut buffer = OpenBuffer::default();
+    assert!([ANNE, sequence(1, false), Writer::Question].iter().all(|writer| asks(&buffer, "P1", *writer)));
+    assert!(!asks(&buffer, "CLOSE", ANNE) && asks(&buffer, "CLOSE", sequence(1, false)));
+    assert!(!asks(&buffer, "#1J/", Writer::Question), "what stops does not wait");
+    buffer.learn(Some(-41301), now);
+    assert!(!asks(&buffer, "P1", ANNE) && buffer.bars(b"P1", ANNE) == Some(Barred::Open(None)));
+    assert!(buffer.must_ask(b"P1", ANNE, now + ANSWER_AGE), "too old");
+    buffer.learn(None, now);
+    assert_eq!(buffer.bars(b"P1", ANNE), None, "the lines alone tell");
+    assert!(buffer.is_not_said(Unsaid::Refused(3), now) && !buffer.is_not_said(Unsaid::Refused(3), now));
+    assert!(!asks(&buffer, "P1", ANNE) && buffer.standing().is_unsaid);
+    assert_eq!(Unsaid::Refused(3).to_string(), "refuses SIZE (ERR003)");
+    assert_eq!(Unsaid::Otherwise.to_string(), "answers SIZE with something else");
+    buffer.learn(None, now);
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    let later = now + ANSWER_AGE;
+    assert!(!buffer.must_ask(b"X1", ANNE, later) && buffer.must_ask(b"X1", BOB, later));
+    buffer.doubt(b"OPEN PROG 1");
+    assert!(asks(&buffer, "X1", ANNE), "the board may have refused it");
+    buffer.learn(Some(41301), now);
+    assert!(!asks(&buffer, "X1", ANNE) && !buffer.is_open());
+}
+
+#[test]
+fn b1_2_the_first_reports_may_be_older_than_what_was_opened_before_they_came() {
+    let mut buffer = OpenBuffer::default();
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    for report in 700..700 + OLD_REPORTS {
+        buffer.see(false, report);
+        assert!(buffer.is_open(), "report {report}");
+        assert!(buffer.must_ask(b"P1", BOB, Instant::now()), "others may have opened one, too");
+    }
+    buffer.see(false, 700 + OLD_REPORTS);
+    assert!(!buffer.is_open(), "closed over the serial port");
+    assert!(!buffer.must_ask(b"P1", BOB, Instant::now()));
+}
+
+#[test]
+fn b1_2_reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
+    let now = Instant::now();
+    let mut buffer = OpenBuffer::default();
+    buffer.see(false, 1);
+    buffer.begin(b"OPEN PROG 1", ANNE, now);
+    (2..1000).for_each(|report| buffer.see(false, report));
+    assert!(buffer.bars(b"X1", ANNE).is_none() && buffer.bars(b"X1", BOB).is_some());
+    buffer.done(b"OPEN PROG 1");
+    (1000..2000).for_each(|report| buffer.see(true, report));
+    assert!(buffer.bars(b"X1", ANNE).is_none() && buffer.bars(b"X1", BOB).is_some());
+    buffer.begin(b"OPEN PROG 2", ANNE, now);
+    buffer.doubt(b"OPEN PROG 2");
+    (2000..3000).for_each(|report| buffer.see(false, report));
+    assert!(!buffer.is_open(), "it was not opened");
+}
+
+#[test]
+fn b1_2_who_could_not_open_a_buffer_has_not_opened_it() {
+    let now = Instant::now();
+    let mut buffer = OpenBuffer::default();
+    // The serial port was first.
+    buffer.begin(b"OPEN PROG 2", ANNE, now);
+    buffer.refused(b"OPEN PROG 2", IN_USE);
+    assert_eq!(buffer.bars(b"X1", ANNE), Some(Barred::Open(None)));
+    sent(&mut buffer, "CLOSE", ANNE);
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    buffer.begin(b"OPEN PROG 2", ANNE, now);
+    buffer.refused(b"OPEN PROG 2", IN_USE);
+    assert_eq!(buffer.opened().map(|opened| &*opened.name), Some("PROG 1"));
+}
+
+#[test]
+fn c4b_no_report_says_that_a_kinematic_program_is_closed() {
+    let now = Instant::now();
+    for name in ["FORWARD", "INVERSE"] {
+        let mut buffer = OpenBuffer::default();
+        buffer.see(false, 1);
+        sent(&mut buffer, &format!("&3open {name} clear"), ANNE);
+        (2..1000).for_each(|report| buffer.see(false, report));
+        assert!(buffer.bars(b"P1=Q1", ANNE).is_none() && buffer.bars(b"P1=Q1", BOB).is_some());
+        buffer.learn(Some(41301), now);
+        assert!(!buffer.is_open(), "the board's answer tells");
+        sent(&mut buffer, &format!("OPEN {name}"), ANNE);
+        sent(&mut buffer, "CLOSE", ANNE);
+        assert!(!buffer.is_open());
+    }
+}
+
+#[test]
+fn b1_2_reports_are_enough_unless_a_line_was_refused() {
+    let now = Instant::now();
+    let mut buffer = OpenBuffer::default();
+    buffer.see(false, 1);
+    assert!(!buffer.must_ask(b"P1", BOB, now));
+    buffer.begin(b"OPEN PROG 1", ANNE, now);
+    buffer.doubt(b"OPEN PROG 1");
+    assert!(buffer.must_ask(b"P1", ANNE, now));
+    buffer.see(false, 1 + OLD_REPORTS);
+    assert!(!buffer.must_ask(b"P1", ANNE, now) && !buffer.is_open());
+    buffer.unsee();
+    assert!(buffer.must_ask(b"P1", ANNE, now));
+}
+
+#[test]
+fn lines_open_and_close() {
+    let mut buffer = OpenBuffer::default();
+    for (line, open) in [
+        ("CLOSE", None),
+        ("SEND\"OPEN PROG 1\"", None),
+        ("OPEN PROG 1", Some("PROG 1")),
+        ("X10 Y20", Some("PROG 1")),
+        ("CMD\"CLOSE\"", Some("PROG 1")),
+        ("close", None),
+        ("&1open rot", Some("ROT")),
+        ("$$$", None),
+        ("CLOSE OPEN PLC 3 CLEAR", Some("PLC 3")),
+        ("OPENPROG77CLEAR", Some("PROG 77")),
+        ("OPEN", Some("")),
+        ("OPENPROG 123456789012345678", Some("PROG 12345678901")),
+        ("OPENED CLS", None),
+        ("OPEN BINARY ROTARY", Some("BINARY")),
+        ("CLOSE ALL", None),
+    ] {
+        sent(&mut buffer, line, ANNE);
+        assert_eq!(buffer.opened.as_ref().map(|opened| &*opened.name), open, "{line}");
+    }
+    buffer.follow_control(21, 1001, Instant::now());
+    assert!(buffer.bars(b"X1", BOB).is_none() && buffer.bars(b"X1", ANNE).is_some());
+    buffer.follow_control(1, 1001, Instant::now());
+    assert!(buffer.is_open());
+    buffer.follow_control(12, 1001, Instant::now());
+    assert!(!buffer.is_open());
+}
