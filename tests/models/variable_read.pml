@@ -6,6 +6,10 @@
  * is one step. A value tells which register it is and which pass read it, in both of its halves.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
+ * TURBO       the words are those of a Turbo board (0x1044, 0x1048), where who sets and who clears is the same; but the upper bits
+ *             of an entry's address lie in its X word, beside kind and ready bit, and PMAC reads the two words one after the other.
+ *             It must read no register that nobody has asked for: that is asserted. With NO_SILENCE it FAILS: PMAC, at a pass
+ *             of the old table, reads the Y word of an entry that the host is changing, and the X word after that.
  * PASSES      passes are counted modulo this
  * MULTI       multi-user mode: a ready bit an entry; MULTI=2: the host changes the mode with the table
  * CRASH       the host is killed anywhere, any number of times, and started again
@@ -37,6 +41,11 @@
 #define MULTI 0
 #endif
 #define LONGS 4
+#ifdef TURBO
+#define UPPER(t) (t)                                  /* the part of the address that lies in the X word */
+#else
+#define UPPER(t) 0
+#endif
 
 byte control;                                         /* bit 0 Data-Ready, bit 1 stands for bit 8, multi-user mode */
 byte count, start;
@@ -53,6 +62,9 @@ bool updated = false, taken = false;
 
 proctype Pmac() {
   byte c, n, s, i, value;
+#ifdef TURBO
+  byte address;
+#endif
   do
   :: {
   do
@@ -65,7 +77,12 @@ proctype Pmac() {
         :: (c & MULTI_USER) && (x[s + i] & READY) -> goto next
         :: else
         fi;
+#ifdef TURBO
+        address = y[s + i];
+        atomic { assert((x[s + i] & 3) == address / 2); value = (address * PASSES + pass_number) & 127; address = 0 };
+#else
         atomic { value = (y[s + i] * PASSES + pass_number) & 127 };
+#endif
         y[s + n + i] = value;
         x[s + n + i] = value;
         if
@@ -89,6 +106,9 @@ ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updat
   } unless { atomic { resetting && running ->
     resetting = false; in_pass = false; pass_number = (pass_number + 1) % PASSES; control = 0; timer = 0;
     c = 0; n = 0; i = 0; s = 0; value = 0;
+#ifdef TURBO
+    address = 0;
+#endif
     if
     :: count = 0; start = 0; y[0] = 0; y[1] = 0; y[2] = 0; y[3] = 0; x[0] = 0; x[1] = 0; x[2] = 0; x[3] = 0
     :: skip
@@ -128,7 +148,7 @@ proctype Host() {
 #endif
        start = 0;
        do
-       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
+       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = UPPER(table); i++ }
        :: else -> break
        od;
 #ifdef NO_FENCE
@@ -163,7 +183,7 @@ proctype Host() {
        fenced = false;
 #ifndef NO_REWRITE
        do
-       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
+       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = UPPER(table); i++ }
        :: else -> break
        od;
 #endif
@@ -186,12 +206,12 @@ proctype Host() {
                    word = x[start + i];
                    if
                    :: !(word & READY) -> goto unready
-                   :: word == READY ->
+                   :: word == (READY | UPPER(table)) ->
                       a = y[start + n + i];
                       atomic { b = x[start + n + i]; assert(a == b && a / PASSES == ADDRESS(i)); a = 0; b = 0; taken = true }
                    :: else
                    fi;
-                   x[start + i] = 0;
+                   x[start + i] = UPPER(table);
 unready:           i++
                 :: else -> break
                 od
