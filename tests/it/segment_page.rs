@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Command;
 
-use pmac_dpram::map::VariableKind;
 use pmac_dpram::map::readings::GlobalWords;
+use pmac_dpram::map::{HostOffset, PMAC, Region, TURBO2, VariableKind};
 use pmac_dpram::segment::payload::gather::{GatherChunk, GatherPhase};
 use pmac_dpram::segment::payload::variable::{self, Variable};
 use pmac_dpram::segment::{Counter, Identity, RegionId, UserUnit, identity, layout};
@@ -113,29 +113,40 @@ fn the_page_says_the_other_numbers_as_they_are() {
     }
 }
 
-/// Of the servo and the background region: what the register map has.
+/// Of the servo and the background region: what the register map has, of each generation.
 #[test]
 fn the_registers_are_those_of_the_map() {
-    let map: Value = pmacctl("map --json").json();
-    let mut known = Vec::new();
-    for (function, start, blocks) in [("servo", 0x24, 0x48), ("background", 0x228, 0x24C)] {
-        for (number, from) in [(Value::Null, start), (1.into(), blocks)] {
-            let of_it = |row: &&Value| row["function"] == function && row["number"] == number;
-            known.extend(map.as_array().unwrap().iter().filter(of_it).map(|row| {
-                let offset = row["host_offset"].as_u64().unwrap() as usize - from;
-                (
-                    offset,
-                    row["register"].as_str().unwrap().to_owned(),
-                    row["format"].as_str().unwrap().to_owned(),
-                )
-            }));
+    for (section, family) in
+        [("Servo and background", &PMAC), ("Servo and background of a Turbo board", &TURBO2)]
+    {
+        let map: Value = pmacctl(&format!("map --json --family {}", family.name)).json();
+        let starts =
+            |region: Region, block: HostOffset| [region.start, block].map(|start| start.bytes() as usize);
+        let (servo, background) = (&family.servo, &family.background);
+        let mut known = Vec::new();
+        for (function, [start, blocks]) in [
+            ("servo", starts(servo.region, servo.motors.first)),
+            ("background", starts(background.region, background.blocks.first)),
+        ] {
+            for (number, from) in [(Value::Null, start), (1.into(), blocks)] {
+                let of_it = |row: &&Value| row["function"] == function && row["number"] == number;
+                known.extend(map.as_array().unwrap().iter().filter(of_it).map(|row| {
+                    let offset = row["host_offset"].as_u64().unwrap() as usize - from;
+                    let text = |name: &str| row[name].as_str().unwrap().to_owned();
+                    (offset, text("register"), text("format"))
+                }));
+            }
         }
+        let shown: Vec<(usize, String, String)> = rows(section)
+            .iter()
+            .map(|row| {
+                // `bits0-7` is the name of a format, `-` of none.
+                let format = if row[2] == "-" { String::new() } else { row[2].clone() };
+                (number(&row[0]), name(&row[1]).unwrap(), format)
+            })
+            .collect();
+        assert_eq!(shown, known, "{section}");
     }
-    let shown: Vec<(usize, String, String)> = rows("Servo and background")
-        .iter()
-        .map(|row| (number(&row[0]), name(&row[1]).unwrap(), row[2].replace('-', "")))
-        .collect();
-    assert_eq!(shown, known);
 }
 
 #[test]
