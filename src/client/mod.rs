@@ -16,6 +16,7 @@
 //! Reading needs no conversation with the daemon and cannot disturb it. What is old says so: see [`Staleness`].
 
 pub mod board;
+pub mod circles;
 pub mod command;
 mod decoder;
 pub mod hold;

@@ -14,12 +14,12 @@ use clap::Args;
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use super::circles::{self, is_circle};
 use super::mistakes::mistaken;
 use super::prose;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
 use crate::client::Connection;
+use crate::client::circles::{self, is_circle};
 use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
 use crate::protocol::TIMEOUT_MAX_MS;

@@ -1,7 +1,6 @@
 //! Command files and settings: `download`, `backup`, `diff`, `restore`.
 
 pub mod backup;
-pub mod circles;
 pub mod download;
 mod mistakes;
 pub mod preprocess;

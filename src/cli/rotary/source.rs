@@ -9,8 +9,7 @@ use clap::Args;
 use serde::Deserialize;
 
 use crate::cli::context::Failure;
-use crate::cli::files::circles;
-use crate::client::Connection;
+use crate::client::{Connection, circles};
 use crate::map::READINGS;
 use crate::rotary::{Line, Program, Report, Settings, compile};
 

@@ -3,13 +3,14 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-use crate::cli::context::Context;
-use crate::client::Connection;
+use super::Connection;
+use crate::map::Family;
 
 /// Time limit of the question.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Whether `text` switches to circles: `CIRCLE1`, `CIR2`, `CIRCLE 1`.
+#[must_use]
 pub fn is_circle(text: &str) -> bool {
     let upper = text.to_ascii_uppercase();
     // What stands in quotes is text that a program sends.
@@ -23,7 +24,7 @@ pub fn is_circle(text: &str) -> bool {
 
 /// The warning for the circle at `place`, if the board would make none of it. Nothing is said where the board cannot be asked.
 pub fn warning(connection: &mut Connection, place: impl Display) -> Option<String> {
-    let variable = Context::family(None, connection).ok()?.i.segmentation?;
+    let variable = Family::by_name(&connection.info().ok()?.family).ok()?.i.segmentation?;
     let told = connection.question(&format!("I{variable}"), PATIENCE).ok()?;
     (told.first()?.trim() == "0").then(|| {
         format!(
