@@ -1,17 +1,20 @@
 //! One board: live data from the segment, commands through the socket.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, Staleness};
+use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
-use pmac_dpram::segment::SegmentName;
+use pmac_dpram::segment::{SegmentName, UserUnit};
 use pyo3::prelude::*;
 
 use crate::data::Snapshot;
 use crate::errors::{of_client, of_command, refused, stale};
 use crate::gather::{Gathered, gather};
+use crate::rotary::{Streamed, Wish, stream};
 use crate::updates::Updates;
 
 /// How long one wait lasts before Python may handle a signal.
@@ -52,19 +55,24 @@ impl Board {
         self.client.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew.
+    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew; where the daemon at its
+    /// other end had gone before, the call goes to the one that is there now.
     fn send<R: Send>(
         &self,
         py: Python<'_>,
-        action: impl FnOnce(&mut Connection) -> Result<R, CommandError> + Send,
+        action: impl Fn(&mut Connection) -> Result<R, CommandError> + Send + Sync,
     ) -> PyResult<R> {
         let result = py.detach(|| {
             let mut kept = self.connection.lock().unwrap_or_else(PoisonError::into_inner);
-            let mut connection = match kept.take() {
-                Some(connection) => connection,
-                None => self.connect()?,
+            let (mut connection, is_old) = match kept.take() {
+                Some(connection) => (connection, true),
+                None => (self.connect()?, false),
             };
-            let result = action(&mut connection);
+            let mut result = action(&mut connection);
+            if is_old && matches!(result, Err(CommandError::NotTaken { .. })) {
+                connection = self.connect()?;
+                result = action(&mut connection);
+            }
             if matches!(result, Ok(_) | Err(CommandError::Refused(_))) {
                 *kept = Some(connection);
             }
@@ -101,11 +109,12 @@ impl Board {
     }
 
     /// Everything that the segment has now. Data that are not live raise `StaleData` or `DaemonGone`, unless `stale_ok`.
+    /// Where only the background data are not live, they are left out.
     #[pyo3(signature = (*, stale_ok = false))]
     fn snapshot(&self, py: Python<'_>, stale_ok: bool) -> PyResult<Snapshot> {
         let found = py.detach(|| self.client().snapshot()).map_err(of_client)?;
         let none = found.stale.unwrap_or(Staleness::Off);
-        let snapshot = Snapshot::of(found).ok_or_else(|| stale(none))?;
+        let snapshot = Snapshot::of(found, stale_ok).ok_or_else(|| stale(none))?;
         match snapshot.servo_staleness() {
             Some(why) if !stale_ok => Err(stale(why)),
             _ => Ok(snapshot),
@@ -138,6 +147,21 @@ impl Board {
     fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
         let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
         Ok((history.samples.into_iter().map(Snapshot::of_update).collect(), history.lost))
+    }
+
+    /// The name of each motor that `pmacd`'s configuration gives one.
+    fn names(&self, py: Python<'_>) -> PyResult<BTreeMap<usize, String>> {
+        let found = py.detach(|| self.client().identity()).map_err(of_client)?;
+        let named = found.names.iter().zip(1..);
+        Ok(named.filter_map(|(name, motor)| Some((motor, name.as_ref()?.to_string()))).collect())
+    }
+
+    /// The unit of each motor that `pmacd`'s configuration gives one, and how many counts it is.
+    fn units(&self, py: Python<'_>) -> PyResult<BTreeMap<usize, (String, f64)>> {
+        let found = py.detach(|| self.client().identity()).map_err(of_client)?;
+        let units = found.units.iter().zip(1..);
+        let told = |unit: &UserUnit| (unit.name.to_string(), unit.counts_per_unit);
+        Ok(units.filter_map(|(unit, motor)| Some((motor, told(unit.as_ref()?)))).collect())
     }
 
     /// Every servo report from now on; see [`Updates`].
@@ -182,6 +206,34 @@ impl Board {
         let client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
         let connection = py.detach(|| self.connect()).map_err(of_command)?;
         gather(py, client, connection, &sources, period, time)
+    }
+
+    /// Streams the program `text` to a rotary buffer; see `Board.rotary` of the package.
+    #[pyo3(signature = (name, text, *, cs, define, run, clear, continue_, timeout))]
+    #[expect(clippy::too_many_arguments, reason = "they are the options of the call")]
+    fn _rotary(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        text: &[u8],
+        cs: u8,
+        define: Option<u32>,
+        run: bool,
+        clear: bool,
+        continue_: bool,
+        timeout: f64,
+    ) -> PyResult<Streamed> {
+        let left = match (clear, continue_) {
+            (true, true) => return Err(refused("clear and continue_ exclude one another")),
+            (true, false) => Some(LeftLines::Clear),
+            (false, true) => Some(LeftLines::Continue),
+            (false, false) => None,
+        };
+        let wish =
+            Wish { coordinate_system: cs, define_longs: define, run, left, timeout: duration(timeout)? };
+        let connections = || Ok((self.connect()?, self.connect()?));
+        let (owner, board) = py.detach(connections).map_err(of_command)?;
+        stream(py, owner, board, name, text, &wish)
     }
 
     /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs.

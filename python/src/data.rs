@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use pmac_dpram::client::{Snapshot as Found, View};
 use pmac_dpram::decode::{BackgroundData, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor};
+use pmac_dpram::map::FAMILIES;
+use pmac_dpram::map::status::StatusTable;
 use pyo3::exceptions::{PyAttributeError, PyKeyError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -32,9 +34,10 @@ impl Moment {
 pub struct Snapshot(Arc<Moment>);
 
 impl Snapshot {
-    /// What `found` has; `None` before the first servo report.
-    pub fn of(found: Found) -> Option<Self> {
+    /// What `found` has; `None` before the first servo report. Background data that are old are left out, unless `stale_ok`.
+    pub fn of(found: Found, stale_ok: bool) -> Option<Self> {
         let Found { servo, background, .. } = found;
+        let background = background.filter(|view| stale_ok || view.stale.is_none());
         Some(Self(Arc::new(Moment { servo: servo?, background })))
     }
 
@@ -79,6 +82,12 @@ impl Snapshot {
     #[getter]
     fn stale(&self) -> Option<String> {
         self.0.servo.stale.map(|why| why.to_string())
+    }
+
+    /// Why the background data are not live, or `None`.
+    #[getter]
+    fn background_stale(&self) -> Option<String> {
+        self.0.background.as_ref()?.stale.map(|why| why.to_string())
     }
 
     /// The reported motors, by number.
@@ -307,8 +316,11 @@ impl System {
 #[derive(Debug)]
 pub struct Status([Option<Flags>; 2]);
 
-/// Names of flags of the second word, which is not always there.
-const SECOND: [&str; 3] = ["in_position", "home_complete", "fatal_following_error"];
+/// Whether boards have a flag of this name.
+fn is_flag(name: &str) -> bool {
+    let of = |table: &StatusTable| table.flags.iter().any(|(_, flag)| *flag == name);
+    FAMILIES.iter().any(|family| family.status.motor.iter().chain(family.status.coordinate_system).any(of))
+}
 
 #[pymethods]
 impl Status {
@@ -318,7 +330,7 @@ impl Status {
                 return Ok(Some(flags.has(name)));
             }
         }
-        if self.0[1].is_none() && SECOND.contains(&name) {
+        if self.0.iter().any(Option::is_none) && is_flag(name) {
             return Ok(None);
         }
         Err(PyAttributeError::new_err(format!("there is no flag {name}; names() tells those that are set")))

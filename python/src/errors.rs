@@ -45,13 +45,18 @@ pub fn of_client(error: ClientError) -> PyErr {
 /// Of a call over the socket.
 pub fn of_command(error: CommandError) -> PyErr {
     let message = error.to_string();
+    of_command_saying(error, &message)
+}
+
+/// As [`of_command`], with a text of its own.
+pub fn of_command_saying(error: CommandError, message: &str) -> PyErr {
     match error {
-        CommandError::Refused(CallError::Board { code, lines, .. }) => raise(PLAIN, &message, code, &lines),
-        CommandError::Refused(CallError::TimedOut { lines }) => raise(PLAIN, &message, 0, &lines),
+        CommandError::Refused(CallError::Board { code, lines, .. }) => raise(PLAIN, message, code, &lines),
+        CommandError::Refused(CallError::TimedOut { lines }) => raise(PLAIN, message, 0, &lines),
         CommandError::Connect { .. }
         | CommandError::NotTaken { .. }
         | CommandError::Broken { .. }
-        | CommandError::StreamEnded { .. } => raise(GONE, &message, 0, &[]),
-        _ => raise(PLAIN, &message, 0, &[]),
+        | CommandError::StreamEnded { .. } => raise(GONE, message, 0, &[]),
+        _ => raise(PLAIN, message, 0, &[]),
     }
 }

@@ -4,6 +4,7 @@ mod board;
 mod data;
 mod errors;
 mod gather;
+mod rotary;
 mod updates;
 
 use pyo3::prelude::*;
@@ -17,6 +18,8 @@ mod _native {
     use crate::data::{Motor, Motors, Snapshot, Status, System, Systems};
     #[pymodule_export]
     use crate::gather::Gathered;
+    #[pymodule_export]
+    use crate::rotary::Streamed;
     #[pymodule_export]
     use crate::updates::Updates;
 }

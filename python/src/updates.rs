@@ -88,6 +88,22 @@ impl Updates {
         Ok(update.map_err(of_client)?.map(Snapshot::of_update))
     }
 
+    /// The reports that have come already, at most `most`. Does not wait.
+    #[pyo3(signature = (most = 65536))]
+    fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
+        let taken = py.detach(|| {
+            let mut follower = self.follower();
+            let mut taken = Vec::new();
+            while taken.len() < most && follower.take()? {
+                let left = most - taken.len();
+                let count = left.min(follower.taken.len());
+                taken.extend(follower.taken.drain(..count).map(Snapshot::of_update));
+            }
+            Ok(taken)
+        });
+        taken.map_err(of_client)
+    }
+
     /// The next report. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.
     fn next(&self, py: Python<'_>) -> PyResult<Snapshot> {
         let end = Instant::now() + self.timeout;

@@ -28,7 +28,7 @@ def test_c_python_and_rust_read_the_same_positions(site, tmp_path):
     path = f"/dev/shm/{site.name}"
     in_c = subprocess.run([program, path], check=True, capture_output=True, text=True).stdout
     in_c = {int(number): float(counts) for number, counts in map(str.split, in_c.splitlines())}
-    reader = [sys.executable, ROOT / "tests/segment_reader.py", path, "servo", "10"]
+    reader = [sys.executable, ROOT / "examples/segment_reader.py", path, "servo", "10"]
     in_python = json.loads(subprocess.run(reader, check=True, capture_output=True).stdout)["actual_positions"]
     motors = json.loads(
         subprocess.run(

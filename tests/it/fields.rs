@@ -75,7 +75,7 @@ fn a_program_without_our_code_finds_it_in_the_regions_entry() {
 fn with_python_a_reader_finds_what_is_read() {
     let rig = partial("python");
     let path = Path::new(DIRECTORY).join(&rig.name);
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/segment_reader.py");
     let ran = Command::new("python3").arg(script).arg(&path).output().unwrap();
     let document: Value = serde_json::from_slice(&ran.stdout).unwrap();
     let words = |region: &str| document["regions"][region]["latest"]["words"].as_array().unwrap().clone();
@@ -130,7 +130,7 @@ fn with_python_the_example_of_another_language_follows_from_now_on_and_shows_cou
         let line = site.pmacctl(&["watch", "--count", "1"]).1;
         line.contains("#1=300.0") && line.contains("#2=-55.5")
     });
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/segment_reader.py");
     let path = Path::new(DIRECTORY).join(&site.name);
     let ran = Command::new("python3").arg(script).arg(&path).args(["servo", "100"]).output().unwrap();
     let followed: Value = serde_json::from_slice(&ran.stdout).unwrap();

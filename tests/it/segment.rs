@@ -470,7 +470,7 @@ fn counters_and_names_agree() {
 #[test]
 #[ignore = "needs python3"]
 fn with_python_a_program_written_from_the_page_reads_the_same() {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/segment_reader.py");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/segment_reader.py");
     let directory = tempfile::tempdir().unwrap();
     let mut publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
     publisher.set_state(State::Live);

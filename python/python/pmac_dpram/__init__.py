@@ -17,10 +17,11 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
+from pathlib import Path
 
 from . import _native
-from ._native import Gathered, Jog, Motor, Motors, Snapshot, Status, System, Systems
+from ._native import Gathered, Jog, Motor, Motors, Snapshot, Status, Streamed, System, Systems
 from .errors import DaemonGone, PmacError, StaleData
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Snapshot",
     "StaleData",
     "Status",
+    "Streamed",
     "System",
     "Systems",
     "Updates",
@@ -66,6 +68,10 @@ class Updates:
             update = await asyncio.get_running_loop().run_in_executor(None, self._native.next)
         return update
 
+    def take(self, most: int = 65536) -> list[Snapshot]:
+        """The reports that have come already, at most ``most``. Does not wait, and does not mind a daemon that is gone."""
+        return self._native.take_all(most)
+
     @property
     def lost(self) -> int:
         """Reports that were overwritten before they were taken here."""
@@ -83,6 +89,33 @@ class Board(_native.Board):
     def updates(self, timeout: float = 2.0) -> Updates:
         """Every servo report from now on. After ``timeout`` seconds without one, StaleData or DaemonGone is raised."""
         return Updates(self._updates(timeout))
+
+    def rotary(
+        self,
+        program: str | os.PathLike[str] | Iterable[str],
+        *,
+        cs: int = 1,
+        define: int | None = None,
+        run: bool = False,
+        clear: bool = False,
+        continue_: bool = False,
+        timeout: float = 60.0,
+    ) -> Streamed:
+        """Streams a motion program, constants only, to a rotary buffer; returns when the board has taken all of it.
+
+        ``program`` is the path of a file, or lines. Coordinate system ``cs`` executes it; ``run`` starts it as soon as the
+        buffer has its first lines. ``define`` first defines the board's own rotary buffer with so many words. Lines that an
+        earlier program has left there are deleted (``clear``) or run first (``continue_``); without either they are an error.
+        After ``timeout`` seconds in which the board takes nothing, PmacError is raised. What ends the stream early, this
+        process' death too, ends the program.
+        """
+        if isinstance(program, (str, os.PathLike)):
+            name, text = os.fspath(program), Path(program).read_bytes()
+        else:
+            name, text = "program", "\n".join(program).encode()
+        return self._rotary(
+            name, text, cs=cs, define=define, run=run, clear=clear, continue_=continue_, timeout=timeout
+        )
 
 
 def connect(name: str | None = None, socket: str | os.PathLike[str] | None = None) -> Board:

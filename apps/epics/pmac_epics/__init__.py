@@ -1,0 +1,1 @@
+"""EPICS server of a PMAC motion controller, over pmacd: ``python -m pmac_epics``."""

@@ -1,0 +1,141 @@
+"""The scalar records of one motor, and its target."""
+
+import asyncio
+import math
+import time
+
+import pmac_dpram
+from softioc import alarm, builder
+
+from .records import Message, Shown
+
+# A move that was accepted shows in the reports by then. Before, "done" would be that of the time before it.
+SETTLING_S = 0.25
+
+STATES = [
+    ("Disabled", alarm.MINOR_ALARM),
+    ("Open loop", alarm.MINOR_ALARM),
+    ("Moving", alarm.NO_ALARM),
+    ("In position", alarm.NO_ALARM),
+    ("Not in position", alarm.NO_ALARM),
+    ("Limit", alarm.MINOR_ALARM),
+    ("Following error", alarm.MAJOR_ALARM),
+    ("Amplifier fault", alarm.MAJOR_ALARM),
+]
+DISABLED, OPEN_LOOP, MOVING, IN_POSITION, NOT_IN_POSITION, LIMIT, FOLLOWING_ERROR, AMPLIFIER_FAULT = range(len(STATES))
+
+
+def state(status):
+    """The most important of what the flags say, an index of STATES."""
+    if status.amplifier_fault:
+        return AMPLIFIER_FAULT
+    if status.fatal_following_error:
+        return FOLLOWING_ERROR
+    if status.motor_activated is False:
+        return DISABLED
+    if status.open_loop:
+        return OPEN_LOOP
+    if not status.desired_velocity_zero:
+        return MOVING
+    if status.positive_limit_set or status.negative_limit_set or status.stopped_on_position_limit:
+        return LIMIT
+    return IN_POSITION if status.in_position else NOT_IN_POSITION
+
+
+class Motor:
+    """Records ``{prefix}M{number}:…`` of a motor. Its unit is ``unit``, one of which is ``scale`` counts."""
+
+    def __init__(self, prefix, number, name, unit, scale, acting, writable):
+        self.number, self._scale, self._acting = number, scale, acting
+        self._board = acting.board
+        at = f"{prefix}M{number}:"
+        places = min(max(math.ceil(math.log10(abs(scale) * 10)), 0), 12)
+        fields = {"EGU": unit, "PREC": places, "DESC": name}
+        self._shown = Shown()
+        # Each report is posted, also one without a change: a client sees that the board lives.
+        always = {"MDEL": -1, **fields}
+        self._readback = self._shown.add(builder.aIn, f"{at}RBV", **always)
+        self._error = self._shown.add(builder.aIn, f"{at}FERR", **always)
+        self._state = self._shown.add(builder.mbbIn, f"{at}STAT", *STATES, DESC=name)
+        self._flags = self._shown.add(builder.longStringIn, f"{at}FLAGS", length=512)
+        self._done = self._shown.add(builder.boolIn, f"{at}DMOV", "Moving", "Done", DESC=name)
+        self._message = Message(f"{at}MSG")
+        out = {"DISP": 0 if writable else 1}
+        self._target = builder.aOut(
+            f"{at}VAL", always_update=True, blocking=True, on_update=self._move, initial_value=0.0, **fields, **out
+        )
+        builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **out)
+        # Moves that were asked for before a stop are not begun after it.
+        self._stops = 0
+        self._done_from = 0.0
+        self._open_loop = None
+
+    def preset(self, motor):
+        """The target that is shown before anybody has set one: where the motor has been told to be."""
+        self._target.set((motor.commanded_position or 0.0) / self._scale)
+
+    def show(self, motor, seconds):
+        """Posts ``motor`` of a snapshot of that time (seconds since 1970)."""
+        status = motor.status
+        found = state(status)
+        severity = STATES[found][1] if found >= LIMIT else alarm.NO_ALARM
+        flag = {"severity": severity, "alarm": alarm.STATE_ALARM if severity else alarm.NO_ALARM, "timestamp": seconds}
+        self._open_loop = status.open_loop
+        for record, counts in ((self._readback, motor.position), (self._error, motor.following_error)):
+            if counts is None:
+                record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
+            else:
+                record.set(counts / self._scale, **flag)
+        self._state.set(found, timestamp=seconds)
+        self._flags.set(" ".join(status.names()), timestamp=seconds)
+        stands = found != MOVING and found != NOT_IN_POSITION
+        self._done.set(stands and time.monotonic() >= self._done_from, timestamp=seconds)
+
+    def invalidate(self, status):
+        self._shown.invalidate(status)
+
+    async def _move(self, target):
+        stops = self._stops
+
+        def move():
+            if stops != self._stops:
+                raise pmac_dpram.PmacError(f"motor {self.number} was stopped before the move to {target} began")
+            self._board.jog_to(self.number, target * self._scale)
+
+        self._message.clear()
+        if not math.isfinite(target):
+            self._message.tell(f"{target} is no position")
+            return
+        try:
+            await self._acting.run("moves", move)
+        except pmac_dpram.PmacError as error:
+            self._message.tell(error)
+            return
+        self._done_from = time.monotonic() + SETTLING_S
+        self._done.set(False, timestamp=time.time())
+
+    async def _stop(self, _):
+        self._stops += 1
+        # J/ closes the loop of a motor that is killed. A stop must not do that.
+        if self._open_loop:
+            self._message.tell(
+                f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
+                f"#{self.number}K kills the motor"
+            )
+            return
+        self._message.clear()
+        try:
+            await self._acting.run("stops", lambda: self._acting.stopping.command(f"#{self.number}J/"))
+        except pmac_dpram.PmacError as error:
+            self._message.tell(f"STOP: {error}")
+
+
+class Acting:
+    """Carries out what clients put, beside the reading. Of one kind one after the other; a stop waits for no other kind."""
+
+    def __init__(self, connect, pools):
+        self.board, self.stopping, self._pools = connect(), connect(), pools
+
+    async def run(self, kind, action):
+        """What ``action`` returns, which may wait."""
+        return await asyncio.get_running_loop().run_in_executor(self._pools[kind], action)

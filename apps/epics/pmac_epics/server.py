@@ -1,0 +1,108 @@
+"""All records of a board, and the thread that keeps them live."""
+
+import concurrent.futures
+import logging
+import os
+import threading
+import time
+
+import pmac_dpram
+from softioc import alarm, builder
+
+from .blocks import Blocks, motor_of
+from .commands import Commands
+from .gather import Gather
+from .motors import Acting, Motor
+from .records import shortened
+
+log = logging.getLogger(__name__)
+
+# Blocks at 20 Hz; scalars each second time.
+TICK_S = 0.05
+SCALARS_EACH = 2
+
+LIVE, STALE, GONE = range(3)
+
+
+class Server:
+    """The records of the board that ``connect`` gives; they are made here, before iocInit."""
+
+    def __init__(self, connect, prefix, writable):
+        self._board = connect()
+        snapshot = self._board.snapshot()
+        names, units = self._board.names(), self._board.units()
+        kinds = ("moves", "stops", "commands", "gathers")
+        acting = Acting(connect, {kind: concurrent.futures.ThreadPoolExecutor(1, kind) for kind in kinds})
+        found = {number: units.get(number, ("counts", 1.0)) for number in snapshot.motor}
+        self._motors = [
+            Motor(prefix, number, names.get(number, f"motor {number}"), unit, scale, acting, writable)
+            for number, (unit, scale) in found.items()
+        ]
+        for motor in self._motors:
+            motor.preset(snapshot.motor[motor.number])
+        self._blocks = Blocks(prefix, found, self._board.updates())
+        states = ["Live", ("Stale", alarm.INVALID_ALARM), ("Gone", alarm.INVALID_ALARM)]
+        self._state = builder.mbbIn(f"{prefix}CONN", *states, initial_value=GONE)
+        self._why = builder.longStringIn(f"{prefix}WHY", length=512)
+        Commands(prefix, acting, writable)
+        Gather(prefix, acting, writable)
+        self._shows = None
+        self._end = threading.Event()
+
+    def follow(self):
+        """Keeps the records live until :meth:`close`; to be called after iocInit."""
+        threading.Thread(target=self._run, name="reading", daemon=True).start()
+
+    def close(self):
+        self._end.set()
+
+    def _run(self):
+        try:
+            due, count = time.monotonic(), 0
+            while not self._end.wait(max(0.0, due - time.monotonic())):
+                # After a pause of the machine there is nothing to catch up with: the next block is longer.
+                due = max(due + TICK_S, time.monotonic())
+                if count % SCALARS_EACH == 0:
+                    self._scalars()
+                count += 1
+                if self._shows == LIVE:
+                    self._blocks.post()
+        except BaseException:
+            # Records that nobody updates must not be served as live.
+            log.exception("the reading of the board has ended")
+            os._exit(1)
+
+    def _scalars(self):
+        try:
+            snapshot = self._board.snapshot()
+        except pmac_dpram.PmacError as error:
+            gone = isinstance(error, pmac_dpram.DaemonGone)
+            self._down(GONE if gone else STALE, error)
+            return
+        if self._shows != LIVE:
+            self._say(LIVE, "")
+        seconds = snapshot.realtime_ns / 1e9
+        for motor in self._motors:
+            reported = motor_of(snapshot, motor.number)
+            if reported is None:
+                motor.invalidate(alarm.UDF_ALARM)
+            else:
+                motor.show(reported, seconds)
+
+    def _down(self, state, error):
+        """Everything is INVALID: told once, and again when it gets otherwise."""
+        if self._shows == state:
+            return
+        status = alarm.COMM_ALARM if state == GONE else alarm.TIMEOUT_ALARM
+        for shown in [*self._motors, self._blocks]:
+            shown.invalidate(status)
+        self._say(state, str(error))
+
+    def _say(self, state, why):
+        if state == LIVE:
+            log.info("the board is live")
+        else:
+            log.warning(why)
+        self._shows = state
+        self._state.set(state)
+        self._why.set(shortened(why, 512))
