@@ -38,6 +38,8 @@ pub struct BackgroundReader {
     /// What is read of a block, in words from its start.
     runs: Vec<Range<usize>>,
     image: Box<[u16]>,
+    /// The count as it was found, and as it was written over that.
+    count_found: Option<[u16; 2]>,
     /// The next block to read, while a report is being read.
     next_block: Option<usize>,
 }
@@ -56,7 +58,7 @@ impl BackgroundReader {
         let (words, _) = selection.left_out();
         Selection::without(words, 0).runs(block.blocks.words, 1, &mut runs);
         let image = vec![0; block.words()].into_boxed_slice();
-        Self { block, selection, numbers: block.blocks.count, runs, image, next_block: None }
+        Self { block, selection, numbers: block.blocks.count, runs, image, count_found: None, next_block: None }
     }
 
     /// Bits of the servo timer.
@@ -125,16 +127,35 @@ impl BackgroundReader {
     }
 
     /// Asks for a report made from now on; what is in the buffer is given up. 1 write, and one each for a host-busy word and
-    /// a count, where the report has them.
+    /// a count, where the report has them; the first time 1 read of the count.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.reset();
         if let Some(count) = self.block.count {
-            bus.write16(count, self.selection.last_number(self.numbers) as u16)?;
+            let found = match self.count_found {
+                Some([found, _]) => found,
+                None => bus.read16(count)?,
+            };
+            let own = self.selection.last_number(self.numbers) as u16;
+            self.count_found = Some([found, own]);
+            bus.write16(count, own)?;
         }
         Self::release(self.block, bus)
+    }
+
+    /// Puts the count back as it was found, unless somebody has written another one since.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if let (Some(count), Some([found, written])) = (self.block.count, self.count_found.take())
+            && bus.read16(count)? == written
+        {
+            bus.write16(count, found)?;
+        }
+        Ok(())
     }
 
     /// Forgets a report half read, as after the board was silent or reset.

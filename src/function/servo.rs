@@ -95,6 +95,8 @@ pub struct ServoReader {
     motors: u32,
     /// The report's mask is to be written.
     mask_due: bool,
+    /// The mask as it was found, and as it was written over that.
+    mask_found: Option<[u32; 2]>,
     /// So many updates more until the mask is read again.
     mask_updates: u32,
     /// What is read of the motors' blocks, in words from the first one's start.
@@ -121,6 +123,7 @@ impl ServoReader {
             told: None,
             motors: u32::MAX,
             mask_due: false,
+            mask_found: None,
             mask_updates: 0,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
@@ -216,7 +219,21 @@ impl ServoReader {
         self.last_timer = None;
         // What a reset makes of the mask is not documented.
         self.mask_due = self.block.mask.is_some() && self.told.is_some();
+        self.mask_found = None;
         self.mask_updates = 0;
+    }
+
+    /// Puts the mask back as it was found, unless somebody has written another one since.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if let (Some(mask), Some([found, written])) = (self.block.mask, self.mask_found.take())
+            && read32(bus, mask)? == written
+        {
+            write32(bus, mask, found)?;
+        }
+        Ok(())
     }
 
     /// Clears the host's bit, whoever set it.
@@ -272,14 +289,16 @@ impl ServoReader {
 
     /// Writes the mask when that is due, and now and then reads what another host has made of it.
     fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
-        let (low, high) = (mask, mask.plus_words(1));
         if self.mask_due {
-            let [low_word, high_word] = split32(self.masked());
-            bus.write16(low, low_word)?;
-            bus.write16(high, high_word)?;
+            let found = match self.mask_found {
+                Some([found, _]) => found,
+                None => read32(bus, mask)?,
+            };
+            self.mask_found = Some([found, self.masked()]);
+            write32(bus, mask, self.masked())?;
             self.mask_due = false;
         } else if self.mask_updates == 0 {
-            let seen = join32(bus.read16(low)?, bus.read16(high)?);
+            let seen = read32(bus, mask)?;
             let motors = self.told.unwrap_or(u32::MAX) & seen;
             if motors != self.motors {
                 self.read_motors(motors);
@@ -370,6 +389,17 @@ impl ServoReader {
         self.take(bus, before)?;
         Ok(ServoPoll::Update(self.timer(before)))
     }
+}
+
+fn read32(bus: &mut impl Bus, first: HostOffset) -> Result<u32, BusError> {
+    let low = bus.read16(first)?;
+    Ok(join32(low, bus.read16(first.plus_words(1))?))
+}
+
+fn write32(bus: &mut impl Bus, first: HostOffset, value: u32) -> Result<(), BusError> {
+    let [low, high] = split32(value);
+    bus.write16(first, low)?;
+    bus.write16(first.plus_words(1), high)
 }
 
 /// Reads the servo timer of the last update. 1 read; where it has two words, 3 and rarely 5.

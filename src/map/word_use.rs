@@ -1,7 +1,7 @@
 //! Which function uses a word of the DPRAM, and where a definition of an M-variable points.
 
 use super::functions::rotary_header;
-use super::{BufferLayout, Family, Function, Generation, HostOffset, Owner, TypedAddress};
+use super::{AddressError, BufferLayout, Family, Function, Generation, HostOffset, Owner, TypedAddress};
 
 /// 16-bit words of a rotary header.
 const ROTARY_HEADER_WORDS: usize = rotary_header::START + 1;
@@ -47,11 +47,37 @@ pub const fn m_variables(family: &Family) -> u16 {
     }
 }
 
-/// Where in the DPRAM of a board of `family` a definition of an M-variable points, as `X:$060100,0,16,S` or `DP:$060080`.
-/// `None` where it points elsewhere, or nowhere (`*`).
+/// Where an M-variable points, as the board tells it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Definition {
+    /// To this place in the DPRAM.
+    Dpram(TypedAddress),
+    /// Elsewhere, or nowhere (`*`).
+    Elsewhere,
+}
+
+/// Where M-variable `number` of a board of `family` points by `text`, the board's line about it: `X:$060100,0,16,S`,
+/// `DP:$060080`, `*`, or, while I9 is odd, `M11->Y:$FFC2,0` (Software Reference p. 253). `None` when the line does not tell:
+/// it is another variable's, or no definition.
 #[must_use]
-pub fn defined_place(text: &str, family: &Family) -> Option<TypedAddress> {
-    TypedAddress::parse(text.split(',').next()?, family).ok()
+pub fn definition(text: &str, number: u16, family: &Family) -> Option<Definition> {
+    let text = match text.split_once("->") {
+        None => text.trim(),
+        Some((name, text)) => {
+            let told = name.trim().strip_prefix(['M', 'm'])?.parse();
+            (told == Ok(number)).then_some(text.trim())?
+        }
+    };
+    // `TWD:4,0.8,U`: inputs behind a multiplexer.
+    let is_thumbwheel = text.get(..2).is_some_and(|kind| kind.eq_ignore_ascii_case("TW"));
+    if text == "*" || is_thumbwheel {
+        return Some(Definition::Elsewhere);
+    }
+    match TypedAddress::parse(text.split(',').next()?, family) {
+        Ok(place) => Some(Definition::Dpram(place)),
+        Err(AddressError::Outside { .. }) => Some(Definition::Elsewhere),
+        Err(_) => None,
+    }
 }
 
 #[cfg(test)]
@@ -62,7 +88,10 @@ mod tests {
     fn user_of(family: &'static Family, place: &str) -> Option<Function> {
         let settings = BufferSettings::default().of(family);
         let layout = BufferLayout::new(&Layout::new(family, None), &settings).unwrap();
-        function_of(&layout, defined_place(place, family)?.offset)
+        match definition(place, 7, family)? {
+            Definition::Dpram(place) => function_of(&layout, place.offset),
+            Definition::Elsewhere => None,
+        }
     }
 
     #[test]
@@ -88,5 +117,23 @@ mod tests {
         // A site's words in the motor report, and its buffer of 500 floating-point values (FACTS-TURBO 19.2).
         assert_eq!(user_of(&TURBO2, "DP:$060080"), Some(Servo));
         assert_eq!(user_of(&TURBO2, "Y:$060450"), Some(Gather));
+    }
+
+    #[test]
+    fn c3_a_definition_is_read_in_both_forms_and_what_is_none_does_not_tell() {
+        let place = |text| match definition(text, 11, &TURBO2) {
+            Some(Definition::Dpram(at)) => Some(TURBO2.print_half(at.offset)),
+            Some(Definition::Elsewhere) => Some("elsewhere".to_owned()),
+            None => None,
+        };
+        for text in ["DP:$60080", "M11->DP:$60080", " m11 -> dp:$060080 ", "Y:$60080,0,16,S"] {
+            assert_eq!(place(text).as_deref(), Some("Y:$060080"), "{text}");
+        }
+        for text in ["*", "M11->*", "X:$78000,24", "X:$FFFF8C,0,16", "TWD:4,0.8,U", "M11->L:$10F0"] {
+            assert_eq!(place(text).as_deref(), Some("elsewhere"), "{text}");
+        }
+        for text in ["M12->DP:$60080", "M12->*", "", "->*", "7", "I10=5", "DP:", "DP:$6008G", "ERR003"] {
+            assert_eq!(place(text), None, "{text}");
+        }
     }
 }

@@ -193,6 +193,14 @@ impl ServoMirror {
         self.continuity.reset();
     }
 
+    /// Puts the host's words that say what is reported back as they were found.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.reader.give_back(bus)
+    }
+
     /// The report is not used any more: what was seen of it says nothing about the board.
     pub fn end(&mut self, publisher: &Publisher) {
         self.reset();

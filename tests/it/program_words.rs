@@ -84,6 +84,106 @@ fn c3_a_function_into_whose_words_a_program_points_is_not_used() {
     }
 }
 
+/// The word of the board's memory at `offset`, as it is.
+fn word(site: &VirtualSite, offset: usize) -> u16 {
+    let bytes = std::fs::read(site.path("dpram")).unwrap();
+    u16::from_le_bytes([bytes[offset], bytes[offset + 1]])
+}
+
+/// Turbo's mask of motors and its number of coordinate systems.
+const CHOSEN: [usize; 3] = [0x70, 0x72, 0x674];
+
+/// A Turbo board whose programs keep data where the host says what is reported. No report is on.
+fn site_with_data_in_the_hosts_words() -> VirtualSite {
+    let lines = [
+        "I48=0 I49=0",
+        "M10->DP:$6001C",
+        "M8100->Y:$06019D,0,16",
+        "M10=305419896",
+        "M8100=4321",
+    ];
+    let site = site("turbo2", &lines, "functions = [\"ascii\"]\n");
+    site.stop_daemon();
+    site
+}
+
+fn start_asking(site: &VirtualSite) {
+    let config = site.file("asks.toml", &format!("family = \"turbo2\"\n{ASKS}"));
+    site.start_daemon(&["--config", &config]);
+}
+
+fn assert_theirs(site: &VirtualSite, when: &str) {
+    assert_eq!(CHOSEN.map(|offset| word(site, offset)), [0x5678, 0x1234, 4321], "{when}");
+}
+
+/// With I9 odd the board repeats the question before each definition (Software Reference p. 253).
+#[test]
+fn c3_definitions_in_the_long_form_are_understood() {
+    for (family, definition) in [("turbo2", "M211->DP:$60080"), ("pmac", "M211->DP:$D012")] {
+        for i9 in ["I9=1", "I9=3"] {
+            let site = site(family, &["I48=0", definition, i9], ASKS);
+            wait_until_known(&site);
+            let held = held(&site);
+            let names: Vec<_> = held.iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(names, ["servo"], "{family} {i9}: {held:?}");
+            assert!(!site.log().contains("no definition"), "{}", site.log());
+            let (_, text, error) = site.hurried(|| site.pmacctl(&["doctor", "--memory"]));
+            let stretch = text.lines().find(|line| line.contains("servo from")).unwrap_or(&error);
+            assert!(stretch.contains(definition), "{text}{error}");
+        }
+    }
+}
+
+#[test]
+fn c3_a_board_that_is_slow_or_silent_for_a_while_keeps_its_words() {
+    for fault in ["ascii_slow 700ms", "ascii_slow 900ms", "ascii_no_reply on"] {
+        let site = site_with_data_in_the_hosts_words();
+        site.control(&format!("fault {fault}"));
+        start_asking(&site);
+        for second in 1..8 {
+            site.run_for(Duration::from_secs(1));
+            assert_theirs(&site, &format!("{fault}, after {second} s"));
+        }
+        site.control(&format!("fault {} off", fault.split_once(' ').unwrap().0));
+        wait_until_known(&site);
+        let names: Vec<_> = held(&site).into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["servo", "background"], "{fault}");
+        assert_theirs(&site, fault);
+        assert!(!site.log().contains("does not tell"), "{fault}: {}", site.log());
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn c3_words_that_turn_out_to_be_a_programs_are_put_back() {
+    let site = site_with_data_in_the_hosts_words();
+    site.control("fault ascii_no_reply on");
+    start_asking(&site);
+    wait_until_known(&site);
+    assert!(site.log().contains("the board does not tell where its M-variables point"), "{}", site.log());
+    site.wait_until("the host's mask", || word(&site, CHOSEN[0]) == u16::MAX);
+    site.control("fault ascii_no_reply off");
+    site.wait_until("held functions", || held(&site).len() == 2);
+    assert_theirs(&site, "put back");
+}
+
+/// Who asks the board for long lists all the time neither stops the questions nor makes pmacd give them up.
+#[test]
+fn c3_lines_of_others_do_not_make_the_board_one_that_does_not_tell() {
+    let site = site_with_data_in_the_hosts_words();
+    site.control("fault ascii_slow 200ms");
+    start_asking(&site);
+    for _ in 0..60 {
+        let (code, _, error) = site.hurried(|| site.pmacctl(&["send", "I10 I10 I10"]));
+        assert_eq!(code, 0, "{error}");
+        assert_theirs(&site, "while others ask");
+    }
+    assert!(!site.log().contains("does not tell"), "{}", site.log());
+    site.control("fault ascii_slow off");
+    wait_until_known(&site);
+    assert_theirs(&site, "at the end");
+}
+
 #[test]
 fn c3_the_configuration_overrules_it_by_name() {
     let config = format!("{ASKS}shared_functions = [\"servo\"]\n");

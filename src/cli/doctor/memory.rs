@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::report::{Level, Report};
 use crate::cli::context::{Context, Failure};
 use crate::client::{CommandError, Connection};
-use crate::map::word_use::{defined_place, m_variables};
+use crate::map::word_use::{self, m_variables};
 use crate::map::{Family, Region, TypedAddress};
 use crate::protocol::{BoardInfo, BoardSettings, Function};
 
@@ -40,8 +40,11 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
     let (settings, info) = (connection.settings()?, connection.info()?);
-    let found = definitions(&mut connection, family);
-    let found = found.map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
+    let (found, unclear) = definitions(&mut connection, family)
+        .map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
+    if !unclear.is_empty() {
+        report.add(Level::Warn, "memory", not_told(&unclear));
+    }
     for region in family.regions {
         let here = found.iter().filter(|definition| definition.touches(region));
         tell(report, region, &uses(region, &settings, &info), &here.collect::<Vec<_>>());
@@ -49,20 +52,45 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The M-variables that point into the DPRAM. Nothing is changed.
-fn definitions(connection: &mut Connection, family: &Family) -> Result<Vec<Definition>, CommandError> {
+/// The M-variables that point into the DPRAM, and of those that the board does not tell of, each with what it says instead.
+/// Nothing is changed.
+fn definitions(
+    connection: &mut Connection,
+    family: &Family,
+) -> Result<(Vec<Definition>, Vec<String>), CommandError> {
     let count = m_variables(family);
-    let mut found = Vec::new();
+    let (mut found, mut unclear) = (Vec::new(), Vec::new());
     for first in (0..count).step_by(A_QUESTION.into()) {
         let last = (first + A_QUESTION).min(count) - 1;
-        let reply = connection.question(&format!("M{first}..{last}->"), PATIENCE)?;
+        let question = format!("M{first}..{last}->");
+        let reply = connection.question(&question, PATIENCE)?;
+        if reply.len() != usize::from(last - first + 1) {
+            unclear.push(format!("{} lines to {question}", reply.len()));
+        }
         for (number, text) in (first..=last).zip(reply) {
-            if let Some(at) = defined_place(&text, family) {
-                found.push(Definition { text: format!("M{number}->{text}"), at });
+            match word_use::definition(&text, number, family) {
+                Some(word_use::Definition::Dpram(at)) => {
+                    let text = text.split_once("->").map_or(text.as_str(), |(_, text)| text).trim();
+                    found.push(Definition { text: format!("M{number}->{text}"), at });
+                }
+                Some(word_use::Definition::Elsewhere) => {}
+                None => unclear.push(format!("M{number}: {text:?}")),
             }
         }
     }
-    Ok(found)
+    Ok((found, unclear))
+}
+
+/// What is told of answers that are no definitions.
+fn not_told(unclear: &[String]) -> String {
+    let shown = unclear[..unclear.len().min(SHOWN)].join(", ");
+    let more = match unclear.len() {
+        count if count <= SHOWN => String::new(),
+        count => format!(" and {} more", count - SHOWN),
+    };
+    format!(
+        "the board does not tell where all its M-variables point ({shown}{more}): more may point into the stretches below"
+    )
 }
 
 /// The functions in use whose words lie in `region`.

@@ -287,21 +287,20 @@ impl FunctionTable {
         context: &mut Context<'_, B>,
     ) -> Result<(), PortError> {
         let before = self.uses;
-        match outcome {
-            ScanOutcome::Unknown => Function::ALL.into_iter().for_each(|function| self.uses.begin(function)),
-            ScanOutcome::Known => {
-                let pointers = self.pointers();
-                let is_busy = Function::ALL.map(|function| {
-                    let row = self.rows::<B>().into_iter().find(|(other, _)| *other == function);
-                    let has_work = row.is_some_and(|(_, row)| row.due_ns(&self.clock).is_some());
-                    has_work && !matches!(function, Function::Servo | Function::Background)
-                });
-                let shared = &self.shared;
-                self.uses.decide(pointers, |function| {
-                    let in_use = before.of(function) == Use::On && is_busy[function as usize];
-                    shared.has(function) || function == Function::Ascii || in_use
-                });
-            }
+        let pointers = self.pointers();
+        let is_busy = Function::ALL.map(|function| {
+            let row = self.rows::<B>().into_iter().find(|(other, _)| *other == function);
+            let has_work = row.is_some_and(|(_, row)| row.due_ns(&self.clock).is_some());
+            has_work && !matches!(function, Function::Servo | Function::Background)
+        });
+        let shared = &self.shared;
+        self.uses.decide(pointers, outcome == ScanOutcome::Known, |function| {
+            let in_use = before.of(function) == Use::On && is_busy[function as usize];
+            shared.has(function) || function == Function::Ascii || in_use
+        });
+        if matches!(outcome, ScanOutcome::Unknown | ScanOutcome::Unclear(_)) {
+            // Of these no M-variable is known that points into their words.
+            Function::ALL.into_iter().for_each(|function| self.uses.begin(function));
         }
         self.follow_use(&before, context)
     }
@@ -335,8 +334,14 @@ impl FunctionTable {
                 (Use::On, Use::Held) => {
                     self.row(function).leave(context.bus)?;
                     match function {
-                        Function::Servo => self.servo.end(context.publisher),
-                        Function::Background => self.background.end(context.publisher),
+                        Function::Servo => {
+                            self.servo.give_back(context.bus)?;
+                            self.servo.end(context.publisher);
+                        }
+                        Function::Background => {
+                            self.background.give_back(context.bus)?;
+                            self.background.end(context.publisher);
+                        }
                         _ => {}
                     }
                 }

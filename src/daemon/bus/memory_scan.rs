@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use crate::format::Text;
-use crate::map::word_use::{defined_place, m_variables};
+use crate::map::word_use::{Definition, definition, m_variables};
 use crate::map::{Family, HostOffset};
 use crate::protocol::LINE_MAX;
 
@@ -15,20 +15,39 @@ use crate::protocol::LINE_MAX;
 const A_QUESTION: u16 = 25;
 /// How long the board may take for one question.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How long to wait before asking a board again that did not answer.
-const AGAIN: Duration = Duration::from_secs(30);
+/// How long to wait before a question is asked again that was not answered, or otherwise.
+const AGAIN: Duration = Duration::from_secs(1);
+/// The same of a board that does not tell.
+const LATER: Duration = Duration::from_secs(30);
 /// How long to wait after a line that defines one: more may follow.
 const SETTLE: Duration = Duration::from_secs(1);
-/// How long no question need be answered until the board counts as one that cannot be asked.
+/// How long no question need be answered until the board counts as one that does not tell.
 const NO_PROGRESS: Duration = Duration::from_secs(10);
+/// How long lines that always wait can put a question off.
+const LONGEST: Duration = Duration::from_secs(2);
+/// More than the longest definition.
+const DEFINITION_MAX: usize = 40;
 
 /// What the questions have come to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
+    /// The board has told of more that point into the DPRAM. The questions go on.
+    More,
     /// The board has told all its definitions: [`MemoryScan::words`] has them.
     Known,
-    /// The board does not tell them.
+    /// The board does not tell them all.
     Unknown,
+    /// The board has told them all, but what it says of some is no definition.
+    Unclear(Unclear),
+}
+
+/// What the board says of an M-variable, where that is no definition.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Unclear {
+    /// The M-variable.
+    pub variable: u16,
+    /// The board's line.
+    pub text: Text<DEFINITION_MAX>,
 }
 
 /// Asks for the definitions, and keeps which words they point to.
@@ -38,20 +57,29 @@ pub struct MemoryScan {
     next: u16,
     /// Of each word of the DPRAM: the first M-variable that points to it, and 1; 0 where none does.
     pointers: Box<[u16]>,
+    /// Some were added since the last outcome.
+    has_more: bool,
+    /// The first answer that is no definition.
+    unclear: Option<Unclear>,
     /// Definitions of the present reply so far.
     lines: u16,
     under_way: bool,
     /// Whether to begin again when the reply has come.
     again: bool,
     not_before: Instant,
-    /// When the board answered a question of ours last, or the first could be asked.
+    /// When a question was sent last, or the first could be.
+    sent: Instant,
+    /// When the board answered a question of ours last, or the first could be asked; later, by the time that others held the
+    /// port.
     progress: Instant,
+    /// Until then that is counted.
+    seen: Instant,
     /// The present question was acknowledged without an answer before.
     is_repeated: bool,
-    /// What came of the last pass, until it is taken.
+    /// What came of the questions, until it is taken.
     outcome: Option<Outcome>,
-    /// An outcome was told since the start.
-    is_told: bool,
+    /// Whether all are known, or not, is still to be told.
+    is_awaited: bool,
     wanted: bool,
 }
 
@@ -63,14 +91,18 @@ impl MemoryScan {
             family,
             next: 0,
             pointers: vec![0; if wanted { family.length as usize / 2 } else { 0 }].into(),
+            has_more: false,
+            unclear: None,
             lines: 0,
             under_way: false,
             again: false,
             not_before: now,
+            sent: now,
             progress: now,
+            seen: now,
             is_repeated: false,
             outcome: None,
-            is_told: false,
+            is_awaited: true,
             wanted,
         }
     }
@@ -91,6 +123,12 @@ impl MemoryScan {
         }
     }
 
+    /// Whether a question has waited so long that other lines wait for it now.
+    #[must_use]
+    pub fn is_overdue(&self, now: Instant) -> bool {
+        self.due_in(now).is_zero() && now >= self.not_before.max(self.sent) + LONGEST
+    }
+
     fn is_over(&self) -> bool {
         self.next >= m_variables(self.family)
     }
@@ -99,9 +137,6 @@ impl MemoryScan {
     pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if !self.due_in(now).is_zero() {
             return None;
-        }
-        if self.next == 0 {
-            self.pointers.fill(0);
         }
         self.lines = 0;
         Some((Text::of(&format_args!("M{}..{}->", self.next, self.last())), PATIENCE))
@@ -113,8 +148,9 @@ impl MemoryScan {
     }
 
     /// The line was sent.
-    pub const fn sent(&mut self) {
+    pub const fn sent(&mut self, now: Instant) {
         self.under_way = true;
+        self.sent = now;
     }
 
     /// The line was not answered because it was not sent after all: it is asked again.
@@ -127,14 +163,22 @@ impl MemoryScan {
     pub fn line(&mut self, line: &[u8]) {
         let number = self.next.saturating_add(self.lines);
         self.lines = self.lines.saturating_add(1);
-        let text = std::str::from_utf8(line).unwrap_or_default();
-        // Most point nowhere.
-        let place = Some(text.trim()).filter(|text| *text != "*" && number <= self.last());
-        let Some(place) = place.and_then(|text| defined_place(text, self.family)) else { return };
-        let first = place.offset.word();
-        for word in self.pointers.iter_mut().skip(first).take(place.space.words()) {
-            if *word == 0 {
-                *word = number + 1;
+        if number > self.last() {
+            return;
+        }
+        let text = std::str::from_utf8(line).ok();
+        match text.and_then(|text| definition(text, number, self.family)) {
+            Some(Definition::Elsewhere) => {}
+            Some(Definition::Dpram(place)) => {
+                let words = self.pointers.iter_mut().skip(place.offset.word()).take(place.space.words());
+                for word in words.filter(|word| **word == 0) {
+                    *word = number + 1;
+                    self.has_more = true;
+                }
+            }
+            None => {
+                let unclear = || Unclear { variable: number, text: Text::from_bytes(line.trim_ascii()) };
+                self.unclear.get_or_insert_with(unclear);
             }
         }
     }
@@ -147,41 +191,40 @@ impl MemoryScan {
 
     /// The reply is complete, or the board refused the question.
     pub fn done(&mut self, is_refused: bool, now: Instant) {
-        self.under_way = false;
-        self.progress = now;
-        if self.again {
-            return self.restart();
-        }
-        if is_refused || self.lines != self.last() - self.next + 1 {
+        let is_whole = !is_refused && self.lines == self.last() - self.next + 1;
+        if self.again || !is_whole {
             return self.failed(now);
         }
+        self.under_way = false;
+        self.progress = now;
         self.next = self.last() + 1;
         if self.is_over() {
-            self.tell(Outcome::Known);
+            self.tell(self.unclear.map_or(Outcome::Known, Outcome::Unclear));
+        } else {
+            self.tell_more();
         }
     }
 
-    /// The board did not answer, or not so.
+    /// The board did not answer, or not so. What it has told stands, and it is asked again.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
         if self.again {
             return self.restart();
         }
-        self.next = 0;
-        self.not_before = now + AGAIN;
-        self.tell(Outcome::Unknown);
+        self.tell_more();
+        self.not_before = now + if self.is_awaited { AGAIN } else { LATER };
     }
 
-    /// The board answers no line. Nobody waits for its definitions any more.
-    pub fn is_silent(&mut self) {
-        if self.wanted && !self.is_told {
-            self.tell(Outcome::Unknown);
+    fn tell_more(&mut self) {
+        if std::mem::take(&mut self.has_more) {
+            self.outcome = Some(Outcome::More);
         }
     }
 
     fn tell(&mut self, outcome: Outcome) {
         self.outcome = Some(outcome);
-        self.is_told = true;
+        self.is_awaited = false;
+        self.has_more = false;
     }
 
     /// A line of somebody's goes to the board. One that defines an M-variable changes what is known.
@@ -194,7 +237,8 @@ impl MemoryScan {
     /// The board may have other definitions: they are asked for again, from `not_before` on.
     pub fn begin_anew(&mut self, not_before: Instant) {
         self.again = true;
-        self.not_before = not_before;
+        self.is_awaited = true;
+        (self.not_before, self.progress) = (not_before, not_before);
         self.restart();
     }
 
@@ -202,6 +246,9 @@ impl MemoryScan {
         if self.again && !self.under_way {
             self.again = false;
             self.next = 0;
+            self.pointers.fill(0);
+            self.has_more = false;
+            self.unclear = None;
         }
     }
 
@@ -210,10 +257,18 @@ impl MemoryScan {
         self.progress = now;
     }
 
-    /// What has come out since the last call. At the start `now` decides, too: who waits for the definitions need not wait
-    /// for a board that is never free to tell them.
+    /// It is `now`. The time since the last call does not count against the board if `others_hold` the port.
+    pub fn pass(&mut self, others_hold: bool, now: Instant) {
+        if others_hold {
+            self.progress += now.saturating_duration_since(self.seen);
+        }
+        self.seen = now;
+    }
+
+    /// What has come out since the last call. Here `now` decides, too: who waits for the definitions need not wait for a
+    /// board that does not tell them.
     pub fn take_outcome(&mut self, now: Instant) -> Option<Outcome> {
-        if self.wanted && !self.is_told && now >= self.progress + NO_PROGRESS {
+        if self.wanted && self.is_awaited && now >= self.progress + NO_PROGRESS {
             self.tell(Outcome::Unknown);
         }
         self.outcome.take()
@@ -240,7 +295,7 @@ mod tests {
             let (first, last) = range.split_once("..").unwrap();
             let (first, last): (u16, u16) = (first.parse().unwrap(), last.parse().unwrap());
             assert!(last - first < 50, "{line}: at most 50 lines");
-            scan.sent();
+            scan.sent(now);
             for number in first..=last {
                 let own = definitions.iter().find(|(own, _)| *own == number);
                 scan.line(own.map_or("*", |(_, text)| text).as_bytes());
@@ -284,28 +339,97 @@ mod tests {
         let now = Instant::now();
         let begun = || MemoryScan::new(&PMAC, true, now);
         // It refuses, does not answer, answers something else, or is never free.
-        let mut scan = begun();
-        assert!(scan.next_line(now).is_some());
-        scan.done(true, now);
-        assert_eq!(scan.take_outcome(now), Some(Outcome::Unknown));
-        assert_eq!(answer(&mut scan, &[], now + AGAIN), 41, "it is asked again");
-        assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
-        let mut scan = begun();
-        assert!(scan.next_line(now).is_some());
-        scan.failed(now);
-        assert_eq!(scan.take_outcome(now), Some(Outcome::Unknown));
-        let mut scan = begun();
-        assert!(scan.next_line(now).is_some());
-        scan.line(b"*");
-        scan.done(false, now);
-        assert_eq!(scan.take_outcome(now), Some(Outcome::Unknown), "one definition for many");
-        let mut scan = begun();
-        assert_eq!(scan.take_outcome(now + NO_PROGRESS), Some(Outcome::Unknown));
-        let mut scan = begun();
-        scan.is_silent();
-        assert_eq!(scan.take_outcome(now), Some(Outcome::Unknown));
+        let answers: [fn(&mut MemoryScan, Instant); 4] = [
+            |scan, now| scan.done(true, now),
+            MemoryScan::failed,
+            |scan, now| {
+                scan.line(b"*");
+                scan.done(false, now);
+            },
+            |_, _| {},
+        ];
+        for otherwise in answers {
+            let mut scan = begun();
+            let mut time = now;
+            while time < now + NO_PROGRESS {
+                assert_eq!(scan.take_outcome(time), None, "silent now is not silent for ten seconds");
+                if scan.next_line(time).is_some() {
+                    scan.sent(time);
+                    otherwise(&mut scan, time);
+                }
+                time += AGAIN;
+            }
+            assert_eq!(scan.take_outcome(time), Some(Outcome::Unknown));
+            assert_eq!(scan.take_outcome(time + LATER), None, "told once");
+            assert_eq!(answer(&mut scan, &[], time + LATER), 41, "it is asked again");
+            assert_eq!(scan.take_outcome(time + LATER), Some(Outcome::Known));
+        }
         let mut scan = MemoryScan::new(&PMAC, false, now);
         assert_eq!((scan.due_in(now), scan.take_outcome(now + AGAIN)), (Duration::MAX, None));
+    }
+
+    #[test]
+    fn c3_what_was_told_stands_whatever_becomes_of_the_other_questions() {
+        let now = Instant::now();
+        let mut scan = MemoryScan::new(&PMAC, true, now);
+        for question in 0..3_u16 {
+            assert!(scan.next_line(now).is_some());
+            scan.sent(now);
+            for number in 0..A_QUESTION {
+                scan.line(if (question, number) == (1, 5) { b"DP:$D012" } else { b"*" });
+            }
+            scan.done(false, now);
+            assert_eq!(scan.take_outcome(now), (question == 1).then_some(Outcome::More));
+        }
+        // The fourth is answered short, with one more, and then not at all.
+        let (mut time, mut told) = (now, Vec::new());
+        for answer in 0..8 {
+            let (line, _) = scan.next_line(time).unwrap();
+            assert_eq!(line.as_bytes(), b"M75..99->", "the same is asked again");
+            scan.sent(time);
+            if answer == 0 {
+                scan.line(b"Y:$D000");
+                scan.done(false, time);
+            } else {
+                scan.failed(time);
+            }
+            time += AGAIN;
+            told.extend(scan.take_outcome(time));
+        }
+        assert_eq!(told, [Outcome::More]);
+        assert_eq!(scan.take_outcome(now + NO_PROGRESS), Some(Outcome::Unknown));
+        let numbers: Vec<_> = scan.words().map(|(_, number)| number).collect();
+        assert_eq!(numbers, [75, 30, 30]);
+        assert_eq!(answer(&mut scan, &[], now + NO_PROGRESS + LATER), 38, "the others are not asked again");
+    }
+
+    #[test]
+    fn c3_time_in_which_others_hold_the_port_does_not_count() {
+        let now = Instant::now();
+        let mut scan = MemoryScan::new(&PMAC, true, now);
+        for second in 0..60 {
+            let time = now + Duration::from_secs(second);
+            scan.pass(second > 2, time);
+            assert_eq!(scan.take_outcome(time), None, "{second}");
+        }
+        let freed = now + Duration::from_secs(59);
+        assert!(scan.is_overdue(freed), "lines that always wait do not put it off for ever");
+        scan.pass(false, freed + Duration::from_secs(7));
+        assert_eq!(scan.take_outcome(freed + Duration::from_secs(7)), None);
+        assert_eq!(scan.take_outcome(freed + NO_PROGRESS), Some(Outcome::Unknown));
+    }
+
+    #[test]
+    fn c3_an_answer_that_is_no_definition_does_not_say_that_none_points() {
+        let now = Instant::now();
+        let mut scan = MemoryScan::new(&PMAC, true, now);
+        assert_eq!(answer(&mut scan, &[(7, "M8->DP:$D012"), (9, "?")], now), 41);
+        let unclear = Unclear { variable: 7, text: Text::from_bytes(b"M8->DP:$D012") };
+        assert_eq!(scan.take_outcome(now), Some(Outcome::Unclear(unclear)));
+        scan.begin_anew(now);
+        assert_eq!(answer(&mut scan, &[(8, "M8->DP:$D012")], now), 41);
+        assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
+        assert_eq!(scan.words().count(), 2);
     }
 
     #[test]
@@ -313,7 +437,7 @@ mod tests {
         let now = Instant::now();
         let mut scan = MemoryScan::new(&PMAC, true, now);
         assert!(scan.next_line(now).is_some());
-        scan.sent();
+        scan.sent(now);
         scan.line_goes(b"M5->Y:$D000", now);
         (0..A_QUESTION).for_each(|_| scan.line(b"*"));
         scan.done(false, now);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use log::{Level, error, info, log};
 
 use crate::clock::Clock;
-use crate::daemon::bus::memory_scan::Outcome;
+use crate::daemon::bus::memory_scan::{Outcome, Unclear};
 use crate::daemon::shared::function_use::FunctionUse;
 use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::log_quota::LogQuota;
@@ -237,10 +237,22 @@ impl Reporter {
 
     /// Where the board's M-variables point, and what follows for the functions.
     pub fn pointers(&mut self, outcome: Outcome, uses: &FunctionUse) {
-        if outcome == Outcome::Unknown {
-            let text = "the board does not tell where its M-variables point; pmacd uses all functions of its configuration, though \
-                        programs may keep data in their words";
-            return self.log.tell(Level::Warn, format_args!("{text}"));
+        let follows = "pmacd uses the functions of its configuration into whose words none is known to point, though programs \
+                       may keep data there";
+        match outcome {
+            // The end of the questions tells them together.
+            Outcome::More => return,
+            Outcome::Known => {}
+            Outcome::Unknown => {
+                let text = "the board does not tell where its M-variables point";
+                self.log.tell(Level::Warn, format_args!("{text}; {follows}"));
+            }
+            Outcome::Unclear(Unclear { variable, text }) => {
+                let text = format_args!(
+                    "the board answers M{variable}-> with \"{text}\", which is no definition of it; {follows}"
+                );
+                self.log.tell(Level::Warn, text);
+            }
         }
         if uses.program_words(self.family).ne(self.uses.program_words(self.family)) {
             for words in uses.program_words(self.family) {

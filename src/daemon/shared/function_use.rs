@@ -72,14 +72,22 @@ impl FunctionUse {
     }
 
     /// Takes what the board has told of its M-variables. A function into whose words one points is not used, unless it is one
-    /// of `stays`.
-    pub fn decide(&mut self, pointers: [Option<Pointers>; COUNT], stays: impl Fn(Function) -> bool) {
-        self.pointers = pointers;
+    /// of `stays`. Unless it `is_all` that the board has, nothing follows for the other functions.
+    pub fn decide(
+        &mut self,
+        pointers: [Option<Pointers>; COUNT],
+        is_all: bool,
+        stays: impl Fn(Function) -> bool,
+    ) {
         for function in Function::ALL {
+            let found = pointers[function as usize];
+            if found.is_none() && !is_all {
+                continue;
+            }
+            self.pointers[function as usize] = found;
             let own = &mut self.uses[function as usize];
             if *own != Use::Off {
-                let is_held = pointers[function as usize].is_some() && !stays(function);
-                *own = if is_held { Use::Held } else { Use::On };
+                *own = if found.is_some() && !stays(function) { Use::Held } else { Use::On };
             }
         }
     }
@@ -120,7 +128,7 @@ mod tests {
         for function in [Function::Servo, Function::Panel, Function::Gather] {
             found[function as usize] = Some(pointers);
         }
-        uses.decide(found, |function| function == Function::Panel);
+        uses.decide(found, true, |function| function == Function::Panel);
         let own = [Function::Servo, Function::Panel, Function::Gather, Function::Rotary];
         assert_eq!(own.map(|function| uses.of(function)), [Use::Held, Use::On, Use::Off, Use::On]);
         let told: Vec<_> =
@@ -129,8 +137,16 @@ mod tests {
             told,
             [(Function::Panel, "Y:$D012".to_owned(), true), (Function::Servo, "Y:$D012".to_owned(), false)]
         );
-        uses.decide([None; COUNT], |_| false);
+        uses.decide([None; COUNT], false, |_| false);
+        assert_eq!(uses.of(Function::Servo), Use::Held, "that is not all");
+        uses.decide([None; COUNT], true, |_| false);
         assert_eq!(uses.of(Function::Servo), Use::On);
+        let mut uses = FunctionUse::new(&settings, true);
+        uses.decide(found, false, |_| false);
+        let own = [Function::Servo, Function::Panel, Function::Gather, Function::Rotary];
+        assert_eq!(own.map(|function| uses.of(function)), [Use::Held, Use::Held, Use::Off, Use::Waits]);
+        uses.begin(Function::Servo);
+        assert_eq!(uses.of(Function::Servo), Use::Held, "whatever else begins");
         assert_eq!(FunctionUse::new(&settings, false).of(Function::Servo), Use::On);
     }
 }

@@ -335,9 +335,7 @@ impl AsciiQueue {
         if self.ports.is_unheard() {
             self.state = CommandState::Silent;
         }
-        if self.state == CommandState::Silent {
-            self.scan.is_silent();
-        }
+        self.scan.pass(self.others_hold(), now);
         if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;
         }
@@ -396,7 +394,7 @@ impl AsciiQueue {
         }
         let questions_wait = !self.questions_barred_for(now).is_zero();
         if let Some(&next) = self.lines.front()
-            && (questions_wait || !self.identifier.is_overdue(now))
+            && (questions_wait || !self.is_question_overdue(now))
         {
             if now >= next.wait.begin_by {
                 // Its caller may have been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
@@ -443,7 +441,7 @@ impl AsciiQueue {
         } else if let Some((line, patience)) = self.scan.next_line(now)
             && self.ports.begin(bus, line.as_bytes())?
         {
-            self.scan.sent();
+            self.scan.sent(now);
             self.start(InFlight::Scan, now + patience, publisher, now);
         }
         Ok(())
@@ -452,6 +450,19 @@ impl AsciiQueue {
     /// How long the board need not be asked for M-variables; a board that does not answer is not.
     fn scan_due_in(&self, now: Instant) -> Duration {
         if self.state == CommandState::Answers { self.scan.due_in(now) } else { Duration::MAX }
+    }
+
+    /// Whether a question of our own goes before the lines that wait.
+    fn is_question_overdue(&self, now: Instant) -> bool {
+        let scan_is_overdue = self.state == CommandState::Answers && self.scan.is_overdue(now);
+        self.identifier.is_overdue(now) || scan_is_overdue
+    }
+
+    /// Whether callers' commands hold the port, at a board that answers them.
+    fn others_hold(&self) -> bool {
+        let command = self.under_way.as_ref().map(|under_way| &under_way.command);
+        let is_others = matches!(command, Some(InFlight::Line(_) | InFlight::Control(_)));
+        self.state == CommandState::Answers && (is_others || !self.lines.is_empty())
     }
 
     fn is_under_way(&self) -> bool {
