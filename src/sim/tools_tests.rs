@@ -156,5 +156,12 @@ fn c4_gathered_words_are_listed_as_tools_read_them() {
     bench.run(2);
     let mut send = |line: &str| bench.world.execute(line.as_bytes()).lines;
     send("ENDGATHER");
-    assert_eq!(send("LIST GATHER"), ["333333111111 000000222222 333333111111 000000222222"]);
+    let two_samples = ["333333111111 000000222222 333333111111 000000222222"];
+    assert_eq!(send("LIST GATHER"), two_samples);
+    // The size counts words of 48 bits.
+    for line in ["DELETE GATHER", "DEFINE GATHER 4", "GATHER"] {
+        send(line);
+    }
+    bench.run(10);
+    assert_eq!(bench.world.execute(b"LIST GATHER").lines, two_samples);
 }

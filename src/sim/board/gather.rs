@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use crate::format::int24;
 use crate::map::readings::{GatherIndex, GatherSizeWord};
-use crate::map::{Family, GatherPlace, HostOffset, IVariables, Layout, Readings, ReportStart};
+use crate::map::{Family, GatherPlace, Generation, HostOffset, IVariables, Layout, Readings, ReportStart};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
@@ -217,8 +217,14 @@ impl Gather {
 
     fn store(&mut self, variables: &Variables, memory: &mut Memory) {
         let Some(size) = self.size else { return };
+        let start = self.index;
         for word in sources(&self.family.i, variables, memory).into_iter().flatten() {
             self.put(word, variables, memory);
+        }
+        if self.family.generation == Generation::Turbo && !self.in_dpram(variables) {
+            // A long word of Turbo's own memory has 48 bits, and each sample begins one: a tool in use (dls-pmac-control) asks for
+            // that much, and would get half of its samples otherwise.
+            self.index = start + (self.index - start).div_ceil(2);
         }
         // The size is rounded up to whole samples: only here, after a sample, is the end looked for.
         if self.index >= size {

@@ -95,7 +95,9 @@ impl Line<'_, '_> {
     }
 
     /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor
-    /// of another coordinate system lists as `0` and cannot be redefined.
+    /// of another coordinate system lists as `0` and cannot be redefined. Nor is its definition cleared from here, which is no error: the
+    /// manual only tells to address its own coordinate system, and a tool in use (dls-pmacanalyse) writes `#n->0` for every
+    /// coordinate system into files that are sent to a board. Were it an error, a download would end at the first of them.
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
         let decimals = self.board.variables.tables().decimals;
