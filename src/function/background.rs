@@ -58,7 +58,15 @@ impl BackgroundReader {
         let (words, _) = selection.left_out();
         Selection::without(words, 0).runs(block.blocks.words, 1, &mut runs);
         let image = vec![0; block.words()].into_boxed_slice();
-        Self { block, selection, numbers: block.blocks.count, runs, image, count_found: None, next_block: None }
+        Self {
+            block,
+            selection,
+            numbers: block.blocks.count,
+            runs,
+            image,
+            count_found: None,
+            next_block: None,
+        }
     }
 
     /// Bits of the servo timer.

@@ -73,7 +73,7 @@ mod tests {
     fn times_end_at_the_nanosecond() {
         let fields = [Field::new("time_s", "", Kind::Seconds)];
         let mut writer = CsvWriter::new(Vec::new(), &fields).unwrap();
-        for time in [0.0, 0.000_442_708_373, 0.442_708_373_069_763_2, 4427.083_730_697_632] {
+        for time in [0.0, 0.000_442_708_373, 0.442_708_373_069_763_2, 4_427.083_730_697_632] {
             writer.row(&[time]).unwrap();
         }
         let text = String::from_utf8(writer.finish().unwrap()).unwrap();

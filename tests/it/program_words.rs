@@ -95,13 +95,7 @@ const CHOSEN: [usize; 3] = [0x70, 0x72, 0x674];
 
 /// A Turbo board whose programs keep data where the host says what is reported. No report is on.
 fn site_with_data_in_the_hosts_words() -> VirtualSite {
-    let lines = [
-        "I48=0 I49=0",
-        "M10->DP:$6001C",
-        "M8100->Y:$06019D,0,16",
-        "M10=305419896",
-        "M8100=4321",
-    ];
+    let lines = ["I48=0 I49=0", "M10->DP:$6001C", "M8100->Y:$06019D,0,16", "M10=305419896", "M8100=4321"];
     let site = site("turbo2", &lines, "functions = [\"ascii\"]\n");
     site.stop_daemon();
     site
