@@ -49,12 +49,12 @@ fn program(bytes: &[u8]) {
     }
 }
 
-/// Saved variables: what was read, written again as the tools write it, reads the same.
+/// Saved settings: what was read, written again as the tools write it, reads the same.
 fn saved(text: &str) {
     match variables::parse("f", text) {
         Err(mistakes) => assert!(!mistakes.is_empty() && mistakes.len() <= text.lines().count()),
         Ok(entries) => {
-            let lines: Vec<String> = entries.iter().map(|entry| entry.item.line(&entry.text)).collect();
+            let lines: Vec<String> = entries.iter().flat_map(|entry| entry.item.lines(&entry.text)).collect();
             let again =
                 variables::parse("f", &lines.join("\n")).expect("what was read is written as it is read");
             assert_eq!(again.len(), entries.len());

@@ -73,3 +73,50 @@ fn c4b_a_whole_turbo_board_is_backed_up_and_put_back() {
     assert_eq!(site.run(&["send", "&16Q511 M8190"]).stdout, "9\n7\n");
     site.assert_no_violations();
 }
+
+/// What an integrator gives a board besides variables: axes, kinematics, PLCs and motion programs.
+#[test]
+fn c4b_axes_and_programs_are_backed_up_compared_and_put_back() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    let text = "&2\n#3->I\n#4->1000X+5\nOPEN INVERSE CLEAR\nP3=Q7*2\nCLOSE\nOPEN PROG 1000 CLEAR\nLIN X(P1)\nCLOSE\n\
+                OPEN PLC 3 CLEAR\nIF(P1=1)\nSEND\"a;b\"\nP2=1\nENDI\nCLOSE\n";
+    let program = site.file("program.pmc", text);
+    assert_eq!(site.run(&["download", &program]).code, Some(0));
+    let path = site.path("machine.pmc");
+    let path = path.to_str().unwrap();
+    let what = ["backup", "--what", "AXES,KIN,PROG,PLC", "--programs", "998..1001", "-o", path];
+    assert_eq!(site.run(&what).code, Some(0));
+    let saved = std::fs::read_to_string(path).unwrap();
+    let lines: Vec<&str> = saved.lines().filter(|line| !line.starts_with(';')).collect();
+    assert_eq!(lines, text.lines().collect::<Vec<_>>());
+    let same = site.run(&["diff", path]);
+    assert_eq!((same.stdout.as_str(), same.stderr.as_str(), same.code), ("", "", Some(0)));
+
+    let other =
+        site.file("other.pmc", "OPEN PLC 3 CLEAR\nIF(P1=1)\nSEND\"a;b\"\nP2=7\nENDI\nCLOSE\n&2\n#3->0\n");
+    assert_eq!(site.run(&["download", &other]).code, Some(0));
+    let differs = site.run(&["diff", path]);
+    let expected = "-&2#3->I\n+&2#3->0\n-PLC 3 line 3: P2=1\n+PLC 3 line 3: P2=7\n";
+    assert_eq!((differs.stdout.as_str(), differs.code), (expected, Some(1)));
+    let restored = site.run(&["restore", path, "--yes"]);
+    assert_eq!(restored.code, Some(0), "{restored:?}");
+    assert_eq!(restored.stderr, "disabled since their OPEN, to be enabled by ENABLE PLC: PLC 3\n");
+    assert_eq!((site.run(&["diff", path]).stdout.as_str(), site.run(&["diff", path]).code), ("", Some(0)));
+
+    // A program that the board does not take is told as it is, and the password as what it is.
+    let wrong = site.file("wrong.pmc", "OPEN PLC 4 CLEAR\nP1=1\nUUU\nCLOSE\n");
+    let ran = site.run(&["restore", &wrong, "--yes"]);
+    assert!(
+        ran.code == Some(1) && ran.stderr.contains("wrong.pmc:1: ERR003") && ran.stderr.contains("UUU"),
+        "{ran:?}"
+    );
+    site.ask("PASSWORD=Sesame");
+    for line in ["SAVE", "$$$"] {
+        assert_eq!(site.run(&["send", line, "--yes"]).code, Some(0), "{line}");
+    }
+    site.wait_until("the board to answer", || site.run(&["send", "I58"]).stdout == "1\n");
+    let ran = site.run(&what);
+    assert!(ran.code == Some(1) && ran.stderr.contains("password protects"), "{ran:?}");
+    site.assert_no_violations();
+}

@@ -1,4 +1,5 @@
-//! `pmacctl backup`, `diff` and `restore`: a board's variables as a readable file for version control.
+//! `pmacctl backup`, `diff` and `restore`: a board's variables, axis definitions and programs as a readable file for version
+//! control.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -18,7 +19,7 @@ use crate::cli::files::sequence::{ask, begin};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse, read};
 use crate::client::Connection;
 use crate::client::command::lines::LineSequence;
-use crate::map::Generation;
+use crate::map::{DEFAULT_FAMILY, Family, Generation};
 use crate::protocol::board::{LineFailure, LineOutcome};
 
 /// Largest file. All variables of any board fit.
@@ -26,6 +27,9 @@ const LARGEST: u64 = 16 << 20;
 /// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
 /// and I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
+/// PLC programs of any board, and the last motion program (GRAMMAR 2.7; Software Reference, `OPEN`).
+const PLCS: u8 = 32;
+const LAST_PROGRAM: u16 = 32_767;
 
 /// `backup`.
 #[derive(Debug, Args)]
@@ -33,12 +37,31 @@ pub struct Backup {
     /// Write to this file after reading everything; - is stdout, the default
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Which variables. M stands for all definitions, and for the values of M-variables that point nowhere
-    #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "I,P,Q,M", ignore_case = true)]
+    /// What. M stands for all definitions, and for the values of M-variables that point nowhere; AXES for what #1-> tells; KIN
+    /// for kinematic programs
+    #[arg(
+        long,
+        value_name = "KINDS",
+        value_delimiter = ',',
+        default_value = "I,P,Q,M,AXES,KIN,PROG,PLC",
+        ignore_case = true
+    )]
     pub what: Vec<What>,
+    /// The motion programs to look for: boards do not tell which they have. Those from 1000 on are the G, M, T and D codes'
+    #[arg(long, value_name = "FIRST..LAST", default_value = "1..1010", value_parser = programs)]
+    pub programs: (u16, u16),
 }
 
-/// Kinds of variables.
+/// A range of motion programs.
+fn programs(text: &str) -> Result<(u16, u16), String> {
+    let ends = text.split_once("..").unwrap_or((text, text));
+    let range = (ends.0.parse().ok()).zip(ends.1.parse().ok());
+    range
+        .filter(|(first, last)| 1 <= *first && first <= last && *last <= LAST_PROGRAM)
+        .ok_or_else(|| format!("write 1..{LAST_PROGRAM} or a part of it"))
+}
+
+/// Kinds of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum What {
     #[value(name = "I")]
@@ -49,6 +72,18 @@ pub enum What {
     Q,
     #[value(name = "M")]
     M,
+    /// Axis definitions.
+    #[value(name = "AXES")]
+    Axes,
+    /// Kinematic programs.
+    #[value(name = "KIN")]
+    Kinematics,
+    /// Motion programs.
+    #[value(name = "PROG")]
+    Programs,
+    /// PLC programs.
+    #[value(name = "PLC")]
+    Plcs,
 }
 
 /// `diff`.
@@ -79,11 +114,7 @@ pub struct Restore {
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let info = connection.info()?;
-    let mut board = begin(&mut connection, "backup", false);
-    // Ask the board: a daemon that has just started does not know them yet.
-    let said = ask(&mut board, &["TYPE", "VERSION", "DATE"])?;
-    let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
-    let (board_type, firmware, date) = (say(0), say(1), say(2));
+    let mut board = begin(&mut connection, "backup", true);
     let count = variables_of(&info.family);
     let wanted = |kind| options.what.contains(&kind);
     let mut items: Vec<Item> = Vec::new();
@@ -100,16 +131,15 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     if wanted(What::M) {
         items.extend((0..count).map(Item::Definition));
     }
-    let mut held = read(&mut board, items)?;
-    let own: Vec<Item> = held
-        .iter()
-        .filter_map(|(item, text)| match item {
-            Item::Definition(number) if text == "*" => Some(Item::M(*number)),
-            _ => None,
-        })
-        .collect();
-    held.extend(read(&mut board, own)?);
+    items.extend(others(options, Family::by_name(&info.family).unwrap_or(DEFAULT_FAMILY)));
+    // Ask the board: a daemon that has just started does not know them yet.
+    let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);
+    let held = said.and_then(|said| Ok((said, settings(&mut board, items)?)));
+    // Also after a refusal: who asks next is not to wait until the daemon misses this client.
     finish(board)?;
+    let (said, held) = held?;
+    let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
+    let (board_type, firmware, date) = (say(0), say(1), say(2));
 
     let taken = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     let taken =
@@ -124,7 +154,7 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
         text
     } else {
         let mut text = format!(
-            "; variables of {}\n; board {board_type} ({})\n; firmware {firmware}, {date}\n; taken {taken}\n",
+            "; settings of {}\n; board {board_type} ({})\n; firmware {firmware}, {date}\n; taken {taken}\n",
             info.name, info.family
         );
         listing(&held, &mut text);
@@ -137,24 +167,70 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     Ok(Verdict::Yes)
 }
 
+/// What the board holds of `items`, and the values of the M-variables that point nowhere.
+fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<Item, String>, Failure> {
+    let mut held = read(board, items)?;
+    // What is not there is no setting: it would be deleted nowhere.
+    held.retain(|item, text| match item {
+        Item::Axis { .. } => text != "0",
+        item => !item.is_program() || !text.is_empty(),
+    });
+    let own: Vec<Item> = held
+        .iter()
+        .filter_map(|(item, text)| match item {
+            Item::Definition(number) if text == "*" => Some(Item::M(*number)),
+            _ => None,
+        })
+        .collect();
+    held.extend(read(board, own)?);
+    Ok(held)
+}
+
+/// What is asked for besides variables.
+fn others(options: &Backup, family: &Family) -> Vec<Item> {
+    let wanted = |kind| options.what.contains(&kind);
+    let systems = || 1..=family.coordinate_systems as u8;
+    let mut items = Vec::new();
+    if wanted(What::Axes) {
+        let motors = 1..=family.motors as u8;
+        items.extend(
+            systems().flat_map(|system| motors.clone().map(move |motor| Item::Axis { system, motor })),
+        );
+    }
+    if wanted(What::Kinematics) && family.generation == Generation::Turbo {
+        items.extend(
+            systems().flat_map(|system| [false, true].map(|inverse| Item::Kinematics { system, inverse })),
+        );
+    }
+    if wanted(What::Programs) {
+        items.extend((options.programs.0..=options.programs.1).map(Item::Program));
+    }
+    if wanted(What::Plcs) {
+        items.extend((0..PLCS).map(Item::Plc));
+    }
+    items
+}
+
 /// The name of an item in JSON: the left side of its line.
 fn name(item: Item) -> String {
-    let arrow = if matches!(item, Item::Definition(_)) { "->" } else { "" };
+    let arrow = if item.sign() == "->" { "->" } else { "" };
     format!("{item}{arrow}")
 }
 
-/// One line for each variable, sorted.
+/// The lines for each item, sorted.
 fn listing(held: &BTreeMap<Item, String>, text: &mut String) {
     let mut system = None;
     for (item, value) in held {
-        if let Item::Q { system: own, .. } = *item
+        if let Some(own) = item.system()
             && system != Some(own)
         {
             system = Some(own);
             // Writing to a String cannot fail.
             let _ = writeln!(text, "&{own}");
         }
-        let _ = writeln!(text, "{}{}{value}", item.short(), item.sign());
+        item.lines_there(value).iter().for_each(|line| {
+            let _ = writeln!(text, "{line}");
+        });
     }
 }
 
@@ -180,10 +256,10 @@ fn held_of(
     items: impl Iterator<Item = Item>,
 ) -> Result<BTreeMap<Item, String>, Failure> {
     let mut connection = context.connection()?;
-    let mut board = begin(&mut connection, kind, false);
-    let held = read(&mut board, items)?;
+    let mut board = begin(&mut connection, kind, true);
+    let held = read(&mut board, items);
     finish(board)?;
-    Ok(held)
+    held
 }
 
 pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
@@ -213,14 +289,35 @@ pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
         context.output.json(&document)?;
     } else {
         for (item, (one, other)) in &differences {
-            for (mark, text) in [('-', one), ('+', other)] {
-                if let Some(text) = text {
-                    context.output.line(format_args!("{mark}{}", item.line(text)))?;
-                }
+            for line in differing(*item, one.as_deref(), other.as_deref()) {
+                context.output.line(line)?;
             }
         }
     }
     Ok(differences.is_empty().into())
+}
+
+/// The lines that differ, with their signs. Of a program only what stands between the parts that are the same, by line.
+fn differing(item: Item, one: Option<&str>, other: Option<&str>) -> Vec<String> {
+    let sides = [('-', one), ('+', other)];
+    if !item.is_program() {
+        let lines = |(mark, text): (char, Option<&str>)| {
+            let lines = text.map(|text| item.lines(text)).unwrap_or_default();
+            lines.into_iter().map(move |line| format!("{mark}{line}"))
+        };
+        return sides.into_iter().flat_map(lines).collect();
+    }
+    let [one, other] = [one, other].map(|text| text.unwrap_or_default().lines().collect::<Vec<_>>());
+    let shorter = one.len().min(other.len());
+    let before = one.iter().zip(&other).take_while(|(one, other)| one == other).count();
+    let same = one.iter().rev().zip(other.iter().rev()).take_while(|(one, other)| one == other);
+    let behind = same.count().min(shorter - before);
+    let lines = [('-', one), ('+', other)].into_iter().flat_map(|(mark, lines)| {
+        let end = lines.len() - behind;
+        let numbered = lines.into_iter().zip(1..).take(end).skip(before);
+        numbered.map(move |(line, number)| format!("{mark}{item} line {number}: {line}")).collect::<Vec<_>>()
+    });
+    lines.collect()
 }
 
 pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Failure> {
@@ -243,11 +340,13 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
         Report { file, changes: &changes, skipped: &port, held: &held, sent: 0, errors: Vec::new() };
     if !context.output.is_json() {
         for entry in &changes {
-            context.output.line(format_args!(
-                "{}  ; was {}",
-                entry.item.line(&entry.text),
-                was(entry.item)
-            ))?;
+            let was = was(entry.item);
+            let lines = if entry.item.is_program() { was.lines().count() } else { 0 };
+            let was = if entry.item.is_program() { format!("{lines} lines") } else { was.to_owned() };
+            let mut behind = format!("  ; was {was}");
+            for line in entry.item.lines(&entry.text) {
+                context.output.line(format_args!("{line}{}", std::mem::take(&mut behind)))?;
+            }
         }
         context.output.flush()?;
     }
@@ -255,7 +354,8 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
         report.print(context)?;
         return Ok(Verdict::Yes);
     }
-    if !confirm(&sending(changes.len(), &board_of(context)?), options.yes)? {
+    let lines: usize = changes.iter().map(|entry| entry.item.lines(&entry.text).len()).sum();
+    if !confirm(&sending(lines, &board_of(context)?), options.yes)? {
         return Ok(Verdict::No);
     }
     let mut connection = context.connection()?;
@@ -280,23 +380,31 @@ impl Report<'_> {
     fn send(&mut self, connection: &mut Connection) -> Result<(), Failure> {
         let mut board = begin(connection, "restore", true);
         keep_address(&mut board, self.changes.iter().map(|entry| entry.item))?;
-        let lines: Vec<String> = self.changes.iter().map(|entry| entry.item.line(&entry.text)).collect();
-        let mut entries = self.changes.iter().copied();
-        let mut taken = Vec::new();
+        let parts = self
+            .changes
+            .iter()
+            .flat_map(|entry| entry.item.lines(&entry.text).into_iter().map(move |line| (*entry, line)));
+        let (owners, lines): (Vec<&Entry>, Vec<String>) = parts.unzip();
+        let mut parts = owners.into_iter().zip(&lines);
+        let mut refused: BTreeSet<Item> = BTreeSet::new();
+        let mut done = BTreeSet::new();
         let mut stopped = None;
         let ran = board.run(&lines, |reply| {
-            let Some(entry) = entries.next() else { return false };
+            let Some((entry, line)) = parts.next() else { return false };
             match &reply.failure {
-                None => taken.push(entry),
+                None => drop(done.insert(entry.item)),
                 Some(failure) if failure.outcome == LineOutcome::Refused => {
-                    self.fail(entry, failure.message.clone());
+                    refused.insert(entry.item);
+                    self.fail(entry, failure.message.clone(), line);
                 }
+                // The lines of a program that the board did not open.
+                Some(_) if refused.contains(&entry.item) => {}
                 Some(failure) => stopped = Some((entry, failure.clone())),
             }
-            self.sent = taken.len();
+            self.sent = done.difference(&refused).count();
             stopped.is_none()
         });
-        if let (Err(error), Some(entry)) = (&ran, entries.next()) {
+        if let (Err(error), Some((entry, _))) = (&ran, parts.next()) {
             let outcome = LineOutcome::Uncertain;
             stopped = Some((entry, LineFailure { outcome, code: None, message: error.to_string() }));
         }
@@ -311,14 +419,27 @@ impl Report<'_> {
             return Err(Failure::Refused(failure.message));
         }
         ran?;
-        let held = read(&mut board, taken.iter().map(|entry| entry.item))?;
+        let taken = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
+        let held = read(&mut board, taken().map(|entry| entry.item));
         finish(board)?;
-        for entry in taken {
+        let held = held?;
+        for entry in taken().collect::<Vec<_>>() {
             let now = held.get(&entry.item).map_or("", String::as_str);
             // A register that hardware also writes changes by itself. Report it all the same.
             if !entry.item.same(&entry.text, now) {
-                self.fail(entry, format!("the board took the line but now holds {now}"));
+                let now = if entry.item.is_program() { "another program" } else { now };
+                let lines = entry.item.lines(&entry.text);
+                let first = lines.first().map_or("", String::as_str);
+                self.fail(entry, format!("the board took the line but now holds {now}"), first);
             }
+        }
+        let plcs = self.changes.iter().filter(|entry| matches!(entry.item, Item::Plc(_)));
+        let names: Vec<String> = plcs.map(|entry| entry.item.to_string()).collect();
+        if !names.is_empty() {
+            complain(format_args!(
+                "disabled since their OPEN, to be enabled by ENABLE PLC: {}",
+                names.join(", ")
+            ));
         }
         Ok(())
     }
@@ -347,8 +468,8 @@ impl Report<'_> {
 }
 
 impl<'a> Report<'a> {
-    fn fail(&mut self, entry: &'a Entry, what: String) {
-        complain(format_args!("{}:{}: {what}: {}", self.file, entry.line, entry.item.line(&entry.text)));
+    fn fail(&mut self, entry: &'a Entry, what: String, line: &str) {
+        complain(format_args!("{}:{}: {what}: {line}", self.file, entry.line));
         self.errors.push((entry, what));
     }
 }

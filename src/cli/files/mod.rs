@@ -2,6 +2,7 @@
 
 pub mod backup;
 pub mod download;
+mod listings;
 mod mistakes;
 pub mod preprocess;
 mod prose;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::cli::context::Failure;
 use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
+use crate::protocol::board::{LineFailure, LineOutcome};
 
 /// How long a line may take: one question asks for as many as a hundred variables.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -19,12 +20,34 @@ pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool
 /// # Errors
 /// When it refuses one, or cannot be asked.
 pub fn ask(sequence: &mut LineSequence<'_>, lines: &[&str]) -> Result<Vec<Vec<String>>, Failure> {
+    let replies = answers(sequence, lines, |_| false)?;
+    Ok(replies.into_iter().flatten().collect())
+}
+
+/// What the board answers to each of `lines`, or why it refuses that one. The sequence must go on after such a line.
+///
+/// # Errors
+/// When it cannot be asked.
+pub fn try_ask(
+    sequence: &mut LineSequence<'_>,
+    lines: &[String],
+) -> Result<Vec<Result<Vec<String>, LineFailure>>, Failure> {
+    answers(sequence, lines, |failure| failure.outcome == LineOutcome::Refused)
+}
+
+/// What becomes of each of `lines`, up to a failure that is not `passed`.
+fn answers<L: AsRef<str>>(
+    sequence: &mut LineSequence<'_>,
+    lines: &[L],
+    passed: impl Fn(&LineFailure) -> bool,
+) -> Result<Vec<Result<Vec<String>, LineFailure>>, Failure> {
     let mut replies = Vec::new();
     let mut failed = None;
     sequence.run(lines, |reply| {
         match &reply.failure {
-            Some(failure) => failed = Some(failure.message.clone()),
-            None => replies.push(reply.lines.clone()),
+            Some(failure) if !passed(failure) => failed = Some(failure.message.clone()),
+            Some(failure) => replies.push(Err(failure.clone())),
+            None => replies.push(Ok(reply.lines.clone())),
         }
         failed.is_none()
     })?;
@@ -32,7 +55,7 @@ pub fn ask(sequence: &mut LineSequence<'_>, lines: &[&str]) -> Result<Vec<Vec<St
         None => Ok(replies),
         Some(line) => {
             let why = failed.unwrap_or_else(|| "not asked, the sequence was ended".to_owned());
-            Err(Failure::Refused(format!("{line}: {why}")))
+            Err(Failure::Refused(format!("{}: {why}", line.as_ref())))
         }
     }
 }

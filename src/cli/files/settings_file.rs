@@ -1,6 +1,8 @@
-//! Variables as sorted lines that can be sent again: `I100=1`, `M1->Y:$FFC2,0`.
+//! What a board is set to, as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), axis definitions
+//! (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
 //!
-//! Q-variables belong to a coordinate system. A line `&2` addresses one for the following lines; the default is `&1`.
+//! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses one for the following
+//! lines; the default is `&1`. Programs are compared as the board lists them.
 //! Values stay as the board lists them (I9 chooses hex for addresses) and are compared as numbers. A listing has fewer
 //! digits than the register, so equal listings count as equal values.
 
@@ -8,11 +10,13 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::cli::context::Failure;
+use crate::cli::files::listings;
 use crate::cli::files::preprocess::{Mistake, Place};
 use crate::cli::files::sequence::ask;
 use crate::client::command::lines::LineSequence;
-use crate::protocol::LINE_MAX;
 use crate::protocol::answer;
+use crate::protocol::buffer_line::is_close;
+use crate::protocol::{LINE_MAX, check_line};
 
 /// The most answers to one line. The board answers nobody else meanwhile.
 const ANSWERS_MAX: usize = 100;
@@ -35,25 +39,59 @@ pub enum Item {
     Definition(u16),
     /// The value of an M-variable.
     M(u16),
+    /// The axis of a motor in a coordinate system: `#1->100X`.
+    Axis {
+        /// The coordinate system.
+        system: u8,
+        /// The motor.
+        motor: u8,
+    },
+    /// A kinematic program of a coordinate system.
+    Kinematics {
+        /// The coordinate system.
+        system: u8,
+        /// `INVERSE`, else `FORWARD`.
+        inverse: bool,
+    },
+    /// A motion program.
+    Program(u16),
+    /// A PLC program.
+    Plc(u8),
 }
 
 impl Item {
+    /// The number of a variable.
     const fn number(self) -> u16 {
         match self {
             Self::I(n) | Self::P(n) | Self::Definition(n) | Self::M(n) | Self::Q { number: n, .. } => n,
+            _ => 0,
         }
     }
 
-    const fn system(self) -> Option<u8> {
+    /// The coordinate system that it belongs to.
+    pub const fn system(self) -> Option<u8> {
         match self {
-            Self::Q { system, .. } => Some(system),
+            Self::Q { system, .. } | Self::Axis { system, .. } | Self::Kinematics { system, .. } => {
+                Some(system)
+            }
             _ => None,
         }
     }
 
-    /// The same kind of item with another `number`.
+    /// Whether it is an axis definition.
+    pub const fn is_axis(self) -> bool {
+        matches!(self, Self::Axis { .. })
+    }
+
+    /// Whether it is a program, of several lines.
+    pub const fn is_program(self) -> bool {
+        matches!(self, Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_))
+    }
+
+    /// The same kind of variable with another `number`.
     const fn at(self, number: u16) -> Self {
         match self {
+            Self::Axis { .. } | Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_) => self,
             Self::I(_) => Self::I(number),
             Self::P(_) => Self::P(number),
             Self::Q { system, .. } => Self::Q { system, number },
@@ -69,17 +107,44 @@ impl Item {
             Self::P(n) => format!("P{n}"),
             Self::Q { number: n, .. } => format!("Q{n}"),
             Self::Definition(n) | Self::M(n) => format!("M{n}"),
+            Self::Axis { motor, .. } => format!("#{motor}"),
+            Self::Kinematics { inverse: false, .. } => "FORWARD".to_owned(),
+            Self::Kinematics { inverse: true, .. } => "INVERSE".to_owned(),
+            Self::Program(n) => format!("PROG {n}"),
+            Self::Plc(n) => format!("PLC {n}"),
         }
     }
 
     /// The sign between name and text.
     pub const fn sign(self) -> &'static str {
-        if matches!(self, Self::Definition(_)) { "->" } else { "=" }
+        if matches!(self, Self::Definition(_) | Self::Axis { .. }) { "->" } else { "=" }
     }
 
-    /// The whole line that sets the item to `text`, with its coordinate system.
-    pub fn line(self, text: &str) -> String {
-        format!("{self}{}{text}", self.sign())
+    /// The lines that set the item to `text`, the first with its coordinate system.
+    pub fn lines(self, text: &str) -> Vec<String> {
+        let system = self.system().map_or(String::new(), |system| format!("&{system}"));
+        let lines = self.lines_there(text);
+        lines
+            .into_iter()
+            .enumerate()
+            .map(|(at, line)| if at == 0 { format!("{system}{line}") } else { line })
+            .collect()
+    }
+
+    /// As [`Self::lines`], where its coordinate system is addressed.
+    pub fn lines_there(self, text: &str) -> Vec<String> {
+        if !self.is_program() {
+            return vec![format!("{}{}{text}", self.short(), self.sign())];
+        }
+        let open = format!("OPEN {} CLEAR", self.short());
+        let program = text.lines().map(str::to_owned);
+        std::iter::once(open).chain(program).chain(["CLOSE".to_owned()]).collect()
+    }
+
+    /// The line that lists a program.
+    pub fn list_line(self) -> String {
+        let system = self.system().map_or(String::new(), |system| format!("&{system}"));
+        format!("{system}LIST {}", self.short())
     }
 
     /// The question for this item and the next `count - 1`.
@@ -95,7 +160,7 @@ impl Item {
         if one == other {
             return true;
         }
-        if matches!(self, Self::Definition(_)) {
+        if matches!(self, Self::Definition(_)) || self.is_axis() || self.is_program() {
             let plain = |text: &str| text.replace(' ', "").to_ascii_uppercase();
             return plain(one) == plain(other);
         }
@@ -105,7 +170,7 @@ impl Item {
 
 impl fmt::Display for Item {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Self::Q { system, .. } = self {
+        if let Some(system) = self.system() {
             write!(f, "&{system}")?;
         }
         f.write_str(&self.short())
@@ -132,33 +197,84 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
     let mut mistakes = Vec::new();
     let mut seen = BTreeMap::new();
     let mut system = 1;
+    // The program whose lines follow.
+    let mut open: Option<Entry> = None;
     for (line, number) in text.lines().zip(1..) {
-        let code = line.split(';').next().unwrap_or_default().trim();
+        let code = code(line);
         if code.is_empty() {
             continue;
         }
         let mut mistake = |what: String| {
             mistakes.push(Mistake { place: Place { file: file.to_owned(), line: number }, what });
         };
-        match entry(code, system) {
+        if let Some(program) = open.as_mut().filter(|_| !is_close(code.as_bytes())) {
+            if let Err(what) = check_line(code) {
+                mistake(what);
+            }
+            let separate = if program.text.is_empty() { "" } else { "\n" };
+            program.text += separate;
+            program.text += code;
+            continue;
+        }
+        // A program stands where it begins.
+        let (entry, at) = match open.take() {
+            Some(program) => (Ok(Line::Entry(program.item, program.text)), program.line),
+            None => (entry(code, system), number),
+        };
+        match entry {
             Ok(Line::System(next)) => system = next,
-            Ok(Line::Entry(item, text)) => match seen.insert(item, number) {
+            Ok(Line::Open(item)) => open = Some(Entry { item, text: String::new(), line: number }),
+            Ok(Line::Entry(item, text)) => match seen.insert(item, at) {
                 Some(first) => mistake(format!("{item} is set in line {first} already")),
-                None => entries.push(Entry { item, text: text.to_owned(), line: number }),
+                None => entries.push(Entry { item, text, line: at }),
             },
             Err(what) => mistake(what),
         }
     }
+    if let Some(program) = open {
+        let what = format!("{} has no CLOSE", program.item);
+        mistakes.push(Mistake { place: Place { file: file.to_owned(), line: program.line }, what });
+    }
     if mistakes.is_empty() { Ok(entries) } else { Err(mistakes) }
 }
 
-enum Line<'a> {
+enum Line {
     System(u8),
-    Entry(Item, &'a str),
+    Open(Item),
+    Entry(Item, String),
 }
 
-fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
-    let wrong = || format!("{code:?} is not a line like I100=1, P1=2.5, Q1=3, M1->Y:$FFC2,0 or M1=0");
+/// `line` without the comment behind it. What stands in quotes is text.
+fn code(line: &str) -> &str {
+    let mut is_text = false;
+    let comment = line.find(|letter| {
+        is_text ^= letter == '"';
+        letter == ';' && !is_text
+    });
+    line[..comment.unwrap_or(line.len())].trim()
+}
+
+/// The program that a line like `OPEN PLC 3 CLEAR` begins.
+fn opened(code: &str, system: u8) -> Option<Item> {
+    let upper = code.to_ascii_uppercase();
+    let name = upper.strip_prefix("OPEN ")?.strip_suffix(" CLEAR")?.trim();
+    let number = |kind: &str| name.strip_prefix(kind)?.trim().parse::<u16>().ok();
+    match name {
+        "FORWARD" => Some(Item::Kinematics { system, inverse: false }),
+        "INVERSE" => Some(Item::Kinematics { system, inverse: true }),
+        _ => {
+            let plc = number("PLC").and_then(|number| u8::try_from(number).ok()).map(Item::Plc);
+            plc.or_else(|| number("PROG").map(Item::Program))
+        }
+    }
+}
+
+fn entry(code: &str, system: u8) -> Result<Line, String> {
+    let wrong = || {
+        format!(
+            "{code:?} is not a line like I100=1, P1=2.5, Q1=3, M1->Y:$FFC2,0, M1=0, #1->100X or OPEN PLC 3 CLEAR"
+        )
+    };
     let (system, code) = match code.strip_prefix('&') {
         Some(rest) => {
             let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
@@ -171,6 +287,9 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
         }
         None => (system, code),
     };
+    if let Some(item) = opened(code, system) {
+        return Ok(Line::Open(item));
+    }
     let letter = code.chars().next().map(|letter| letter.to_ascii_uppercase());
     let rest = code.get(1..).ok_or_else(wrong)?;
     let end = rest.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?;
@@ -179,7 +298,10 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
     if let Some(text) = tail.strip_prefix("->").map(str::trim) {
         let plain = text.bytes().all(|byte| byte.is_ascii_graphic() || byte == b' ');
         return match letter {
-            Some('M') if !text.is_empty() && plain => Ok(Line::Entry(Item::Definition(n), text)),
+            Some('M') if !text.is_empty() && plain => Ok(Line::Entry(Item::Definition(n), text.to_owned())),
+            Some('#') if !text.is_empty() && plain && (1..=32).contains(&n) => {
+                Ok(Line::Entry(Item::Axis { system, motor: n as u8 }, text.to_owned()))
+            }
             _ => Err(wrong()),
         };
     }
@@ -192,10 +314,11 @@ fn entry(code: &str, system: u8) -> Result<Line<'_>, String> {
         Some('M') => Item::M(n),
         _ => return Err(wrong()),
     };
-    Ok(Line::Entry(item, text))
+    Ok(Line::Entry(item, text.to_owned()))
 }
 
-/// Q-variables are those of the addressed coordinate system, which everybody shares: has the daemon address it again at the end.
+/// The addressed motor and coordinate system are everybody's: has the daemon address them again at the end, where `items` need
+/// others.
 ///
 /// # Errors
 /// As `ask`.
@@ -203,16 +326,17 @@ pub fn keep_address(
     sequence: &mut LineSequence<'_>,
     mut items: impl Iterator<Item = Item>,
 ) -> Result<(), Failure> {
-    if !sequence.has_end()
-        && items.any(|item| matches!(item, Item::Q { .. }))
-        && let Some(system) = ask(sequence, &["&"])?.first().and_then(|reply| reply.first())
-    {
-        sequence.at_end(vec![format!("&{system}")]);
+    if !sequence.has_end() && items.any(|item| item.system().is_some()) {
+        let said = ask(sequence, &["&", "#"])?;
+        if let [Some(system), Some(motor)] = [0, 1].map(|line| said.get(line).and_then(|reply| reply.first()))
+        {
+            sequence.at_end(vec![format!("&{system}#{motor}")]);
+        }
     }
     Ok(())
 }
 
-/// Reads `items` from the board.
+/// Reads `items` from the board, in a sequence that goes on after a line that the board refuses.
 ///
 /// # Errors
 /// The board refuses a question or gives an unexpected answer.
@@ -225,6 +349,8 @@ pub fn read(
     items.dedup();
     let mut held = BTreeMap::new();
     keep_address(sequence, items.iter().copied())?;
+    let (items, others): (Vec<Item>, Vec<Item>) =
+        items.into_iter().partition(|item| !item.is_axis() && !item.is_program());
     let questions = questions(&items);
     let lines: Vec<&str> = questions.iter().map(|(question, _)| question.as_str()).collect();
     let replies = ask(sequence, &lines)?;
@@ -242,6 +368,7 @@ pub fn read(
             held.insert(item, text.to_owned());
         }
     }
+    held.extend(listings::read(sequence, &others)?);
     Ok(held)
 }
 
@@ -288,7 +415,7 @@ mod tests {
     fn files_are_read_and_what_is_wrong_is_told() {
         let text = "; title\n\ni100 = 1 ; on\nP5=-2.5\nQ1=0\n&2\nQ1=$1F\n&3Q1=7\nM1->Y:$FFC2,0\nM1=1\n";
         let entries = parse("f", text).unwrap();
-        let found: Vec<_> = entries.iter().map(|entry| entry.item.line(&entry.text)).collect();
+        let found: Vec<_> = entries.iter().map(|entry| entry.item.lines(&entry.text).join("\n")).collect();
         let expected = ["I100=1", "P5=-2.5", "&1Q1=0", "&2Q1=$1F", "&3Q1=7", "M1->Y:$FFC2,0", "M1=1"];
         assert_eq!(found, expected);
         assert_eq!(entries[1].line, 4);
@@ -298,6 +425,41 @@ mod tests {
         assert_eq!(mistakes.len(), 13, "{mistakes:?}");
         assert_eq!(mistakes[10].to_string(), "f:12: I7 is set in line 11 already");
         assert_eq!(mistakes[3].to_string(), "f:4: \"one\" is not a number");
+    }
+
+    #[test]
+    fn programs_are_read_as_they_are_written() {
+        let text = "&2\n#1->100X ; an axis\n#32->I\nOPEN INVERSE CLEAR\nP1=Q7*2\nCLOSE\nopen plc 31 clear ; waits\n\n  SEND\"a;b\" ; c\n\
+                    IF(P1=1)\nENDI\nclose\nOPEN PROG 1000 CLEAR\nCLOSE\n&3OPEN FORWARD CLEAR\nQ1=1\nCLOSE\n";
+        let entries = parse("f", text).unwrap();
+        let found: Vec<_> =
+            entries.iter().map(|entry| (entry.item, entry.text.as_str(), entry.line)).collect();
+        let expected = [
+            (Item::Axis { system: 2, motor: 1 }, "100X", 2),
+            (Item::Axis { system: 2, motor: 32 }, "I", 3),
+            (Item::Kinematics { system: 2, inverse: true }, "P1=Q7*2", 4),
+            (Item::Plc(31), "SEND\"a;b\"\nIF(P1=1)\nENDI", 7),
+            (Item::Program(1000), "", 13),
+            (Item::Kinematics { system: 3, inverse: false }, "Q1=1", 15),
+        ];
+        assert_eq!(found, expected);
+        let written: Vec<String> = entries.iter().flat_map(|entry| entry.item.lines(&entry.text)).collect();
+        let again = parse("f", &written.join("\n")).unwrap();
+        assert!(
+            again.iter().zip(&entries).all(|(one, other)| one.item == other.item && one.text == other.text)
+        );
+        assert_eq!(again.len(), entries.len());
+        for (wrong, line) in [
+            ("OPEN PLC 3 CLEAR\nP1=1", 1),
+            ("OPEN PLC 3\nCLOSE", 1),
+            ("P1=1\nCLOSE", 2),
+            ("OPEN PLC 3 CLEAR\n\u{fc}\nCLOSE", 2),
+            ("OPEN PLC 3 CLEAR\nCLOSE\nOPEN PLC 3 CLEAR\nCLOSE", 3),
+            ("#33->X", 1),
+        ] {
+            let mistakes = parse("f", wrong).unwrap_err();
+            assert_eq!(mistakes[0].place.line, line, "{wrong}: {mistakes:?}");
+        }
     }
 
     #[test]

@@ -1,0 +1,56 @@
+//! What is not a variable, read from a board: axis definitions, and the programs as the board lists them.
+
+use std::collections::BTreeMap;
+
+use super::sequence::{ask, try_ask};
+use super::settings_file::Item;
+use crate::cli::context::Failure;
+use crate::client::command::lines::LineSequence;
+
+/// Axis definitions that one line asks for.
+const AXES_A_LINE: usize = 16;
+/// The board has no such program.
+const MISSING: u16 = 3;
+/// The board's password protects it (GRAMMAR 2.7, `LIST`).
+const PROTECTED: u16 = 2;
+
+/// Reads `items`, which are sorted and no variables. A program that the board does not have is empty. The sequence must go on
+/// after a line that the board refuses.
+///
+/// # Errors
+/// The board keeps a program under its password, refuses a question for another reason, or gives an unexpected answer.
+pub fn read(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeMap<Item, String>, Failure> {
+    let (axes, programs): (Vec<Item>, Vec<Item>) = items.iter().partition(|item| item.is_axis());
+    let mut held = BTreeMap::new();
+    for of_system in axes.chunk_by(|one, other| one.system() == other.system()) {
+        for some in of_system.chunks(AXES_A_LINE) {
+            let questions: Vec<String> = some.iter().map(|item| format!("{}->", item.short())).collect();
+            let system = some.first().and_then(|item| item.system()).unwrap_or(1);
+            let line = format!("&{system}{}", questions.join(" "));
+            let replies = ask(sequence, &[&line])?.into_iter().flatten().collect::<Vec<_>>();
+            if replies.len() != some.len() {
+                let (wanted, got) = (some.len(), replies.len());
+                return Err(Failure::Refused(format!(
+                    "{line}: the board answered {got} lines instead of {wanted}"
+                )));
+            }
+            held.extend(some.iter().copied().zip(replies));
+        }
+    }
+    let lines: Vec<String> = programs.iter().map(|item| item.list_line()).collect();
+    for (item, reply) in programs.into_iter().zip(try_ask(sequence, &lines)?) {
+        let text = match reply {
+            Ok(lines) => lines.join("\n"),
+            Err(failure) if failure.code == Some(MISSING) => String::new(),
+            Err(failure) if failure.code == Some(PROTECTED) => {
+                return Err(Failure::Refused(format!(
+                    "the board's password protects {item}, which cannot be listed: give it first (pmacctl terminal, \
+                     PASSWORD=...), or leave the programs out (--what I,P,Q,M,AXES)"
+                )));
+            }
+            Err(failure) => return Err(Failure::Refused(format!("{item}: {}", failure.message))),
+        };
+        held.insert(item, text);
+    }
+    Ok(held)
+}
