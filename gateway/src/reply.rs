@@ -51,6 +51,9 @@ impl Handshake {
     }
 }
 
+/// Bytes that a client may leave unfetched when he sends another line.
+const UNFETCHED_MAX: usize = 1 << 18;
+
 /// What there is to be fetched by a client.
 #[derive(Debug, Default)]
 pub struct Pending {
@@ -67,6 +70,12 @@ impl Pending {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bytes.is_empty()
+    }
+
+    /// Whether so much has not been fetched that nothing more is begun.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.bytes.len() > UNFETCHED_MAX
     }
 
     /// Adds data lines of the board.

@@ -157,9 +157,15 @@ impl Session {
         /// `^B ^C ^F ^G ^P ^V`: they report, and do nothing else.
         const REPORTS: [u8; 6] = [0x02, 0x03, 0x06, 0x07, 0x10, 0x16];
         const CANCEL: u8 = 0x18;
+        /// `^U ^L` open and close the rotary buffers, for whoever sends lines.
+        const OPENS_ROTARY: [u8; 2] = [0x15, 0x0C];
         if character == CANCEL {
             self.pending.clear();
             return Ok(Vec::new());
+        }
+        if OPENS_ROTARY.contains(&character) {
+            let why = "a buffer is a client's own only if he opens it by a line, as OPEN ROT, and closes it by CLOSE";
+            return Err(Failure::unsent(board::NOT_NOW, why));
         }
         if !REPORTS.contains(&character) {
             if self.rules.read_only {
@@ -193,7 +199,8 @@ impl Session {
         }
         let lines = data.split(|byte| *byte == 0).enumerate().filter(|(_, line)| !line.is_empty());
         for (index, line) in lines {
-            let code = match self.one_text(line) {
+            let mut parts = line.split(|byte| matches!(byte, b'\r' | b'\n'));
+            let code = match parts.try_for_each(|part| self.one_text(part)) {
                 Ok(()) => continue,
                 Err(Failure::Refused { code, why, .. }) => {
                     if let Some(why) = why {

@@ -6,6 +6,7 @@
 
 use pmac_dpram::protocol::LINE_MAX;
 use pmac_dpram::protocol::buffer_line::{Effect, effect};
+use pmac_dpram::protocol::line::plain;
 use pmac_dpram::protocol::moved_motors::motors_moved;
 
 use crate::board::{self, Failure};
@@ -33,11 +34,25 @@ struct Addressed {
     system: Option<u32>,
 }
 
+/// The number behind the last `sign` in `text`, outside of quotes.
+fn last_address(text: &str, sign: char) -> Option<u32> {
+    let plain = plain(text);
+    let (_, behind) = plain.rsplit_once(sign)?;
+    let digits = behind.find(|c: char| !c.is_ascii_digit()).unwrap_or(behind.len());
+    behind[..digits].parse().ok()
+}
+
 impl Addressed {
-    fn follow(&mut self, token: &Token) {
+    fn follow(&mut self, line: &str, token: &Token) {
         match token.kind {
             Kind::Motor(number) => self.motor = Some(number),
             Kind::System(number) => self.system = Some(number),
+            // It is not known what this is, but the board goes by the addresses in it.
+            Kind::Unknown => {
+                let text = &line[token.span.clone()];
+                self.motor = last_address(text, '#').or(self.motor);
+                self.system = last_address(text, '&').or(self.system);
+            }
             _ => {}
         }
     }
@@ -46,8 +61,12 @@ impl Addressed {
     fn prefix(self, tokens: &[Token]) -> String {
         let needed = |needs: Needs, addresses: fn(&Kind) -> bool| {
             let own = tokens.iter().take_while(|token| !addresses(&token.kind));
-            own.into_iter()
-                .any(|token| matches!(token.kind, Kind::Asks(found) | Kind::Moves(found) if found == needs))
+            own.into_iter().any(|token| match token.kind {
+                Kind::Asks(found) | Kind::Moves(found) => found == needs,
+                // `#3->100X`, `UNDEFINE`: what it addresses is not known.
+                Kind::Unknown => true,
+                _ => false,
+            })
         };
         let system = self.system.filter(|_| needed(Needs::System, |kind| matches!(kind, Kind::System(_))));
         let motor = self.motor.filter(|_| needed(Needs::Motor, |kind| matches!(kind, Kind::Motor(_))));
@@ -76,7 +95,7 @@ fn pieces(
         };
         let (now, behind) = rest.split_at(count.max(1));
         pieces.push(own.unwrap_or_else(|| Piece::Send(text_of(line, now, addressed))));
-        now.iter().for_each(|token| addressed.follow(token));
+        now.iter().for_each(|token| addressed.follow(line, token));
         rest = behind;
     }
     Ok(pieces)
@@ -146,6 +165,9 @@ impl Session {
 
     /// Carries out one line, and what control characters stand in it.
     pub(crate) fn one_text(&mut self, text: &[u8]) -> Result<(), Failure> {
+        if self.pending.is_full() {
+            return Err(Failure::Gone("the client does not fetch what he is answered".to_owned()));
+        }
         let mut line = String::with_capacity(text.len());
         let mut controls = Vec::new();
         for byte in text {
@@ -185,7 +207,17 @@ impl Session {
         }
         let mut addressed = Addressed { motor: self.motor, system: self.system };
         let pieces = pieces(line, &tokens, addressed, self.rules.version.as_deref())?;
-        tokens.iter().for_each(|token| addressed.follow(token));
+        let mut handshake = self.handshake;
+        for piece in &pieces {
+            // Before anything is sent: of a line that is refused nothing is carried out.
+            if let Piece::Set(number, value) = piece
+                && !handshake.set(*number, *value)
+            {
+                let why = format!("I{number}={value}: a client's own I3 and I6 are 0 to 3, his I4 is 0");
+                return Err(Failure::unsent(board::UNKNOWN, why));
+            }
+        }
+        tokens.iter().for_each(|token| addressed.follow(line, token));
         (self.motor, self.system) = (addressed.motor, addressed.system);
         for (index, piece) in pieces.into_iter().enumerate() {
             let lines = self.piece(piece).map_err(|failure| known_only_in_part(failure, index))?;
@@ -216,11 +248,8 @@ impl Session {
             Piece::Send(line) => self.board.send(&line),
             Piece::Version(version) => Ok(vec![version]),
             Piece::Set(number, value) => {
-                if self.handshake.set(number, value) {
-                    return Ok(Vec::new());
-                }
-                let why = format!("I{number}={value}: a client's own I3 and I6 are 0 to 3, his I4 is 0");
-                Err(Failure::unsent(board::UNKNOWN, why))
+                self.handshake.set(number, value);
+                Ok(Vec::new())
             }
             Piece::Own(question, first, step) => {
                 let mut lines = self.board.send(&question)?;

@@ -373,13 +373,15 @@ impl Reader<'_> {
         Kind::Asks(Needs::Nothing)
     }
 
-    /// Behind an R: whether `X$700` or the like follows. Goes behind it then.
+    /// Behind an R: whether `X$700`, `HY:$700` or the like follows. Goes behind it then. Anything else is R, which runs a program, and
+    /// another command: `RF100`, `RP1`.
     fn reads_memory(&mut self) -> bool {
         let start = self.at;
-        self.skip_while(|byte| b"HDLXYFP".contains(&byte));
-        let has_space = self.at > start;
-        self.takes(":");
-        let is_read = has_space && matches!(self.peek(), Some(b'$' | b'0'..=b'9'));
+        self.takes("H");
+        let has_space = ["DP", "D", "F", "L", "X", "Y"].iter().any(|space| self.takes(space));
+        let has_colon = self.takes(":");
+        let next = self.peek();
+        let is_read = has_space && (next == Some(b'$') || has_colon && matches!(next, Some(b'0'..=b'9')));
         if is_read {
             self.skip_while(|byte| byte.is_ascii_hexdigit() || b"$,".contains(&byte));
         } else {

@@ -189,3 +189,73 @@ fn what_is_no_request_ends_the_connection_and_what_is_refused_does_not() {
     assert!(other.is_ended());
     assert_eq!(client.line("P0"), "0\r\x06");
 }
+
+#[test]
+fn what_only_looks_runs_no_program() {
+    let site = Site::new(&["--read-only"]);
+    let mut client = site.client();
+    for line in ["&1RP1", "&1RF100", "&1RH1", "&1RHP1", "&1RDP1", "&1RD0", "R", "&1R P1"] {
+        assert_eq!(client.line(line), "\x07ERR002\r", "{line}");
+    }
+    for line in ["RX$700", "RHY$700", "RL:$10", "RD$28,2", "RX:100"] {
+        assert!(client.line(line).ends_with("\r\x06"), "{line}");
+    }
+}
+
+#[test]
+fn a_buffer_is_opened_by_a_line_and_by_no_character() {
+    let site = Site::new(&[]);
+    let (mut one, mut two) = (site.client(), site.client());
+    for character in [0x15, 0x0C] {
+        assert_eq!(one.request(0xC0, 0xC4, character, 0), b"\x07ERR001\r");
+    }
+    assert_eq!(two.line("P1=4 P1=P1+1"), "\x06");
+    assert_eq!(site.ask("P1"), ["5"]);
+}
+
+#[test]
+fn what_is_not_understood_goes_to_whom_the_client_addresses() {
+    let site = Site::new(&[]);
+    let (mut one, mut two) = (site.client(), site.client());
+    one.line("&2");
+    two.line("&1?");
+    assert_eq!(one.line("#3->100X"), "\x06");
+    assert_eq!(site.ask("&2#3->"), ["100X"]);
+    one.line("#1");
+    one.line("DISABLE PLC 5 #2");
+    two.line("#4P");
+    assert_eq!(one.line("J="), "\x06");
+    assert!(site.log("pmacd").contains("#2J="), "{}", site.log("pmacd"));
+}
+
+#[test]
+fn of_a_line_that_is_refused_for_its_own_values_nothing_is_carried_out() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    client.line("P1=5");
+    assert_eq!(client.line("P1=P1+1 I3=9"), "\x07ERR003\r");
+    assert_eq!(client.line("P1"), "5\r\x06");
+}
+
+#[test]
+fn a_client_who_fetches_nothing_is_sent_away() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    client.line("P0..1023=1234567");
+    let line = packet(0x40, 0xB0, 0, 0, 8, b"P0..1023");
+    let sent = (0..200).take_while(|_| client.ask(&line) == b"@").count();
+    assert!(sent < 100, "{sent}");
+    assert_eq!(site.client().line("P1"), "1234567\r\x06", "and nobody else is");
+}
+
+#[test]
+fn lines_that_are_written_together_stay_apart() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    client.line("P1=0 P2=0 P12=0");
+    let text = b"P1=1\r\n\0P2=5\r";
+    let length = u16::try_from(text.len()).unwrap();
+    assert_eq!(client.ask(&packet(0x40, 0xC6, 0, 0, length, text)), [0; 4]);
+    client.ask(&packet(0x40, 0xC6, 0, 0, 6, b"P1\r2=5"));
+    assert_eq!(site.ask("P1 P2 P12"), ["1", "5", "0"]);
+}

@@ -187,8 +187,11 @@ impl Lines {
         if !done.outcome.is_unsent() {
             self.buffer.begin(line.as_bytes(), Writer::Question, now);
         }
-        if matches!(done.outcome, Outcome::Done | Outcome::Error(_)) {
-            self.buffer.done(line.as_bytes());
+        match done.outcome {
+            Outcome::Done => self.buffer.done(line.as_bytes()),
+            // `FOO CLOSE`: whether the board has closed the buffer is not known.
+            Outcome::Error(code) => self.buffer.refused(line.as_bytes(), code),
+            _ => {}
         }
         if let Some(Effect::Opens(_)) = effect(line.as_bytes()) {
             self.open_refused = matches!(done.outcome, Outcome::Error(_));
