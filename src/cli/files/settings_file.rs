@@ -204,12 +204,12 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
         if code.is_empty() {
             continue;
         }
-        let mut mistake = |what: String| {
-            mistakes.push(Mistake { place: Place { file: file.to_owned(), line: number }, what });
+        let mut mistake = |line: usize, what: String| {
+            mistakes.push(Mistake { place: Place { file: file.to_owned(), line }, what });
         };
         if let Some(program) = open.as_mut().filter(|_| !is_close(code.as_bytes())) {
             if let Err(what) = check_line(code) {
-                mistake(what);
+                mistake(number, what);
             }
             let separate = if program.text.is_empty() { "" } else { "\n" };
             program.text += separate;
@@ -225,10 +225,10 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
             Ok(Line::System(next)) => system = next,
             Ok(Line::Open(item)) => open = Some(Entry { item, text: String::new(), line: number }),
             Ok(Line::Entry(item, text)) => match seen.insert(item, at) {
-                Some(first) => mistake(format!("{item} is set in line {first} already")),
+                Some(first) => mistake(at, format!("{item} is set in line {first} already")),
                 None => entries.push(Entry { item, text, line: at }),
             },
-            Err(what) => mistake(what),
+            Err(what) => mistake(number, what),
         }
     }
     if let Some(program) = open {
