@@ -134,7 +134,8 @@ fn a_trigger_brings_the_rows_from_before_it() {
     let options = ["--trigger", "|1.following_error|>5", "--before", "0.1", "--seconds", "0.2"];
     let arguments = [&["log", "-o", &file, "--motors", "1"], &options[..]].concat();
     let child = site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    // It moves to and fro until the log has begun, seen it and ended.
+    // The motor stands until the log has begun, and moves to and fro until it has seen that and ended.
+    site.wait_until("the log's file", || std::fs::exists(&file).unwrap());
     let output = std::thread::spawn(|| child.wait_with_output().unwrap());
     let mut there = false;
     site.wait_until("the end of the log", || {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::sequence::{ask, try_ask};
-use super::settings_file::Item;
+use super::settings_file::{Item, keep_address, read_variables};
 use crate::cli::context::Failure;
 use crate::client::command::lines::LineSequence;
 
@@ -14,12 +14,31 @@ const MISSING: u16 = 3;
 /// The board's password protects it (GRAMMAR 2.7, `LIST`).
 const PROTECTED: u16 = 2;
 
+/// Reads `items`, variables and others.
+///
+/// # Errors
+/// The board refuses a question or gives an unexpected answer.
+pub fn read(
+    sequence: &mut LineSequence<'_>,
+    items: impl IntoIterator<Item = Item>,
+) -> Result<BTreeMap<Item, String>, Failure> {
+    let mut items: Vec<Item> = items.into_iter().collect();
+    items.sort_unstable();
+    items.dedup();
+    keep_address(sequence, items.iter().copied())?;
+    let is_variable = |item: &Item| !item.is_axis() && !item.is_program();
+    let (variables, others): (Vec<Item>, Vec<Item>) = items.into_iter().partition(is_variable);
+    let mut held = read_variables(sequence, &variables)?;
+    held.extend(read_others(sequence, &others)?);
+    Ok(held)
+}
+
 /// Reads `items`, which are sorted and no variables. A program that the board does not have is empty. The sequence must go on
 /// after a line that the board refuses.
 ///
 /// # Errors
 /// The board keeps a program under its password, refuses a question for another reason, or gives an unexpected answer.
-pub fn read(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeMap<Item, String>, Failure> {
+fn read_others(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeMap<Item, String>, Failure> {
     let (axes, programs): (Vec<Item>, Vec<Item>) = items.iter().partition(|item| item.is_axis());
     let mut held = BTreeMap::new();
     for of_system in axes.chunk_by(|one, other| one.system() == other.system()) {

@@ -10,7 +10,6 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::cli::context::Failure;
-use crate::cli::files::listings;
 use crate::cli::files::preprocess::{Mistake, Place};
 use crate::cli::files::sequence::ask;
 use crate::client::command::lines::LineSequence;
@@ -340,18 +339,12 @@ pub fn keep_address(
 ///
 /// # Errors
 /// The board refuses a question or gives an unexpected answer.
-pub fn read(
+pub fn read_variables(
     sequence: &mut LineSequence<'_>,
-    items: impl IntoIterator<Item = Item>,
+    items: &[Item],
 ) -> Result<BTreeMap<Item, String>, Failure> {
-    let mut items: Vec<Item> = items.into_iter().collect();
-    items.sort_unstable();
-    items.dedup();
     let mut held = BTreeMap::new();
-    keep_address(sequence, items.iter().copied())?;
-    let (items, others): (Vec<Item>, Vec<Item>) =
-        items.into_iter().partition(|item| !item.is_axis() && !item.is_program());
-    let questions = questions(&items);
+    let questions = questions(items);
     let lines: Vec<&str> = questions.iter().map(|(question, _)| question.as_str()).collect();
     let replies = ask(sequence, &lines)?;
     for ((question, asked), lines) in questions.iter().zip(&replies) {
@@ -368,7 +361,6 @@ pub fn read(
             held.insert(item, text.to_owned());
         }
     }
-    held.extend(listings::read(sequence, &others)?);
     Ok(held)
 }
 

@@ -1,3 +1,5 @@
+//! Who may write into which program buffer, and what a board's reports and answers make of it.
+
 use super::*;
 
 const ANNE: Writer = Writer::Hand(Account { uid: 1000, pid: 1 });
