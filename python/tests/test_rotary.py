@@ -22,7 +22,9 @@ def test_a_file_and_lines_run_one_after_the_other(site, board, tmp_path):
     streamed = board.rotary(path, define=1000, run=True)
     assert (streamed.lines, streamed.found_lines, streamed.warnings) == (3, 0, [])
     site.until(lambda: abs(board.snapshot().motor[2].position - 100) < 1, "the end of the program")
-    assert board.rotary(line for line in [*ZIGZAG, "X25"]).lines == 4
+    # It waits for more lines, and the next program begins anew.
+    board.command("&1Q")
+    assert board.rotary((line for line in [*ZIGZAG, "X25"]), run=True).lines == 4
     site.until(lambda: abs(board.snapshot().motor[1].position - 25) < 1, "the end of the second")
     assert abs(board.snapshot().motor[2].position - 200) < 1
     assert "rotary" in site.log()
