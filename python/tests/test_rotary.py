@@ -16,17 +16,23 @@ def board(site):
     return board
 
 
+def stands_at(motor, position):
+    return abs(motor.position - position) < 1 and motor.status.desired_velocity_zero
+
+
 def test_a_file_and_lines_run_one_after_the_other(site, board, tmp_path):
     path = tmp_path / "zigzag.pmc"
     path.write_text("\n".join(ZIGZAG) + "\n")
     streamed = board.rotary(path, define=1000, run=True)
     assert (streamed.lines, streamed.found_lines, streamed.warnings) == (3, 0, [])
-    site.until(lambda: abs(board.snapshot().motor[2].position - 100) < 1, "the end of the program")
+    site.until(lambda: stands_at(board.snapshot().motor[2], 100), "the end of the program")
+    site.until(lambda: board.snapshot().motor[1].status.desired_velocity_zero, "the end of its other axis")
     # It waits for more lines, and the next program begins anew.
     board.command("&1Q")
+    site.until(lambda: not board.snapshot().system[1].status.running_program, "its end")
     assert board.rotary((line for line in [*ZIGZAG, "X25"]), run=True).lines == 4
-    site.until(lambda: abs(board.snapshot().motor[1].position - 25) < 1, "the end of the second")
-    assert abs(board.snapshot().motor[2].position - 200) < 1
+    site.until(lambda: stands_at(board.snapshot().motor[1], 25), "the end of the second")
+    site.until(lambda: stands_at(board.snapshot().motor[2], 200), "the end of its other axis")
     assert "rotary" in site.log()
 
 
