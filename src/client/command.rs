@@ -23,7 +23,7 @@ use crate::map::HostOffset;
 use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
-use crate::protocol::program_words::WAITS;
+use crate::protocol::program_words::waits_for;
 use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
@@ -356,7 +356,7 @@ fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, 
     loop {
         match call() {
             Err(CommandError::Refused(CallError::Refused { reason }))
-                if reason.contains(WAITS) && Instant::now() < deadline =>
+                if reason.contains(waits_for(false)) && Instant::now() < deadline =>
             {
                 std::thread::sleep(USED_LOOK);
             }

@@ -60,6 +60,7 @@ pub static READINGS: &[Reading] = &[
     found_out("error_ack", &["none", "follows"]),
     found_out("reply_ack", &["alone", "over_text", "on_line"]),
     found_out("reply_lines", &["one", "several"]),
+    found_out("buffer_commands", &["executed", "refused"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -431,6 +432,18 @@ pub enum ReplyLines {
     Several,
 }
 
+/// What becomes of letters that stop and report, `#1J/` or `&1A`, while a program buffer is open for text: the Software Reference
+/// shows only `&1R &2R` so, under `OPEN ROT` (p. 273).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BufferCommands {
+    /// They are carried out.
+    #[default]
+    Executed,
+    /// They are no program text, and so an error.
+    Refused,
+}
+
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -491,6 +504,8 @@ pub struct Readings {
     pub reply_ack: ReplyAck,
     /// How many lines one filling of the response buffer has.
     pub reply_lines: ReplyLines,
+    /// What becomes of letters that stop and report while a program buffer is open.
+    pub buffer_commands: BufferCommands,
 }
 
 /// A name or value that is none.

@@ -24,10 +24,10 @@ pub fn is_close(line: &[u8]) -> bool {
     CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
 }
 
-/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`. The board carries such letters out while a
+/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`, `#`. The board carries such letters out while a
 /// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
-/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). On the other reading the
-/// board would refuse the line.
+/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). The other reading is
+/// [`crate::map::readings::BufferCommands::Refused`].
 pub fn enters_nothing(line: &[u8]) -> bool {
     let mut rest = line.trim_ascii();
     let mut acts = false;
@@ -43,7 +43,7 @@ pub fn enters_nothing(line: &[u8]) -> bool {
             _ => return false,
         };
         // Two letters together are another command, and a letter with a number or a value a piece of a program.
-        acts |= first != b'#' && first != b'&';
+        acts |= !matches!(first, b'#' | b'&') || behind.len() == rest.len();
         if first.is_ascii_alphabetic() && rest.first().is_some_and(|byte| !matches!(byte, b' ' | b'#' | b'&'))
         {
             return false;
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
-        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p "] {
+        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p ", "#", "&", "#1J/#3J/#2", "&2A&1"] {
             assert!(enters_nothing(line.as_bytes()), "{line}");
         }
         for line in [

@@ -6,8 +6,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::map::Function;
 
-/// What functions wait for that are not used yet, right after the daemon's start.
-pub const WAITS: &str = "pmacd asks the board first where its M-variables point";
+/// What functions wait for that are not used yet, right after the daemon's start. While a program buffer is open the board cannot
+/// be asked: the question would be a program line.
+#[must_use]
+pub const fn waits_for(buffer_is_open: bool) -> &'static str {
+    if buffer_is_open {
+        "pmacd asks the board first where its M-variables point, and cannot while a program buffer is open: CLOSE by an engineer \
+         closes it; stops go as command lines meanwhile"
+    } else {
+        "pmacd asks the board first where its M-variables point; try again in a few seconds"
+    }
+}
 
 /// M-variables of the board that point into the words of a function.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -97,6 +97,29 @@ fn b5_6_the_following_error_is_what_f_answers() {
 }
 
 #[test]
+fn b5_6_the_following_error_of_a_turbo_board_is_what_f_answers() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    // Backlash: half a count of compensation when the motor comes back.
+    for line in ["I187=800 I186=8 I185=100 I122=20", "#1J=20000"] {
+        site.ask(line);
+    }
+    site.run_for(Duration::from_millis(600));
+    let moving = value(&motor(&site), "following_error");
+    assert!((moving - number(&site, "#1F")).abs() < 5.0 && moving > 20.0, "{moving}");
+    let (status, rows, told) =
+        site.pmacctl(&["gather", "-s", "1.following_error", "--seconds", "0.1", "-o", "-"]);
+    assert_eq!(status, 0, "{told}");
+    let gathered: f64 = rows.trim().rsplit([',', '\n']).next().unwrap().parse().unwrap();
+    assert!((gathered - moving).abs() < 20.0 && gathered > 20.0, "{gathered}, {moving}");
+    site.ask("#1J/");
+    site.run_for(Duration::from_secs(1));
+    assert!(value(&motor(&site), "following_error").abs() < 1.0, "{}", motor(&site));
+    site.assert_no_violations();
+}
+
+#[test]
 fn b5_6_motors_say_why_p_answers_something_else() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();

@@ -8,7 +8,11 @@ use crate::support::jogs::{ask, until};
 use crate::support::{PATIENCE, VirtualSite};
 
 fn running(config: &str) -> VirtualSite {
-    let site = VirtualSite::configured(&[], config);
+    running_with(&[], config)
+}
+
+fn running_with(simulator: &[&str], config: &str) -> VirtualSite {
+    let site = VirtualSite::configured(simulator, config);
     site.wait_for_live_servo();
     site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
     site
@@ -70,11 +74,114 @@ fn c1_where_there_is_no_panel_stops_go_as_command_lines() {
     until(&mut board, "#1V", "the program moves it", |speed| speed > 0.0);
     assert_eq!(site.pmacctl(&["abort", "2"]), (0, String::new(), String::new()));
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-    // Into an open buffer no line goes.
-    board.send("OPEN PROG 6 CLEAR", PATIENCE).unwrap();
-    let (status, _, told) = site.pmacctl(&["abort", "2"]);
-    assert!(status == 1 && told.contains("MAY STILL MOVE: no command line can stop it while"), "{told}");
+    site.assert_no_violations();
+}
+
+/// Starts a jog of motor 1 and waits until it goes.
+fn jogs(board: &mut Connection) {
+    board.send("#1J+", PATIENCE).unwrap();
+    until(board, "#1V", "it goes", |speed| speed > 1.0);
+}
+
+#[test]
+fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    let mut board = site.connection();
+    board.send("&1 #1->X I5113=0", PATIENCE).unwrap();
+    board.send("&1DEFINE ROT 100", PATIENCE).unwrap();
+    board.send("#3", PATIENCE).unwrap();
+    for open in ["OPEN PROG 7 CLEAR", "OPEN PLC 3 CLEAR", "OPEN ROT", "OPEN BINARY ROTARY"] {
+        board.send("#1J+", PATIENCE).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        board.send(&format!("#3 {open}"), PATIENCE).unwrap();
+        for stop in [
+            &["jog", "1", "stop"][..],
+            &["panel", "jog-stop", "1"],
+            &["panel", "hold", "1"],
+            &["abort", "1"],
+        ] {
+            assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{open}: {stop:?}");
+        }
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+        board.send("CLOSE", PATIENCE).unwrap();
+        assert_eq!(ask(&mut board, "#"), 3.0, "{open}: what was addressed is addressed again");
+    }
+    for list in ["LIST PROG 7", "LIST PLC 3"] {
+        let listed = board.send(list, PATIENCE).unwrap().concat();
+        assert!(!listed.contains(['J', 'A', 'H']), "{list}: {listed}");
+    }
+    assert_eq!(ask(&mut board, "&1PR"), 0.0, "nothing entered the rotary buffer");
+    site.assert_no_violations();
+}
+
+/// A board that refuses letters while a program buffer is open: the reading `buffer_commands`.
+const REFUSES: [&str; 2] = ["--reading", "buffer_commands=refused"];
+
+#[test]
+fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
+    let site = VirtualSite::configured(
+        &[&["--family", "turbo2"], &REFUSES[..]].concat(),
+        "family = \"turbo2\"\n",
+    );
+    site.wait_for_live_servo();
+    let mut board = site.connection();
+    jogs(&mut board);
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    for stop in [&["jog", "1", "stop"][..], &["abort", "1"]] {
+        let begun = site.with_world(|world| world.now());
+        let (status, _, told) = site.pmacctl(stop);
+        let taken = site.with_world(|world| world.now()) - begun;
+        assert_eq!(status, 1, "{told}");
+        assert!(
+            told.contains("MAY STILL MOVE: the board refused the command line (ERR003) while a program buffer is open")
+                && told.contains("pmacctl abort"),
+            "{told}"
+        );
+        assert!(!told.contains("has not answered"), "{told}");
+        assert!(taken < Duration::from_millis(500), "{taken:?}");
+    }
+    assert_eq!(site.pmacctl(&["abort"]).0, 0);
     board.send("CLOSE", PATIENCE).unwrap();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    assert_eq!(board.send("LIST PROG 7", PATIENCE).unwrap().concat().trim(), "RET");
+}
+
+#[test]
+fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
+    let site = running("");
+    let mut board = site.connection();
+    jogs(&mut board);
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    drop(board);
+    site.stop_daemon();
+    site.start_daemon(&[]);
+    let used = |site: &VirtualSite| site.json(&["status"])["socket"]["waiting"] == serde_json::json!([]);
+    site.run_for(Duration::from_secs(5));
+    assert!(!used(&site), "the board cannot be asked where its M-variables point");
+    let (status, _, told) = site.pmacctl(&["panel", "jog+", "1"]);
+    assert_eq!(status, 1, "{told}");
+    assert!(
+        told.contains("while a program buffer is open: CLOSE by an engineer") && !told.contains("try again"),
+        "{told}"
+    );
+    let shown = site.pmacctl(&["status"]).1;
+    assert!(shown.contains("stops go as command lines meanwhile"), "{shown}");
+    for stop in [
+        &["jog", "1", "stop"][..],
+        &["panel", "jog-stop", "1"],
+        &["panel", "stop", "1"],
+        &["panel", "hold", "1"],
+        &["abort", "1"],
+    ] {
+        assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{stop:?}");
+    }
+    let mut board = site.connection();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    board.send("CLOSE", PATIENCE).unwrap();
+    let listed = board.send("LIST PROG 7", PATIENCE).unwrap().concat();
+    assert!(!listed.contains(['J', 'A', 'H']), "{listed}");
+    site.wait_until("every function to be used", || used(&site));
     site.assert_no_violations();
 }
 
@@ -94,7 +201,7 @@ fn b2_6_a_killed_motor_gets_no_line_either() {
 
 #[test]
 fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
-    let site = running("");
+    let site = running_with(&REFUSES, "");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
     board.send("I2=1", PATIENCE).unwrap();
@@ -113,8 +220,24 @@ fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
 }
 
 #[test]
+fn b2_6_a_held_jog_stops_by_line_while_a_buffer_is_open() {
+    let site = running("");
+    let mut board = site.connection();
+    let held = holder(&site, &mut board);
+    board.send("I2=1", PATIENCE).unwrap();
+    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    drop(held);
+    site.run_for(Duration::from_millis(1500));
+    assert!(!site.log().contains("sends ^A"), "{}", site.log());
+    board.send("CLOSE", PATIENCE).unwrap();
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let listed = board.send("LIST PROG 7", PATIENCE).unwrap().concat();
+    assert!(!listed.contains('J'), "{listed}");
+}
+
+#[test]
 fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
-    let site = running("stop_all_after_ms = 0\n");
+    let site = running_with(&REFUSES, "stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
     board.send("I2=1", PATIENCE).unwrap();
@@ -142,16 +265,16 @@ fn b2_6_a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
 
 #[test]
 fn b2_6_the_holder_is_told_that_the_motor_moves() {
-    let site = running("stop_all_after_ms = 0\n");
+    let site = running_with(&REFUSES, "stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
     board.send("I2=1", PATIENCE).unwrap();
     board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
     let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
     assert!(told.contains("motor 1 MAY STILL MOVE") && told.contains("pmacctl abort"), "{told}");
-    assert!(told.contains("no command line can stop it while a program buffer is open"), "{told}");
+    assert!(told.contains("the board refused the command line (ERR003) while a program buffer is open"), "{told}");
     // With ^A the answer says what that did.
-    let site = running("");
+    let site = running_with(&REFUSES, "");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
     board.send("I2=1", PATIENCE).unwrap();

@@ -8,7 +8,7 @@ use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::map::Family;
 use crate::protocol::function::UNKNOWN_FAMILY;
-use crate::protocol::program_words::WAITS;
+use crate::protocol::program_words::waits_for;
 use crate::protocol::{Function, OpenBufferInfo, ProgramWords};
 use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
 
@@ -298,7 +298,8 @@ fn text(document: &Value) -> String {
         }
         let waiting: Vec<_> = socket["waiting"].as_array().into_iter().flatten().map(plain).collect();
         if !waiting.is_empty() {
-            say("not used yet", format!("{}: {WAITS}", waiting.join(", ")));
+            let why = waits_for(!socket["open_buffer"].is_null());
+            say("not used yet", format!("{}: {why}", waiting.join(", ")));
         }
         for words in socket["program_words"].as_array().into_iter().flatten() {
             say("programs' words", plain(&words["text"]));

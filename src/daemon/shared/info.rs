@@ -11,7 +11,7 @@ use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
 use crate::map::{Family, Function};
 use crate::protocol::board::Elsewhere;
-use crate::protocol::program_words::WAITS;
+use crate::protocol::program_words::waits_for;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
 
 /// How long no command line is answered until that is told: a single one may be slow.
@@ -104,8 +104,9 @@ impl Info {
         match self.status.uses.of(function) {
             Use::Off | Use::On => None,
             Use::Waits => Some(format!(
-                "the function `{}` is not used yet: {WAITS}; try again in a few seconds",
-                function.name()
+                "the function `{}` is not used yet: {}",
+                function.name(),
+                waits_for(self.status.buffer.is_open)
             )),
             Use::Held => {
                 let all = &self.board.program_words;

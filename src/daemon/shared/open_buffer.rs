@@ -56,6 +56,8 @@ pub struct Account {
 pub enum Writer {
     /// Somebody who wants to know something: the daemon, or a program by the way. Such a line enters no buffer.
     Question,
+    /// The daemon, who stops a motor or a program. Such a line stores nothing and goes whatever is open.
+    Stop,
     /// A user, by hand.
     Hand(Account),
     /// A sequence of the daemon's.
@@ -119,7 +121,7 @@ impl Standing {
         let (account, sequence) = match by {
             Writer::Hand(account) => (Some(account), false),
             Writer::Sequence { account, .. } => (Some(account), true),
-            Writer::Question => (None, false),
+            Writer::Question | Writer::Stop => (None, false),
         };
         Some(OpenBufferInfo {
             name: Some(name.to_string()),
@@ -203,11 +205,16 @@ impl OpenBuffer {
         }
     }
 
-    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops.
+    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops; so
+    /// does what the daemon stops by.
     #[must_use]
     pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
-        let passes = matches!(writer, Writer::Hand(_)) && (is_close(line) || enters_nothing(line));
+        let passes = match writer {
+            Writer::Hand(_) => is_close(line) || enters_nothing(line),
+            Writer::Stop => enters_nothing(line),
+            Writer::Question | Writer::Sequence { .. } => false,
+        };
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
             _ if own || passes || !self.is_open() => None,
@@ -350,7 +357,7 @@ impl Barred {
                 let who = match by {
                     Writer::Sequence { account, .. } => format!("a sequence of {account}"),
                     Writer::Hand(account) => account.to_string(),
-                    Writer::Question => "somebody".to_owned(),
+                    Writer::Question | Writer::Stop => "somebody".to_owned(),
                 };
                 let seconds = now.saturating_duration_since(*at).as_secs();
                 format!(

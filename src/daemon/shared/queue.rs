@@ -65,8 +65,8 @@ pub enum Command {
         /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
         writer: Writer,
     },
-    /// Send a line before every line that waits, unless the board would take it as a program line. Answered as
-    /// [`Command::Send`] is for a question.
+    /// Send a line that stops something before every line that waits, whatever program buffer is open: it stores nothing. Answered
+    /// as [`Command::Send`] is.
     First {
         /// Whose command this is.
         ticket: Ticket,

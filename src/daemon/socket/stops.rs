@@ -16,8 +16,10 @@ pub(super) const QUESTION_TAKES: Duration = Duration::from_millis(200);
 pub(super) const LINE_TAKES: Duration = Duration::from_secs(1);
 /// How long a motor must be seen to stand. A report may be from just before the motor began to move.
 const SEEN: Duration = Duration::from_millis(50);
-/// How long motors may go on where ^A is never sent.
-const GIVE_UP: Duration = Duration::from_secs(1);
+/// How long motors may go on where ^A is not sent: less than what a client waits before it warns its user.
+const GIVE_UP: Duration = Duration::from_millis(800);
+/// How long they are looked at where nothing that was sent can stop them: they may stand by themselves.
+const NO_HOPE: Duration = Duration::from_millis(100);
 
 /// How far a stop is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +46,12 @@ pub(super) struct Stop {
     begun: Instant,
     /// The board has acknowledged the line.
     pub taken: bool,
+    /// It was sent while a program buffer was open: an acknowledgement alone does not say that it was carried out.
+    pub into_buffer: bool,
+    /// The board has refused the line with this error.
+    pub error: Option<u16>,
+    /// Nothing that was sent can stop it.
+    pub hopeless: bool,
     stands_since: Option<Instant>,
 }
 
@@ -59,6 +67,15 @@ pub(super) enum Seen {
 }
 
 impl Stop {
+    /// How long its motors may go on.
+    fn patience(&self, stop_all_after: Option<Duration>) -> Duration {
+        match (self.ends_hold, self.hopeless) {
+            (true, _) => stop_all_after.unwrap_or(GIVE_UP),
+            (false, true) => NO_HOPE,
+            (false, false) => GIVE_UP,
+        }
+    }
+
     /// What is to be thought of the motors by now. Their time is `stop_all_after`.
     fn look(&mut self, motion: Motion, stop_all_after: Option<Duration>, now: Instant) -> Seen {
         let motors = self.target.motors();
@@ -72,7 +89,7 @@ impl Stop {
         if self.taken && motors & (motion.moving | motion.standing) == 0 {
             return Seen::Stand;
         }
-        if now < self.begun + stop_all_after.unwrap_or(GIVE_UP) || since.is_some() {
+        if now < self.begun + self.patience(stop_all_after) || since.is_some() {
             return Seen::Open;
         }
         if self.taken && motors & motion.moving == 0 { Seen::Stand } else { Seen::Move }
@@ -110,6 +127,9 @@ impl Stops {
             at: At::Question,
             begun: now,
             taken: false,
+            into_buffer: false,
+            error: None,
+            hopeless: false,
             stands_since: None,
         };
         self.running.insert(self.next, stop);
@@ -139,7 +159,7 @@ impl Stops {
         let watched = self.running.values().filter(|stop| stop.at == At::Watch);
         let moment = |stop: &Stop| match stop.stands_since {
             Some(since) => since + SEEN,
-            None => stop.begun + self.stop_all_after.unwrap_or(GIVE_UP),
+            None => stop.begun + stop.patience(self.stop_all_after),
         };
         watched.map(moment).min()
     }

@@ -70,6 +70,8 @@ pub struct RegisterTable {
     pub master_address: Each,
     /// Actual position.
     pub actual: Each,
+    /// Following error, where a register has it.
+    pub following_error: Option<Each>,
     /// Actual velocity, 1/(Ix09*32) counts per servo cycle.
     pub velocity: Each,
     /// Previous DAC, 1/256 DAC bit.
@@ -134,6 +136,7 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         feedback_address: Each::new(motor, x(0x0029)),
         master_address: Each::new(motor, x(0x002A)),
         actual: Each::new(motor, d(0x002B)),
+        following_error: None,
         velocity: Each::new(motor, x(0x0033)),
         dac: Each::new(motor, x(0x003A)),
         servo_status: Each::new(motor, x(0x003D)),

@@ -30,6 +30,11 @@ impl Board {
         let at = memory.registers();
         memory.write_d(at.commanded.of(motor), (state.commanded() * scale).round() as i64);
         memory.write_d(at.actual.of(motor), (state.actual() * scale).round() as i64);
+        if let Some(register) = at.following_error {
+            let [commanded, actual, compensation] =
+                [at.commanded, at.actual, at.compensation].map(|register| memory.read_d(register.of(motor)));
+            memory.write_d(register.of(motor), commanded - actual - compensation);
+        }
         memory.write(at.velocity.of(motor), word(state.moved() * velocity_scale * cycles));
         memory.write(at.dac.of(motor), word(state.output() * 256.0));
         memory.write(at.desired_velocity.of(motor), word(state.desired_velocity() * scale / 3.0));

@@ -49,6 +49,7 @@ const fn registers(family: &'static Family) -> RegisterTable {
         feedback_address: motor(Space::X, 0x89),
         master_address: motor(Space::X, 0x8A),
         actual: motor(Space::D, 0x8B),
+        following_error: Some(motor(Space::D, 0x91)),
         velocity: motor(Space::X, 0x9D),
         dac: motor(Space::X, 0xBF),
         servo_status: motor(Space::X, 0xB0),

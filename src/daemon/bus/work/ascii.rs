@@ -284,7 +284,7 @@ impl AsciiQueue {
                 self.lines.push_back(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
             }
             Command::First { ticket, line, origin, deadline } => {
-                let (writer, dropped_by) = (Writer::Question, None);
+                let (writer, dropped_by) = (Writer::Stop, None);
                 let wait = Wait::to_the_last(now, deadline);
                 self.lines.push_front(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
             }

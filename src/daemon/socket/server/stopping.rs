@@ -25,6 +25,9 @@ impl Service {
     ) {
         let number = self.stops.begin(target, caller, ends_hold, now);
         if !self.uses(Function::Ascii) {
+            if let Some(stop) = self.stops.get_mut(number) {
+                stop.hopeless = self.info.why_not(Function::Panel).is_some();
+            }
             return self.stop_watched(number, now);
         }
         if self.uses(Function::Panel) {
@@ -39,6 +42,8 @@ impl Service {
     /// A step of stop `number` is over.
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
         let open = self.info.open_loops();
+        let (has_panel, buffer_is_open) =
+            (self.uses(Function::Panel), self.info.board().open_buffer.is_some());
         let Some(stop) = self.stops.get_mut(number) else { return };
         let target = stop.target;
         match stop.at {
@@ -47,7 +52,7 @@ impl Service {
                 let Some(line) = target.line(open, addressed) else {
                     return self.stop_over(number, Ok(()), now);
                 };
-                stop.at = At::Line;
+                (stop.at, stop.into_buffer) = (At::Line, buffer_is_open);
                 info!(target: "audit", "pmacd sends {:?}", &*line);
                 if !self.send_first(line, number, now + LINE_TAKES) {
                     self.stop_step(number, &[], Outcome::Busy, now);
@@ -55,14 +60,21 @@ impl Service {
             }
             At::Line => {
                 stop.taken = outcome == Outcome::Done;
-                let is_over = target.motors() == 0 || !stop.ends_hold && stop.taken;
-                if is_over && stop.taken {
-                    return self.stop_over(number, Ok(()), now);
+                stop.error = match outcome {
+                    Outcome::Error(error) => Some(error),
+                    _ => None,
+                };
+                let is_without_effect = stop.error.is_some() || outcome.is_unsent();
+                stop.hopeless = is_without_effect && !has_panel;
+                let is_believed = stop.taken && (!stop.ends_hold && !stop.into_buffer || target.motors() == 0);
+                if is_believed {
+                    self.stop_over(number, Ok(()), now);
+                } else if target.motors() == 0 {
+                    let reason = self.may_go_on(number, target);
+                    self.stop_over(number, Err(reason), now);
+                } else {
+                    self.stop_watched(number, now);
                 }
-                if is_over {
-                    return self.stop_over(number, Err(self.may_go_on(target)), now);
-                }
-                self.stop_watched(number, now);
             }
             At::AbortAll if outcome == Outcome::Done => {
                 let clients = self.leases.control_taken();
@@ -77,7 +89,8 @@ impl Service {
             At::AbortAll => {
                 // Not taken: the stop has to be requested again.
                 stop.at = At::Watch;
-                self.stop_over(number, Err(self.may_go_on(target)), now);
+                let reason = self.may_go_on(number, target);
+                self.stop_over(number, Err(reason), now);
             }
             At::Watch => {}
         }
@@ -118,7 +131,10 @@ impl Service {
                         self.stop_step(number, &[], Outcome::Busy, now);
                     }
                 }
-                Seen::Move => self.stop_over(number, Err(self.may_go_on(target)), now),
+                Seen::Move => {
+                    let reason = self.may_go_on(number, target);
+                    self.stop_over(number, Err(reason), now);
+                }
             }
         }
     }
@@ -145,17 +161,25 @@ impl Service {
         }
     }
 
-    /// What is told of a stop that nobody has seen to be taken.
-    fn may_go_on(&self, target: Target) -> String {
+    /// What is told of stop `number`, which nobody has seen to be taken.
+    fn may_go_on(&mut self, number: u64, target: Target) -> String {
         let panel = match self.uses(Function::Panel) {
             true => "the control panel did not take the stop, and ",
             false => "",
         };
-        let line = match self.info.board().open_buffer {
-            Some(_) => {
-                "no command line can stop it while a program buffer is open (it could become a piece of the program)"
-            }
-            None => "no command line is known to have stopped it",
+        let (taken, into_buffer, error) = match self.stops.get_mut(number) {
+            Some(stop) => (stop.taken, stop.into_buffer, stop.error),
+            None => (false, false, None),
+        };
+        let line = match (error, into_buffer, taken) {
+            (Some(error), true, _) => format!(
+                "the board refused the command line (ERR{error:03}) while a program buffer is open, which CLOSE by an engineer closes"
+            ),
+            (Some(error), false, _) => format!("the board refused the command line (ERR{error:03})"),
+            (None, true, true) => "the board took the command line, but may have stored it in the program buffer that is open (LIST \
+                                   shows it)"
+                .to_owned(),
+            _ => "no command line is known to have stopped it".to_owned(),
         };
         format!(
             "{target} MAY STILL MOVE: {panel}{line}; pmacctl abort stops everything (^A), an emergency stop does so without \
