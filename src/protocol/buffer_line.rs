@@ -107,7 +107,20 @@ mod tests {
 
     #[test]
     fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
-        for line in ["#1P", "#3 P V F", "&2?", "???", "#1J/", "&1A", "#1k", " #1 #2 p ", "#", "&", "#1J/#3J/#2", "&2A&1"] {
+        for line in [
+            "#1P",
+            "#3 P V F",
+            "&2?",
+            "???",
+            "#1J/",
+            "&1A",
+            "#1k",
+            " #1 #2 p ",
+            "#",
+            "&",
+            "#1J/#3J/#2",
+            "&2A&1",
+        ] {
             assert!(enters_nothing(line.as_bytes()), "{line}");
         }
         for line in [

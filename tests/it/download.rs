@@ -93,6 +93,17 @@ fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
 }
 
 #[test]
+fn a_refused_line_that_ends_in_close_leaves_no_buffer_open() {
+    let site = VirtualSite::running(&[], &[]);
+    let path = site.file("wrong.pmc", "OPEN PROG 9 CLEAR\nX1\nUUU CLOSE\nP1=7\n");
+    let ran = site.run(&["download", &path]);
+    assert_eq!(ran.code, Some(1), "{}", ran.stderr);
+    assert_eq!(sent(&site, "P1=5"), "");
+    assert_eq!(sent(&site, "P1"), "5\n", "no program line");
+    assert_eq!(sent(&site, "LIST PROG 9"), "X1\n");
+}
+
+#[test]
 fn a_file_of_comments_alone_changes_nothing() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("P5=3");

@@ -95,12 +95,9 @@ fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
         board.send("#1J+", PATIENCE).unwrap();
         until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
         board.send(&format!("#3 {open}"), PATIENCE).unwrap();
-        for stop in [
-            &["jog", "1", "stop"][..],
-            &["panel", "jog-stop", "1"],
-            &["panel", "hold", "1"],
-            &["abort", "1"],
-        ] {
+        for stop in
+            [&["jog", "1", "stop"][..], &["panel", "jog-stop", "1"], &["panel", "hold", "1"], &["abort", "1"]]
+        {
             assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{open}: {stop:?}");
         }
         until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
@@ -120,10 +117,8 @@ const REFUSES: [&str; 2] = ["--reading", "buffer_commands=refused"];
 
 #[test]
 fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
-    let site = VirtualSite::configured(
-        &[&["--family", "turbo2"], &REFUSES[..]].concat(),
-        "family = \"turbo2\"\n",
-    );
+    let site =
+        VirtualSite::configured(&[&["--family", "turbo2"], &REFUSES[..]].concat(), "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     let mut board = site.connection();
     jogs(&mut board);
@@ -134,8 +129,9 @@ fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
         let taken = site.with_world(|world| world.now()) - begun;
         assert_eq!(status, 1, "{told}");
         assert!(
-            told.contains("MAY STILL MOVE: the board refused the command line (ERR003) while a program buffer is open")
-                && told.contains("pmacctl abort"),
+            told.contains(
+                "MAY STILL MOVE: the board refused the command line (ERR003) while a program buffer is open"
+            ) && told.contains("pmacctl abort"),
             "{told}"
         );
         assert!(!told.contains("has not answered"), "{told}");
@@ -156,7 +152,9 @@ fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
     drop(board);
     site.stop_daemon();
     site.start_daemon(&[]);
-    let used = |site: &VirtualSite| site.json(&["status"])["socket"]["waiting"] == serde_json::json!([]);
+    let used = |site: &VirtualSite| {
+        site.run(&["status", "--json"]).json()["socket"]["waiting"] == serde_json::json!([])
+    };
     site.run_for(Duration::from_secs(5));
     assert!(!used(&site), "the board cannot be asked where its M-variables point");
     let (status, _, told) = site.pmacctl(&["panel", "jog+", "1"]);
@@ -272,7 +270,10 @@ fn b2_6_the_holder_is_told_that_the_motor_moves() {
     board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
     let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
     assert!(told.contains("motor 1 MAY STILL MOVE") && told.contains("pmacctl abort"), "{told}");
-    assert!(told.contains("the board refused the command line (ERR003) while a program buffer is open"), "{told}");
+    assert!(
+        told.contains("the board refused the command line (ERR003) while a program buffer is open"),
+        "{told}"
+    );
     // With ^A the answer says what that did.
     let site = running_with(&REFUSES, "");
     let mut board = site.connection();

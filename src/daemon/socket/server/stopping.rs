@@ -66,7 +66,8 @@ impl Service {
                 };
                 let is_without_effect = stop.error.is_some() || outcome.is_unsent();
                 stop.hopeless = is_without_effect && !has_panel;
-                let is_believed = stop.taken && (!stop.ends_hold && !stop.into_buffer || target.motors() == 0);
+                let is_believed =
+                    stop.taken && (!stop.ends_hold && !stop.into_buffer || target.motors() == 0);
                 if is_believed {
                     self.stop_over(number, Ok(()), now);
                 } else if target.motors() == 0 {
