@@ -95,14 +95,17 @@ fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
         board.send("#1J+", PATIENCE).unwrap();
         until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
         board.send(&format!("#3 {open}"), PATIENCE).unwrap();
+        if open.contains("CLEAR") {
+            board.send("P1=5", PATIENCE).unwrap();
+        }
         for stop in
             [&["jog", "1", "stop"][..], &["panel", "jog-stop", "1"], &["panel", "hold", "1"], &["abort", "1"]]
         {
             assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{open}: {stop:?}");
+            assert_eq!(ask(&mut board, "#"), 3.0, "{open}: what was addressed is addressed again");
         }
         until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
         board.send("CLOSE", PATIENCE).unwrap();
-        assert_eq!(ask(&mut board, "#"), 3.0, "{open}: what was addressed is addressed again");
     }
     for list in ["LIST PROG 7", "LIST PLC 3"] {
         let listed = board.send(list, PATIENCE).unwrap().concat();
@@ -123,6 +126,7 @@ fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
     let mut board = site.connection();
     jogs(&mut board);
     board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    board.send("X1", PATIENCE).unwrap();
     for stop in [&["jog", "1", "stop"][..], &["abort", "1"]] {
         let begun = site.with_world(|world| world.now());
         let (status, _, told) = site.pmacctl(stop);
@@ -140,7 +144,7 @@ fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
     assert_eq!(site.pmacctl(&["abort"]).0, 0);
     board.send("CLOSE", PATIENCE).unwrap();
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-    assert_eq!(board.send("LIST PROG 7", PATIENCE).unwrap().concat().trim(), "RET");
+    assert_eq!(board.send("LIST PROG 7", PATIENCE).unwrap().concat().trim(), "X1");
 }
 
 #[test]
@@ -148,10 +152,13 @@ fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
     let site = running("");
     let mut board = site.connection();
     jogs(&mut board);
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    for line in ["OPEN PROG 7 CLEAR", "X1"] {
+        board.send(line, PATIENCE).unwrap();
+    }
     drop(board);
     site.stop_daemon();
-    site.start_daemon(&[]);
+    let asks = site.file("asks.toml", "ask_m_variables = true\n");
+    site.start_daemon(&["--config", &asks]);
     let used = |site: &VirtualSite| {
         site.run(&["status", "--json"]).json()["socket"]["waiting"] == serde_json::json!([])
     };
@@ -222,8 +229,9 @@ fn b2_6_a_held_jog_stops_by_line_while_a_buffer_is_open() {
     let site = running("");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
-    board.send("I2=1", PATIENCE).unwrap();
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    for line in ["I2=1", "OPEN PROG 7 CLEAR", "X1"] {
+        board.send(line, PATIENCE).unwrap();
+    }
     drop(held);
     site.run_for(Duration::from_millis(1500));
     assert!(!site.log().contains("sends ^A"), "{}", site.log());
