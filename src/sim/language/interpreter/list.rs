@@ -116,7 +116,9 @@ impl Line<'_, '_> {
         self.list_range(lines)
     }
 
-    /// `[,[start][,length]]` in long words; if given, each line shows its offset.
+    /// `[,[start][,length]]` in long words; if given, each line shows its offset. No manual seen says what is answered behind
+    /// the program's end. Tools ask for one part after the other until there is an error; the end of an empty answer would
+    /// keep them asking, or be told as a fault of the board's.
     fn list_range(&mut self, lines: Lines) -> Outcome {
         let (mut start, mut end, mut offsets) = (0, usize::MAX, false);
         if self.scanner.take(b',') {
@@ -127,6 +129,10 @@ impl Line<'_, '_> {
             if self.scanner.take(b',') {
                 end = start.saturating_add(self.scanner.integer()?);
             }
+        }
+        let last = lines.iter().map(|line| line.offset).max();
+        if start > 0 && last.is_none_or(|last| last < start) {
+            return Err(CommandError::SYNTAX);
         }
         for line in lines.iter().filter(|line| (start..end).contains(&line.offset)) {
             let text = self.line_text(line);
