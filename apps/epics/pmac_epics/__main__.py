@@ -60,11 +60,13 @@ def main():
     for variable in ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST"):
         os.environ.setdefault(variable, "127.0.0.1")
     # EPICS reads its environment when it is loaded.
-    from softioc import asyncio_dispatcher, builder, pvlog, softioc
+    from softioc import asyncio_dispatcher, builder, imports, softioc
 
+    from .records import ACCESS
     from .server import Server
 
-    assert pvlog, "its import is what logs each put with the client's user and host"
+    # Each put is logged with the client's user and host.
+    imports.install_pv_logging(str(ACCESS))
     prefix = options.prefix or f"{board.name.upper()}:"
     server = Server(connect, prefix, not options.read_only)
     builder.LoadDatabase()

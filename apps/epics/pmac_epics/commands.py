@@ -3,7 +3,7 @@
 import pmac_dpram
 from softioc import builder
 
-from .records import Message, shortened
+from .records import Message, puts, shortened
 
 REPLY_BYTES = 8192
 
@@ -21,7 +21,7 @@ class Commands:
             always_update=True,
             blocking=True,
             on_update=self._send,
-            DISP=0 if writable else 1,
+            **puts(writable),
         )
 
     async def _send(self, line):

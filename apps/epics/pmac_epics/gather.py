@@ -4,7 +4,7 @@ import numpy
 import pmac_dpram
 from softioc import alarm, builder
 
-from .records import Message
+from .records import Message, puts
 
 COLUMNS = 8
 SAMPLES = 65536
@@ -16,12 +16,12 @@ class Gather:
     """
 
     def __init__(self, prefix, acting, writable):
-        at, out = f"{prefix}GATHER:", {"DISP": 0 if writable else 1}
+        at, put = f"{prefix}GATHER:", puts(writable)
         self._acting, self._runs = acting, False
-        self._sources = builder.longStringOut(f"{at}SOURCES", length=512, initial_value="1.actual_position", **out)
-        self._seconds = builder.aOut(f"{at}SECONDS", initial_value=1.0, EGU="s", PREC=3, **out)
-        self._period = builder.longOut(f"{at}PERIOD", initial_value=1, EGU="servo cycles", **out)
-        builder.Action(f"{at}START", on_update=self._start, **out)
+        self._sources = builder.longStringOut(f"{at}SOURCES", length=512, initial_value="1.actual_position", **put)
+        self._seconds = builder.aOut(f"{at}SECONDS", initial_value=1.0, EGU="s", PREC=3, **put)
+        self._period = builder.longOut(f"{at}PERIOD", initial_value=1, EGU="servo cycles", **put)
+        builder.Action(f"{at}START", on_update=self._start, **put)
         states = ["Idle", "Gathering", "Done", ("Failed", alarm.MAJOR_ALARM)]
         self._state = builder.mbbIn(f"{at}STATE", *states, initial_value=0)
         self._message = Message(f"{at}MSG")
@@ -46,8 +46,9 @@ class Gather:
             return
         finally:
             self._runs = False
-        table = numpy.frombuffer(gathered.data).reshape(len(gathered), -1)
-        self._times.set(gathered.times)
+        # The rate was measured, so that a few more may come than have room.
+        table = numpy.frombuffer(gathered.data).reshape(len(gathered), -1)[:SAMPLES]
+        self._times.set(gathered.times[:SAMPLES])
         self._titles.set([title[:39] for title in gathered.columns])
         for index, record in enumerate(self._columns):
             record.set(table[:, index] if index < table.shape[1] else numpy.empty(0))
@@ -59,7 +60,18 @@ class Gather:
             raise ValueError(f"SOURCES names {len(sources)} sources; 1 to {COLUMNS} are possible")
         if period < 1:
             raise ValueError(f"PERIOD is {period}; it is 1 or more")
-        gathered = self._acting.board.gather(sources, seconds, period=period)
-        if len(gathered) > SAMPLES:
-            raise ValueError(f"{len(gathered)} samples are too many; at most {SAMPLES} have room")
-        return gathered
+        if not seconds > 0:
+            raise ValueError(f"SECONDS is {seconds}; it is more than 0")
+        wanted = seconds * servo_hz(self._acting.board) / period
+        if wanted > SAMPLES:
+            raise ValueError(f"SECONDS and PERIOD make {wanted:.0f} samples; {SAMPLES} have room")
+        return self._acting.board.gather(sources, seconds, period=period)
+
+
+def servo_hz(board):
+    """How many servo cycles a second the board makes, from its latest reports."""
+    reports, _ = board.history(max(board.snapshot(stale_ok=True).sequence - 500, 1))
+    if len(reports) < 2:
+        raise ValueError("the board has reported too little to know its servo rate; try again")
+    first, last = reports[0], reports[-1]
+    return (last.servo_timer - first.servo_timer) / (last.time_ns - first.time_ns) * 1e9

@@ -2,12 +2,13 @@
 
 import asyncio
 import math
+import threading
 import time
 
 import pmac_dpram
 from softioc import alarm, builder
 
-from .records import Message, Shown
+from .records import Message, Shown, puts
 
 # A move that was accepted shows in the reports by then. Before, "done" would be that of the time before it.
 SETTLING_S = 0.25
@@ -26,12 +27,14 @@ DISABLED, OPEN_LOOP, MOVING, IN_POSITION, NOT_IN_POSITION, LIMIT, FOLLOWING_ERRO
 
 
 def state(status):
-    """The most important of what the flags say, an index of STATES."""
+    """The most important of what the flags say, an index of STATES; None where one of the two status words is not known."""
+    if status.motor_activated is None or status.in_position is None:
+        return None
     if status.amplifier_fault:
         return AMPLIFIER_FAULT
     if status.fatal_following_error:
         return FOLLOWING_ERROR
-    if status.motor_activated is False:
+    if not status.motor_activated:
         return DISABLED
     if status.open_loop:
         return OPEN_LOOP
@@ -60,25 +63,27 @@ class Motor:
         self._flags = self._shown.add(builder.longStringIn, f"{at}FLAGS", length=512)
         self._done = self._shown.add(builder.boolIn, f"{at}DMOV", "Moving", "Done", DESC=name)
         self._message = Message(f"{at}MSG")
-        out = {"DISP": 0 if writable else 1}
+        put = puts(writable)
         self._target = builder.aOut(
-            f"{at}VAL", always_update=True, blocking=True, on_update=self._move, initial_value=0.0, **fields, **out
+            f"{at}VAL", always_update=True, blocking=True, on_update=self._move, initial_value=0.0, **fields, **put
         )
-        builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **out)
+        builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **put)
         # Moves that were asked for before a stop are not begun after it.
         self._stops = 0
-        self._done_from = 0.0
         self._open_loop = None
+        # Reports of before that time (monotonic) do not tell that the latest move is done.
+        self._done_from = 0.0
+        self._done_lock = threading.Lock()
 
     def preset(self, motor):
         """The target that is shown before anybody has set one: where the motor has been told to be."""
         self._target.set((motor.commanded_position or 0.0) / self._scale)
 
-    def show(self, motor, seconds):
-        """Posts ``motor`` of a snapshot of that time (seconds since 1970)."""
-        status = motor.status
+    def show(self, motor, snapshot):
+        """Posts ``motor`` of a snapshot."""
+        status, seconds = motor.status, snapshot.realtime_ns / 1e9
         found = state(status)
-        severity = STATES[found][1] if found >= LIMIT else alarm.NO_ALARM
+        severity = STATES[found][1] if found in (LIMIT, FOLLOWING_ERROR, AMPLIFIER_FAULT) else alarm.NO_ALARM
         flag = {"severity": severity, "alarm": alarm.STATE_ALARM if severity else alarm.NO_ALARM, "timestamp": seconds}
         self._open_loop = status.open_loop
         for record, counts in ((self._readback, motor.position), (self._error, motor.following_error)):
@@ -86,10 +91,15 @@ class Motor:
                 record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
             else:
                 record.set(counts / self._scale, **flag)
+        if found is None:
+            for record in (self._state, self._flags, self._done):
+                record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
+            return
         self._state.set(found, timestamp=seconds)
         self._flags.set(" ".join(status.names()), timestamp=seconds)
         stands = found != MOVING and found != NOT_IN_POSITION
-        self._done.set(stands and time.monotonic() >= self._done_from, timestamp=seconds)
+        with self._done_lock:
+            self._done.set(stands and snapshot.time_ns / 1e9 >= self._done_from, timestamp=seconds)
 
     def invalidate(self, status):
         self._shown.invalidate(status)
@@ -106,13 +116,15 @@ class Motor:
         if not math.isfinite(target):
             self._message.tell(f"{target} is no position")
             return
+        with self._done_lock:
+            self._done_from = math.inf
+            self._done.set(False, timestamp=time.time())
         try:
             await self._acting.run("moves", move)
         except pmac_dpram.PmacError as error:
             self._message.tell(error)
-            return
-        self._done_from = time.monotonic() + SETTLING_S
-        self._done.set(False, timestamp=time.time())
+        finally:
+            self._done_from = time.monotonic() + SETTLING_S
 
     async def _stop(self, _):
         self._stops += 1

@@ -1,9 +1,19 @@
 """What the records have in common: how one is made, and how it says that its value is not live."""
 
+from pathlib import Path
+
 from softioc import alarm, builder
 
 # The time of a record is the board's, not that of its processing.
 BOARD_TIME = {"TSE": -2}
+
+# What clients may put to, and who may at all: access.acf.
+ACCESS = Path(__file__).with_name("access.acf")
+
+
+def puts(writable):
+    """The fields of a record that clients put to, if the server is ``writable``."""
+    return {"ASG": "PUT"} if writable else {}
 
 
 class Shown:

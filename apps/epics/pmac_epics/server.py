@@ -30,10 +30,10 @@ class Server:
     def __init__(self, connect, prefix, writable):
         self._board = connect()
         snapshot = self._board.snapshot()
-        names, units = self._board.names(), self._board.units()
+        names, self._units = self._board.names(), self._board.units()
         kinds = ("moves", "stops", "commands", "gathers")
         acting = Acting(connect, {kind: concurrent.futures.ThreadPoolExecutor(1, kind) for kind in kinds})
-        found = {number: units.get(number, ("counts", 1.0)) for number in snapshot.motor}
+        found = {number: self._units.get(number, ("counts", 1.0)) for number in snapshot.motor}
         self._motors = [
             Motor(prefix, number, names.get(number, f"motor {number}"), unit, scale, acting, writable)
             for number, (unit, scale) in found.items()
@@ -62,35 +62,34 @@ class Server:
             while not self._end.wait(max(0.0, due - time.monotonic())):
                 # After a pause of the machine there is nothing to catch up with: the next block is longer.
                 due = max(due + TICK_S, time.monotonic())
-                if count % SCALARS_EACH == 0:
-                    self._scalars()
+                try:
+                    if count % SCALARS_EACH == 0:
+                        self._scalars()
+                    if self._shows == LIVE:
+                        self._blocks.post()
+                except pmac_dpram.PmacError as error:
+                    self._down(GONE if isinstance(error, pmac_dpram.DaemonGone) else STALE, error)
                 count += 1
-                if self._shows == LIVE:
-                    self._blocks.post()
         except BaseException:
             # Records that nobody updates must not be served as live.
             log.exception("the reading of the board has ended")
             os._exit(1)
 
     def _scalars(self):
-        try:
-            snapshot = self._board.snapshot()
-        except pmac_dpram.PmacError as error:
-            gone = isinstance(error, pmac_dpram.DaemonGone)
-            self._down(GONE if gone else STALE, error)
-            return
+        snapshot = self._board.snapshot()
+        if self._board.units() != self._units:
+            raise pmac_dpram.StaleData("pmacd has other units of motors than when this server began; start it again")
         if self._shows != LIVE:
             self._say(LIVE, "")
-        seconds = snapshot.realtime_ns / 1e9
         for motor in self._motors:
             reported = motor_of(snapshot, motor.number)
             if reported is None:
                 motor.invalidate(alarm.UDF_ALARM)
             else:
-                motor.show(reported, seconds)
+                motor.show(reported, snapshot)
 
     def _down(self, state, error):
-        """Everything is INVALID: told once, and again when it gets otherwise."""
+        """Makes everything INVALID, once, until it is live or down in another way."""
         if self._shows == state:
             return
         status = alarm.COMM_ALARM if state == GONE else alarm.TIMEOUT_ALARM
