@@ -31,7 +31,7 @@ class Blocks:
         self._lost = self._scalar(f"{prefix}LOST", "lost")
         self._missed = self._scalar(f"{prefix}MISSED", "missed")
         self._block = self._scalar(f"{prefix}BLOCK", "block", trigger="*")
-        self._number = 0
+        self._number, self._reports = 0, []
 
     def _member(self, record, field, trigger=""):
         member = {"+type": "plain", "+channel": "VAL", "+putorder": self._order, "+trigger": trigger}
@@ -59,11 +59,11 @@ class Blocks:
 
     def post(self):
         """Posts the reports that have come since the last block, unless that one is not out yet."""
-        if self._block.get_field("VAL") != str(self._number):
+        # Taken in any case: here is room for more than in the segment.
+        self._reports += self._updates.take(MOST - len(self._reports))
+        if not self._reports or self._block.get_field("VAL") != str(self._number):
             return
-        reports = self._updates.take(MOST)
-        if not reports:
-            return
+        reports, self._reports = self._reports, []
         seconds = reports[-1].realtime_ns / 1e9
         good = {"timestamp": seconds}
         self._number += 1

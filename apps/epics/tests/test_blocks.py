@@ -1,0 +1,106 @@
+"""Every servo report in waveforms and in one table: none is lost, and what is missing is counted."""
+
+import os
+import queue
+import time
+
+import numpy
+import pytest
+from conftest import PREFIX
+
+SECONDS = float(os.environ.get("PMAC_EPICS_SECONDS", "6"))
+
+
+def cpu_seconds(process):
+    """What ``process`` has used of processors by now."""
+    with open(f"/proc/{process.pid}/stat") as stat:
+        fields = stat.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def tables(context, blocks):
+    """A monitor that puts each table to the queue ``blocks``; the server drops none for a client that keeps up."""
+    return context.monitor(f"{PREFIX}TABLE", blocks.put, request="record[queueSize=100]", notify_disconnect=False)
+
+
+def missing(before, block):
+    """How many updates of the board are neither in ``before`` nor in ``block``, which follows it."""
+    assert block.first == block.block == before.block + 1, "whole blocks, each once"
+    assert len({len(column) for _, column in block.value.items()}) == 1
+    numbers = numpy.concatenate(([before.value.update[-1]], block.value.update))
+    assert set(numpy.diff(numbers)) == {1} or block.lost > before.lost, "each report that pmacd has read, once"
+    return block.value.timer[-1] - before.value.timer[-1] - len(block.value.update)
+
+
+def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, context):
+    blocks = queue.Queue()
+    monitor = tables(context, blocks)
+    patience = time.monotonic() + 60
+
+    def following():
+        while (block := blocks.get(timeout=30)).alarm.severity == 3:
+            # The last block again: on a busy machine the board may not live for a moment.
+            pass
+        assert time.monotonic() < patience, "gaps and counts have not met"
+        return block
+
+    def is_quiet(before, block):
+        return missing(before, block) == 0 and before.missed == block.missed
+
+    try:
+        # What the monitor begins with may have been read between two blocks. A gap is counted one block before or after the
+        # report behind it: counting begins and ends where nothing is under way.
+        following()
+        before, first, last = following(), following(), following()
+        while not (is_quiet(before, first) and is_quiet(first, last)):
+            before, first, last = first, last, following()
+        processes = {"server": ioc.process, "pmacd": ioc.site.daemon}
+        began, used = time.monotonic(), {name: cpu_seconds(process) for name, process in processes.items()}
+        end, patience, gaps = began + SECONDS, began + SECONDS + 60, 0
+        while time.monotonic() < end or gaps != last.missed - first.missed:
+            block = following()
+            gaps += missing(last, block)
+            last = block
+    finally:
+        monitor.close()
+    seconds = time.monotonic() - began
+    load = ", ".join(
+        f"{name} {100 * (cpu_seconds(process) - used[name]) / seconds:.1f} %" for name, process in processes.items()
+    )
+    reports = last.value.update[-1] - first.value.update[-1]
+    print(
+        f"\n{reports:.0f} reports of {seconds:.1f} s in {last.block - first.block} blocks: {reports / seconds:.0f}/s, "
+        f"missed {gaps:.0f}, lost {last.lost - first.lost}; of a processor: {load}"
+    )
+    assert last.lost == first.lost
+
+
+def a_block(context):
+    """A block of now. What a monitor begins with may be older, and read between two blocks."""
+    blocks = queue.Queue()
+    monitor = tables(context, blocks)
+    try:
+        return [blocks.get(timeout=30) for _ in range(3)][-1]
+    finally:
+        monitor.close()
+
+
+def test_a_table_is_the_waveforms_and_has_the_time_of_its_last_report(ioc, context):
+    block = a_block(context)
+    assert block.getID() == "epics:nt/NTTable:1.0"
+    assert list(block.labels) == list(block.value.keys())
+    motors = [f"{kind}{number}" for kind in ("pos", "fe") for number in range(1, 9)]
+    assert list(block.labels) == ["update", "timer", "time", *motors]
+    stamp = block.timeStamp.secondsPastEpoch + block.timeStamp.nanoseconds * 1e-9
+    assert stamp == pytest.approx(block.value.time[-1], abs=1e-5)
+    assert block.alarm.severity == 0
+    assert all(abs(position) < 1 for position in block.value.pos1)
+    assert ioc.get("M2:POS").display.units == "deg"
+
+
+def test_positions_at_full_rate_are_in_the_motors_unit(ioc, context):
+    ioc.put("M2:VAL", 3.0)
+    ioc.site.until(lambda: ioc.value("M2:DMOV") == "Done", "the end of the move")
+    block = a_block(context)
+    assert block.value.pos2 == pytest.approx(3.0, abs=0.02)
+    assert len(block.value.fe2) == len(block.value.update)
