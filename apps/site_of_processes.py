@@ -104,10 +104,10 @@ class Site:
     def is_live(self):
         """Whether servo and background data come, and positions have their scale."""
         try:
-            motor = self.connect().snapshot().motor[1]
+            snapshot = self.connect().snapshot()
         except pmac_dpram.PmacError:
             return False
-        return motor.position is not None and motor.status.in_position is not None
+        return snapshot.motor[1].position is not None and len(snapshot.system) > 0
 
     def close(self):
         """Ends all programs, the youngest first."""
