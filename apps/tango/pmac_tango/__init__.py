@@ -1,0 +1,1 @@
+"""Tango device server of a PMAC motion controller, over pmacd: ``PmacEth INSTANCE``."""
