@@ -58,7 +58,7 @@ class Site:
             self.simulator = self.run(
                 PROGRAMS / "pmac-sim", "--memory", self._memory, "--interrupt", interrupt, "--dpram-startup", *simulator
             )
-            self.until(self._interrupt.exists, "the simulator")
+            self._until_up(self.simulator, self._interrupt.exists, "the simulator")
             self.start_daemon()
         except BaseException:
             self.close()
@@ -73,7 +73,14 @@ class Site:
         board = f"file:{self._memory},irq=unix:{self._interrupt}"
         place = ("--name", self.name, "--socket", self.socket)
         self.daemon = self.run(PROGRAMS / "pmacd", "--config", self._configuration, "--board", board, *place)
-        self.until(self.is_live, "live data")
+        self._until_up(self.daemon, self.is_live, "live data")
+
+    def _until_up(self, child, condition, what):
+        def is_up():
+            assert child.poll() is None, f"{what}: the program has ended"
+            return condition()
+
+        self.until(is_up, what)
 
     def kill_daemon(self):
         """Kills pmacd, as a crash would."""
