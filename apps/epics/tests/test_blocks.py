@@ -23,44 +23,49 @@ def tables(context, blocks):
     return context.monitor(f"{PREFIX}TABLE", blocks.put, request="record[queueSize=100]", notify_disconnect=False)
 
 
-def missing(before, block):
-    """How many updates of the board are neither in ``before`` nor in ``block``, which follows it."""
+def gaps(before, block):
+    """Where reports of the board are missing in ``block``, which follows ``before``: how many, and the seconds without any."""
     assert block.first == block.block == before.block + 1, "whole blocks, each once"
     assert len({len(column) for _, column in block.value.items()}) == 1
-    numbers = numpy.concatenate(([before.value.update[-1]], block.value.update))
-    assert set(numpy.diff(numbers)) == {1} or block.lost > before.lost, "each report that pmacd has read, once"
-    return block.value.timer[-1] - before.value.timer[-1] - len(block.value.update)
+    numbers, timer, seconds = (
+        numpy.diff(numpy.concatenate(([before.value[name][-1]], block.value[name])))
+        for name in ("update", "timer", "time")
+    )
+    assert set(numbers) == {1} or block.lost > before.lost, "each report that pmacd has read, once"
+    return [(int(timer[at]) - 1, seconds[at]) for at in numpy.flatnonzero(timer > 1)]
 
 
 def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, context):
     blocks = queue.Queue()
     monitor = tables(context, blocks)
-    patience = time.monotonic() + 60
 
     def following():
-        while (block := blocks.get(timeout=30)).alarm.severity == 3:
+        while (block := blocks.get(timeout=60)).alarm.severity == 3:
             # The last block again: on a busy machine the board may not live for a moment.
             pass
-        assert time.monotonic() < patience, "gaps and counts have not met"
         return block
 
-    def is_quiet(before, block):
-        return missing(before, block) == 0 and before.missed == block.missed
-
     try:
-        # What the monitor begins with may have been read between two blocks. A gap is counted one block before or after the
-        # report behind it: counting begins and ends where nothing is under way.
+        # What the monitor begins with may have been read between two blocks.
         following()
-        before, first, last = following(), following(), following()
-        while not (is_quiet(before, first) and is_quiet(first, last)):
-            before, first, last = first, last, following()
+        before, first = following(), following()
+        # pmacd counts a gap after it has published the report behind it: a count is exact where no gap comes last.
+        while first.value.timer[-1] - first.value.timer[-2] > 1:
+            before, first = first, following()
         processes = {"server": ioc.process, "pmacd": ioc.site.daemon}
         began, used = time.monotonic(), {name: cpu_seconds(process) for name, process in processes.items()}
-        end, patience, gaps = began + SECONDS, began + SECONDS + 60, 0
-        while time.monotonic() < end or gaps != last.missed - first.missed:
-            block = following()
-            gaps += missing(last, block)
-            last = block
+        last, missing, compared = first, 0, 0
+        # Of a pause that a busy machine makes pmacd counts all or nothing: it may have been the board's.
+        pauses = {0}
+        while time.monotonic() < began + SECONDS:
+            before, last = last, following()
+            found = gaps(before, last)
+            missing += sum(gap for gap, silence in found if silence < 0.1)
+            for pause in (gap for gap, silence in found if silence >= 0.1):
+                pauses |= {pause + other for other in pauses}
+            if last.value.timer[-1] - last.value.timer[-2] == 1:
+                compared += 1
+                assert last.missed - first.missed - missing in pauses, f"block {last.block}: {missing} are missing"
     finally:
         monitor.close()
     seconds = time.monotonic() - began
@@ -70,9 +75,10 @@ def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, cont
     reports = last.value.update[-1] - first.value.update[-1]
     print(
         f"\n{reports:.0f} reports of {seconds:.1f} s in {last.block - first.block} blocks: {reports / seconds:.0f}/s, "
-        f"missed {gaps:.0f}, lost {last.lost - first.lost}; of a processor: {load}"
+        f"missed {last.missed - first.missed} (compared {compared} times), "
+        f"lost {last.lost - first.lost}; of a processor: {load}"
     )
-    assert last.lost == first.lost
+    assert compared > 0 and last.lost == first.lost
 
 
 def a_block(context):
