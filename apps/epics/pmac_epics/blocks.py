@@ -7,7 +7,7 @@ that a table whose ``first`` is not ``block`` was read between two blocks.
 import numpy
 from softioc import alarm, builder
 
-from .records import Shown
+from .records import Shown, motor_of
 
 # Reports of one block. More than seven seconds at 2.26 kHz: what a busy machine delays comes in one longer block.
 MOST = 16384
@@ -90,11 +90,3 @@ class Blocks:
 
     def invalidate(self, status):
         self._shown.invalidate(status)
-
-
-def motor_of(report, number):
-    """The motor, or None where the board no longer reports it."""
-    try:
-        return report.motor[number]
-    except KeyError:
-        return None

@@ -8,7 +8,7 @@ import time
 import pmac_dpram
 from softioc import alarm, builder
 
-from .records import Message, Shown, puts
+from .records import Message, Shown, motor_of, puts
 
 # A move that was accepted shows in the reports by then. Before, "done" would be that of the time before it.
 SETTLING_S = 0.25
@@ -22,13 +22,19 @@ STATES = [
     ("Limit", alarm.MINOR_ALARM),
     ("Following error", alarm.MAJOR_ALARM),
     ("Amplifier fault", alarm.MAJOR_ALARM),
+    ("Standing", alarm.NO_ALARM),
 ]
-DISABLED, OPEN_LOOP, MOVING, IN_POSITION, NOT_IN_POSITION, LIMIT, FOLLOWING_ERROR, AMPLIFIER_FAULT = range(len(STATES))
+(DISABLED, OPEN_LOOP, MOVING, IN_POSITION, NOT_IN_POSITION, LIMIT, FOLLOWING_ERROR, AMPLIFIER_FAULT, STANDING) = range(
+    len(STATES)
+)
 
 
-def state(status):
-    """The most important of what the flags say, an index of STATES; None where one of the two status words is not known."""
-    if status.motor_activated is None or status.in_position is None:
+def state(status, has_background):
+    """The most important of what the flags say, an index of STATES; None where a status word is missing.
+
+    Classic boards report the second word with their background data; Turbo boards have none in the DPRAM.
+    """
+    if status.motor_activated is None or not has_background:
         return None
     if status.amplifier_fault:
         return AMPLIFIER_FAULT
@@ -42,6 +48,8 @@ def state(status):
         return MOVING
     if status.positive_limit_set or status.negative_limit_set or status.stopped_on_position_limit:
         return LIMIT
+    if status.in_position is None:
+        return STANDING
     return IN_POSITION if status.in_position else NOT_IN_POSITION
 
 
@@ -65,27 +73,27 @@ class Motor:
         self._message = Message(f"{at}MSG")
         put = puts(writable)
         self._target = builder.aOut(
-            f"{at}VAL", always_update=True, blocking=True, on_update=self._move, initial_value=0.0, **fields, **put
+            f"{at}VAL", always_update=True, blocking=True, on_update=self._move, **fields, **put
         )
         builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **put)
         # Moves that were asked for before a stop are not begun after it.
         self._stops = 0
-        self._open_loop = None
         # Reports of before that time (monotonic) do not tell that the latest move is done.
         self._done_from = 0.0
         self._done_lock = threading.Lock()
 
     def preset(self, motor):
-        """The target that is shown before anybody has set one: where the motor has been told to be."""
-        self._target.set((motor.commanded_position or 0.0) / self._scale)
+        """The target that is shown before anybody has set one: where the motor has been told to be, or else where it is."""
+        told = motor.commanded_position if motor.commanded_position is not None else motor.position
+        if told is not None:
+            self._target.set(told / self._scale)
 
     def show(self, motor, snapshot):
         """Posts ``motor`` of a snapshot."""
         status, seconds = motor.status, snapshot.realtime_ns / 1e9
-        found = state(status)
+        found = state(status, len(snapshot.system) > 0)
         severity = STATES[found][1] if found in (LIMIT, FOLLOWING_ERROR, AMPLIFIER_FAULT) else alarm.NO_ALARM
         flag = {"severity": severity, "alarm": alarm.STATE_ALARM if severity else alarm.NO_ALARM, "timestamp": seconds}
-        self._open_loop = status.open_loop
         for record, counts in ((self._readback, motor.position), (self._error, motor.following_error)):
             if counts is None:
                 record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
@@ -110,6 +118,11 @@ class Motor:
         def move():
             if stops != self._stops:
                 raise pmac_dpram.PmacError(f"motor {self.number} was stopped before the move to {target} began")
+            if self._is_open_loop(self._board.snapshot()):
+                raise pmac_dpram.PmacError(
+                    f"motor {self.number} is in open loop: the move to {target} was not sent, it would close the loop; "
+                    f"#{self.number}J/ closes it where the motor is"
+                )
             self._board.jog_to(self.number, target * self._scale)
 
         self._message.clear()
@@ -126,18 +139,25 @@ class Motor:
         finally:
             self._done_from = time.monotonic() + SETTLING_S
 
+    def _is_open_loop(self, snapshot):
+        reported = motor_of(snapshot, self.number)
+        return reported is not None and reported.status.open_loop
+
     async def _stop(self, _):
         self._stops += 1
-        # J/ closes the loop of a motor that is killed. A stop must not do that.
-        if self._open_loop:
-            self._message.tell(
-                f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
-                f"#{self.number}K kills the motor"
-            )
-            return
+
+        def stop():
+            # J/ closes the loop of a motor that is killed. A stop must not do that.
+            if self._is_open_loop(self._acting.stopping.snapshot(stale_ok=True)):
+                raise pmac_dpram.PmacError(
+                    f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
+                    f"#{self.number}K kills the motor"
+                )
+            self._acting.stopping.command(f"#{self.number}J/")
+
         self._message.clear()
         try:
-            await self._acting.run("stops", lambda: self._acting.stopping.command(f"#{self.number}J/"))
+            await self._acting.run("stops", stop)
         except pmac_dpram.PmacError as error:
             self._message.tell(f"STOP: {error}")
 

@@ -53,3 +53,11 @@ def shortened(text, size):
     if len(encoded) < size:
         return text
     return encoded[: size - 20].decode(errors="ignore") + " … (cut)"
+
+
+def motor_of(report, number):
+    """The motor, or None where the board no longer reports it."""
+    try:
+        return report.motor[number]
+    except KeyError:
+        return None

@@ -9,11 +9,11 @@ import time
 import pmac_dpram
 from softioc import alarm, builder
 
-from .blocks import Blocks, motor_of
+from .blocks import Blocks
 from .commands import Commands
 from .gather import Gather
 from .motors import Acting, Motor
-from .records import shortened
+from .records import motor_of, shortened
 
 log = logging.getLogger(__name__)
 

@@ -51,7 +51,12 @@ def test_gather_fills_its_columns(ioc):
 
 @pytest.mark.parametrize(
     "record, value, why",
-    [("SOURCES", "nonsense", "nonsense"), ("SECONDS", 3600.0, "samples"), ("SECONDS", -1.0, "-1"), ("PERIOD", 0, "PERIOD is 0")],
+    [
+        ("SOURCES", "nonsense", "nonsense"),
+        ("SECONDS", 3600.0, "samples"),
+        ("SECONDS", -1.0, "-1"),
+        ("PERIOD", 0, "PERIOD is 0"),
+    ],
 )
 def test_a_gather_that_cannot_be_says_why_at_once(ioc, record, value, why):
     for name, good in (("SOURCES", "1.actual_position"), ("SECONDS", 0.1), ("PERIOD", 1)):
@@ -77,7 +82,11 @@ for line in sys.argv[1:]:
 def puts(environment, *lines):
     """What becomes of puts by Channel Access."""
     done = subprocess.run(
-        [sys.executable, "-c", PUTS, *lines], env={**os.environ, **environment}, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", PUTS, *lines],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()

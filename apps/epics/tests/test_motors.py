@@ -90,13 +90,15 @@ def test_stop_stops_and_what_waits_before_it_is_not_begun(ioc):
     assert ioc.value("M1:MSG") == ""
 
 
-def test_stop_does_not_close_the_loop_of_a_killed_motor(ioc):
+def test_neither_stop_nor_target_closes_the_loop_of_a_killed_motor(ioc):
     board = ioc.site.connect()
     board.command("#5K")
-    ioc.site.until(lambda: ioc.value("M5:STAT") == "Open loop", "the open loop")
+    ioc.site.until(lambda: board.snapshot(stale_ok=True).motor[5].status.open_loop, "the open loop")
     ioc.put("M5:STOP", 1)
-    ioc.site.until(lambda: "open loop" in ioc.value("M5:MSG"), "the reason")
+    ioc.site.until(lambda: "J/ was not sent" in ioc.value("M5:MSG"), "the reason")
     assert ioc.get("M5:MSG").alarm.severity == 2
+    ioc.put("M5:VAL", 100.0)
+    assert "the move to 100.0 was not sent" in ioc.value("M5:MSG")
     assert board.snapshot().motor[5].status.open_loop is True
 
 

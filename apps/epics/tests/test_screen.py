@@ -26,7 +26,7 @@ def test_every_record_of_the_screen_exists(ioc, context):
     found = names()
     assert len(found) > 60
     values = context.get([ioc.prefix + name for name in found], timeout=20, throw=False)
-    assert [name for name, value in zip(found, values) if isinstance(value, Exception)] == []
+    assert [name for name, value in zip(found, values, strict=True) if isinstance(value, Exception)] == []
 
 
 def test_what_the_screen_writes_may_be_written(ioc):
