@@ -1,6 +1,7 @@
 """``python -m pmac_epics``: an EPICS server (Channel Access and PV Access) of a board that pmacd drives."""
 
 import argparse
+import functools
 import logging
 import os
 import re
@@ -28,14 +29,12 @@ def arguments(line=None):
     return found
 
 
-def first_connection(connect):
-    """The board, once it gives live data. Whatever only time can cure is waited for."""
+def once_live(begin):
+    """What ``begin`` returns, once it finds live data. Whatever only time can cure is waited for."""
     told = None
     while True:
         try:
-            board = connect()
-            board.snapshot()
-            return board
+            return begin()
         except (pmac_dpram.DaemonGone, pmac_dpram.StaleData) as error:
             if str(error) != told:
                 told = str(error)
@@ -46,17 +45,6 @@ def first_connection(connect):
 def main():
     options = arguments()
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
-
-    def connect():
-        return pmac_dpram.connect(options.name, options.socket)
-
-    try:
-        board = first_connection(connect)
-    except pmac_dpram.PmacError as error:
-        print(f"pmac-epics: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
     for variable in ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST"):
         os.environ.setdefault(variable, "127.0.0.1")
     # EPICS reads its environment when it is loaded.
@@ -65,15 +53,25 @@ def main():
     from .records import ACCESS
     from .server import Server
 
+    def begin():
+        connect = functools.partial(pmac_dpram.connect, options.name, options.socket)
+        return Server(connect, options.prefix, not options.read_only)
+
+    try:
+        server = once_live(begin)
+    except pmac_dpram.PmacError as error:
+        print(f"pmac-epics: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
     # Each put is logged with the client's user and host.
     imports.install_pv_logging(str(ACCESS))
-    prefix = options.prefix or f"{board.name.upper()}:"
-    server = Server(connect, prefix, not options.read_only)
     builder.LoadDatabase()
     dispatcher = asyncio_dispatcher.AsyncioDispatcher()
     softioc.iocInit(dispatcher)
     server.follow()
-    logging.info("serves %s as %s*%s", board.name, prefix, ", puts are refused" if options.read_only else "")
+    refused = ", puts are refused" if options.read_only else ""
+    logging.info("serves %s as %s*%s", server.name, server.prefix, refused)
     dispatcher.wait_for_quit()
     server.close()
     softioc.epicsExit(0)

@@ -1,7 +1,7 @@
 """Every servo report, in blocks: a waveform a column, and one table (NTTable) that has them all.
 
-A client of waveforms may get columns of two blocks, which their times tell. The table is one piece: ``block`` is written last, so
-that a table whose ``first`` is not ``block`` was read between two blocks.
+A client of waveforms may get columns of two blocks, which their times tell. The table is one piece: ``block`` is written
+last, so that a table whose ``first`` is not ``block`` was read between two blocks.
 """
 
 import numpy

@@ -40,7 +40,7 @@ class PmacMotor(Device):
         return self.readback.get(use_monitor=False)
 
     def set(self, target, *, timeout=60.0):
-        """Moves to ``target``, in the motor's unit. After ``timeout`` seconds the motor is stopped, if this move is its latest."""
+        """Moves to ``target``, in the motor's unit. After ``timeout`` seconds its latest move is stopped."""
         # By itself the status would also stop the move of a later target.
         status = self._latest = DeviceStatus(self, timeout=timeout, call_stop_on_failure=False)
         taken = threading.Event()

@@ -25,14 +25,17 @@ LIVE, STALE, GONE = range(3)
 
 
 class Server:
-    """The records of the board that ``connect`` gives; they are made here, before iocInit."""
+    """The records of the board that ``connect`` gives, made before iocInit; without live data an exception and no record."""
 
     def __init__(self, connect, prefix, writable):
         self._board = connect()
-        snapshot = self._board.snapshot()
+        snapshot, updates = self._board.snapshot(), self._board.updates()
         names, self._units = self._board.names(), self._board.units()
         kinds = ("moves", "stops", "commands", "gathers")
         acting = Acting(connect, {kind: concurrent.futures.ThreadPoolExecutor(1, kind) for kind in kinds})
+        # From here on nothing asks the board.
+        self.name = self._board.name
+        self.prefix = prefix = prefix or f"{self.name.upper()}:"
         found = {number: self._units.get(number, ("counts", 1.0)) for number in snapshot.motor}
         self._motors = [
             Motor(prefix, number, names.get(number, f"motor {number}"), unit, scale, acting, writable)
@@ -40,7 +43,7 @@ class Server:
         ]
         for motor in self._motors:
             motor.preset(snapshot.motor[motor.number])
-        self._blocks = Blocks(prefix, found, self._board.updates())
+        self._blocks = Blocks(prefix, found, updates)
         states = ["Live", ("Stale", alarm.INVALID_ALARM), ("Gone", alarm.INVALID_ALARM)]
         self._state = builder.mbbIn(f"{prefix}CONN", *states, initial_value=GONE)
         self._why = builder.longStringIn(f"{prefix}WHY", length=512)

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import socket
 import sys
 import tempfile
 
@@ -9,9 +10,16 @@ import pytest
 from site_of_processes import LOOPBACK, Site, free_ports
 
 
-def addresses(ports):
-    """The environment of servers and clients that meet on four ports of this machine and see nobody else."""
-    ca, repeater, pva_tcp, pva_udp = map(str, ports)
+_repeaters = []
+
+
+def addresses():
+    """The environment of servers and clients that meet on ports of their own and see nobody else."""
+    ca, pva_tcp, pva_udp = map(str, free_ports(3))
+    # A port that is in use has its repeater: no client starts one, which would outlive the tests.
+    _repeaters.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    _repeaters[-1].bind((LOOPBACK, 0))
+    repeater = str(_repeaters[-1].getsockname()[1])
     return {
         "EPICS_CA_ADDR_LIST": LOOPBACK,
         "EPICS_CA_AUTO_ADDR_LIST": "NO",
@@ -31,7 +39,7 @@ def addresses(ports):
 
 
 # Before any client library is loaded: it reads its environment then.
-os.environ.update(addresses(free_ports(4)))
+os.environ.update(addresses())
 
 # One client library for pyepics and aioca.
 import epicscorelibs.path.pyepics  # noqa: E402, F401

@@ -8,7 +8,6 @@ import aioca
 import numpy
 import pytest
 from conftest import PREFIX, Ioc, addresses, with_aioca
-from site_of_processes import free_ports
 
 
 def test_a_put_with_completion_has_its_reply(ioc):
@@ -105,7 +104,7 @@ def test_only_values_that_are_for_it_can_be_put(ioc):
 def test_read_only_refuses_every_put(site, ioc):
     from p4p.client.thread import Context, RemoteError
 
-    environment = addresses(free_ports(4))
+    environment = addresses()
     with Context("pva", nt=False, conf=environment, useenv=False) as context:
         reading = Ioc(site, context, "READING:", ["--read-only"], environment)
         assert abs(reading.value("M1:RBV")) < 1

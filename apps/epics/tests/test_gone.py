@@ -1,8 +1,10 @@
 """What the records say when daemon or board is gone, and when it is there again."""
 
+import os
 import signal
+import sys
 
-from conftest import MOTOR_2
+from conftest import MOTOR_2, addresses
 
 READINGS = ("M1:RBV", "M1:FERR", "M1:STAT", "M1:DMOV", "M2:RBV", "UPDATE", "M1:POS", "TABLE", "MISSED", "CONN")
 
@@ -60,4 +62,20 @@ def test_a_daemon_with_other_units_is_not_believed(site, ioc):
         site.kill_daemon()
         site.configure(MOTOR_2)
         site.start_daemon()
+    ioc.until_live()
+
+
+def test_a_server_waits_for_a_daemon_that_is_not_there_yet(site, ioc):
+    site.kill_daemon()
+    environment = addresses()
+    place = ("--name", site.name, "--socket", site.socket, "--prefix", "LATER:")
+    waiting = site.run(sys.executable, "-m", "pmac_epics", *place, env={**os.environ, **environment})
+    try:
+        site.until(lambda: "waiting for the board: " in site.log(), "the server to say that it waits")
+        site.start_daemon()
+        site.until(lambda: " as LATER:*" in site.log(), "the server to serve")
+        assert waiting.poll() is None
+    finally:
+        waiting.terminate()
+        waiting.wait(30)
     ioc.until_live()

@@ -4,14 +4,14 @@ import tempfile
 
 import pytest
 from conftest import Ioc, addresses
-from site_of_processes import Site, free_ports
+from site_of_processes import Site
 
 
 @pytest.fixture(scope="module")
 def ioc():
     from p4p.client.thread import Context
 
-    environment = addresses(free_ports(4))
+    environment = addresses()
     with tempfile.TemporaryDirectory(dir="/dev/shm") as directory:
         site = Site(directory, simulator=["--family", "turbo2"], configuration='family = "turbo2"\n')
         try:
