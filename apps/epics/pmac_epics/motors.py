@@ -13,6 +13,9 @@ from .records import Message, Shown, motor_of, puts
 # A move that was accepted shows in the reports by then. Before, "done" would be that of the time before it.
 SETTLING_S = 0.25
 
+# So long a move waits for a report that tells whether the loop is closed.
+REPORT_S = 2.0
+
 STATES = [
     ("Disabled", alarm.MINOR_ALARM),
     ("Open loop", alarm.MINOR_ALARM),
@@ -116,9 +119,12 @@ class Motor:
         stops = self._stops
 
         def move():
+            # A report of now, on a busy machine too.
+            self._board.wait(REPORT_S)
+            is_open = self._is_open_loop(self._board.snapshot())
             if stops != self._stops:
                 raise pmac_dpram.PmacError(f"motor {self.number} was stopped before the move to {target} began")
-            if self._is_open_loop(self._board.snapshot()):
+            if is_open:
                 raise pmac_dpram.PmacError(
                     f"motor {self.number} is in open loop: the move to {target} was not sent, it would close the loop; "
                     f"#{self.number}J/ closes it where the motor is"

@@ -37,16 +37,15 @@ def test_aioca_monitors_ten_a_second_with_the_boards_time(ioc):
         name = f"{PREFIX}M1:RBV"
         monitor = aioca.camonitor(name, updates.append, format=aioca.FORMAT_TIME, all_updates=True)
         end = time.monotonic() + 60
-        while len(updates) < 21:
+        while len({update.timestamp for update in updates}) < 21:
             assert time.monotonic() < end, f"{len(updates)} updates"
             await asyncio.sleep(0.02)
         monitor.close()
 
     with_aioca(follow())
-    times = [update.timestamp for update in updates]
-    assert times == sorted(set(times))
-    # A busy machine makes some late, and never many early.
-    assert 1.8 < times[20] - times[0], "ten a second, not more"
+    # While a busy machine holds the board up, the same report comes again.
+    times = list(dict.fromkeys(update.timestamp for update in updates))
+    assert times == sorted(times) and 1.8 < times[20] - times[0], "ten a second, not more"
     reports, _ = ioc.site.connect().history(1, 1 << 20)
     known = {report.realtime_ns // 1000 for report in reports}
     latest = round(times[-1] * 1e6)
@@ -99,7 +98,7 @@ def test_neither_stop_nor_target_closes_the_loop_of_a_killed_motor(ioc):
     assert ioc.get("M5:MSG").alarm.severity == 2
     ioc.put("M5:VAL", 100.0)
     assert "the move to 100.0 was not sent" in ioc.value("M5:MSG")
-    assert board.snapshot().motor[5].status.open_loop is True
+    assert board.snapshot(stale_ok=True).motor[5].status.open_loop is True
 
 
 def test_a_target_that_is_refused_says_why(ioc):
