@@ -1,9 +1,12 @@
 """Writes a Phoebus screen (.bob) of a board: ``make.py --motors 8 > pmac.bob``. Its macro P is the prefix."""
 
 import argparse
+import itertools
 from xml.etree import ElementTree as XML
 
 ROW, TOP = 30, 90
+# Of the traces of a plot; also people who do not see all colours tell these apart.
+COLORS = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0), (128, 128, 128)]
 # Column, its record, its place and width.
 COLUMNS = [
     ("Position", "RBV", 110, 130),
@@ -37,10 +40,12 @@ def plot(display, x, y, width, height, title, traces):
     entry = XML.SubElement(made, "x_axis")
     XML.SubElement(entry, "autoscale").text = "true"
     listed = XML.SubElement(made, "traces")
-    for name, x_pv, y_pv in traces:
+    for (name, x_pv, y_pv), color in zip(traces, itertools.cycle(COLORS)):
         trace = XML.SubElement(listed, "trace")
         for key, value in {"name": name, "x_pv": x_pv, "y_pv": y_pv, "axis": 0, "trace_type": 1}.items():
             XML.SubElement(trace, key).text = str(value)
+        shares = dict(zip(("red", "green", "blue"), map(str, color), strict=True))
+        XML.SubElement(XML.SubElement(trace, "color"), "color", shares)
 
 
 def screen(prefix, motors):
