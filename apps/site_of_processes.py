@@ -108,6 +108,17 @@ class Site:
     def connect(self):
         return pmac_dpram.connect(self.name, self.socket)
 
+    def snapshot(self):
+        """Live data. On a busy machine the board may be late."""
+
+        def live():
+            try:
+                return self.connect().snapshot()
+            except pmac_dpram.StaleData:
+                return None
+
+        return self.until(live, "live data")
+
     def is_live(self):
         """Whether servo and background data come, and positions have their scale."""
         try:
