@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use pmac_dpram::client::{Snapshot as Found, View};
-use pmac_dpram::decode::{BackgroundData, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor};
+use pmac_dpram::decode::{
+    BackgroundData, BackgroundMotor, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor,
+};
 use pmac_dpram::map::FAMILIES;
 use pmac_dpram::map::status::StatusTable;
 use pyo3::exceptions::{PyAttributeError, PyKeyError};
@@ -198,6 +200,11 @@ impl Motor {
     fn value(&self, of: fn(&ServoMotor) -> Option<Quantity>) -> Option<f64> {
         self.quantity(of)?.value
     }
+
+    fn background(&self) -> Option<&BackgroundMotor> {
+        let data = &self.moment.background.as_ref()?.data;
+        data.motors.iter().find(|motor| motor.motor == self.number)
+    }
 }
 
 #[pymethods]
@@ -247,18 +254,20 @@ impl Motor {
     /// Where its present move ends, in counts (of the background report).
     #[getter]
     fn target_position(&self) -> Option<f64> {
-        let data = &self.moment.background.as_ref()?.data;
-        data.motors.iter().find(|motor| motor.motor == self.number)?.target_position?.value
+        self.background()?.target_position?.value
     }
 
     /// The flags of its status words.
     #[getter]
     fn status(&self) -> Status {
-        let background = self.moment.background.as_ref().map(|view| &view.data);
-        let motors = background.map_or(&[][..], |data| &data.motors[..]);
-        let second = motors.iter().find(|motor| motor.motor == self.number).and_then(|motor| motor.status);
         let servo = self.moment.motor(self.number).and_then(|motor| motor.status);
-        Status([servo, second])
+        Status([servo, self.background().and_then(|motor| motor.status)])
+    }
+
+    /// The number of the coordinate system that it is assigned to; `None` also where the board does not report it.
+    #[getter]
+    fn coordinate_system(&self) -> Option<u32> {
+        self.background()?.coordinate_system
     }
 
     fn __repr__(&self) -> String {

@@ -29,6 +29,13 @@ def test_a_snapshot_has_every_motor_in_counts(site):
     assert snapshot.system[1].status.running_program is False
 
 
+def test_a_motor_tells_its_coordinate_system(site):
+    board = site.connect()
+    assert board.snapshot().motor[3].coordinate_system is None
+    board.command("&2#3->X")
+    site.until(lambda: board.snapshot().motor[3].coordinate_system == 2, "the assignment")
+
+
 def test_positions_agree_with_the_boards_own_words(site):
     board = site.connect()
     board.command("#2J=-500")
