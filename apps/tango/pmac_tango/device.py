@@ -3,6 +3,7 @@
 import functools
 import logging
 import threading
+import time
 
 import pmac_dpram
 import tango
@@ -16,6 +17,8 @@ log = logging.getLogger(__name__)
 QUESTIONS = "BCFPV"
 # Those that tell of a group of eight motors on a Turbo board.
 OF_A_GROUP = "BFPV"
+# A report tells what a motor does for so long, if no other one comes.
+KNOWN_NS = 1_000_000_000
 MOTORS, VARIABLES, PLCS = (1, 32), (0, 8191), (0, 31)
 
 
@@ -153,11 +156,11 @@ class PmacEth(Device):
         self._board("stops").panel("jog-stop", [motor])
 
     def _is_open(self, motor):
-        """Whether live data show the loop open. Where nothing is known, a stop is better sent."""
-        try:
-            return self._board("data").snapshot().motor[motor].status.open_loop
-        except (pmac_dpram.PmacError, KeyError):
+        """Whether a recent report shows the loop open. Where nothing is known, a stop is better sent."""
+        snapshot = self._board("data").snapshot(stale_ok=True)
+        if time.monotonic_ns() - snapshot.time_ns > KNOWN_NS or motor not in snapshot.motor.keys():
             return False
+        return snapshot.motor[motor].status.open_loop
 
     @command(dtype_in=(int,), doc_in="Motor")
     @tells_errors

@@ -40,7 +40,7 @@ class TangoSite(Site):
 
     def status(self, motor):
         """Its flags, of live data."""
-        return self.connect().snapshot().motor[motor].status
+        return self.snapshot().motor[motor].status
 
     def make_ready(self):
         """Closes the loops of all motors, and brings them to 0."""

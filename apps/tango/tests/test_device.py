@@ -17,14 +17,33 @@ def refused(proxy, command, *argument):
     return failed.value.args[0].reason, failed.value.args[0].desc
 
 
+def spectrum(site, proxy, name):
+    """The attribute, once its data are live: on a busy machine the board may be late."""
+
+    def live():
+        try:
+            return proxy.read_attribute(name)
+        except tango.DevFailed as error:
+            assert error.args[0].reason == "StaleData"
+            return None
+
+    return site.until(live, "live data")
+
+
+def is_on(proxy):
+    return proxy.state() == tango.DevState.ON
+
+
 def test_live_positions_carry_the_boards_time(site, device):
     device.JogToPos([2, 1500])
-    site.until(lambda: abs(device.Positions[1] - 1500) < 1, "motor 2 at 1500")
-    read = device.read_attribute("Positions")
-    assert len(read.value) == len(device.FollowingErrors) == 8
-    assert read.quality == tango.AttrQuality.ATTR_VALID
-    before, after = site.connect().snapshot().realtime_ns / 1e9, device.read_attribute("Positions").time.totime()
-    assert read.time.totime() <= before <= after + 0.1
+    site.until(lambda: abs(spectrum(site, device, "Positions").value[1] - 1500) < 1, "motor 2 at 1500")
+    first = spectrum(site, device, "Positions")
+    between = site.snapshot()
+    last = spectrum(site, device, "FollowingErrors")
+    assert len(first.value) == len(last.value) == 8
+    assert first.quality == tango.AttrQuality.ATTR_VALID
+    # Of Tango's times, whole microseconds.
+    assert first.time.totime() - 1e-6 <= between.realtime_ns / 1e9 <= last.time.totime() + 1e-6
 
 
 def test_lines_and_control_characters_are_answered_as_by_the_board(device):
@@ -132,7 +151,8 @@ def test_who_asks_for_data_waits_for_no_line_of_others(site, device):
     saving.start()
     try:
         site.until(lambda: '"SAVE"' in site.log(), "the line")
-        assert len(device.Positions) == 8 and not answers
+        device.state()
+        assert not answers
     finally:
         saving.join(60)
     assert answers
@@ -145,7 +165,7 @@ def test_a_motion_is_logged_with_the_client(site, device):
 
 
 def test_without_the_daemon_it_is_in_fault_and_comes_back(site, device):
-    assert device.state() == tango.DevState.ON
+    site.until(lambda: is_on(device), "the state")
     site.kill_daemon()
     assert device.state() == tango.DevState.FAULT
     assert "pmacd is gone" in device.status()
@@ -154,7 +174,7 @@ def test_without_the_daemon_it_is_in_fault_and_comes_back(site, device):
     with pytest.raises(tango.DevFailed, match="pmacd is gone"):
         _ = device.Positions
     site.start_daemon()
-    assert device.state() == tango.DevState.ON
+    site.until(lambda: is_on(device), "the state")
     assert device.OnlineCmd("I122") == "32"
 
 
