@@ -1,0 +1,1 @@
+"""LinuxCNC HAL component of a PMAC motion controller, over pmacd: ``loadusr -Wn pmac pmac-hal``."""
