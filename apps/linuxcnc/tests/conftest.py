@@ -1,16 +1,21 @@
 """A simulated board, its daemon and the HAL component, and halcmd of LinuxCNC's package to look at its pins.
 
-The environment has to have LinuxCNC: its programs and libraries, and the module hal. HAL is one for the whole machine: run the tests in
-an IPC namespace of their own, as .ci/apps does.
+LinuxCNC is taken from PATH, or else from its Debian package, which is unpacked under target/ and not installed. HAL is one for the whole
+machine, so root runs the tests in an IPC namespace of their own.
 """
 
+import ctypes
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
 
 import pytest
-from site_of_processes import Site
+from site_of_processes import REPOSITORY, Site
 
+UNPACKED = REPOSITORY / "target" / "apps" / "linuxcnc-uspace"
+CLONE_NEWIPC = 0x08000000
 TURBO = {"simulator": ("--family", "turbo2"), "configuration": 'family = "turbo2"\n[servo]\nmotors = [1, 2]\n'}
 
 
@@ -19,6 +24,39 @@ def halcmd(*words):
     done = subprocess.run(["halcmd", "-s", *words], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, f"halcmd {' '.join(words)}: {done.stdout}{done.stderr}"
     return done.stdout.strip()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def linuxcnc():
+    """halcmd and the module hal, for this process' children; and a HAL that nobody else uses."""
+    if not shutil.which("halcmd"):
+        if not shutil.which("dpkg-deb"):
+            pytest.skip("there is no LinuxCNC, and this is no Debian to take it from")
+        if not (UNPACKED / "usr/bin/halcmd").exists():
+            unpack()
+        paths = {"PATH": "usr/bin", "LD_LIBRARY_PATH": "usr/lib", "PYTHONPATH": "usr/lib/python3/dist-packages"}
+        for variable, folder in paths.items():
+            os.environ[variable] = f"{UNPACKED / folder}:{os.environ.get(variable, '')}".rstrip(":")
+    os.environ["PATH"] = f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"
+    if os.geteuid() == 0:
+        assert ctypes.CDLL(None, use_errno=True).unshare(CLONE_NEWIPC) == 0, os.strerror(ctypes.get_errno())
+    assert "pmac" not in halcmd("show", "comp"), "HAL is in use; run the tests as root, or unload what uses it"
+
+
+def unpack():
+    """Fetches LinuxCNC's package and unpacks it."""
+    with tempfile.TemporaryDirectory() as directory:
+        os.chmod(directory, 0o777)
+        fetch = ["apt-get", "-q", "download", "linuxcnc-uspace"]
+        if subprocess.run(fetch, cwd=directory, timeout=300).returncode != 0:
+            # The lists of packages are missing or old.
+            subprocess.run(["apt-get", "-q", "update"], check=True, timeout=300)
+            subprocess.run(fetch, cwd=directory, check=True, timeout=300)
+        (package,) = os.listdir(directory)
+        UNPACKED.parent.mkdir(parents=True, exist_ok=True)
+        whole = UNPACKED.with_suffix(".new")
+        subprocess.run(["dpkg-deb", "--extract", f"{directory}/{package}", whole], check=True, timeout=300)
+        whole.rename(UNPACKED)
 
 
 class HalSite(Site):
@@ -94,7 +132,6 @@ def new_site(directory, **options):
 
 @pytest.fixture(scope="module")
 def long_site():
-    assert "pmac" not in halcmd("show", "comp"), "HAL is in use: run the tests in an IPC namespace of their own"
     unit = '[[motor]]\nnumber = 2\nname = "azimuth"\nunit = "deg"\ncounts_per_unit = 1000\n'
     with tempfile.TemporaryDirectory(dir="/dev/shm") as directory:
         site = new_site(directory, configuration=unit)

@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 
+from pmac_hal.hand import Hand
+
 
 def test_pins_follow_the_board(site):
     site.connect().jog_to(1, 1500)
@@ -69,6 +71,21 @@ def test_a_component_that_hangs_jogs_no_longer(site):
     # The pin is still 1. Nothing begins by itself.
     site.wait_for_a_look()
     assert site.stands(1) and site.get("motor.1.jogging") == "FALSE"
+
+
+def test_a_jog_ends_when_nobody_looks_at_its_pin(site):
+    """As when the component's loop hangs while its threads go on."""
+    hand = Hand(1, site.connect, print)
+
+    def moves():
+        hand.see(1, False)
+        return site.moves(1)
+
+    site.until(moves, "motion")
+    site.until(lambda: site.stands(1), "standstill", 10)
+    hand.see(1, False)
+    assert not hand.holds, "the pin has not been 0"
+    hand.close()
 
 
 def test_a_component_that_is_unloaded_stops_its_jogs(site):
