@@ -140,6 +140,8 @@ class PmacEth(Device):
     @tells_errors
     def JogToPos(self, argument):
         motor, position = self._pair(argument, "motor", MOTORS)
+        if self._is_open(motor):
+            raise ValueError(f"{self._open(motor)}; the line #{motor}J/ does so")
         self._log(f"#{motor}J={position}")
         self._board().jog_to(motor, position)
 
@@ -149,11 +151,14 @@ class PmacEth(Device):
         motor = self._motor(motors)
         if not self.JogStopClosesLoop and self._is_open(motor):
             raise ValueError(
-                f"motor {motor} is in open loop (killed, or a fault): nothing was sent, for J/ would close the loop; "
-                f"the line #{motor}J/ does so, and the property JogStopClosesLoop lets JogStop do it"
+                f"{self._open(motor)}; the line #{motor}J/ does so, and the property JogStopClosesLoop lets JogStop do it"
             )
         self._log(f"#{motor}J/")
         self._board("stops").panel("jog-stop", [motor])
+
+    @staticmethod
+    def _open(motor):
+        return f"motor {motor} is in open loop (killed, or a fault): nothing was sent, for it would close the loop"
 
     def _is_open(self, motor):
         """Whether a recent report shows the loop open. Where nothing is known, a stop is better sent."""

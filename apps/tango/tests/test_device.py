@@ -116,12 +116,13 @@ def test_a_jog_stops(site, device):
     site.until(lambda: site.status(3).desired_velocity_zero, "motor 3 to stand")
 
 
-def test_a_stop_does_not_switch_a_killed_motor_on(site, device):
+def test_neither_a_jog_nor_a_stop_switches_a_killed_motor_on(site, device):
     device.KillMotor([4])
     site.until(lambda: site.status(4).open_loop, "motor 4 in open loop")
-    reason, text = refused(device, "JogStop", [4])
-    assert reason == "WrongArgument" and "nothing was sent" in text and "JogStopClosesLoop" in text
-    assert site.status(4).open_loop
+    for command, argument in (("JogToPos", [4, 100]), ("JogStop", [4])):
+        reason, text = refused(device, command, argument)
+        assert reason == "WrongArgument" and "nothing was sent" in text
+    assert "JogStopClosesLoop" in text and site.status(4).open_loop
     device.OnlineCmd("#4J/")
     site.until(lambda: site.status(4).open_loop is False, "a closed loop")
 
