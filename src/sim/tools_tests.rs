@@ -83,7 +83,7 @@ const ASKED: &[(&str, &str, Answer)] = &[
     ("EPICS pmac", "cid cpu I68 &1%", Lines(&["602413", "DSP56303", "15", "100"])),
     ("EPICS pmac", "M5000 M5180 M1 M33 M7616 M7716", Count(6)),
     ("EPICS pmac", "??????", Count(2)),
-    ("EPICS pmac", "#1? #1P &1?? &1#1->", Count(4)),
+    ("EPICS pmac", "#1? #1P &1?? &1#1->, &2#8->,", Count(5)),
     ("EPICS pmac", "I8 I7002 M70..73 M4034", Count(7)),
     ("EPICS pmac", "WL:$10700,$123456789ABC", Lines(&[])),
     ("EPICS pmac", "RHL$10700", Lines(&["123456789ABC"])),
