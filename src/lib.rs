@@ -22,7 +22,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, a way through a descriptor |
+//! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, how they log, a way through a descriptor |
 //! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |

@@ -2,6 +2,7 @@
 
 #[cfg(any(feature = "daemon", feature = "sim"))]
 pub mod capabilities;
+pub mod log_sink;
 
 use std::io;
 use std::os::fd::{AsRawFd, BorrowedFd};

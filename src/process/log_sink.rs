@@ -2,7 +2,7 @@
 //!
 //! The reader of stderr may stop (a pager, a stopped service manager). No thread that logs may wait for it, least of
 //! all the bus thread. So lines go into a bounded queue, in pieces allocated at the start. A full queue drops lines and
-//! counts them. The thread starts after the change of user; until then lines wait in the queue.
+//! counts them. Until the thread starts, lines wait in the queue: a program that changes its user starts it afterwards.
 
 use std::io::{self, Write};
 use std::sync::Arc;

@@ -1,7 +1,6 @@
 //! The daemon as a system service: rights, signals, the journal, the service manager, its own simulator.
 
 pub(super) mod journal;
-pub(super) mod log_sink;
 mod notify;
 pub mod privilege;
 pub mod simulator;
