@@ -60,6 +60,16 @@ pub struct Snapshot {
     pub stale: Option<Staleness>,
 }
 
+impl Snapshot {
+    /// The first of the reports whose data are old, and why. Data that the board was never told to report are no fault.
+    #[must_use]
+    pub fn old(&self) -> Option<(&'static str, Staleness)> {
+        let servo = self.servo.as_ref().and_then(|view| Some(("servo", view.stale?)));
+        let background = self.background.as_ref().and_then(|view| Some(("background", view.stale?)));
+        servo.into_iter().chain(background).find(|(_, stale)| *stale != Staleness::Off)
+    }
+}
+
 /// A stretch of past servo data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History {

@@ -21,6 +21,8 @@ pub mod command;
 mod decoder;
 pub mod hold;
 pub mod identity;
+pub mod motor;
+pub mod number;
 pub mod rotary_feed;
 #[cfg(feature = "serial")]
 pub mod serial;
@@ -35,6 +37,7 @@ pub use command::rotary::RotaryPlace;
 pub use command::variables::VariableWatch;
 pub use command::{CommandError, Connection, Messages};
 pub use hold::HeldJog;
+pub use motor::Motor;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};

@@ -54,6 +54,17 @@ pub struct RegionInfo {
     pub selection: Selection,
 }
 
+impl RegionInfo {
+    /// Its state in a segment that stands at `condition`: a daemon that is gone can no longer update it.
+    #[must_use]
+    pub fn state_at(&self, condition: Condition) -> RegionState {
+        match self.state {
+            RegionState::Live if condition != Condition::Live => RegionState::Stale,
+            state => state,
+        }
+    }
+}
+
 /// A segment's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeaderInfo {

@@ -195,6 +195,16 @@ impl RegionState {
             _ => Self::Stale,
         }
     }
+
+    /// How it is called: `off`, `live` or `stale`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Live => "live",
+            Self::Stale => "stale",
+        }
+    }
 }
 
 /// What a region mirrors.

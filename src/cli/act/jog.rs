@@ -7,9 +7,9 @@ use clap::Args;
 use crate::cli::act::lines::LineError;
 use crate::cli::act::panel::{check_numbers, press};
 use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors};
-use crate::cli::console::number::short;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Connection;
+use crate::client::number::short;
 use crate::function::panel::PanelAction;
 use crate::segment::{Identity, UserUnit};
 

@@ -7,10 +7,10 @@ use clap::{Args as ClapArgs, Subcommand};
 use serde_json::{Map, Value, json};
 
 use crate::cli::args::values::{rate, seconds};
-use crate::cli::console::number::{digits, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
+use crate::client::number::{digits, short};
 use crate::client::{Variable as Entry, VariableTable, View};
 use crate::decode::Scales;
 use crate::format::{fixed48, float48, int24};

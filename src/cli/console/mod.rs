@@ -4,7 +4,6 @@ pub mod confirm;
 pub mod interrupt;
 pub mod keys;
 pub mod late;
-pub mod number;
 pub mod output;
 pub mod sink;
 pub mod table;

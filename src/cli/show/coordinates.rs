@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use crate::cli::act::panel::panel_words;
-use crate::cli::console::number::{NOT_READ, fixed, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::stamp;
+use crate::client::number::{NOT_READ, fixed, short};
 use crate::client::{Snapshot, Staleness};
 use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
 use crate::function::panel::{FeedOverride, PanelWords};

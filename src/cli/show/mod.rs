@@ -7,7 +7,6 @@ pub mod demo;
 mod elsewhere;
 mod global_status;
 pub mod map;
-pub mod motor;
 pub mod motors;
 pub mod programs;
 pub mod read;

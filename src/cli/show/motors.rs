@@ -2,11 +2,11 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::console::number::labelled;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::console::time::rfc3339;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::motor::Motor;
+use crate::client::motor::Motor;
+use crate::client::number::labelled;
 use crate::client::{Snapshot, Staleness, View, identity};
 use crate::map::DEFAULT_FAMILY;
 

@@ -4,9 +4,9 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::cli::args::values::{Float48, family};
-use crate::cli::console::number::{float32, short};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::number::{float32, short};
 use crate::decode::{Value, value};
 use crate::format::join32;
 use crate::map::{BitField, Family, Field, Space};

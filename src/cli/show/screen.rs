@@ -4,11 +4,11 @@ use std::io;
 
 use rustix::termios::tcgetwinsize;
 
-use crate::cli::console::number::labelled;
 use crate::cli::console::output::Output;
 use crate::cli::context::Failure;
 use crate::cli::show::motors::{document, motors, text};
 use crate::client::Snapshot;
+use crate::client::number::labelled;
 
 /// Move the cursor to the top left; clear its line; clear from the cursor to the end of the screen.
 const HOME: &str = "\x1b[H";

@@ -10,7 +10,7 @@ use crate::map::Family;
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{Function, OpenBufferInfo, ProgramWords};
-use crate::segment::{Condition, Identity, RegionState, SegmentError, SegmentName, UserUnit};
+use crate::segment::{Condition, Identity, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     let mut board = match context.attach() {
@@ -64,12 +64,7 @@ fn fault(board: &mut Board, condition: Condition, socket: &Value) -> Option<(&'s
         let staleness = Staleness::of_segment(condition, &subscriber.header(), subscriber.now_ns());
         return Some((condition_name(condition), staleness.map(|why| why.to_string()).unwrap_or_default()));
     }
-    let snapshot = board.snapshot().ok();
-    let (servo, background) = snapshot.map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
-    let servo = servo.flatten().and_then(|view| Some(("servo", view.stale?)));
-    let background = background.flatten().and_then(|view| Some(("background", view.stale?)));
-    let old = servo.into_iter().chain(background).find(|(_, stale)| *stale != Staleness::Off);
-    if let Some((name, stale)) = old {
+    if let Some((name, stale)) = board.snapshot().ok().and_then(|snapshot| snapshot.old()) {
         return Some(("stale", format!("{name} data: {stale}")));
     }
     let unreachable = socket["reachable"] == false;
@@ -104,14 +99,8 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let regions: Map<String, Value> = subscriber
         .regions()
         .map(|region| {
-            let state = match region.state {
-                RegionState::Off => "off",
-                RegionState::Live if condition == Condition::Live => "live",
-                // The daemon can no longer update this state.
-                RegionState::Live | RegionState::Stale => "stale",
-            };
             let about = json!({
-                "state": state, "published": region.published, "period_ns": region.period_ns, "slots": region.slots,
+                "state": region.state_at(condition).name(), "published": region.published, "period_ns": region.period_ns, "slots": region.slots,
             });
             (region.id.name().to_owned(), about)
         })

@@ -6,10 +6,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{BEGINS, Look, Progress, STANDS, Watch, since};
-use crate::cli::console::number::{fixed, labelled};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::motor::Motor;
 use crate::cli::show::motors::motors;
+use crate::client::motor::Motor;
+use crate::client::number::{fixed, labelled};
 
 /// Servo flags of a motor that moves or is about to.
 pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progress"];

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::console::number::{NOT_READ, fixed};
+use super::number::{NOT_READ, fixed};
 use crate::decode::{BackgroundData, BackgroundMotor, Flags, Quantity, ServoData, ServoMotor};
 use crate::map::{Family, NumberKind, StatusTable, block_fields};
 use crate::segment::{Identity, UserUnit};
