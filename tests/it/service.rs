@@ -174,15 +174,24 @@ fn installed() -> tempfile::TempDir {
     };
     put("systemd/pmacd@.service", "usr/lib/systemd/system/pmacd@.service", 0o644);
     put("systemd/pmac-gateway@.service", "usr/lib/systemd/system/pmac-gateway@.service", 0o644);
-    for program in ["usr/lib/pmacd/pci-prepare", "usr/sbin/pmacd", "usr/bin/pmac-gateway"] {
+    put("systemd/pmac-web@.service", "usr/lib/systemd/system/pmac-web@.service", 0o644);
+    for program in ["usr/lib/pmacd/pci-prepare", "usr/sbin/pmacd", "usr/bin/pmac-gateway", "usr/bin/pmac-web"]
+    {
         put("systemd/pci-prepare", program, 0o755);
     }
     tree
 }
 
+/// The unit of the page, which has no drop-in.
+const PAGE: &str = "pmac-web";
+
 /// The service that a drop-in is for.
 fn service_of(drop_in: &str) -> &'static str {
-    if drop_in.starts_with("gateway") { "pmac-gateway@pmac0.service" } else { "pmacd@pmac0.service" }
+    match drop_in {
+        PAGE => "pmac-web@pmac0.service",
+        _ if drop_in.starts_with("gateway") => "pmac-gateway@pmac0.service",
+        _ => "pmacd@pmac0.service",
+    }
 }
 
 fn with_drop_in(tree: &Path, name: &str) {
@@ -198,7 +207,7 @@ fn with_systemd_it_finds_nothing_to_say_about_the_units() {
     let names = drop_ins.map(|entry| entry.file_name().into_string().unwrap());
     let names: Vec<String> = names.filter(|name| name.ends_with(".conf")).collect();
     assert!(names.len() >= 6);
-    for name in names.iter().map(String::as_str).chain([""]) {
+    for name in names.iter().map(String::as_str).chain(["", PAGE]) {
         let tree = installed();
         // The targets that any unit wants, from this machine's own systemd.
         let units = tree.path().join("usr/lib/systemd/system");
@@ -212,7 +221,7 @@ fn with_systemd_it_finds_nothing_to_say_about_the_units() {
         ] {
             let _ = fs::copy(Path::new("/usr/lib/systemd/system").join(unit), units.join(unit));
         }
-        if !name.is_empty() {
+        if name.ends_with(".conf") {
             with_drop_in(tree.path(), name);
         }
         let output = Command::new("systemd-analyze")
@@ -244,9 +253,10 @@ fn with_systemd_the_units_expose_no_more_than_they_promise() {
         ("real-time.conf", 10),
         ("wake-up.conf", 10),
         ("gateway-writes.conf", 15),
+        (PAGE, 15),
     ] {
         let tree = installed();
-        if !name.is_empty() {
+        if name.ends_with(".conf") {
             with_drop_in(tree.path(), name);
         }
         let output = Command::new("systemd-analyze")

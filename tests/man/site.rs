@@ -11,6 +11,7 @@ const CONFIGURATION: &str = include_str!("../../systemd/man/pmacd.toml.5");
 
 /// The page of the program that is no part of this package.
 const GATEWAY: &str = include_str!("../../systemd/man/pmac-gateway.8");
+const WEB: &str = include_str!("../../systemd/man/pmac-web.8");
 
 /// The programs.
 pub fn programs() -> [Command; 3] {
@@ -32,6 +33,7 @@ pub fn pages() -> Vec<(String, String)> {
     complete(&mut configuration, "pmacd.toml");
     pages.push(("pmacd.toml.5".to_owned(), configuration.finish()));
     pages.push(("pmac-gateway.8".to_owned(), GATEWAY.to_owned()));
+    pages.push(("pmac-web.8".to_owned(), WEB.to_owned()));
     pages
 }
 

@@ -1,0 +1,18 @@
+//! A board in a browser, and its numbers for Prometheus. It only reads, and what it reads lies in the daemon's shared memory.
+//!
+//! ```text
+//! segment → feed (one thread) → state (JSON, 5 a second) ⇒ /state, /events → the page
+//!                             → batches of updates       ⇒ /scope          → the page's scope
+//! segment → metrics           → text                     ⇒ /metrics        → Prometheus       (⇒ = network)
+//! ```
+//!
+//! However many clients there are, and whatever they do, the segment is read once, and the daemon is asked nothing.
+
+pub mod board;
+pub mod feed;
+pub mod metrics;
+pub mod options;
+pub mod pages;
+pub mod scope;
+pub mod server;
+pub mod state;

@@ -1,0 +1,62 @@
+//! A board in a browser, and its numbers for Prometheus.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::Parser;
+use log::{LevelFilter, info, warn};
+use pmac_dpram::usage::usage;
+use pmac_web::feed::Feed;
+use pmac_web::options::Options;
+use pmac_web::server;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+
+fn main() -> ExitCode {
+    let options = match Options::try_parse() {
+        Ok(options) => options,
+        Err(error) => return usage("pmac-web", &error),
+    };
+    env_logger::Builder::new()
+        .filter_level(LevelFilter::Info)
+        .format(|line, record| writeln!(line, "pmac-web: {}", record.args()))
+        .init();
+    match run(&options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            let _ = writeln!(io::stderr(), "pmac-web: {why}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Serves until a signal comes.
+fn run(options: &Options) -> Result<(), String> {
+    let place = options.place().map_err(|error| error.to_string())?;
+    place.look().map_err(|error| error.to_string())?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| format!("an event loop: {error}"))?;
+    runtime.block_on(async {
+        let address = options.listen();
+        let refuse = |error| format!("{address}: {error}; choose another --listen");
+        let listener = TcpListener::bind(address).await.map_err(refuse)?;
+        // The port may have been left to the system.
+        let address = listener.local_addr().map_err(refuse)?;
+        let signals = |kind| signal(kind).map_err(|error| format!("signals: {error}"));
+        let (mut interrupt, mut terminate) =
+            (signals(SignalKind::interrupt())?, signals(SignalKind::terminate())?);
+        let feed = Feed::start(place.clone()).map_err(|error| format!("a thread: {error}"))?;
+        if !address.ip().is_loopback() {
+            warn!(
+                "{address} is no loopback address: there is no encryption and no password, and whoever reaches it sees the machine"
+            );
+        }
+        info!("listening on http://{address}");
+        tokio::select! {
+            () = server::serve(listener, server::routes(feed, place)) => {}
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        Ok(())
+    })
+}

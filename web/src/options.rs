@@ -1,0 +1,79 @@
+//! The command line.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use clap::Parser;
+use pmac_dpram::segment::{SegmentError, SegmentName};
+
+use crate::board::Place;
+
+/// The board that is meant where none is named.
+const DEFAULT_NAME: &str = "pmac0";
+
+/// Shows a board that pmacd drives in a browser: motors, a live scope, coordinate systems, health. /metrics is for Prometheus
+#[derive(Debug, Parser)]
+#[command(name = "pmac-web", version)]
+#[command(
+    after_help = "It only reads, and commands nothing. There is no encryption and no password: whoever reaches the address sees \
+    the machine. Listen on a loopback address and let browsers in by ssh (ssh -L 8025:127.0.0.1:8025 HOST), WireGuard or a \
+    proxy that asks for a password.\n\
+    Exit status: 0 ended by a signal; 2 the request could not be made."
+)]
+pub struct Options {
+    /// The board's name [default: that of --socket, else pmac0]
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// The daemon's socket, which tells the board
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+    /// The address to listen on
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8025")]
+    listen: SocketAddr,
+}
+
+impl Options {
+    /// Where to listen.
+    #[must_use]
+    pub fn listen(&self) -> SocketAddr {
+        self.listen
+    }
+
+    /// Which board to show.
+    ///
+    /// # Errors
+    /// The name is none.
+    pub fn place(&self) -> Result<Place, SegmentError> {
+        Ok(match (&self.name, &self.socket) {
+            (None, Some(socket)) => Place::At(socket.clone()),
+            (name, socket) => {
+                let name = name.as_deref().unwrap_or(DEFAULT_NAME);
+                Place::Named(SegmentName::new(name)?, socket.clone())
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_sound_and_says_what_it_lacks() {
+        Options::command().debug_assert();
+        let help = Options::command().render_help().to_string();
+        assert!(help.contains("no encryption and no password") && help.contains("ssh"), "{help}");
+    }
+
+    #[test]
+    fn a_socket_alone_says_which_board_is_meant() {
+        let label = |line: &str| Options::try_parse_from(line.split(' ')).unwrap().place().unwrap().label();
+        assert_eq!(label("pmac-web --socket /x.sock"), "/x.sock");
+        assert_eq!(label("pmac-web --socket /x.sock --name rig"), "rig");
+        assert_eq!(label("pmac-web"), DEFAULT_NAME);
+        for wrong in ["--listen nowhere", "--listen 127.0.0.1", "--read-only"] {
+            assert!(Options::try_parse_from(["pmac-web"].into_iter().chain(wrong.split(' '))).is_err());
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! HTTP, bounded: so many connections, so long for a request, so long for a client that does not read.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::response::sse::{Event, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use futures_util::{Stream, StreamExt, stream};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use log::warn;
+use serde::Deserialize;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_io_timeout::TimeoutStream;
+
+use crate::board::Place;
+use crate::feed::Feed;
+use crate::scope::Traces;
+use crate::{metrics, pages};
+
+/// Connections at a time. More wait until one ends.
+pub const CONNECTIONS: usize = 64;
+/// Streams at a time, of state or of traces: less than the connections, so that others get in.
+pub const STREAMS: usize = 48;
+/// How long a client may take for a request, and stay without one.
+const REQUEST: Duration = Duration::from_secs(10);
+/// How long a client may not read.
+const UNREAD: Duration = Duration::from_secs(10);
+/// The most of a request that is kept.
+const REQUEST_MAX: usize = 16 << 10;
+/// How long to wait where the system refuses a connection.
+const REFUSED: Duration = Duration::from_millis(100);
+
+#[derive(Clone)]
+struct Site {
+    feed: Feed,
+    place: Arc<Place>,
+    streams: Arc<Semaphore>,
+}
+
+/// Everything that is answered.
+pub fn routes(feed: Feed, place: Place) -> Router {
+    let site = Site { feed, place: Arc::new(place), streams: Arc::new(Semaphore::new(STREAMS)) };
+    let own = Router::new()
+        .route("/state", get(state))
+        .route("/events", get(events))
+        .route("/scope", get(scope))
+        .route("/metrics", get(numbers));
+    own.merge(pages::routes()).with_state(site)
+}
+
+/// Serves until the program ends.
+pub async fn serve(listener: TcpListener, routes: Router) {
+    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    loop {
+        // The semaphore is never closed.
+        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+        match listener.accept().await {
+            Ok((stream, _)) => drop(tokio::spawn(connection(stream, routes.clone(), place))),
+            Err(why) => {
+                warn!("a connection: {why}");
+                tokio::time::sleep(REFUSED).await;
+            }
+        }
+    }
+}
+
+async fn connection(stream: TcpStream, routes: Router, _place: OwnedSemaphorePermit) {
+    let mut stream = TimeoutStream::new(stream);
+    stream.set_write_timeout(Some(UNREAD));
+    let served = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(REQUEST)
+        .max_buf_size(REQUEST_MAX)
+        .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(routes));
+    // A client that goes is no fault of ours.
+    let _ = served.await;
+}
+
+async fn state(State(site): State<Site>) -> Response {
+    let json = site.feed.state.borrow().to_string();
+    ([(CONTENT_TYPE, "application/json"), (CACHE_CONTROL, "no-store")], json).into_response()
+}
+
+async fn numbers(State(site): State<Site>) -> Response {
+    // Attaching reads files.
+    let read = tokio::task::spawn_blocking(move || metrics::text(&site.place)).await;
+    match read {
+        Ok(Ok(text)) => ([(CONTENT_TYPE, metrics::KIND)], text).into_response(),
+        Ok(Err(why)) => (StatusCode::INTERNAL_SERVER_ERROR, format!("{why}\n")).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// Streams what `events` yields, if there is a place for one more.
+fn streamed(site: &Site, events: impl Stream<Item = String> + Send + 'static) -> Response {
+    let Ok(place) = Arc::clone(&site.streams).try_acquire_owned() else {
+        let why = format!("{STREAMS} clients are shown the board: close one, or try again later\n");
+        return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
+    };
+    let events = events.map(move |json| {
+        let _held = &place;
+        Ok::<_, Infallible>(Event::default().data(json))
+    });
+    Sse::new(events).into_response()
+}
+
+/// The state, whenever there is a new one.
+async fn events(State(site): State<Site>) -> Response {
+    let states = stream::unfold((site.feed.state.clone(), true), |(mut states, is_first)| async move {
+        if !is_first {
+            states.changed().await.ok()?;
+        }
+        let state = states.borrow_and_update().to_string();
+        Some((state, (states, false)))
+    });
+    streamed(&site, states)
+}
+
+#[derive(Deserialize)]
+struct Asked {
+    traces: String,
+}
+
+/// Every servo update of the traces asked for.
+async fn scope(State(site): State<Site>, Query(asked): Query<Asked>) -> Response {
+    let traces = match Traces::parse(&asked.traces) {
+        Ok(traces) => traces,
+        Err(why) => return (StatusCode::BAD_REQUEST, format!("{why}\n")).into_response(),
+    };
+    let batches = stream::unfold((site.feed.batches(), traces), |(mut batches, traces)| async move {
+        let json = match batches.recv().await {
+            Ok(batch) => traces.json(&batch),
+            // Too slow: the picture says so.
+            Err(RecvError::Lagged(batches)) => format!("{{\"t\":[],\"v\":[],\"behind\":{batches}}}"),
+            Err(RecvError::Closed) => return None,
+        };
+        Some((json, (batches, traces)))
+    });
+    streamed(&site, batches)
+}

@@ -1,0 +1,129 @@
+"""What is answered to programs, and to those who mean no good."""
+
+import json
+import pathlib
+import re
+import shutil
+import socket
+import subprocess
+import threading
+import urllib.error
+import urllib.parse
+
+import pytest
+from site_of_processes import LOOPBACK, PROGRAMS, until
+
+DASHBOARD = pathlib.Path(__file__).parents[1] / "grafana.json"
+
+
+def connect(own):
+    port = urllib.parse.urlparse(own.url).port
+    return socket.create_connection((LOOPBACK, port), timeout=30)
+
+
+def resident(process):
+    """Memory in KiB."""
+    status = pathlib.Path(f"/proc/{process.pid}/status").read_text()
+    return int(re.search(r"VmRSS:\s+(\d+)", status).group(1))
+
+
+def test_metrics_begin_with_pmac_and_are_well_formed(moving):
+    text = moving.get("/metrics")
+    names = {re.match(r"[a-z_]+", line).group() for line in text.splitlines() if not line.startswith("#")}
+    assert names and all(name.startswith("pmac_") for name in names)
+    assert 'pmac_motor_position_counts{motor="1",name="AZ"}' in text
+    assert "pmac_up 1" in text.splitlines() and "pmac_live 1" in text.splitlines()
+    if promtool := shutil.which("promtool"):
+        checked = subprocess.run([promtool, "check", "metrics"], input=text, text=True, capture_output=True)
+        assert (checked.returncode, checked.stdout, checked.stderr) == (0, "", "")
+
+
+def test_every_metric_of_the_dashboard_is_there(moving):
+    names = set(re.findall(r"pmac_[a-z_]+", DASHBOARD.read_text()))
+    text = moving.get("/metrics")
+    assert names and {name for name in names if f"\n{name}" not in text} == set()
+    assert json.loads(DASHBOARD.read_text())["panels"]
+
+
+def test_without_a_daemon_nothing_is_live(board):
+    board.site.kill_daemon()
+    def metrics():
+        return board.get("/metrics").splitlines()
+    until(lambda: "pmac_up 0" in metrics(), "a board that is not up")
+    assert "pmac_live 0" in metrics()
+    assert not [line for line in metrics() if line.startswith("pmac_motor_position")], "no old position"
+    until(lambda: json.loads(board.get("/state"))["condition"] != "live", "a state that is not live")
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/../etc/passwd", "/scope", "/scope?traces=1", "/scope?traces=" + "1.velocity," * 99])
+def test_what_is_not_there_is_refused(moving, path):
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        moving.get(path)
+    assert refused.value.code in (400, 404)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
+def test_nothing_can_be_written(moving, method):
+    with connect(moving) as client:
+        client.sendall(f"{method} /state HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n".encode())
+        assert client.recv(100).startswith(b"HTTP/1.1 405")
+
+
+def test_another_boards_socket_is_refused(moving):
+    other = [PROGRAMS / "pmac-web", "--name", "another", "--socket", moving.site.socket, "--listen", "127.0.0.1:0"]
+    refused = subprocess.run(other, capture_output=True, text=True, timeout=30)
+    assert refused.returncode == 2 and moving.site.name in refused.stderr
+
+
+def test_long_and_half_requests_are_bounded(board):
+    with connect(board) as client:
+        client.sendall(b"GET / HTTP/1.1\r\nX: " + b"a" * 100_000)
+        assert client.recv(100).startswith(b"HTTP/1.1 431")
+    with connect(board) as client:
+        client.sendall(b"GET / HTT")
+        assert client.recv(100) in (b"", b"HTTP/1.1 408 Request Timeout"), "the server gives up by itself"
+    with connect(board) as client:
+        client.sendall(b"\x16\x03\x01 nonsense\r\n\r\n")
+        assert client.recv(100).startswith(b"HTTP/1.1 400")
+
+
+def test_many_who_do_not_read_hold_nobody_up(board):
+    until(lambda: served(board), "a state")
+    before = resident(board.web)
+    counters = json.loads(board.get("/state"))["counters"]
+    fields = "actual_position,1.following_error,1.velocity,1.commanded_position"
+    idle = [connect(board) for _ in range(10)]
+    streams = []
+    for _ in range(60):
+        client = connect(board)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.sendall(f"GET /scope?traces=1.{fields} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        streams.append(client)
+    # Those who do not read are sent away, and then everybody is served again.
+    until(lambda: served(board), "a state")
+    until(lambda: "pmac_up 1" in board.get("/metrics", 30), "metrics")
+    assert resident(board.web) < before + 64 * 1024
+    after = json.loads(board.get("/state", 30))["counters"]
+    assert after["lost"] == counters["lost"]
+    for client in idle + streams:
+        client.close()
+
+
+def served(board):
+    try:
+        return json.loads(board.get("/state", 20))["condition"] == "live"
+    except OSError:
+        return False
+
+
+def test_a_stream_tells_what_it_left_out(moving):
+    got = []
+    with connect(moving) as client:
+        client.sendall(b"GET /scope?traces=1.actual_position HTTP/1.1\r\nHost: x\r\n\r\n")
+        reader = client.makefile("rb")
+        thread = threading.Thread(target=lambda: got.extend(line for line, _ in zip(reader, range(200))))
+        thread.start()
+        thread.join(60)
+    batches = [json.loads(line[6:]) for line in got if line.startswith(b"data: ")]
+    assert batches and all(batch["lost"] == 0 for batch in batches)
+    assert sum(len(batch["t"]) for batch in batches) > 1000
