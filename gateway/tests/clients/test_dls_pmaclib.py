@@ -1,7 +1,8 @@
-"""dls-pmaclib: it connects, asks, sets, jogs and tells errors. All by GETRESPONSE and GETBUFFER."""
+"""dls-pmaclib: it connects, asks, sets, loads, jogs and tells errors. All by GETRESPONSE and GETBUFFER."""
 
 import pytest
 from dls_pmaclib.dls_pmacremote import PmacEthernetInterface
+from dls_pmaclib.dls_pmcpreprocessor import ClsPmacParser
 from site_of_processes import until
 
 
@@ -62,6 +63,32 @@ def test_errors_have_the_boards_numbers_and_end_nothing(pmac):
     assert pmac.sendCommand("&1b999r")[0].strip("\x07\r") in pmac.PMAC_errors
     assert pmac.sendCommand("") == ("\x06", True)
     assert pmac.sendCommand("p0") == ("0\r\x06", True)
+
+
+FILE = """#define speed P10
+CLOSE                  ; whatever is open
+speed = 20
+OPEN PROG 7 CLEAR
+LINEAR
+IF (speed > 10)
+X(speed) Y-5
+ENDIF
+CLOSE
+nonsense
+speed = 30
+"""
+
+
+def test_it_loads_a_file_line_by_line_and_saves(site, pmac, tmp_path):
+    file = tmp_path / "moves.pmc"
+    file.write_text(FILE)
+    parsed = ClsPmacParser().parse(str(file))
+    lines = [(number, line) for number, line in enumerate(parsed, 1) if line.strip()]
+    refused = [(line.strip(), reply) for done, _, line, reply in pmac.sendSeries(lines) if not done]
+    assert refused == [("nonsense", "\x07ERR003\r")]
+    assert site.send("P10") == ["30"]
+    assert site.send("LIST PROG7") == ["LIN", "IF(P10>10)", "X(P10) Y-5", "ENDI"]
+    assert pmac.sendCommand("SAVE") == ("\x06", True)
 
 
 def test_it_jogs(site, pmac):
