@@ -63,8 +63,9 @@ class Server:
         try:
             due, count = time.monotonic(), 0
             while not self._end.wait(max(0.0, due - time.monotonic())):
-                # After a pause of the machine there is nothing to catch up with: the next block is longer.
-                due = max(due + TICK_S, time.monotonic())
+                # After a pause of the machine there is nothing to catch up with: the next block is longer. And the last one
+                # gets the time to be sent before the next changes its columns.
+                due = max(due, time.monotonic() - TICK_S / 2) + TICK_S
                 try:
                     if count % SCALARS_EACH == 0:
                         self._scalars()

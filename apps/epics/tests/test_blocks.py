@@ -23,21 +23,24 @@ def tables(context, blocks):
     return context.monitor(f"{PREFIX}TABLE", blocks.put, request="record[queueSize=100]", notify_disconnect=False)
 
 
-def gaps(before, block):
-    """Where reports of the board are missing in ``block``, which follows ``before``: how many, and the seconds without any."""
+def absent(before, block):
+    """How many of the board's reports pmacd has not read before each one in ``block``, which follows ``before``, and the time
+    since the one before it.
+    """
     assert block.first == block.block == before.block + 1, "whole blocks, each once"
     assert len({len(column) for _, column in block.value.items()}) == 1
-    numbers, timer, seconds = (
+    numbers, cycles, seconds = (
         numpy.diff(numpy.concatenate(([before.value[name][-1]], block.value[name])))
         for name in ("update", "timer", "time")
     )
-    assert set(numbers) == {1} or block.lost > before.lost, "each report that pmacd has read, once"
-    return [(int(timer[at]) - 1, seconds[at]) for at in numpy.flatnonzero(timer > 1)]
+    assert sum(numbers - 1) == block.lost - before.lost, "each report that pmacd has read, once, or counted as lost"
+    return (cycles - numbers).astype(int), seconds
 
 
 def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, context):
     blocks = queue.Queue()
     monitor = tables(context, blocks)
+    processes = {"server": ioc.process, "pmacd": ioc.site.daemon}
 
     def following():
         while (block := blocks.get(timeout=60)).alarm.severity == 3:
@@ -47,25 +50,28 @@ def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, cont
 
     try:
         # What the monitor begins with may have been read between two blocks.
-        following()
         before, first = following(), following()
-        # pmacd counts a gap after it has published the report behind it: a count is exact where no gap comes last.
-        while first.value.timer[-1] - first.value.timer[-2] > 1:
+        while before.first != before.block:
             before, first = first, following()
-        processes = {"server": ioc.process, "pmacd": ioc.site.daemon}
+        # pmacd counts a gap after it has published the report behind it: a count is exact where no gap comes last.
+        while absent(before, first)[0][-1]:
+            before, first = first, following()
         began, used = time.monotonic(), {name: cpu_seconds(process) for name, process in processes.items()}
-        last, missing, compared = first, 0, 0
-        # Of a pause that a busy machine makes pmacd counts all or nothing: it may have been the board's.
-        pauses = {0}
+        last = first
+        missing = compared = counted = paused = pauses = longest = 0
         while time.monotonic() < began + SECONDS:
             before, last = last, following()
-            found = gaps(before, last)
-            missing += sum(gap for gap, silence in found if silence < 0.1)
-            for pause in (gap for gap, silence in found if silence >= 0.1):
-                pauses |= {pause + other for other in pauses}
-            if last.value.timer[-1] - last.value.timer[-2] == 1:
-                compared += 1
-                assert last.missed - first.missed - missing in pauses, f"block {last.block}: {missing} are missing"
+            reports, seconds = absent(before, last)
+            # A pause that a busy machine makes may be the board's; pmacd counts what is not: nothing, a part or all of it.
+            pause = seconds >= 0.1
+            missing += reports[~pause].sum()
+            paused += reports[pause].sum()
+            pauses += pause.sum()
+            longest = max(longest, seconds.sum())
+            if reports[-1] == 0:
+                of_pauses = last.missed - first.missed - missing
+                assert counted <= of_pauses <= counted + paused, f"block {last.block}: {missing} are missing"
+                counted, paused, compared = of_pauses, 0, compared + 1
     finally:
         monitor.close()
     seconds = time.monotonic() - began
@@ -74,11 +80,13 @@ def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, cont
     )
     reports = last.value.update[-1] - first.value.update[-1]
     print(
-        f"\n{reports:.0f} reports of {seconds:.1f} s in {last.block - first.block} blocks: {reports / seconds:.0f}/s, "
-        f"missed {last.missed - first.missed} (compared {compared} times), "
+        f"\n{reports:.0f} reports of {seconds:.1f} s in {last.block - first.block} blocks, the longest {longest:.2f} s: "
+        f"{reports / seconds:.0f}/s, missed {last.missed - first.missed} (compared {compared} times, {pauses} pauses), "
         f"lost {last.lost - first.lost}; of a processor: {load}"
     )
-    assert compared > 0 and last.lost == first.lost
+    assert compared > 0
+    # The segment holds 4096 reports: a machine that stops the server for longer than them takes some.
+    assert last.lost == first.lost or longest > 1.5
 
 
 def a_block(context):
