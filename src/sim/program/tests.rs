@@ -382,6 +382,26 @@ fn a_program_hold_stops_on_the_path() {
     assert!((end[0] - 20.0).abs() + end[1].abs() < 1e-6, "{end:?}");
 }
 
+/// `Q` ends the program after the moves already calculated (GRAMMAR 2.4), and one that waits for lines at once: "only Q or A
+/// ends it" (User Manual p. 213).
+#[test]
+fn a_quit_ends_a_rotary_program_in_every_cycle_of_its_last_move() {
+    for (mode, segmentation, step) in
+        [("LINEAR", 0.0, 11), ("LINEAR", 10.0, 41), ("SPLINE1", 0.0, 41), ("RAPID", 0.0, 41)]
+    {
+        for cycles in (1..1200).step_by(step) {
+            let mut bench = bench();
+            bench.set(13, segmentation);
+            lines(&mut bench, "&1DEFINE ROT 30\nB0 OPEN ROT\nINC TM50 TA20 TS5");
+            lines(&mut bench, mode);
+            lines(&mut bench, "X1 Y2\nX-1 Y2\nCLOSE\n&1R");
+            bench.run(cycles);
+            lines(&mut bench, "&1Q");
+            bench.until(4000, |board| !running(board));
+        }
+    }
+}
+
 #[test]
 fn a_limit_on_the_way_ends_the_program() {
     let mut bench = bench();
