@@ -206,7 +206,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.send_as(line, timeout, None)
+        self.send_as(line, timeout, None, None)
     }
 
     /// As [`Connection::send`], for a line that wants to know something by the way: while a program buffer is open, where it
@@ -215,7 +215,16 @@ impl Connection {
     /// # Errors
     /// As [`Connection::send`].
     pub fn question(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.send_as(line, timeout, Some(true))
+        self.send_as(line, timeout, Some(true), None)
+    }
+
+    /// As [`Connection::send`], for a line that belongs into the program buffer that this user has open: when that is closed,
+    /// where the line would be carried out at once, it is refused and not sent.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send_into_buffer(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
+        self.send_as(line, timeout, None, Some(true))
     }
 
     /// Asks the board for its servo counter, which begins again at a reset, and returns how many resets the daemon has found in
@@ -233,10 +242,11 @@ impl Connection {
         line: &str,
         timeout: Duration,
         question: Option<bool>,
+        into_buffer: Option<bool>,
     ) -> Result<Vec<String>, CommandError> {
         let timeout_ms = Some(milliseconds(timeout));
         let confirmed = self.confirmed();
-        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question, confirmed };
+        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question, into_buffer, confirmed };
         let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
         Ok(reply.lines)
     }

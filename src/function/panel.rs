@@ -250,6 +250,14 @@ impl PanelRequest {
         self.mask
     }
 
+    /// What it asks, where that is the same of all its numbers.
+    #[must_use]
+    pub fn action(&self) -> Option<PanelAction> {
+        let (_, first) = self.asked().next()?;
+        let action = PanelAction::ALL.into_iter().find(|action| action.bits() == first)?;
+        self.asked().all(|(_, word)| word == first).then_some(action)
+    }
+
     /// The numbers it is for, and the request word of each.
     fn asked(&self) -> impl Iterator<Item = (usize, u16)> {
         (1..).zip(self.words).filter(|(number, _)| self.mask >> (number - 1) & 1 != 0)

@@ -117,6 +117,12 @@ pub struct BoardInfo {
     /// What others do on the board, or have changed there: another host, or a program.
     #[serde(default)]
     pub elsewhere: Vec<Elsewhere>,
+    /// What clients have sent last that ends programs, motions or gathers, the latest last.
+    #[serde(default)]
+    pub stops: Vec<SentStop>,
+    /// How long ago the board was sent a reset, or was seen to come up again, in milliseconds, as far as known.
+    #[serde(default)]
+    pub reset_ago_ms: Option<u64>,
     /// Functions that are not used yet: the board is asked where its M-variables point.
     #[serde(default)]
     pub waiting: Vec<Function>,
@@ -146,6 +152,34 @@ pub struct Elsewhere {
     pub is: Option<i64>,
     /// How long ago the board was last seen to be as before, in milliseconds, where that is known.
     pub ago_ms: Option<u64>,
+}
+
+/// Something that a client has sent, and the board may have carried out, that ends programs, motions or a gather.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct SentStop {
+    /// Counts up since the daemon's start.
+    pub number: u64,
+    /// The commands that do it: `&1Q`, `^A`, `panel stop`.
+    pub what: String,
+    /// The user who sent it.
+    pub uid: u32,
+    /// His process.
+    pub pid: i32,
+    /// Whether it names what it ends, or is for all; otherwise it went to what was addressed.
+    pub named: bool,
+    /// The coordinate systems whose programs it may have ended.
+    pub coordinate_systems: Vec<u32>,
+    /// The motors that it may have stopped, or sent elsewhere.
+    pub motors: Vec<u32>,
+    /// Whether it may have ended a gather.
+    pub gather: bool,
+}
+
+impl fmt::Display for SentStop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { what, uid, pid, .. } = self;
+        write!(f, "uid {uid} (pid {pid}) sent {what}")
+    }
 }
 
 /// A port for command lines.

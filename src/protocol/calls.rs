@@ -81,6 +81,9 @@ parameters! {
         /// Whether it is a question, which must not become a line of an open program buffer; it is a line when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         question: Option<bool>,
+        /// Whether it belongs into the program buffer that its user has open: it is refused if that is closed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        into_buffer: Option<bool>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,

@@ -7,6 +7,8 @@
 pub const ABORT: u8 = 0x01;
 /// `^K`: every motor's loop opens, with zero output and its amplifier disabled.
 pub const KILL: u8 = 0x0B;
+/// `^L`: the rotary buffers are closed, as by `CLOSE`.
+pub const CLOSE_ROTARY: u8 = 0x0C;
 /// `^O`: feed hold of every coordinate system.
 pub const HOLD: u8 = 0x0F;
 /// `^Q`: every program ends after the moves that are calculated.
@@ -15,6 +17,8 @@ pub const QUIT: u8 = 0x11;
 pub const RUN: u8 = 0x12;
 /// `^S`: the programs of every coordinate system do one step.
 pub const STEP: u8 = 0x13;
+/// `^U`: the rotary buffers are opened, as by `OPEN ROT`.
+pub const OPEN_ROTARY: u8 = 0x15;
 /// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
 pub const SERIAL: u8 = 0x1A;
 

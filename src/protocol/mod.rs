@@ -15,6 +15,7 @@ pub mod frame;
 pub mod function;
 pub mod i_lines;
 pub mod line;
+pub mod line_ends;
 pub mod message;
 pub mod mirror_selection;
 pub mod moved_motors;

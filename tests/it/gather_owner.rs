@@ -222,8 +222,23 @@ fn b1_9_a_gather_that_another_host_ends_says_so() {
     let ran = ended(&site, gather);
     let said = String::from_utf8_lossy(&ran.stderr).into_owned();
     assert!(ran.status.code() == Some(1) && said.contains("the board gathers no more"), "{ran:?}");
-    assert!(said.contains("samples came"), "{said}");
+    assert!(said.contains("no client of pmacd ended that") && said.contains("samples came"), "{said}");
     assert_as_before(&site);
+}
+
+#[test]
+fn b1_9_a_gather_that_another_client_ends_by_line_names_him() {
+    let site = running();
+    for line in ["ENDGATHER", "END GATHER"] {
+        let gather = gathering(&site, &["--seconds", "60"]);
+        site.ask(line);
+        let ran = ended(&site, gather);
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        let by = format!("uid {} (pid {}) sent ENDGATHER", getuid(), std::process::id());
+        let why = format!("the board gathers no more: {by}");
+        assert!(ran.status.code() == Some(1) && said.contains(&why), "{line}: {ran:?}");
+        assert_as_before(&site);
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use nix::unistd::{Gid, Uid, getuid};
 use pmac_dpram::daemon::socket::policy::{Peer, Role};
+use pmac_dpram::protocol::control;
 use serde_json::{Value, json};
 
 use crate::support::VirtualSite;
@@ -191,5 +192,40 @@ fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
     assert_eq!(ran.code, Some(1), "{ran:?}");
     assert!(ran.stderr.contains("somebody closed the program buffer"), "{}", ran.stderr);
     assert_eq!(site.ask("P5"), ["7"], "what would have entered the program was not carried out");
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_the_characters_that_open_and_close_the_rotary_buffers_follow_the_rules_of_lines() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.ask("&1DEFINE ROT 100");
+    let mut other = stranger(&site);
+    let character = |client: &mut Raw, name: &str| call(client, "SendControl", json!({ "character": name }));
+    // Somebody else's program is not disturbed.
+    site.ask("OPEN PROG 77 CLEAR");
+    let told = character(&mut other, "^U");
+    assert!(told["parameters"]["reason"].as_str().unwrap().contains("has had PROG 77 open"), "{told}");
+    let told = character(&mut other, "^L");
+    let reason = told["parameters"]["reason"].as_str().unwrap();
+    assert!(reason.contains("what is open is PROG 77") && reason.contains("nothing was sent"), "{told}");
+    site.ask("X1");
+    site.ask("CLOSE");
+    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    // Who opens the rotary buffers is their owner.
+    site.connection().control(control::OPEN_ROTARY).unwrap();
+    let open = site.connection().info().unwrap().open_buffer.unwrap();
+    assert_eq!((open.name.as_deref(), open.uid), (Some("ROT"), Some(getuid().as_raw())));
+    let pid = i32::try_from(std::process::id()).unwrap();
+    assert_eq!(open.pid, Some(pid));
+    let told = call(&mut other, "Send", json!({ "line": "X5" }));
+    assert!(
+        told["parameters"]["reason"].as_str().unwrap().contains("would have become a program line"),
+        "{told}"
+    );
+    site.ask("X2");
+    site.connection().control(control::CLOSE_ROTARY).unwrap();
+    site.wait_until("the buffers to be closed", || site.connection().info().unwrap().open_buffer.is_none());
+    assert_eq!(site.ask("&1PR"), ["1"]);
     site.assert_no_violations();
 }

@@ -5,8 +5,11 @@ use std::os::unix::net::UnixStream;
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
+use nix::sys::signal::Signal;
 use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
+use pmac_dpram::protocol::control;
 
+use crate::support::jogs::signal;
 use crate::support::{PATIENCE, VirtualSite, output_within};
 
 const PLACE: RotaryPlace = RotaryPlace {
@@ -20,6 +23,11 @@ const PLACE: RotaryPlace = RotaryPlace {
     run: true,
     may_stand: false,
 };
+
+/// What this test's own connections sent, as others are told.
+fn sent(what: &str) -> String {
+    format!("uid {} (pid {}) sent {what}", nix::unistd::getuid(), std::process::id())
+}
 
 fn ended(site: &VirtualSite, mut child: Child) -> Output {
     site.hurried(|| output_within(&mut child, PATIENCE))
@@ -205,13 +213,53 @@ fn b1_5_a_stream_notices_that_its_program_was_stopped() {
     let site = running();
     let child = long_stream(&site);
     // ^Q ends every program; no board says so by itself.
-    assert_eq!(site.pmacctl(&["send", "^Q"]).0, 0);
+    site.connection().control(control::QUIT).unwrap();
     let ran = ended(&site, child);
     let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
     assert_eq!(ran.status.code(), Some(1), "{stderr}");
-    assert!(stderr.contains("does not run its rotary program any more"), "{stderr}");
+    let why = format!("does not run its rotary program any more: {}", sent("^Q"));
+    assert!(stderr.contains(&why), "{stderr}");
     assert!(stderr.contains("lines were sent") && stderr.contains("are left in &1's"), "{stderr}");
     assert_ended(&site);
+}
+
+#[test]
+fn b1_9_a_stream_says_who_ended_its_program_as_far_as_known() {
+    for line in ["&1A", "A"] {
+        let site = running();
+        let child = long_stream(&site);
+        site.ask(line);
+        let ran = ended(&site, child);
+        let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+        let why = format!("does not run its rotary program any more: {}", sent(line));
+        assert!(ran.status.code() == Some(1) && stderr.contains(&why), "{line}: {stderr}");
+    }
+    let site = running();
+    let child = long_stream(&site);
+    UnixStream::connect(site.path("serial")).unwrap().write_all(b"&1A\r").unwrap();
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    let why = "any more: an error, the serial port, another host or a program of the board ended it";
+    assert!(ran.status.code() == Some(1) && stderr.contains(why), "{stderr}");
+}
+
+#[test]
+fn b1_5_the_end_of_a_stream_says_that_a_feed_hold_keeps_its_program() {
+    let site = running();
+    let child = long_stream(&site);
+    site.ask("&1H");
+    site.run_for(Duration::from_secs(2));
+    let held = position(&site);
+    signal(&child, Signal::SIGINT);
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(stderr.contains("&1Q was sent, and the program still runs"), "{stderr}");
+    assert!(!stderr.contains("has been ended"), "{stderr}");
+    assert!(runs(&site) && (position(&site) - held).abs() < 0.1, "it is held");
+    // What was calculated comes first, and then the end.
+    assert_eq!(site.pmacctl(&["send", "--yes", "&1R"]).0, 0);
+    site.wait_until("the end of the program", || !runs(&site));
+    site.assert_no_violations();
 }
 
 #[test]
@@ -274,10 +322,12 @@ fn b1_1_a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why(
         let ran = ended(&site, child);
         let stderr = String::from_utf8_lossy(&ran.stderr).into_owned();
         assert_eq!(ran.status.code(), Some(1), "{stderr}");
-        assert!(
-            stderr.contains("the rotary buffers are closed") && stderr.contains("sent CLOSE"),
-            "{stderr}"
-        );
+        let by = if is_serial {
+            "somebody sent CLOSE, on the serial port or from another host".to_owned()
+        } else {
+            sent("CLOSE")
+        };
+        assert!(stderr.contains("the rotary buffers are closed") && stderr.contains(&by), "{stderr}");
         assert!(stderr.contains("long.pmc:") && stderr.contains("lines were sent"), "{stderr}");
         assert_ended(&site);
     }

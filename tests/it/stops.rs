@@ -1,7 +1,10 @@
 //! Stops that stop, whatever has become of the control panel.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
+use nix::unistd::getuid;
 use pmac_dpram::client::Connection;
 
 use crate::support::jogs::{ask, until};
@@ -188,6 +191,42 @@ fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
     assert!(!listed.contains(['J', 'A', 'H']), "{listed}");
     site.wait_until("every function to be used", || used(&site));
     site.assert_no_violations();
+}
+
+#[test]
+fn b2_6_a_held_jog_ends_when_somebody_switches_the_panel_off() {
+    for by_serial in [false, true] {
+        let site = running("");
+        let mut board = site.connection();
+        let mut held = holder(&site, &mut board);
+        if by_serial {
+            UnixStream::connect(site.path("serial")).unwrap().write_all(b"I2=0\r").unwrap();
+            site.run_for(Duration::from_millis(50));
+            held.panel_renew().unwrap();
+            // The daemon asks again when a scale may have changed, and every half minute.
+            board.send("I809=96", PATIENCE).unwrap();
+        } else {
+            board.send("I2=0", PATIENCE).unwrap();
+        }
+        let mut told = None;
+        for _ in 0..100 {
+            site.run_for(Duration::from_millis(50));
+            told = held.panel_renew().err();
+            if told.is_some() {
+                break;
+            }
+        }
+        let told = told.expect("the hold ends").to_string();
+        let why = if by_serial {
+            "the control panel is off (I2 is not 3 any more), by the serial port".to_owned()
+        } else {
+            format!("uid {} (pid {}) has switched the control panel off", getuid(), std::process::id())
+        };
+        assert!(told.contains("the held jog is over") && told.contains(&why), "{told}");
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+        assert!(site.log().contains("pmacd sends \"#1J/#"), "{}", site.log());
+        assert!(!site.log().contains("sends ^A"), "{}", site.log());
+    }
 }
 
 #[test]

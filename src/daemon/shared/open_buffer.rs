@@ -32,10 +32,6 @@ const OLD_REPORTS: u64 = 50;
 /// after it.
 pub const ASKED_REPORT: u64 = OLD_REPORTS / 2;
 
-/// ^L, which closes the rotary buffers as `CLOSE` does.
-const CLOSE_ROTARY: u8 = 12;
-/// ^U, which opens them as `OPEN ROT` does.
-const OPEN_ROTARY: u8 = 21;
 /// The error of an `OPEN` while a buffer is open (FACTS 2: buffer already in use).
 const IN_USE: u16 = 7;
 
@@ -60,6 +56,8 @@ pub enum Writer {
     Stop,
     /// A user, by hand.
     Hand(Account),
+    /// A user, by hand, into the buffer that he has open. Where it is closed, the board would carry the line out at once.
+    IntoBuffer(Account),
     /// A sequence of the daemon's.
     Sequence {
         /// Its number.
@@ -119,7 +117,7 @@ impl Standing {
             return self.is_open.then(OpenBufferInfo::default);
         };
         let (account, sequence) = match by {
-            Writer::Hand(account) => (Some(account), false),
+            Writer::Hand(account) | Writer::IntoBuffer(account) => (Some(account), false),
             Writer::Sequence { account, .. } => (Some(account), true),
             Writer::Question | Writer::Stop => (None, false),
         };
@@ -189,15 +187,19 @@ impl OpenBuffer {
     /// nothing does not wait.
     #[must_use]
     pub fn must_ask(&self, line: &[u8], writer: Writer, now: Instant) -> bool {
-        let is_sure = self.is_known(now) || self.is_own(writer) && !self.in_doubt;
-        let closes = matches!(writer, Writer::Hand(_)) && is_close(line);
+        // What belongs into a buffer would be carried out at once if a reset has closed that, which no line tells of.
+        let goes_by_lines = self.is_own(writer) && !matches!(writer, Writer::IntoBuffer(_));
+        let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
+        let closes = matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_)) && is_close(line);
         !is_sure && !closes && !enters_nothing(line)
     }
 
     /// Whether `writer` has opened what is open.
     fn is_own(&self, writer: Writer) -> bool {
         match (self.opened.map(|opened| opened.by), writer) {
-            (Some(Writer::Hand(opener)), Writer::Hand(writer)) => opener.uid == writer.uid,
+            (Some(Writer::Hand(opener)), Writer::Hand(writer) | Writer::IntoBuffer(writer)) => {
+                opener.uid == writer.uid
+            }
             (Some(Writer::Sequence { number: opener, .. }), Writer::Sequence { number, .. }) => {
                 opener == number
             }
@@ -211,12 +213,15 @@ impl OpenBuffer {
     pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
         let passes = match writer {
-            Writer::Hand(_) => is_close(line) || enters_nothing(line),
+            Writer::Hand(_) | Writer::IntoBuffer(_) => is_close(line) || enters_nothing(line),
             Writer::Stop => enters_nothing(line),
             Writer::Question | Writer::Sequence { .. } => false,
         };
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
+            Writer::IntoBuffer(_) if !self.is_open() && !passes && effect(line).is_none() => {
+                Some(Barred::Closed)
+            }
             _ if own || passes || !self.is_open() => None,
             _ => Some(Barred::Open(self.opened)),
         }
@@ -312,19 +317,6 @@ impl OpenBuffer {
         }
     }
 
-    /// Takes note of a control character of the user `uid`.
-    pub fn follow_control(&mut self, character: u8, uid: u32, now: Instant) {
-        match character {
-            OPEN_ROTARY => {
-                let by = Writer::Hand(Account { uid, pid: 0 });
-                self.opened = Some(Opened { name: Text::from_bytes(b"ROT"), by, at: now });
-                self.distrust();
-            }
-            CLOSE_ROTARY => self.close(),
-            _ => {}
-        }
-    }
-
     fn close(&mut self) {
         self.opened = None;
         self.seen = false;
@@ -356,7 +348,7 @@ impl Barred {
                 let name = if name.is_empty() { "a program buffer" } else { name };
                 let who = match by {
                     Writer::Sequence { account, .. } => format!("a sequence of {account}"),
-                    Writer::Hand(account) => account.to_string(),
+                    Writer::Hand(account) | Writer::IntoBuffer(account) => account.to_string(),
                     Writer::Question | Writer::Stop => "somebody".to_owned(),
                 };
                 let seconds = now.saturating_duration_since(*at).as_secs();
@@ -369,8 +361,8 @@ impl Barred {
                                  opened by somebody else (the serial port, another host, or before pmacd started); \
                                  CLOSE by an engineer closes it"
                 .to_owned(),
-            Self::Closed => "not sent, it would have been carried out at once: somebody closed the program buffer that this \
-                             sequence had open"
+            Self::Closed => "not sent, it would have been carried out at once: somebody closed the program buffer that it belongs \
+                             into, or the board was reset"
                 .to_owned(),
         }
     }
@@ -386,8 +378,7 @@ impl Barred {
                  host), and not have been carried out; LIST shows it"
             }
             Self::Closed => {
-                "the line may have been carried out at once: somebody closed the program buffer at this moment that this sequence \
-                 had open"
+                "the line may have been carried out at once: somebody closed the program buffer at this moment that it belongs into"
             }
         }
     }

@@ -194,10 +194,20 @@ fn lines_open_and_close() {
         sent(&mut buffer, line, ANNE);
         assert_eq!(buffer.opened.as_ref().map(|opened| &*opened.name), open, "{line}");
     }
-    buffer.follow_control(21, 1001, Instant::now());
-    assert!(buffer.bars(b"X1", BOB).is_none() && buffer.bars(b"X1", ANNE).is_some());
-    buffer.follow_control(1, 1001, Instant::now());
-    assert!(buffer.is_open());
-    buffer.follow_control(12, 1001, Instant::now());
-    assert!(!buffer.is_open());
+}
+
+#[test]
+fn b1_2_a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
+    let inside = Writer::IntoBuffer(Account { uid: 1000, pid: 1 });
+    let mut buffer = OpenBuffer::default();
+    sent(&mut buffer, "OPEN PROG 7 CLEAR", ANNE);
+    assert_eq!(buffer.bars(b"X1", inside), None);
+    sent(&mut buffer, "CLOSE", BOB);
+    assert_eq!(buffer.bars(b"P1=5", inside), Some(Barred::Closed));
+    assert_eq!(buffer.bars(b"P1=5", ANNE), None, "by hand it goes");
+    for line in ["CLOSE", "#1J/", "OPEN PROG 8 CLEAR"] {
+        assert_eq!(buffer.bars(line.as_bytes(), inside), None, "{line}");
+    }
+    sent(&mut buffer, "OPEN PROG 9", BOB);
+    assert!(matches!(buffer.bars(b"P1=5", inside), Some(Barred::Open(_))), "another one's");
 }

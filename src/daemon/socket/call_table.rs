@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
+use super::leftovers::LineEffect;
 use super::policy::Peer;
+use super::sent_stops::ends_of;
 use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
@@ -14,6 +16,7 @@ use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::CallError;
+use crate::protocol::line_ends::LineEnds;
 
 /// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
 /// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -39,8 +42,8 @@ pub(super) struct Caller {
 pub(super) enum Then {
     /// The caller gets the lines of the board's reply.
     ReplyLines,
-    /// The caller gets them, too. What a rotary stream left in these coordinate systems is gone then.
-    ReplyAndForget(u32),
+    /// The caller gets them, too, and the line has this effect.
+    ReplyToLine(LineEffect),
     /// The caller hears that it is done. If it is refused, the board is asked whether what it needs is still so.
     ReplyDone(Option<Guard>),
     /// The caller hears that the jog he holds has begun.
@@ -94,11 +97,14 @@ struct Pending {
     lines: Vec<String>,
     length: usize,
     then: Then,
+    /// What its command ends.
+    ends: Option<LineEnds>,
 }
 
 impl Pending {
-    fn new(caller: Caller, deadline: Instant, then: Then) -> Self {
-        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then }
+    fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
+        let ends = ends_of(command);
+        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then, ends }
     }
 }
 
@@ -113,6 +119,8 @@ pub(super) struct Ended {
     pub is_overlong: bool,
     /// What follows.
     pub then: Then,
+    /// What its command ends, if the board has carried it out.
+    pub ends: Option<LineEnds>,
 }
 
 /// Every call that waits for the board.
@@ -146,8 +154,9 @@ impl CallTable {
         command: impl FnOnce(Ticket) -> Command,
     ) {
         let ticket = self.new_ticket();
-        self.queue.wait(caller.peer.uid, Turn { ticket, command: command(ticket), audit });
-        self.pending.insert(ticket, Pending::new(caller, deadline, then));
+        let command = command(ticket);
+        self.pending.insert(ticket, Pending::new(caller, deadline, then, &command));
+        self.queue.wait(caller.peer.uid, Turn { ticket, command, audit });
     }
 
     /// Has the bus thread do `job` for the daemon itself, past those who wait. `None` when its queue is full.
@@ -168,10 +177,12 @@ impl CallTable {
     ) -> bool {
         let own = self.pending.values().filter(|pending| matches!(pending.then, Then::Stop(_))).count();
         let ticket = self.new_ticket();
-        if own >= at_once::STOPS || self.commands.try_send(command(ticket)).is_err() {
+        let command = command(ticket);
+        let pending = Pending::new(caller, deadline, then, &command);
+        if own >= at_once::STOPS || self.commands.try_send(command).is_err() {
             return false;
         }
-        self.pending.insert(ticket, Pending::new(caller, deadline, then));
+        self.pending.insert(ticket, pending);
         true
     }
 
@@ -224,8 +235,8 @@ impl CallTable {
     /// The bus thread has answered: the call, unless its caller has been answered already.
     pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
         self.queue.over(ticket);
-        let Pending { caller, lines, length, then, .. } = self.pending.remove(&ticket)?;
-        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then })
+        let Pending { caller, lines, length, then, ends, .. } = self.pending.remove(&ticket)?;
+        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends })
     }
 
     /// The sequence whose step `ticket` is.
@@ -239,10 +250,7 @@ impl CallTable {
     /// Whether `ticket` is a question that the daemon asks for a call's sake.
     fn is_own_question(&self, ticket: Ticket) -> bool {
         let is_callers = |then: &Then| {
-            matches!(
-                then,
-                Then::Sequence(_) | Then::ReplyLines | Then::ReplyAndForget(_) | Then::ReplyDone(_)
-            )
+            matches!(then, Then::Sequence(_) | Then::ReplyLines | Then::ReplyToLine(_) | Then::ReplyDone(_))
         };
         self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
@@ -252,12 +260,12 @@ impl CallTable {
     pub(super) fn expire(&mut self, given_up: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
-        late.map(|(ticket, Pending { caller, lines, then, .. })| {
+        late.map(|(ticket, Pending { caller, lines, then, ends, .. })| {
             let outcome = match queue.take_back(ticket) {
                 Some(turn) => not_begun(turn.is_for_port(), given_up, now),
                 None => Outcome::TimedOut,
             };
-            (Ended { caller, lines, is_overlong: false, then }, outcome)
+            (Ended { caller, lines, is_overlong: false, then, ends }, outcome)
         })
         .collect()
     }

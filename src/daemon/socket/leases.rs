@@ -42,6 +42,8 @@ pub(super) enum LeaseEnd {
     Stopped(Account, u32),
     /// These motors do not move any more, whoever or whatever stopped them.
     Stands(u32),
+    /// The board does not read the control panel any more: this client has switched it off, or it is not known who.
+    PanelEnded(Option<Account>),
 }
 
 impl fmt::Display for LeaseEnd {
@@ -62,6 +64,16 @@ impl fmt::Display for LeaseEnd {
             }
             Self::Stopped(by, motors) => {
                 write!(f, "the held jog is over: {by} stopped {}", Target::Motors(*motors))
+            }
+            Self::PanelEnded(by) => {
+                f.write_str("the held jog is over: ")?;
+                match by {
+                    Some(by) => write!(f, "{by} has switched the control panel off (I2)")?,
+                    None => f.write_str(
+                        "the control panel is off (I2 is not 3 any more), by the serial port, another host or a program of the board",
+                    )?,
+                }
+                f.write_str("; pmacd stops it by command line")
             }
             Self::Stands(motors) => {
                 let target = Target::Motors(*motors);
@@ -256,6 +268,14 @@ impl Leases {
         let leases = self.held.iter_mut().filter(|(client, _)| **client != NOBODY);
         for (_, lease) in leases.filter(|(_, lease)| lease.motors & opened != 0 && lease.over.is_none()) {
             (lease.over, lease.until) = (Some(LeaseEnd::OpenLoop(lease.motors & opened)), now);
+        }
+    }
+
+    /// The board does not read the control panel any more, by which every jog is held and stopped.
+    pub(super) fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
+        let held = self.held.iter_mut().filter(|(client, lease)| **client != NOBODY && lease.over.is_none());
+        for (_, lease) in held {
+            (lease.over, lease.until) = (Some(LeaseEnd::PanelEnded(by)), now);
         }
     }
 

@@ -6,7 +6,7 @@
 //! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
 //! line takes it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
 
-use crate::protocol::{CallError, control, line};
+use crate::protocol::{CallError, control, i_lines, line};
 
 /// The programs that a call starts, and whether its caller means what is left too.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -70,18 +70,25 @@ impl Leftovers {
     }
 }
 
-/// What a command line does to the program of the coordinate systems it names.
+/// What a command line does to the programs of the coordinate systems it names, and to the control panel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct LineEffect {
     /// It starts them.
     pub starts: u32,
     /// It points them elsewhere, or takes away what their rotary buffers hold.
     pub forgets: u32,
+    /// It switches the control panel off.
+    pub ends_panel: bool,
 }
 
 impl LineEffect {
-    /// Of `line`, while the rotary buffers are open or not. Which coordinate system a line means that names none is not known.
-    pub(super) fn of(line: &str, rotary_is_open: bool) -> Self {
+    /// Of `line`, while the rotary buffers are open or not, on a board whose I-variable `panel` is 3 while it reads the control
+    /// panel. Which coordinate system a line means that names none is not known.
+    pub(super) fn of(line: &str, rotary_is_open: bool, panel: Option<u16>) -> Self {
+        let is_off = |setting: i_lines::Setting| {
+            panel.is_some_and(|panel| setting.numbers.has(panel.into())) && setting.value != Some(3)
+        };
+        let ends_panel = i_lines::settings(line.as_bytes()).any(is_off);
         let line = line::plain(line);
         // CLEAR empties what is open (GRAMMAR 2.7), which this line may have opened itself.
         let clears = match line.find("OPEN") {
@@ -95,17 +102,21 @@ impl LineEffect {
         let before = line.split('&').next().unwrap_or_default();
         let all = takes_away(before) || line::resets(line.as_bytes());
         let forgets = if all { u32::MAX } else { 0 };
-        line::addressed(&line, '&').fold(Self { starts: 0, forgets }, |effect, (bit, commands)| {
-            let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
-            let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
-                program.trim_start_matches('0').starts_with(|c: char| c.is_ascii_digit())
-            });
-            let is_gone = points_elsewhere || takes_away(commands);
-            Self {
-                starts: effect.starts | if runs { bit } else { 0 },
-                forgets: effect.forgets | if is_gone { bit } else { 0 },
-            }
-        })
+        line::addressed(&line, '&').fold(
+            Self { starts: 0, forgets, ends_panel },
+            |effect, (bit, commands)| {
+                let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
+                let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
+                    program.trim_start_matches('0').starts_with(|c: char| c.is_ascii_digit())
+                });
+                let is_gone = points_elsewhere || takes_away(commands);
+                Self {
+                    starts: effect.starts | if runs { bit } else { 0 },
+                    forgets: effect.forgets | if is_gone { bit } else { 0 },
+                    ..effect
+                }
+            },
+        )
     }
 }
 
@@ -143,10 +154,27 @@ mod tests {
             ("&1A", 0, 0),
             ("#1J+", 0, 0),
         ] {
-            assert_eq!(LineEffect::of(line, false), LineEffect { starts, forgets }, "{line}");
+            let expected = LineEffect { starts, forgets, ends_panel: false };
+            assert_eq!(LineEffect::of(line, false, Some(2)), expected, "{line}");
         }
         for (line, forgets) in [("CLEAR", u32::MAX), ("&3clr", 0b100), ("OPEN PLC 3 CLEAR", 0)] {
-            assert_eq!(LineEffect::of(line, true), LineEffect { starts: 0, forgets }, "{line}");
+            let expected = LineEffect { starts: 0, forgets, ends_panel: false };
+            assert_eq!(LineEffect::of(line, true, Some(2)), expected, "{line}");
+        }
+    }
+
+    #[test]
+    fn b2_6_a_line_tells_whether_it_switches_the_panel_off() {
+        for (line, ends) in [
+            ("I2=0", true),
+            ("I1..5=0", true),
+            ("i 2 = P1", true),
+            ("I2=3", false),
+            ("I2", false),
+            ("I22=0", false),
+        ] {
+            assert_eq!(LineEffect::of(line, false, Some(2)).ends_panel, ends, "{line}");
+            assert!(!LineEffect::of(line, false, None).ends_panel, "{line}");
         }
     }
 

@@ -36,6 +36,8 @@ pub enum Ask {
         timeout: Duration,
         /// It is a question, which enters no program buffer.
         question: bool,
+        /// It belongs into the buffer that its user has open.
+        into_buffer: bool,
         /// The caller knows what it does to others, or to the machine.
         confirmed: bool,
     },
@@ -327,7 +329,9 @@ fn service(method: &str, call: &Call) -> Result<Action, CallError> {
     }
 }
 
-fn send(calls::Send { line, timeout_ms, question, confirmed }: calls::Send) -> Result<Action, CallError> {
+fn send(
+    calls::Send { line, timeout_ms, question, into_buffer, confirmed }: calls::Send,
+) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
     if line_cuts_off(&line) && confirmed != Some(true) {
         return Err(cut_off::refusal(&line));
@@ -339,7 +343,8 @@ fn send(calls::Send { line, timeout_ms, question, confirmed }: calls::Send) -> R
     Ok(Action::Ask(Ask::Send {
         line,
         timeout,
-        question: question.unwrap_or(false),
+        question: question == Some(true),
+        into_buffer: into_buffer == Some(true),
         confirmed: confirmed == Some(true),
     }))
 }

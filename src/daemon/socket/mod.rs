@@ -16,6 +16,7 @@ pub mod options;
 mod peer_groups;
 pub mod policy;
 mod resets;
+mod sent_stops;
 mod sequences;
 pub mod server;
 pub mod stop_target;

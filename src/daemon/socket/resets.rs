@@ -30,6 +30,8 @@ pub(super) struct Resets {
     doubts: u64,
     count: u64,
     last: Option<Reading>,
+    /// When the board was sent a reset, or seen to come up again.
+    at: Option<Instant>,
 }
 
 impl Resets {
@@ -43,9 +45,20 @@ impl Resets {
         self.doubts
     }
 
+    /// The board was sent a reset.
+    pub(super) fn was_sent(&mut self, now: Instant) {
+        self.at = Some(now);
+    }
+
+    /// How long ago it was reset, or came up again, as far as known.
+    pub(super) fn ago(&self, now: Instant) -> Option<Duration> {
+        self.at.map(|at| now.saturating_duration_since(at))
+    }
+
     /// The bus thread has seen so many since its start, and servo data come now or not.
-    pub(super) fn bus_sees(&mut self, resets: u32, servo_is_live: bool) {
+    pub(super) fn bus_sees(&mut self, resets: u32, servo_is_live: bool, now: Instant) {
         let is_new = std::mem::replace(&mut self.seen_by_bus, resets) != resets;
+        self.at = if is_new { Some(now) } else { self.at };
         let has_stopped = std::mem::replace(&mut self.servo_was_live, servo_is_live) && !servo_is_live;
         self.doubts += u64::from(is_new || has_stopped);
     }
@@ -93,7 +106,7 @@ mod tests {
         assert_eq!(counted(100_000, 5, Duration::from_secs(400)), 0, "it may have gone round");
         let mut resets = Resets::default();
         for (seen, is_live, doubts) in [(0, true, 0), (0, false, 1), (1, true, 2), (1, true, 2)] {
-            resets.bus_sees(seen, is_live);
+            resets.bus_sees(seen, is_live, Instant::now());
             assert_eq!((resets.doubts(), resets.count()), (doubts, 0));
         }
     }

@@ -8,6 +8,7 @@
 
 mod calls;
 mod jogging;
+mod replies;
 mod sequencing;
 mod starting;
 pub mod stepper;
@@ -35,6 +36,7 @@ use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::policy::{Characters, Peer, PolicyError};
 use super::resets::Resets;
+use super::sent_stops::SentStops;
 use super::sequences::{Found, Sequences};
 use super::stop_target::Target;
 use super::stops::Stops;
@@ -109,6 +111,7 @@ struct Service {
     sequences: Sequences,
     leftovers: Leftovers,
     resets: Resets,
+    sent_stops: SentStops,
     watches: Watches,
     audit: AuditLimit,
     events: Receive<Event>,
@@ -131,6 +134,7 @@ impl Service {
             sequences: Sequences::default(),
             leftovers: Leftovers::default(),
             resets: Resets::default(),
+            sent_stops: SentStops::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             audit: AuditLimit::default(),
             events,
@@ -337,7 +341,8 @@ impl Service {
                 if let Some(motors) = self.leases.request_over(ticket, outcome) {
                     self.stop_by_line(Target::Motors(motors), None, true, now);
                 }
-                if let Some(ended) = self.calls.end(ticket) {
+                if let Some(mut ended) = self.calls.end(ticket) {
+                    self.note_stop(&mut ended, outcome, now);
                     self.on_end(ended, outcome, now);
                 }
             }
@@ -367,9 +372,13 @@ impl Service {
                 self.tell_watched(&clients, table, now);
             }
             Event::Info(status) => {
-                self.resets.bus_sees(status.resets, status.enabled.contains(Enabled::SERVO));
+                self.resets.bus_sees(status.resets, status.enabled.contains(Enabled::SERVO), now);
+                let panel = self.info.enabling().panel;
                 let opened = self.info.take(status);
                 self.leases.loops_opened(opened, now);
+                if panel != Some(false) && self.info.enabling().panel == Some(false) {
+                    self.leases.panel_ended(None, now);
+                }
                 self.leases.see_motion(self.info.motion(), now);
             }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),
@@ -399,7 +408,8 @@ impl Service {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);
         }
-        for (ended, outcome) in self.calls.expire(self.info.given_up(), now) {
+        for (mut ended, outcome) in self.calls.expire(self.info.given_up(), now) {
+            self.note_stop(&mut ended, outcome, now);
             self.give_up(ended, outcome, now);
         }
     }

@@ -60,7 +60,8 @@ impl Target {
     }
 }
 
-fn numbers(mask: u32) -> impl Iterator<Item = u32> {
+/// The numbers in `mask`, bit 0 being number 1.
+pub(super) fn numbers(mask: u32) -> impl Iterator<Item = u32> {
     (1..=32).filter(move |number| mask >> (number - 1) & 1 != 0)
 }
 

@@ -100,8 +100,16 @@ impl Board {
             gathers: self.report_runs.then_some(self.gathers),
         };
         let (result, words) = (Ok(Vec::new()), Vec::new());
-        let mut done =
-            Done { outcome, result, resets: self.resets, doubts: 0, rotary: None, words, reported };
+        let mut done = Done {
+            outcome,
+            result,
+            resets: self.resets,
+            doubts: 0,
+            rotary: None,
+            words,
+            reported,
+            ended_by: None,
+        };
         match step {
             Step::Line { line, .. } | Step::Ask { line, .. } if is_done => {
                 done.result = Ok(self.line(line).into_iter().collect());

@@ -16,7 +16,6 @@ mod end;
 use std::time::{Duration, Instant};
 
 pub use self::call::GatherCall;
-use self::end::{ENDED_EARLY, WAS_RESET};
 use super::end_retry::EndRetry;
 use super::report_watch::{ReportWatch, Seen};
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
@@ -119,6 +118,8 @@ pub(in crate::daemon::socket) struct Gather {
     ended: bool,
     stop_asked: bool,
     ending: Option<Ending>,
+    /// The client who has ended it, as far as known.
+    ended_by: Option<String>,
     failure: Option<CallError>,
     notes: Vec<String>,
     /// When to go on with an end that cannot be carried out now.
@@ -157,6 +158,7 @@ impl Gather {
             ended: false,
             stop_asked: false,
             ending: None,
+            ended_by: None,
             failure: None,
             notes: Vec::new(),
             rest: None,
@@ -168,8 +170,9 @@ impl Gather {
     ///
     /// # Errors
     /// Why there will be no gather.
-    fn take(&mut self, done: Done, now: Instant) -> Result<(), CallError> {
+    fn take(&mut self, mut done: Done, now: Instant) -> Result<(), CallError> {
         let i = &self.family.i;
+        self.ended_by = done.ended_by.take();
         let unsent = done.outcome.is_unsent();
         match self.phase {
             Phase::FirstCheck => {
@@ -271,14 +274,12 @@ impl Gather {
             Phase::Check { stopped } => {
                 self.check_due = Some(now + CHECK_EVERY);
                 if done.result.is_ok() && self.was_reset(done.resets) {
-                    return Err(refused(WAS_RESET));
+                    return Err(refused(self.was_ended(true)));
                 }
                 match (stopped, self.call.as_ref().map(|call| call.buffer.mode)) {
                     (false, _) => self.rest_on(Phase::Look, now + LOOK),
                     (true, Some(GatherMode::Stop)) => self.phase = Phase::Full,
-                    (true, _) => {
-                        return Err(refused(ENDED_EARLY));
-                    }
+                    (true, _) => return Err(refused(self.was_ended(false))),
                 }
             }
             Phase::Gathering | Phase::Full | Phase::Over => {}

@@ -198,7 +198,10 @@ impl Lines {
         }
         let is_unopened = self.open_refused && done.outcome == Outcome::Barred(Barred::Closed);
         if done.outcome == Outcome::Barred(Barred::Closed) {
-            self.leave_buffer(if is_unopened { not_opened } else { closed_by_others });
+            let by = done.ended_by.as_deref();
+            self.leave_buffer(|name, entered| {
+                if is_unopened { not_opened(name) } else { closed_by_others(name, entered, by) }
+            });
         }
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
@@ -331,8 +334,10 @@ impl Lines {
         let is_cut_short = self.failed || self.ending.is_some();
         let open_refused = self.open_refused;
         self.leave_buffer(|name, entered| match &done.result {
-            _ if done.outcome == Outcome::Barred(Barred::Closed) && open_refused => not_opened(name, entered),
-            _ if done.outcome == Outcome::Barred(Barred::Closed) => closed_by_others(name, entered),
+            _ if done.outcome == Outcome::Barred(Barred::Closed) && open_refused => not_opened(name),
+            _ if done.outcome == Outcome::Barred(Barred::Closed) => {
+                closed_by_others(name, entered, done.ended_by.as_deref())
+            }
             Err(error) => format!(
                 "{name}, which it opened, may still be open: {entered} lines entered it, and CLOSE failed ({error}); send CLOSE"
             ),
@@ -353,13 +358,14 @@ impl Lines {
     }
 }
 
-/// What is said of a buffer that somebody else has closed.
-fn closed_by_others(name: &str, entered: u64) -> String {
-    format!("{name}, which it opened, was closed by somebody else: {entered} lines entered it")
+/// What is said of a buffer that somebody else has closed: `by` him, where that is known.
+fn closed_by_others(name: &str, entered: u64, by: Option<&str>) -> String {
+    let by = by.map_or_else(String::new, |by| format!(" ({by})"));
+    format!("{name}, which it opened, was closed by somebody else{by}: {entered} lines entered it")
 }
 
 /// What is said of a buffer that the board has not opened, and of which no line was sent.
-fn not_opened(name: &str, _: u64) -> String {
+fn not_opened(name: &str) -> String {
     format!("{name} was not opened")
 }
 

@@ -35,7 +35,7 @@ pub use lines::Batch;
 pub(super) use lines::Lines;
 pub(super) use rotary::Rotary;
 pub use rotary::RotaryCall;
-pub(super) use table::{Sequences, Waits};
+pub(super) use table::{Running, Sequences, Waits};
 
 use super::policy::Peer;
 use crate::daemon::shared::info::Reported;
@@ -142,6 +142,8 @@ pub(super) struct Done {
     pub words: Vec<u16>,
     /// What the board's reports tell at that moment.
     pub reported: Reported,
+    /// Who has ended what the sequence does, if a client did since it began: `uid 0 (pid 7) sent ENDGATHER`.
+    pub ended_by: Option<String>,
 }
 
 /// What the bus thread found for a step, besides the lines of a reply.

@@ -68,6 +68,7 @@ mod tests {
                 rotary: None,
                 words: vec![word],
                 reported: Reported::default(),
+                ended_by: None,
             };
             watch.see(&done, began + Duration::from_millis(ms))
         };

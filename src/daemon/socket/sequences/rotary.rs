@@ -11,17 +11,19 @@
 //! addressed. What has not left the DPRAM never runs: the set-up makes that buffer empty.
 //!
 //! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs: with `Q`,
-//! after the moves already calculated. Otherwise a machine would go on to wherever the last line that came through leaves it.
+//! after the moves already calculated (GRAMMAR 2.4). Otherwise a machine would go on to wherever the last line that came through
+//! leaves it. In a feed hold those moves wait for `R` ("much like a %0 command", Software Reference p. 172), and the program
+//! with them: so the board is asked whether it has ended. What is said then is right too for a board whose `Q` ends a held
+//! program.
 //!
 //! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). Bit 18
 //! of the second word of `???` is the open rotary buffer, on Turbo boards bit 20 if it is open for binary lines (Turbo Software
 //! Reference p. 290). A report has it; where none comes, the board is asked.
 
 mod call;
+mod end;
 
 use std::time::{Duration, Instant};
-
-use log::warn;
 
 pub use self::call::RotaryCall;
 use super::end_retry::EndRetry;
@@ -30,7 +32,7 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::map::functions::rotary_header;
 use crate::map::status::reply_has;
-use crate::protocol::board::{RotaryStartReply, RotaryStopReply};
+use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
 use crate::protocol::{CallError, Reply, answer};
 
@@ -40,8 +42,6 @@ const STEP: Duration = Duration::from_secs(5);
 const FIRST_LINES: Duration = Duration::from_millis(20);
 /// How often to look whether the program still runs.
 const LOOK: Duration = Duration::from_millis(500);
-/// How long the end tries what is known not to have been sent.
-const END_PATIENCE: Duration = Duration::from_secs(2);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
 const ALL_SYSTEMS: usize = 8;
@@ -80,6 +80,8 @@ enum Phase {
     SeeAhead,
     AskRuns,
     Quit,
+    /// Whether `Q` has ended the program; asked so often.
+    AskEnded(u32),
     AskLeftAtEnd,
     Over,
 }
@@ -105,6 +107,8 @@ pub(in crate::daemon::socket) struct Rotary {
     stop_asked: bool,
     finish_asked: bool,
     ending: Option<Ending>,
+    /// The client who has ended its program or closed the buffers, as far as known.
+    ended_by: Option<String>,
     failure: Option<CallError>,
     /// Lines in the DPRAM that the board has not taken, and in its own buffer, at the end.
     ahead: u64,
@@ -132,12 +136,13 @@ impl Rotary {
             stop_asked: false,
             finish_asked: false,
             ending: None,
+            ended_by: None,
             failure: None,
             ahead: 0,
             left: None,
             quit: false,
             notes: Vec::new(),
-            retry: EndRetry::new(END_PATIENCE),
+            retry: EndRetry::new(end::END_PATIENCE),
             rest: None,
         }
     }
@@ -146,7 +151,8 @@ impl Rotary {
     ///
     /// # Errors
     /// Why the stream ends.
-    fn take(&mut self, done: Done, now: Instant) -> Result<(), CallError> {
+    fn take(&mut self, mut done: Done, now: Instant) -> Result<(), CallError> {
+        self.ended_by = done.ended_by.take();
         let (cs, unsent) = (self.call.coordinate_system, done.outcome.is_unsent());
         self.phase = match self.phase {
             Phase::Define => {
@@ -248,9 +254,10 @@ impl Rotary {
                 {
                     if self.runs && !runs && !self.call.may_stand {
                         self.runs = false;
-                        return Err(refused(format!(
-                            "&{cs} does not run its rotary program any more: somebody aborted or stopped it, or an error did"
-                        )));
+                        let by = self.ended_by.as_deref().unwrap_or(
+                            "an error, the serial port, another host or a program of the board ended it; no client of pmacd did",
+                        );
+                        return Err(refused(format!("&{cs} does not run its rotary program any more: {by}")));
                     }
                     self.runs |= runs;
                 }
@@ -288,9 +295,12 @@ impl Rotary {
     fn see_open(&mut self, open: Option<bool>) -> Result<(), CallError> {
         self.seen_open |= open == Some(true);
         if self.seen_open && open == Some(false) {
-            return Err(refused(
-                "the rotary buffers are closed, so the board takes no more lines: somebody sent CLOSE, or the board was reset",
-            ));
+            let by = self.ended_by.as_deref().unwrap_or(
+                "somebody sent CLOSE, on the serial port or from another host, or the board was reset; no client of pmacd did",
+            );
+            return Err(refused(format!(
+                "the rotary buffers are closed, so the board takes no more lines: {by}"
+            )));
         }
         Ok(())
     }
@@ -319,64 +329,6 @@ impl Rotary {
                  away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
             ))),
         }
-    }
-
-    /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
-    fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
-        let cs = self.call.coordinate_system;
-        // Another buffer is open, so the rotary buffers are closed: one is open at a time.
-        let is_closed = self.phase == Phase::Close && matches!(done.outcome, Outcome::Barred(_));
-        if done.outcome.is_unsent()
-            && !is_closed
-            && !matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
-            && self.ending != Some(Ending::Stopping)
-            && let Some(again) = self.retry.again(done.outcome, true, now)
-        {
-            return self.rest_before(self.phase, again);
-        }
-        let failed = |what: &str| done.result.as_ref().err().map(|error| format!("{what} failed ({error})"));
-        let (phase, note) = match self.phase {
-            Phase::Close => {
-                self.opened = false;
-                let note = failed("CLOSE").filter(|_| !is_closed).map(|note| {
-                    format!("{note}, so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE")
-                });
-                (Phase::EndTransfer, note)
-            }
-            Phase::EndTransfer => (Phase::DropLines, failed("the end of the transfer")),
-            Phase::DropLines => (Phase::SeeAhead, None),
-            Phase::SeeAhead => {
-                // After a reset the last look counts.
-                self.ahead = done.rotary.map_or(self.ahead, |state| state.ahead_lines);
-                (Phase::AskRuns, None)
-            }
-            Phase::AskRuns => {
-                let runs = done.result.as_ref().ok().and_then(|lines| self.is_running(lines, 0));
-                match runs {
-                    Some(false) => (Phase::AskLeftAtEnd, None),
-                    // What cannot be asked is ended all the same: Q starts nothing.
-                    Some(true) | None => (Phase::Quit, None),
-                }
-            }
-            Phase::Quit => {
-                self.quit = done.result.is_ok();
-                let note =
-                    failed(&format!("&{cs}Q")).map(|note| format!("{note}: the program may still run"));
-                (Phase::AskLeftAtEnd, note)
-            }
-            Phase::AskLeftAtEnd => {
-                self.left = done.result.as_ref().ok().and_then(|lines| lines_left(lines).ok());
-                if self.started && matches!(done.outcome, Outcome::Error(_)) {
-                    self.failure = Some(refused(format!(
-                        "the board was reset: &{cs} has no rotary buffer any more, which it had when the stream began"
-                    )));
-                }
-                (Phase::Over, None)
-            }
-            phase => (phase, None),
-        };
-        self.notes.extend(note);
-        phase
     }
 
     fn rest_before(&mut self, phase: Phase, until: Instant) -> Phase {
@@ -460,43 +412,10 @@ impl Rotary {
             Phase::SeeRuns if self.asks_all() => Step::Control { character: ALL_STATUS, timeout },
             Phase::AskOpen => line("???", timeout),
             Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
-            Phase::SeeRuns | Phase::AskRuns => line(format_args!("&{cs}??"), timeout),
+            Phase::SeeRuns | Phase::AskRuns | Phase::AskEnded(_) => line(format_args!("&{cs}??"), timeout),
             Phase::Quit => line(format_args!("&{cs}Q"), timeout),
             Phase::Over => Step::Over(self.result()),
         }
-    }
-
-    fn phase_is_of_end(&self) -> bool {
-        use Phase::{AskLeftAtEnd, AskRuns, Close, DropLines, EndTransfer, Over, Quit, SeeAhead};
-        matches!(
-            self.phase,
-            Close | EndTransfer | DropLines | SeeAhead | AskRuns | Quit | AskLeftAtEnd | Over
-        )
-    }
-
-    fn result(&mut self) -> Result<Reply, CallError> {
-        let mut notes = std::mem::take(&mut self.notes);
-        notes.extend(self.unfinished());
-        notes.iter().for_each(|note| warn!("the end of a rotary stream: {note}"));
-        let why = self.ending.map(|why| why.to_string());
-        if !self.started {
-            let before =
-                || refused(format!("the stream was ended before it began: {}", why.unwrap_or_default()));
-            let error = self.failure.take().unwrap_or_else(before);
-            return Err(match error {
-                CallError::Refused { reason } if !notes.is_empty() => {
-                    refused(format!("{reason}; {}", notes.join("; ")))
-                }
-                error => error,
-            });
-        }
-        Reply::with(&RotaryStopReply {
-            reason: self.failure.as_ref().map(ToString::to_string).or(why),
-            ahead_lines: self.ahead,
-            left_lines: self.left,
-            quit: self.quit,
-            notes,
-        })
     }
 }
 

@@ -7,6 +7,7 @@ use std::time::Instant;
 use super::{Ending, LEASE, Resource, Sequence};
 use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::daemon::socket::call_table::Caller;
+use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::protocol::{CallError, Reply};
 
@@ -52,8 +53,8 @@ pub(in crate::daemon::socket) struct Running {
     pub call: Option<Caller>,
     /// What it waits for.
     pub waits: Waits,
-    /// The coordinate systems in which a rotary stream has left nothing any more when the line under way is done.
-    pub forgets: u32,
+    /// What the line under way does when it is done.
+    pub effect: LineEffect,
     /// When its owner was heard last.
     heard: Instant,
     /// Why it ends, once it does.
@@ -129,7 +130,7 @@ impl Sequences {
             owner,
             call: Some(caller),
             waits: Waits::Owner,
-            forgets: 0,
+            effect: LineEffect::default(),
             heard: now,
             ending: None,
             waiters: Vec::new(),
@@ -137,6 +138,11 @@ impl Sequences {
         };
         self.running.insert(number, running);
         Ok(number)
+    }
+
+    /// Sequence `number`, if it runs.
+    pub(in crate::daemon::socket) fn get(&self, number: u64) -> Option<&Running> {
+        self.running.get(&number)
     }
 
     /// Sequence `number`, if it runs.

@@ -4,21 +4,22 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
+use super::replies::{held_by_another, lease_over, not_sent, outcome_reply, refused, reply_lines};
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::open_buffer::{Account, Writer};
-use crate::daemon::shared::queue::{Command, Origin, Outcome, REASON_MAX, Text, Ticket, dropped_by};
-use crate::daemon::socket::call_table::{COLLECT_MAX, Caller, Ended, Then};
+use crate::daemon::shared::open_buffer::Writer;
+use crate::daemon::shared::queue::{Command, DEFAULT_TIMEOUT, Origin, Outcome, Text, Ticket, dropped_by};
+use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
-use crate::daemon::socket::leases::{LeaseEnd, StopFor};
+use crate::daemon::socket::leases::StopFor;
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
-use crate::map::errors::meaning;
 use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
+use crate::protocol::line_ends::RESET;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -65,7 +66,16 @@ impl Service {
                 let role = self.clients.get(caller.client).map(|client| client.role().to_string());
                 let unfinished = self.sequences.unfinished();
                 let elsewhere = self.info.elsewhere(self.sequences.on(Resource::Gather).is_some(), now);
-                let board = BoardInfo { role, unfinished, elsewhere, ..self.info.board().clone() };
+                let stops = self.sent_stops.of_others(caller.client, self.info.family());
+                let reset_ago_ms = self.resets.ago(now).and_then(|ago| u64::try_from(ago.as_millis()).ok());
+                let board = BoardInfo {
+                    role,
+                    unfinished,
+                    elsewhere,
+                    stops,
+                    reset_ago_ms,
+                    ..self.info.board().clone()
+                };
                 return Reply::with(&board).map(Some);
             }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
@@ -107,15 +117,27 @@ impl Service {
     }
 
     fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
+        if let Ask::Control { character, .. } = ask
+            && let Some(line) = self.line_for(character)?
+        {
+            let (line, timeout) = (Text::from(line), DEFAULT_TIMEOUT);
+            let (question, into_buffer, confirmed) = (false, false, false);
+            return self.ask(caller, Ask::Send { line, timeout, question, into_buffer, confirmed }, now);
+        }
         let deadline = now + ask.timeout();
         match ask {
-            Ask::Send { line, question, confirmed, .. } => {
-                let forgets = self.may_send(caller.client, &line, confirmed)?;
+            Ask::Send { line, question, into_buffer, confirmed, .. } => {
+                let effect = self.may_send(caller.client, &line, confirmed)?;
                 let shown = without_password(&line);
                 let audit = Some(format!("sends {shown:?}"));
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
-                let writer = if question { Writer::Question } else { Writer::Hand(caller.peer.account()) };
-                let then = Then::ReplyAndForget(forgets);
+                let account = caller.peer.account();
+                let writer = match (question, into_buffer) {
+                    (true, _) => Writer::Question,
+                    (false, true) => Writer::IntoBuffer(account),
+                    (false, false) => Writer::Hand(account),
+                };
+                let then = Then::ReplyToLine(effect);
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
                     ticket,
                     line,
@@ -267,6 +289,21 @@ impl Service {
         }
     }
 
+    /// What `ended` ends counts, if the board may have carried it out.
+    pub(super) fn note_stop(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
+        let is_without_effect = outcome.is_unsent() || matches!(outcome, Outcome::Error(_));
+        if let Some(ends) = ended.ends.take_if(|_| !is_without_effect) {
+            if ends.what == RESET {
+                self.resets.was_sent(now);
+            }
+            let sequence = match ended.then {
+                Then::Sequence(number) => Some(number),
+                _ => None,
+            };
+            self.sent_stops.add(ends, ended.caller, sequence, now);
+        }
+    }
+
     /// The bus thread has not answered, or was not asked.
     pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         match ended.then {
@@ -290,7 +327,7 @@ impl Service {
         if outcome != Outcome::Done && matches!(ended.then, Then::PanelStop { .. }) {
             return self.give_up(ended, outcome, now);
         }
-        let Ended { caller, lines, is_overlong, then } = ended;
+        let Ended { caller, lines, is_overlong, then, .. } = ended;
         let then = match then {
             Then::Job(mut call) => {
                 return self.on_answer(caller, &lines, outcome, now, |service, found| {
@@ -369,8 +406,8 @@ impl Service {
                 Ok(Reply::done())
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
-            (Then::ReplyAndForget(systems), Outcome::Done) => {
-                self.leftovers.forget(systems);
+            (Then::ReplyToLine(effect), Outcome::Done) => {
+                self.line_done(effect, caller.peer.account(), now);
                 outcome_reply(outcome, lines, is_overlong, now)
             }
             (Then::Resets(asked), Outcome::Done) => {
@@ -521,75 +558,4 @@ impl Service {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
-}
-
-/// What a call is answered whose command ended so.
-pub(super) fn outcome_reply(
-    outcome: Outcome,
-    lines: Vec<String>,
-    is_overlong: bool,
-    now: Instant,
-) -> Result<Reply, CallError> {
-    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)? })
-}
-
-/// The lines of the board's reply, or why they are not there.
-pub(super) fn reply_lines(
-    outcome: Outcome,
-    lines: Vec<String>,
-    is_overlong: bool,
-    now: Instant,
-) -> Result<Vec<String>, CallError> {
-    match outcome {
-        Outcome::Done if is_overlong => Err(CallError::Interrupted {
-            reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
-        }),
-        Outcome::Done => Ok(lines),
-        Outcome::Error(code) => {
-            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
-            Err(CallError::Board { code, meaning, lines })
-        }
-        Outcome::TimedOut => Err(CallError::TimedOut { lines }),
-        Outcome::Unavailable => Err(CallError::Unavailable {
-            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
-                .to_owned(),
-        }),
-        Outcome::Busy => Err(CallError::Busy),
-        Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
-        Outcome::OutOfRange => Err(CallError::OutOfRange),
-        Outcome::Barred(barred) => Err(CallError::Refused { reason: barred.reason(now) }),
-        Outcome::Refused(reason) | Outcome::Dropped(reason) => Err(refused(reason)),
-    }
-}
-
-fn refused(reason: Text<REASON_MAX>) -> CallError {
-    CallError::Refused { reason: reason.to_string() }
-}
-
-/// What a client is told whose held jog is over.
-fn lease_over(end: Option<LeaseEnd>) -> CallError {
-    let reason = end.map_or_else(
-        || "there is no held jog of this connection (any more)".to_owned(),
-        |end| end.to_string(),
-    );
-    CallError::Refused { reason }
-}
-
-/// What a client is told who would move a motor that another one holds.
-pub(super) fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
-    let held = Target::Motors(motors);
-    let reason = match holder {
-        Some(holder) => {
-            format!("{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that")
-        }
-        None => format!(
-            "the board has not taken the stop of {held} yet, which pmacd requests again; nothing was sent; abort stops it"
-        ),
-    };
-    CallError::Refused { reason }
-}
-
-/// What a client is told whose held jog was over before it was sent to the board.
-fn not_sent(end: Option<LeaseEnd>) -> CallError {
-    CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
 }

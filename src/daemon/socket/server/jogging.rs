@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use super::Service;
-use super::calls::{held_by_another, outcome_reply};
+use super::replies::{held_by_another, outcome_reply};
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Then};

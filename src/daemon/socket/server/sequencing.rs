@@ -9,6 +9,7 @@ use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
+use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{
@@ -206,11 +207,15 @@ impl Service {
             match running.machine.next(done.take(), now) {
                 Step::Line { line, timeout } => {
                     let is_streams = running.machine.feeds() != 0;
-                    match if is_streams { Ok(0) } else { self.may_send(owner.client, &line, false) } {
-                        Ok(forgets) => self.sequences.get_mut(number)?.forgets = forgets,
+                    let may_send = match is_streams {
+                        true => Ok(LineEffect::default()),
+                        false => self.may_send(owner.client, &line, false),
+                    };
+                    match may_send {
+                        Ok(effect) => self.sequences.get_mut(number)?.effect = effect,
                         Err(refused) => {
                             let why = Outcome::Refused(Text::of(&refused));
-                            done = Some(self.done(why, Err(refused), Found::default()));
+                            done = Some(self.done(number, why, Err(refused), Found::default()));
                             continue;
                         }
                     }
@@ -349,23 +354,33 @@ impl Service {
         now: Instant,
     ) {
         let Some(running) = self.sequences.get_mut(number) else { return };
-        let (waits, forgets) = (running.waits, std::mem::take(&mut running.forgets));
+        let (waits, effect) = (running.waits, std::mem::take(&mut running.effect));
+        let by = running.owner.peer.account();
         if let (Waits::Check(asked), Outcome::Done) = (waits, outcome) {
             self.see_counter(&ended.lines, asked, now);
         }
         if outcome == Outcome::Done {
-            self.leftovers.forget(forgets);
+            self.line_done(effect, by, now);
         }
-        let result = super::calls::reply_lines(outcome, ended.lines, ended.is_overlong, now);
-        let done = self.done(outcome, result, found);
+        let result = super::replies::reply_lines(outcome, ended.lines, ended.is_overlong, now);
+        let done = self.done(number, outcome, result, found);
         self.go_on(number, Some(done), now);
     }
 
-    /// What a sequence hears of its step.
-    fn done(&self, outcome: Outcome, result: Result<Vec<String>, CallError>, found: Found) -> Done {
+    /// What sequence `number` hears of its step.
+    fn done(
+        &self,
+        number: u64,
+        outcome: Outcome,
+        result: Result<Vec<String>, CallError>,
+        found: Found,
+    ) -> Done {
         let (resets, doubts) = (self.resets.count(), self.resets.doubts());
         let Found { rotary, words } = found;
-        Done { outcome, result, resets, doubts, rotary, words, reported: self.info.reported() }
+        let running = self.sequences.get(number);
+        let ended_by =
+            running.and_then(|running| self.sent_stops.that_ended(number, running, self.info.family()));
+        Done { outcome, result, resets, doubts, rotary, words, reported: self.info.reported(), ended_by }
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.

@@ -1,24 +1,59 @@
 //! Keeps a start from running lines that nobody expects, and a line from moving a motor that somebody else holds.
 
+use std::time::Instant;
+
 use super::Service;
-use super::calls::held_by_another;
+use super::replies::held_by_another;
+use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::socket::leftovers::{LineEffect, Starts};
-use crate::protocol::CallError;
 use crate::protocol::moved_motors::motors_moved;
+use crate::protocol::{CallError, OpenBufferInfo, control};
 
 impl Service {
-    /// Whether `client` may send `line`, by itself or in a sequence. The coordinate systems in which nothing is left when it is
-    /// done. `confirmed`: what is left is to run.
+    /// Whether `client` may send `line`, by itself or in a sequence, and what it does. `confirmed`: what is left is to run.
     ///
     /// # Errors
     /// Why not; nothing was sent.
-    pub(super) fn may_send(&mut self, client: u64, line: &str, confirmed: bool) -> Result<u32, CallError> {
+    pub(super) fn may_send(
+        &mut self,
+        client: u64,
+        line: &str,
+        confirmed: bool,
+    ) -> Result<LineEffect, CallError> {
         let open = self.info.board().open_buffer.as_ref().and_then(|open| open.name.as_deref());
-        let effect = LineEffect::of(line, open.is_some_and(|name| name.starts_with("ROT")));
+        let effect = LineEffect::of(line, open.is_some_and(is_rotary), self.info.family().i.panel);
         self.may_start(Starts { systems: effect.starts, confirmed })?;
         match self.leases.held_by_another(client, motors_moved(line)) {
             Some((holder, held)) => Err(held_by_another(holder, held)),
-            None => Ok(effect.forgets),
+            None => Ok(effect),
+        }
+    }
+
+    /// The board has carried out a line of `by` with this effect.
+    pub(super) fn line_done(&mut self, effect: LineEffect, by: Account, now: Instant) {
+        self.leftovers.forget(effect.forgets);
+        if effect.ends_panel {
+            self.leases.panel_ended(Some(by), now);
+        }
+    }
+
+    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (FACTS 7), so
+    /// the same rules hold, and who opens the buffers is known as their owner. ^L closes rotary buffers: a board that closed
+    /// any buffer by it would end somebody else's download, so another one is left to `CLOSE`.
+    ///
+    /// # Errors
+    /// Another buffer than the rotary ones is open; nothing was sent.
+    pub(super) fn line_for(&self, character: u8) -> Result<Option<&'static str>, CallError> {
+        let is_other = |open: &&OpenBufferInfo| open.name.as_deref().is_none_or(|name| !is_rotary(name));
+        match (character, self.info.board().open_buffer.as_ref().filter(is_other)) {
+            (control::OPEN_ROTARY, _) => Ok(Some("OPEN ROT")),
+            (control::CLOSE_ROTARY, None) => Ok(Some("CLOSE")),
+            (control::CLOSE_ROTARY, Some(open)) => Err(CallError::Refused {
+                reason: format!(
+                    "^L closes the rotary buffers, and what is open is {open}; nothing was sent; CLOSE by an engineer closes it"
+                ),
+            }),
+            _ => Ok(None),
         }
     }
 
@@ -35,4 +70,9 @@ impl Service {
         }
         self.leftovers.check(starts, self.resets.count())
     }
+}
+
+/// Whether the open buffer of this name is the rotary ones.
+fn is_rotary(name: &str) -> bool {
+    name.starts_with("ROT") || name.starts_with("BINARY")
 }

@@ -9,6 +9,7 @@ use super::Service;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::policy::Peer;
+use crate::daemon::socket::sent_stops::ended_by_stop;
 use crate::daemon::socket::stop_target::Target;
 use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
 use crate::protocol::{CallError, Function, Reply, control};
@@ -145,6 +146,9 @@ impl Service {
         match &result {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
+                    if let Some(ends) = ended_by_stop(stop.target) {
+                        self.sent_stops.add(ends, caller, None, now);
+                    }
                     self.panel_has_stopped(stop.target, caller, now);
                 }
             }

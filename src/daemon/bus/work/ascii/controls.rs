@@ -61,7 +61,6 @@ impl AsciiQueue {
         let has_reply = control_has_reply(first.character);
         if self.ports.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
-            self.buffer.follow_control(first.character, first.uid, now);
             self.last_event = now;
             if has_reply {
                 self.start(InFlight::Control(first), first.wait.deadline, publisher, now);

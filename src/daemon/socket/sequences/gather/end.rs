@@ -14,11 +14,6 @@ use crate::protocol::{CallError, Reply};
 /// How long an end tries what is known not to have been sent.
 pub(super) const END_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What has ended a gather, and what may have.
-pub(super) const WAS_RESET: &str = "the board was reset, which ended the gather";
-pub(super) const ENDED_EARLY: &str = "the board gathers no more: somebody ended that (ENDGATHER by hand, on the serial port or from \
-                                      another host), or the board was reset";
-
 impl Gather {
     /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
     pub(super) fn take_of_end(&mut self, done: Done, now: Instant) {
@@ -46,8 +41,7 @@ impl Gather {
             },
             (Phase::CheckAtEnd, result) => {
                 let was_reset = result.is_ok() && self.was_reset(done.resets);
-                let why = if was_reset { WAS_RESET } else { ENDED_EARLY };
-                (Phase::EndFollow, Some(why.to_owned()))
+                (Phase::EndFollow, Some(self.was_ended(was_reset)))
             }
             (Phase::AskWhetherToEnd, Err(error)) => (
                 Phase::EndFollow,
@@ -88,6 +82,18 @@ impl Gather {
         };
         self.phase = phase;
         self.notes.extend(note);
+    }
+
+    /// What has ended the gather: a reset of the board, or who did; what may have, where that is not known.
+    pub(super) fn was_ended(&self, was_reset: bool) -> String {
+        match (was_reset, self.ended_by.as_deref()) {
+            (true, Some(by)) => format!("the board was reset, which ended the gather: {by}"),
+            (true, None) => "the board was reset, which ended the gather".to_owned(),
+            (false, Some(by)) => format!("the board gathers no more: {by}"),
+            (false, None) => "the board gathers no more, and no client of pmacd ended that: the serial port, another host or a program \
+                              of the board did, or the board was reset"
+                .to_owned(),
+        }
     }
 
     /// Whether a gather that goes round and round is over, though nobody has said why.

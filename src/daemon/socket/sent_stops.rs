@@ -1,0 +1,126 @@
+//! What clients have sent last that ends programs, motions or a gather: owners, and those who wait, are told who it was.
+//!
+//! It counts when the board may have carried it out. What comes by the serial port, from another host or from a program of the
+//! board, nobody here hears of.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use super::call_table::Caller;
+use super::sequences::{Resource, Running};
+use super::stop_target::{Target, numbers};
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::Command;
+use crate::function::panel::PanelAction;
+use crate::map::Family;
+use crate::protocol::board::SentStop;
+use crate::protocol::control;
+use crate::protocol::line_ends::LineEnds;
+
+/// How many are kept.
+const KEPT: usize = 16;
+
+#[derive(Debug)]
+struct Sent {
+    number: u64,
+    ends: LineEnds,
+    by: Caller,
+    /// It is a step of the sequence of this number.
+    sequence: Option<u64>,
+    at: Instant,
+}
+
+/// The last of them.
+#[derive(Debug, Default)]
+pub(super) struct SentStops {
+    last: VecDeque<Sent>,
+    count: u64,
+}
+
+impl SentStops {
+    /// `by` has sent what `ends` these, as a step of this `sequence` if it is one.
+    pub(super) fn add(&mut self, ends: LineEnds, by: Caller, sequence: Option<u64>, now: Instant) {
+        self.count += 1;
+        if self.last.len() == KEPT {
+            self.last.pop_front();
+        }
+        self.last.push_back(Sent { number: self.count, ends, by, sequence, at: now });
+    }
+
+    /// Those of a board of this family that did not come from `client`.
+    pub(super) fn of_others(&self, client: u64, family: &Family) -> Vec<SentStop> {
+        let others = self.last.iter().filter(|sent| sent.by.client != client);
+        others.map(|sent| sent.told(family)).collect()
+    }
+
+    /// Who has ended what sequence `number` does, if somebody here did: `uid 0 (pid 7) sent ENDGATHER`.
+    pub(super) fn that_ended(&self, number: u64, running: &Running, family: &Family) -> Option<String> {
+        let Running { machine, owner, .. } = running;
+        let ends = |LineEnds { systems, rotary, gather, buffer, .. }: &LineEnds| match machine.resource() {
+            Resource::Gather => *gather,
+            Resource::Rotary(_) => *buffer || (systems | rotary) & machine.feeds() != 0,
+            Resource::Lines => *buffer,
+        };
+        let is_others = |sent: &&Sent| sent.at >= owner.since && sent.sequence != Some(number);
+        let mut latest = self.last.iter().rev().filter(is_others);
+        latest.find(|sent| ends(&sent.ends)).map(|sent| sent.told(family).to_string())
+    }
+}
+
+impl Sent {
+    fn told(&self, family: &Family) -> SentStop {
+        let Self { number, ends, by, .. } = self;
+        let within = |mask: u32, count: usize| numbers(mask).filter(|one| *one as usize <= count).collect();
+        SentStop {
+            number: *number,
+            what: ends.what.clone(),
+            uid: by.peer.uid.as_raw(),
+            pid: by.peer.pid,
+            named: !ends.unnamed,
+            coordinate_systems: within(ends.systems, family.coordinate_systems),
+            motors: within(ends.motors, family.motors),
+            gather: ends.gather,
+        }
+    }
+}
+
+/// What `command` ends. What stops in the place of a panel request counts as that.
+pub(super) fn ends_of(command: &Command) -> Option<LineEnds> {
+    match command {
+        Command::Send { line, .. } => LineEnds::of(line),
+        Command::Control { character, .. } => ended_by_character(*character),
+        Command::Job { job, .. } => match &**job {
+            Job::Panel(request) => ended_by_panel(request.action()?, request.mask()),
+            _ => None,
+        },
+        Command::First { .. } | Command::ReadWords { .. } => None,
+    }
+}
+
+/// What the stop of `target` ends.
+pub(super) fn ended_by_stop(target: Target) -> Option<LineEnds> {
+    match target {
+        Target::Motors(motors) => ended_by_panel(PanelAction::JogStop, motors),
+        Target::Systems(..) => ended_by_panel(PanelAction::Stop, target.aborted()),
+    }
+}
+
+fn ended_by_panel(action: PanelAction, mask: u32) -> Option<LineEnds> {
+    let what = format!("panel {action}");
+    match action {
+        PanelAction::Start | PanelAction::Hold => None,
+        _ if mask == 0 => None,
+        _ if action.is_for_motors() => Some(LineEnds { what, motors: mask, ..LineEnds::default() }),
+        _ => Some(LineEnds { what, systems: mask, ..LineEnds::default() }),
+    }
+}
+
+fn ended_by_character(character: u8) -> Option<LineEnds> {
+    let ends = LineEnds { what: control::name(character), ..LineEnds::default() };
+    let all = u32::MAX;
+    match character {
+        control::ABORT | control::KILL => Some(LineEnds { systems: all, motors: all, ..ends }),
+        control::QUIT | control::STEP => Some(LineEnds { systems: all, ..ends }),
+        _ => None,
+    }
+}

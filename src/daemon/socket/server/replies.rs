@@ -1,0 +1,84 @@
+//! What callers are answered: by how their command ended, and by whoever holds what they ask for.
+
+use std::time::Instant;
+
+use crate::daemon::shared::open_buffer::Account;
+use crate::daemon::shared::queue::{Outcome, REASON_MAX, Text};
+use crate::daemon::socket::call_table::COLLECT_MAX;
+use crate::daemon::socket::leases::LeaseEnd;
+use crate::daemon::socket::stop_target::Target;
+use crate::map::errors::meaning;
+use crate::protocol::board::SendReply;
+use crate::protocol::{CallError, Reply};
+
+/// What a call is answered whose command ended so.
+pub(super) fn outcome_reply(
+    outcome: Outcome,
+    lines: Vec<String>,
+    is_overlong: bool,
+    now: Instant,
+) -> Result<Reply, CallError> {
+    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)? })
+}
+
+/// The lines of the board's reply, or why they are not there.
+pub(super) fn reply_lines(
+    outcome: Outcome,
+    lines: Vec<String>,
+    is_overlong: bool,
+    now: Instant,
+) -> Result<Vec<String>, CallError> {
+    match outcome {
+        Outcome::Done if is_overlong => Err(CallError::Interrupted {
+            reason: format!("the board's reply is longer than {COLLECT_MAX} bytes"),
+        }),
+        Outcome::Done => Ok(lines),
+        Outcome::Error(code) => {
+            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
+            Err(CallError::Board { code, meaning, lines })
+        }
+        Outcome::TimedOut => Err(CallError::TimedOut { lines }),
+        Outcome::Unavailable => Err(CallError::Unavailable {
+            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
+                .to_owned(),
+        }),
+        Outcome::Busy => Err(CallError::Busy),
+        Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
+        Outcome::OutOfRange => Err(CallError::OutOfRange),
+        Outcome::Barred(barred) => Err(CallError::Refused { reason: barred.reason(now) }),
+        Outcome::Refused(reason) | Outcome::Dropped(reason) => Err(refused(reason)),
+    }
+}
+
+/// What a client is told whose call was refused for this reason.
+pub(super) fn refused(reason: Text<REASON_MAX>) -> CallError {
+    CallError::Refused { reason: reason.to_string() }
+}
+
+/// What a client is told whose held jog is over.
+pub(super) fn lease_over(end: Option<LeaseEnd>) -> CallError {
+    let reason = end.map_or_else(
+        || "there is no held jog of this connection (any more)".to_owned(),
+        |end| end.to_string(),
+    );
+    CallError::Refused { reason }
+}
+
+/// What a client is told who would move a motor that another one holds.
+pub(super) fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
+    let held = Target::Motors(motors);
+    let reason = match holder {
+        Some(holder) => {
+            format!("{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that")
+        }
+        None => format!(
+            "the board has not taken the stop of {held} yet, which pmacd requests again; nothing was sent; abort stops it"
+        ),
+    };
+    CallError::Refused { reason }
+}
+
+/// What a client is told whose held jog was over before it was sent to the board.
+pub(super) fn not_sent(end: Option<LeaseEnd>) -> CallError {
+    CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
+}
