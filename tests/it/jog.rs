@@ -1,12 +1,15 @@
 //! `pmacctl jog`, and what waits for a motion to end: positions, homing, programs.
 
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use nix::sys::signal::Signal;
+use pmac_dpram::protocol::control;
 use serde_json::Value;
 
-use crate::support::jogs::signal;
+use crate::support::jogs::{signal, until};
 use crate::support::rig::Ran;
 use crate::support::{PATIENCE, VirtualSite, output_within};
 
@@ -48,6 +51,11 @@ fn start(site: &VirtualSite, arguments: &[&str]) -> Child {
 
 fn ended(site: &VirtualSite, mut child: Child) -> Ran {
     site.hurried(|| output_within(&mut child, PATIENCE)).into()
+}
+
+/// Another host sends a line, of which no client hears.
+fn elsewhere(site: &VirtualSite, line: &str) {
+    UnixStream::connect(site.path("serial")).unwrap().write_all(format!("{line}\r").as_bytes()).unwrap();
 }
 
 const UNITS: &str = "[[motor]]\nnumber = 2\nname = \"azimuth\"\nunit = \"deg\"\ncounts_per_unit = -1000\n";
@@ -159,7 +167,7 @@ fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
     site.ask("I322=5");
     let child = start(&site, &["jog", "3", "=1000000", "--wait"]);
     site.wait_until("the jog", || number(&site, "#3V") > 1.0);
-    site.ask("#3K");
+    elsewhere(&site, "#3K");
     let ran = ended(&site, child);
     assert!(
         ran.code == Some(1) && ran.stderr.contains("motor 3: its loop is open: it was killed"),
@@ -217,7 +225,7 @@ fn b5_7_a_jog_that_a_home_search_took_over_has_not_arrived() {
     site.ask("I322=1");
     let child = start(&site, &["jog", "3", "=0", "--wait"]);
     site.wait_until("the jog", || number(&site, "#3V") < -0.1);
-    site.ask("#3HM");
+    elsewhere(&site, "#3HM");
     let ran = ended(&site, child);
     assert!(ran.code == Some(1) && ran.stderr.contains("searched for home meanwhile"), "{ran:?}");
 }
@@ -241,7 +249,7 @@ fn b5_7_a_home_search_is_waited_for() {
     site.ask("I623=0.01");
     let child = start(&site, &["panel", "home", "6", "--wait"]);
     site.wait_until("the search", || site.pmacctl(&["motors"]).1.contains("homing"));
-    site.ask("#6J/");
+    elsewhere(&site, "#6J/");
     let ran = ended(&site, child);
     assert!(ran.code == Some(1) && ran.stderr.contains("and has not found home"), "{ran:?}");
     site.assert_no_violations();
@@ -283,7 +291,7 @@ fn b5_7_a_program_is_waited_for() {
     site.run_for(Duration::from_millis(300));
     assert_eq!(site.pmacctl(&["panel", "stop", "1"]).0, 0);
     let ran = ended(&site, child);
-    assert!(ran.code == Some(1) && ran.stderr.contains("was ended by an abort"), "{ran:?}");
+    assert!(ran.code == Some(1) && ran.stderr.contains("sent panel stop"), "{ran:?}");
     // There is no program: the board takes the key and does nothing.
     refused(&site, &["panel", "start", "3", "--wait"], 1, "was not seen to run");
     refused(&site, &["panel", "start", "3"], 1, "coordinate system 3 was not seen to run");
@@ -309,8 +317,70 @@ fn c1_a_motor_of_a_turbo_board_is_jogged_to_a_position_and_waited_for() {
     // Held up on its way: it stands elsewhere.
     let wait = start(&site, &["jog", "32", "=-300000", "--wait"]);
     site.wait_until("the motor to be on its way", || number(&site, "#32P") < 0.0);
-    site.ask("#32J/");
+    elsewhere(&site, "#32J/");
     let ran = ended(&site, wait);
     assert!(ran.code == Some(1) && ran.stderr.contains("not at -300000.0"), "{ran:?}");
+    site.assert_no_violations();
+}
+
+/// A program that goes on and on, and its wait.
+fn endless(site: &VirtualSite) -> Child {
+    let lines = [
+        "&1 #1->X",
+        "OPEN PROG 8 CLEAR",
+        "LINEAR INC TM300",
+        "WHILE (P1=0)",
+        "X200",
+        "ENDWHILE",
+        "CLOSE",
+        "&1 B8",
+    ];
+    lines.into_iter().for_each(|line| drop(site.ask(line)));
+    let child = start(site, &["panel", "start", "1", "--wait"]);
+    site.wait_until("the program", || number(site, "#1V") > 0.1);
+    child
+}
+
+#[test]
+fn b1_9_a_wait_ends_when_somebody_ends_what_it_waits_for_and_names_him() {
+    let site = running("");
+    let sent = |what: &str| format!("uid {} (pid {}) sent {what}", nix::unistd::getuid(), std::process::id());
+    let mut board = site.connection();
+    for stop in ["&1Q", "&1A", "Q"] {
+        let child = endless(&site);
+        site.ask(stop);
+        let ran = ended(&site, child);
+        let told = ran.stderr.contains("the program of coordinate system 1 was ")
+            && ran.stderr.contains(&sent(stop));
+        assert!(ran.code == Some(1) && told, "{stop}: {ran:?}");
+        site.ask("&1A");
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    }
+    let child = endless(&site);
+    // What is held goes on later, and another coordinate system is another one.
+    site.ask("&1H");
+    assert_eq!(site.pmacctl(&["abort", "2"]).0, 0);
+    site.run_for(Duration::from_millis(500));
+    site.ask("&1R");
+    board.control(control::QUIT).unwrap();
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains(&sent("^Q")), "{ran:?}");
+    site.ask("I322=5 I623=0.01");
+    let child = start(&site, &["jog", "3", "=1000000", "--wait"]);
+    site.wait_until("the motion", || number(&site, "#3V").abs() > 0.1);
+    site.ask("#3J/");
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains(&sent("#3J/")), "{ran:?}");
+    let child = start(&site, &["panel", "home", "6", "--wait"]);
+    site.wait_until("the search", || site.pmacctl(&["motors"]).1.contains("homing"));
+    site.ask("#6J/");
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains(&sent("#6J/")), "{ran:?}");
+    let child = start(&site, &["jog", "3", "=1000000", "--wait"]);
+    site.wait_until("the motion", || number(&site, "#3V").abs() > 0.1);
+    assert_eq!(site.pmacctl(&["jog", "3", "stop"]).0, 0);
+    let ran = ended(&site, child);
+    assert!(ran.code == Some(1) && ran.stderr.contains("motor 3"), "{ran:?}");
+    assert!(ran.stderr.contains("sent panel jog-stop"), "{ran:?}");
     site.assert_no_violations();
 }

@@ -72,7 +72,7 @@ fn move_to(
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, &[number])?;
     let not_sent = |failure: Failure| failure.at("not sent");
-    let mut watch = Watch::begin(context).map_err(not_sent)?;
+    let mut watch = Watch::begin(context, &mut connection).map_err(not_sent)?;
     let units = watch.snapshot()?.identity.units;
     let target = counts(value, unit, units.get(usize::from(number) - 1).copied().flatten(), number)?;
     watch.check_motors(&[number]).map_err(not_sent)?;
@@ -80,7 +80,7 @@ fn move_to(
     if !wait.wait {
         return Ok(Verdict::Yes);
     }
-    wait_for_motors(context, &mut watch, &[number], Goal::At(target), wait.timeout)
+    wait_for_motors(context, &mut connection, &mut watch, &[number], Goal::At(target), wait.timeout)
 }
 
 /// The number of the motor that is meant. `identity` knows the names.

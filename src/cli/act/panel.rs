@@ -195,20 +195,21 @@ pub fn press(
     let request = || -> Result<_, Failure> {
         let mut connection = context.connection()?.confirming(confirms);
         check_numbers(Context::family(None, &mut connection)?, action.is_for_motors(), numbers)?;
-        let watch = wait.wait.then(|| Watch::begin(context).and_then(ready));
+        let watch = wait.wait.then(|| Watch::begin(context, &mut connection).and_then(ready));
         let watch = match watch {
             Some(Err(failure)) if action != PanelAction::JogStop => return Err(failure.at("not sent")),
             watch => watch,
         };
         // The board takes the key of a program that it cannot run, and drops it.
-        let start = (action == PanelAction::Start && watch.is_none()).then(|| Watch::begin(context));
+        let starts = action == PanelAction::Start && watch.is_none();
+        let start = starts.then(|| Watch::begin(context, &mut connection));
         connection.panel(action.name(), numbers)?;
-        Ok((watch, start))
+        Ok((connection, watch, start))
     };
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
-    let (watch, start) = if stops { warn_if_late(request) } else { request() }?;
+    let (mut connection, watch, start) = if stops { warn_if_late(request) } else { request() }?;
     match start {
-        Some(Ok(mut watch)) => return see_programs_begin(&mut watch, numbers),
+        Some(Ok(mut watch)) => return see_programs_begin(&mut connection, &mut watch, numbers),
         Some(Err(failure)) => {
             let _ = writeln!(
                 io::stderr(),
@@ -220,9 +221,9 @@ pub fn press(
     let Some(watch) = watch else { return Ok(Verdict::Yes) };
     let mut watch = watch.map_err(|failure| failure.at("the stop was taken"))?;
     if action.is_for_motors() {
-        wait_for_motors(context, &mut watch, numbers, goal, wait.timeout)
+        wait_for_motors(context, &mut connection, &mut watch, numbers, goal, wait.timeout)
     } else {
-        wait_for_programs(context, &mut watch, numbers, wait.timeout)
+        wait_for_programs(context, &mut connection, &mut watch, numbers, wait.timeout)
     }
 }
 

@@ -7,17 +7,20 @@
 //! so no move is too short to be seen. Delays are measured by the reports' time stamps.
 
 mod motors;
+mod stops;
 mod systems;
 
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use stops::Stops;
 
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure};
-use crate::client::{Board, Snapshot, Staleness};
+use crate::client::{Board, Connection, Snapshot, Staleness};
 use crate::decode::ServoData;
+use crate::protocol::board::SentStop;
 use crate::segment::Counter;
 use crate::segment::identity::MOTORS;
 
@@ -64,6 +67,18 @@ struct Seen {
     lost: bool,
 }
 
+/// What is waited for.
+struct Awaited<'a> {
+    numbers: &'a [u8],
+    /// What each one is: `motor`.
+    name: &'a str,
+    /// What may go on when the wait ends first.
+    moving: &'a str,
+    timeout: Duration,
+    /// Whether what somebody has sent ends the one of this number.
+    ends: &'a dyn Fn(u8, &SentStop, &Snapshot) -> bool,
+}
+
 /// Looks at the board from before the request on.
 pub struct Watch {
     board: Board,
@@ -76,6 +91,8 @@ pub struct Watch {
     next: u64,
     /// Motor 1 first.
     seen: [Seen; MOTORS],
+    /// What other clients have sent that ends motions.
+    stops: Stops,
 }
 
 /// Whether one of those that are waited for is there.
@@ -89,11 +106,11 @@ enum Progress {
 }
 
 impl Watch {
-    /// Begins before the request is sent. From here on ^C only ends the wait.
+    /// Begins before the request is sent over `connection`. From here on ^C only ends the wait.
     ///
     /// # Errors
     /// [`Failure::Refused`] if the reports are not live: nobody could see the motion end.
-    pub fn begin(context: &Context) -> Result<Self, Failure> {
+    pub fn begin(context: &Context, connection: &mut Connection) -> Result<Self, Failure> {
         let mut board = context.board()?;
         let snapshot = board.snapshot()?;
         let servo = snapshot.servo.as_ref().map(|servo| servo.stale);
@@ -117,6 +134,7 @@ impl Watch {
             resets,
             next,
             seen: Default::default(),
+            stops: Stops::begin(connection),
         })
     }
 
@@ -128,17 +146,18 @@ impl Watch {
         Ok(self.board.snapshot()?)
     }
 
-    /// Waits until `judge` is done with every one of `numbers`. Returns what went wrong.
+    /// Waits until `judge` is done with all that is `awaited`, or somebody ends it over another connection than this one.
+    /// Returns what went wrong.
     ///
     /// # Errors
-    /// When the wait ends first; `moving` says what may go on then.
+    /// When the wait ends first.
     fn until_over(
         &mut self,
-        numbers: &[u8],
-        timeout: Duration,
-        moving: &str,
+        connection: &mut Connection,
+        awaited: &Awaited<'_>,
         mut judge: impl FnMut(u8, &Snapshot, &Look<'_>) -> Progress,
     ) -> Result<Vec<String>, Failure> {
+        let Awaited { numbers, name, moving, timeout, ends } = *awaited;
         let first = self.snapshot()?;
         let (servo, background) = (sequence(&first).0 + OLD_REPORTS, sequence(&first).1 + OLD_REPORTS);
         let mut begun_ns = None;
@@ -174,13 +193,29 @@ impl Watch {
                 elapsed: since(*begun_ns.get_or_insert(sample.time_ns), sample.time_ns),
                 now_ns: sample.time_ns,
             };
-            open.retain(|&number| match judge(number, &snapshot, &look) {
-                Progress::GoesOn => true,
-                Progress::Done => false,
-                Progress::Failed(why) => {
-                    failed.push(why);
-                    false
+            self.stops.look(connection);
+            let stops = &mut self.stops;
+            open.retain(|&number| {
+                let progress = judge(number, &snapshot, &look);
+                let is_over = progress != Progress::GoesOn;
+                if is_over {
+                    stops.ask(connection);
                 }
+                // What went to whatever was addressed may have ended something else.
+                let stop = stops.last(|stop| (stop.named || is_over) && ends(number, stop, &snapshot));
+                match (progress, stop) {
+                    (Progress::GoesOn, None) => return true,
+                    (Progress::Done, None) => {}
+                    (Progress::Failed(why), None) => failed.push(why),
+                    (Progress::Failed(why), Some(stop)) => failed.push(format!("{why}; {stop}")),
+                    (Progress::Done, Some(stop)) => {
+                        failed.push(format!("{name} {number} was stopped before its end: {stop}"));
+                    }
+                    (Progress::GoesOn, Some(stop)) => {
+                        failed.push(format!("{name} {number} was stopped: {stop}; it may still move"));
+                    }
+                }
+                false
             });
             if open.is_empty() {
                 return Ok(failed);

@@ -5,11 +5,14 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{BEGINS, Look, Progress, STANDS, Watch, since};
+use super::systems::system_of;
+use super::{Awaited, BEGINS, Look, Progress, STANDS, Watch, since};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
 use crate::client::number::{fixed, labelled};
+use crate::client::{Connection, Snapshot};
+use crate::protocol::board::SentStop;
 
 /// Servo flags of a motor that moves or is about to.
 pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progress"];
@@ -71,13 +74,14 @@ impl Watch {
     }
 }
 
-/// Waits until every motor in `numbers` has come to its goal, and tells where it is.
+/// Waits until every motor in `numbers` has come to its goal, and tells where it is. It was asked for over `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a motor stands elsewhere or has a fault, or where the wait ends before the motion: by ^C, by the
-/// time limit, or because no report comes.
+/// [`Failure::Refused`] where a motor stands elsewhere, has a fault or was stopped by somebody else, or where the wait ends
+/// before the motion: by ^C, by the time limit, or because no report comes.
 pub fn wait_for_motors(
     context: &mut Context,
+    connection: &mut Connection,
     watch: &mut Watch,
     numbers: &[u8],
     goal: Goal,
@@ -90,7 +94,12 @@ pub fn wait_for_motors(
     );
     // Since when each one has stood.
     let mut stood = BTreeMap::new();
-    let failed = watch.until_over(numbers, timeout, &moving, |number, snapshot, look| {
+    // Who waits for a stop does not mind another one.
+    let ends = |number: u8, stop: &SentStop, snapshot: &Snapshot| {
+        goal != Goal::Stands && stops_motor(number, stop, snapshot)
+    };
+    let awaited = Awaited { numbers, name: "motor", moving: &moving, timeout, ends: &ends };
+    let failed = watch.until_over(connection, &awaited, |number, snapshot, look| {
         let motors = motors(snapshot);
         let Some(motor) = motors.iter().find(|motor| motor.servo.motor == usize::from(number)) else {
             return Progress::Failed(format!("the board does not report motor {number} any more"));
@@ -119,6 +128,13 @@ pub fn wait_for_motors(
         }
     }
     if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
+/// Whether what somebody has sent stops motor `number`, by itself or as its coordinate system's, or sends it elsewhere.
+fn stops_motor(number: u8, stop: &SentStop, snapshot: &Snapshot) -> bool {
+    let system = system_of(number.into(), snapshot);
+    stop.motors.contains(&number.into())
+        || stop.coordinate_systems.iter().any(|stopped| Some(*stopped as usize) == system)
 }
 
 /// Whether it stands in position.

@@ -3,7 +3,8 @@
 //! The running bit is 0 as soon as the last move has been calculated, "even if the motors are still executing the last move"
 //! (Software Reference, `??`), so the motors of the coordinate system have to stand as well.
 //!
-//! No report tells a program that somebody ends by `Q` or at the end of a block from one that has come to its end.
+//! No report tells a program that somebody ends by `Q` or at the end of a block from one that has come to its end. What clients
+//! send the daemon tells; what another host sends nobody does.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write};
@@ -12,13 +13,14 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::motors::{fault, position, stands};
-use super::{BEGINS, Look, Progress, Watch};
+use super::{Awaited, BEGINS, Look, Progress, Watch};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
-use crate::client::{Snapshot, identity};
+use crate::client::{Connection, Snapshot, identity};
 use crate::decode::CoordinateSystem;
 use crate::map::DEFAULT_FAMILY;
+use crate::protocol::board::SentStop;
 
 /// Flags of the program status word that say why a program has ended, and what is said of it.
 const FAULTS: [(&str, &str); 5] = [
@@ -48,16 +50,30 @@ impl Watch {
     }
 }
 
+/// What is waited for.
+const PROGRAM: &str = "the program of coordinate system";
+
+/// Whether what somebody has sent ends the program of coordinate system `number`.
+fn ends_program(number: u8, stop: &SentStop, _: &Snapshot) -> bool {
+    stop.coordinate_systems.contains(&number.into())
+}
+
 /// How long the reports have to show that a program has begun.
 const SEEN_TO_BEGIN: Duration = Duration::from_secs(3);
 
-/// Waits until the programs of the coordinate systems `numbers` are seen to run, or to have moved their motors.
+/// Waits until the programs of the coordinate systems `numbers` are seen to run, or to have moved their motors. They were
+/// started over `connection`.
 ///
 /// # Errors
 /// [`Failure::Refused`] where one is not.
-pub fn see_programs_begin(watch: &mut Watch, numbers: &[u8]) -> Result<Verdict, Failure> {
+pub fn see_programs_begin(
+    connection: &mut Connection,
+    watch: &mut Watch,
+    numbers: &[u8],
+) -> Result<Verdict, Failure> {
     let moving = "the start was taken, and nobody has seen yet whether the program runs";
-    let failed = watch.until_over(numbers, SEEN_TO_BEGIN, moving, |number, snapshot, look| {
+    let awaited = Awaited { numbers, name: PROGRAM, moving, timeout: SEEN_TO_BEGIN, ends: &ends_program };
+    let failed = watch.until_over(connection, &awaited, |number, snapshot, look| {
         let Some(system) = system(snapshot, number) else { return Progress::GoesOn };
         let motors = motors(snapshot);
         let own = own_motors(&motors, number.into(), snapshot);
@@ -69,13 +85,15 @@ pub fn see_programs_begin(watch: &mut Watch, numbers: &[u8]) -> Result<Verdict, 
     if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
 }
 
-/// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand.
+/// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand. They were started over
+/// `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a program did not come to its end, or where the wait ends first: by ^C, by the time limit, or
-/// because no report comes.
+/// [`Failure::Refused`] where a program did not come to its end, or somebody ended it, or where the wait ends first: by ^C, by
+/// the time limit, or because no report comes.
 pub fn wait_for_programs(
     context: &mut Context,
+    connection: &mut Connection,
     watch: &mut Watch,
     numbers: &[u8],
     timeout: Duration,
@@ -87,7 +105,8 @@ pub fn wait_for_programs(
         list.join(" ")
     );
     let mut ran = BTreeSet::new();
-    let failed = watch.until_over(numbers, timeout, &moving, |number, snapshot, look| {
+    let awaited = Awaited { numbers, name: PROGRAM, moving: &moving, timeout, ends: &ends_program };
+    let failed = watch.until_over(connection, &awaited, |number, snapshot, look| {
         let Some(system) = system(snapshot, number) else { return Progress::GoesOn };
         if running(system) == Some(true) {
             ran.insert(number);
@@ -157,7 +176,7 @@ fn own_motors<'a, 'b>(motors: &'b [Motor<'a>], number: usize, snapshot: &Snapsho
 }
 
 /// The coordinate system that a motor belongs to, as the background report tells.
-fn system_of(motor: usize, snapshot: &Snapshot) -> Option<usize> {
+pub(super) fn system_of(motor: usize, snapshot: &Snapshot) -> Option<usize> {
     let background = snapshot.background.as_ref()?;
     background
         .data

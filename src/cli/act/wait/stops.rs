@@ -1,0 +1,50 @@
+//! What others send that ends a motion which is waited for: the daemon tells, the board's reports do not say who.
+
+use std::time::{Duration, Instant};
+
+use crate::client::Connection;
+use crate::protocol::board::SentStop;
+
+/// How often the daemon is asked.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// The stops that come from other connections than the one that asks.
+pub struct Stops {
+    /// The last one before the request; `None` when the daemon does not tell (any more).
+    last: Option<u64>,
+    due: Instant,
+    since: Vec<SentStop>,
+}
+
+impl Stops {
+    /// Begins before the request, which goes over this connection.
+    pub fn begin(connection: &mut Connection) -> Self {
+        let told = connection.info().ok();
+        let last = told.map(|info| info.stops.last().map_or(0, |stop| stop.number));
+        Self { last, due: Instant::now(), since: Vec::new() }
+    }
+
+    /// Asks the daemon, if that is due.
+    pub fn look(&mut self, connection: &mut Connection) {
+        if Instant::now() >= self.due {
+            self.ask(connection);
+        }
+    }
+
+    /// Asks the daemon.
+    pub fn ask(&mut self, connection: &mut Connection) {
+        let Some(last) = self.last else { return };
+        self.due = Instant::now() + LOOK;
+        let told = connection.info().ok();
+        // A daemon that does not answer is not asked again: it would take over a new connection, and our own request for
+        // another's.
+        self.last = told.as_ref().map(|info| info.stops.last().map_or(last, |stop| stop.number.max(last)));
+        let new = told.into_iter().flat_map(|info| info.stops).filter(|stop| stop.number > last);
+        self.since.extend(new);
+    }
+
+    /// The last one that `concerns` what is waited for.
+    pub fn last(&self, concerns: impl Fn(&SentStop) -> bool) -> Option<&SentStop> {
+        self.since.iter().rev().find(|stop| concerns(stop))
+    }
+}
