@@ -310,3 +310,92 @@ fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
     child.stdin.take().unwrap().write_all(b"P1=5\n").unwrap();
     assert_eq!(Ran::from(child.wait_with_output().unwrap()).code, Some(0));
 }
+
+#[test]
+fn b1_2_a_line_by_an_address_that_somebody_else_has_changed_is_not_sent() {
+    let site = VirtualSite::running(&[], &[]);
+    let mut other = site.connection();
+    let mut child = piped(&site, &[]);
+    let mut stdin = child.stdin.take().unwrap();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let mut stderr = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    stdin.write_all(b"#2\nP\n").unwrap();
+    stdout.next().unwrap();
+    other.send("#5", PATIENCE).unwrap();
+    stdin.write_all(b"J+\n").unwrap();
+    let told = stderr.next().unwrap();
+    assert_eq!(
+        told,
+        "not sent: somebody else has addressed #5 &1 meanwhile; write into the line what it is for, as in #2 &1 J+"
+    );
+    // What names its motor, or is for none, is sent.
+    stdin.write_all(b"P7=4\nP7\n#2P\n").unwrap();
+    assert_eq!((stdout.next().unwrap().as_str(), stdout.next().unwrap().as_str()), ("4", "0"));
+    drop(stdin);
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    for motor in [2, 5] {
+        let speed: f64 = other.send(&format!("#{motor}V"), PATIENCE).unwrap()[0].parse().unwrap();
+        assert!(speed.abs() < 0.1, "motor {motor} moves");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed_that() {
+    for closing in ["CLOSE", "a reset"] {
+        let site = VirtualSite::running(&[], &[]);
+        site.wait_for_live_servo();
+        let mut other = site.connection();
+        site.wait_until("a board that takes commands", || site.connection().send("P7=1", PATIENCE).is_ok());
+        let mut child = piped(&site, &[]);
+        let mut stdin = child.stdin.take().unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        stdin.write_all(b"OPEN PROG 7 CLEAR\nP7=2\n").unwrap();
+        site.wait_until("a line in the program", || site.log().contains("sends \"P7=2\""));
+        if closing == "CLOSE" {
+            other.send(closing, PATIENCE).unwrap();
+        } else {
+            site.control("reset");
+            site.wait_until("a board that answers", || site.connection().send("P7=1", PATIENCE).is_ok());
+        }
+        stdin.write_all(b"P7=3\n").unwrap();
+        let told = stderr.by_ref().find(|line| line.contains("not sent")).unwrap();
+        assert!(
+            told.contains(
+                "not sent, it would have been carried out at once: somebody closed the program buffer"
+            ) && told.contains("CLOSE ends the lines that belong into it"),
+            "{closing}: {told}"
+        );
+        // When its user has closed it, lines go again.
+        stdin.write_all(b"P7=4\nCLOSE\nP9=5\n").unwrap();
+        drop(stdin);
+        assert_eq!(child.wait().unwrap().code(), Some(1));
+        assert_eq!(site.ask("P7 P9"), ["1", "5"], "{closing}");
+        site.assert_no_violations();
+    }
+}
+
+#[test]
+fn b1_2_the_prompt_shows_an_address_that_somebody_else_has_changed() {
+    let site = VirtualSite::running(&[], &[]);
+    let pty = pty(Some(&nix::pty::Winsize { ws_row: 24, ws_col: 200, ws_xpixel: 0, ws_ypixel: 0 }));
+    let slave = || Stdio::from(pty.slave.try_clone().unwrap());
+    let mut command = terminal(&site, &["--no-history"]);
+    let command = command.env("TERM", "xterm").stdin(slave()).stdout(slave()).stderr(slave());
+    let child = Running(command.spawn().unwrap());
+    let mut person = Person::at(pty.master);
+    person.sees("#8 &1> ");
+    person.types("#2\r");
+    person.sees("#2 &1> ");
+    site.connection().send("#5", PATIENCE).unwrap();
+    person.types("J+\r");
+    person.sees("not sent: somebody else has addressed #5 &1 meanwhile");
+    person.sees("-- somebody else has addressed #5 &1; it was #2 &1");
+    person.sees("#5 &1> ");
+    // He has seen it now.
+    person.types("P\r");
+    person.sees("\n0\r\n");
+    person.types(".quit\r");
+    assert_eq!(child.ended(), Some(0), "{}", person.screen());
+    site.assert_no_violations();
+}

@@ -149,10 +149,25 @@ impl Way {
     /// # Errors
     /// [`LineError`].
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, LineError> {
+        self.send_as(line, false, timeout)
+    }
+
+    /// As [`Way::send`]. A line that goes `into_buffer`, the program buffer that its user has open, is not sent when that is
+    /// closed.
+    ///
+    /// # Errors
+    /// [`LineError`].
+    pub fn send_as(
+        &mut self,
+        line: &str,
+        into_buffer: bool,
+        timeout: Duration,
+    ) -> Result<Vec<String>, LineError> {
         let timeout = deadlines::of_line(line, timeout);
         // The board need not acknowledge a reset.
         let resets = line::resets(line.as_bytes());
         match self {
+            Self::Daemon(connection) if into_buffer => Ok(connection.send_into_buffer(line, timeout)?),
             Self::Daemon(connection) => match connection.send(line, timeout) {
                 Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Ok(Vec::new()),
                 result => Ok(result?),

@@ -1,5 +1,6 @@
 //! Commands that make the board do one thing.
 
+mod address;
 mod control_keys;
 pub mod jog;
 pub mod lines;

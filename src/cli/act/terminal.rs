@@ -3,6 +3,10 @@
 //! A terminal has line editing and a history. The prompt shows the addressed motor and coordinate system. Messages that
 //! the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin, replies
 //! go to stdout, errors and messages to stderr.
+//!
+//! Others use the board, too. A line that goes by the address is sent only while that is what the user knows: what the prompt
+//! shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which the user has
+//! opened is sent only while that is open: the board would carry it out at once.
 
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::PathBuf;
@@ -18,13 +22,15 @@ use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
+use crate::cli::act::address::{Addressed, goes_by_address};
 use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, Way};
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
-use crate::format::Visible;
+use crate::protocol::buffer_line::{Effect, effect};
+use crate::protocol::line::resets;
 use crate::protocol::password::without_password;
 use crate::protocol::{Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control};
 
@@ -63,7 +69,7 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
     let way = Way::Daemon(context.connection()?.confirming(options.yes));
-    let session = Session { way, timeout: options.timeout, all_taken: true };
+    let session = Session::new(way, options.timeout);
     let messages = context.connection()?.messages()?;
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
         interactive(session, messages, options)
@@ -109,12 +115,20 @@ struct Session {
     way: Way,
     timeout: Duration,
     all_taken: bool,
+    /// What the user knows to be addressed.
+    addressed: Option<Addressed>,
+    /// His lines have opened a program buffer that they have not closed.
+    inside: bool,
 }
 
 /// The reply lines, and the error that ended them.
 type Answer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
+    fn new(way: Way, timeout: Duration) -> Self {
+        Self { way, timeout, all_taken: true, addressed: None, inside: false }
+    }
+
     /// The board's reply to a line or control character.
     ///
     /// # Errors
@@ -124,10 +138,11 @@ impl Session {
             (Input::Control(character), Way::Daemon(connection)) => {
                 connection.control(*character).map_err(LineError::from)
             }
-            (Input::Line(line), way) => way.send(line, self.timeout),
+            (Input::Line(line), _) => self.send(line),
             _ => Ok(Vec::new()),
         };
         self.all_taken &= result.is_ok();
+        self.follow(input, &result);
         match result {
             Ok(lines) => Ok((lines, None, None)),
             Err(mut error) => {
@@ -142,6 +157,54 @@ impl Session {
                 }
             }
         }
+    }
+
+    /// Sends a line, if that does what its user means.
+    fn send(&mut self, line: &str) -> Result<Vec<String>, LineError> {
+        if let Some(known) = self.addressed.filter(|_| !self.inside && goes_by_address(line))
+            && let Some(now) = self.address().filter(|now| *now != known)
+        {
+            let why = format!(
+                "not sent: somebody else has addressed {now} meanwhile; write into the line what it is for, as in {known} {line}"
+            );
+            return Err(LineError::NotSent(Failure::Refused(why)));
+        }
+        let into_buffer = self.inside && effect(line.as_bytes()).is_none() && !resets(line.as_bytes());
+        let sent = self.way.send_as(line, into_buffer, self.timeout);
+        match sent {
+            Err(LineError::NotSent(Failure::Refused(why))) if into_buffer => Err(LineError::NotSent(
+                Failure::Refused(format!("{why}; CLOSE ends the lines that belong into it")),
+            )),
+            sent => sent,
+        }
+    }
+
+    /// Takes note of what a line or control character has addressed and opened.
+    fn follow(&mut self, input: &Input<'_>, result: &Result<Vec<String>, LineError>) {
+        let is_done = result.is_ok();
+        match input {
+            Input::Control(control::OPEN_ROTARY) => self.inside |= is_done,
+            Input::Control(control::CLOSE_ROTARY) => self.inside &= !is_done,
+            Input::Line(line) => {
+                match effect(line.as_bytes()) {
+                    Some(Effect::Opens(_)) => {
+                        self.inside |= is_done || matches!(result, Err(LineError::Uncertain { .. }));
+                    }
+                    Some(Effect::Closes) => self.inside &= !is_done,
+                    None => self.inside &= !(is_done && resets(line.as_bytes())),
+                }
+                if is_done && !self.inside && line.contains(['#', '&', '$']) {
+                    self.addressed = self.address();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What is addressed, if the board answers in time.
+    fn address(&mut self) -> Option<Addressed> {
+        let Way::Daemon(connection) = &mut self.way else { return None };
+        Addressed::of(&connection.question(Addressed::QUESTION, ADDRESS).ok()?)
     }
 
     /// Watches from now on whether the board is reset.
@@ -166,22 +229,22 @@ impl Session {
         }
     }
 
-    /// The addressed motor and coordinate system, if the board answers in time.
-    fn addressed(&mut self) -> String {
-        let Way::Daemon(connection) = &mut self.way else { return "pmac".to_owned() };
-        match connection.question("# &", ADDRESS).as_deref() {
-            Ok([motor, system]) => Visible(format_args!("#{motor} &{system}")).to_string(),
-            _ => "pmac".to_owned(),
+    /// The prompt: what is addressed now, and the program buffer that is open. Says if somebody else has changed the address.
+    fn prompt(&mut self) -> io::Result<String> {
+        let open = self.open_buffer();
+        if open.is_none() {
+            let (before, now) = (self.addressed, self.address());
+            if let Some((before, now)) = before.zip(now).filter(|(before, now)| before != now) {
+                println(&format!("-- somebody else has addressed {now}; it was {before}"))?;
+            }
+            self.addressed = now;
         }
-    }
-
-    /// The prompt: what is `addressed`, and the program buffer that is open.
-    fn prompt(&mut self, addressed: &str) -> String {
-        match self.open_buffer() {
+        let addressed = self.addressed.map_or_else(|| "pmac".to_owned(), |addressed| addressed.to_string());
+        Ok(match open {
             Some(open) if open.takes_lines_of(getuid().as_raw()) => format!("{addressed} {}> ", open.name()),
             Some(open) => format!("{addressed} ({open})> "),
             None => format!("{addressed}> "),
-        }
+        })
     }
 
     /// The program buffer that is open, as far as the daemon knows.
@@ -227,10 +290,9 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
         let _ = printer.print(format!("{}\n", reply(&text, raw)));
     });
     println(".help lists the commands, .quit ends.")?;
-    let mut addressed = session.addressed();
     let mut line = (String::new(), String::new());
     let outcome = loop {
-        let prompt = session.prompt(&addressed);
+        let prompt = session.prompt()?;
         let edited = editor.readline_with_initial(&prompt, (&line.0, &line.1));
         line = Default::default();
         let text = match edited {
@@ -260,10 +322,6 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Ok(true) => {}
             Ok(false) => break Ok(()),
             Err(failure) => break Err(failure),
-        }
-        // Only these can change the addressed motor or coordinate system.
-        if text.contains(['#', '&', '$']) {
-            addressed = session.addressed();
         }
     };
     drop(listening);
