@@ -174,3 +174,25 @@ fn a_port_that_was_not_used_is_told_as_unknown() {
         )
     });
 }
+
+#[test]
+fn b1_7_the_doctor_waits_for_a_board_that_comes_up_after_a_reset() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.wait_until("a board that is well", || site.run(&["doctor"]).code == Some(0));
+    site.wait_until("the board's answers", || site.run(&["send", "SAVE"]).code == Some(0));
+    site.run(&["send", "$$$"]);
+    let ran = site.hurried(|| site.run(&["doctor"]));
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.stdout.contains("it was reset ") && !ran.stdout.contains("FAIL"), "{ran:?}");
+    assert!(ran.stderr.contains("waiting for it to come up"), "{ran:?}");
+    // What a reset has really ended is told when the time is over.
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.wait_until("a board that is well", || site.run(&["doctor"]).code == Some(0));
+    site.run(&["send", "$$$"]);
+    let ran = site.hurried(|| site.run(&["doctor"]));
+    assert!(ran.code == Some(1) && ran.stdout.contains("it was reset 1"), "{ran:?}");
+}

@@ -5,8 +5,10 @@ mod memory;
 mod report;
 
 use std::fs;
+use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Args;
 use nix::sys::statvfs::statvfs;
@@ -47,6 +49,15 @@ pub struct Doctor {
 
 /// Warn below this free space in /dev/shm. A segment takes a few MiB.
 const ROOM: u64 = 16 << 20;
+
+/// How long a board has to come up after a reset, and how often to look. A large one that has saved much takes seconds, and
+/// `pmacd` asks a silent one again after 10 s.
+const COMES_UP: Duration = Duration::from_secs(15);
+/// How long what is seen may be from before the reset.
+const GONE: Duration = Duration::from_secs(3);
+const LOOK: Duration = Duration::from_millis(250);
+/// How long a reset is worth a word.
+const LATELY: Duration = Duration::from_secs(60);
 
 /// Checks whether the board takes command lines.
 fn commands(report: &mut Report, info: &BoardInfo) {
@@ -97,13 +108,36 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     }
     if !options.boards && !options.memory && options.probe.is_none() {
         context.agree()?;
-        everything(&mut report, context, &system);
+        report.0.extend(once_up(context, &system).0);
     }
     tell(context, &report)
 }
 
-/// Checks everything between this user and live data.
-fn everything(report: &mut Report, context: &Context, system: &System) {
+/// Checks everything; of a board that comes up after a reset, when it has, or has had the time to.
+fn once_up(context: &Context, system: &System) -> Report {
+    let mut is_told = false;
+    loop {
+        let mut report = Report::default();
+        let Some(ago) = everything(&mut report, context, system) else { return report };
+        if ago >= COMES_UP || ago >= GONE && report.is_well() {
+            report.add(Level::Ok, "board", format!("it was reset {} s ago", ago.as_secs()));
+            return report;
+        }
+        if !std::mem::replace(&mut is_told, true) {
+            // If stderr is closed, the note is lost.
+            let _ = writeln!(
+                io::stderr(),
+                "the board was reset {} s ago; waiting for it to come up, until {} s after the reset",
+                ago.as_secs(),
+                COMES_UP.as_secs()
+            );
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Checks everything between this user and live data. How long ago the board was reset, if it was lately.
+fn everything(report: &mut Report, context: &Context, system: &System) -> Option<Duration> {
     shared_memory(report);
     let mut board = segment(report, context);
     let (info, settings) = socket(report, &context.socket()).unzip();
@@ -128,6 +162,8 @@ fn everything(report: &mut Report, context: &Context, system: &System) {
         // Without a daemon, the next step is to choose the board that it opens.
         machine::boards(report, system);
     }
+    let ago = Duration::from_millis(info?.reset_ago_ms?);
+    (ago < LATELY).then_some(ago)
 }
 
 fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {

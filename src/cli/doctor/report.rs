@@ -37,6 +37,16 @@ impl Check {
 pub struct Report(pub Vec<Check>);
 
 impl Report {
+    /// Whether nothing is wrong that a board which comes up shows, too.
+    pub fn is_well(&self) -> bool {
+        let is_wrong = |check: &Check| match check.level {
+            Level::Fail => true,
+            Level::Warn => check.check == "commands",
+            Level::Ok => false,
+        };
+        !self.0.iter().any(is_wrong)
+    }
+
     pub fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
         self.0.push(Check::new(level, check, text));
     }
