@@ -26,13 +26,14 @@ pub mod control;
 pub mod hold;
 mod late_mark;
 mod line_cut;
+mod part_answer;
 mod response_buffer;
 
 use std::time::{Duration, Instant};
 
 use control::Lying;
 use hold::{After, Hold};
-use late_mark::LateMarks;
+use late_mark::{Follows, LateMarks};
 use line_cut::cut;
 use response_buffer::Untold;
 
@@ -78,6 +79,8 @@ enum State {
     Idle,
     /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
     Loaded { sent: usize },
+    /// PMAC has the first part, `sent` characters. The second waits for an answer to the first until then; `None`: no more.
+    FirstTaken { sent: usize, until: Option<Instant> },
     /// PMAC has the whole line. A silence since `quiet_since` ends the reply; `None`: it ends nothing, as no line of a
     /// reply to an open-ended line has come, or not since its last end.
     Replying { quiet_since: Option<Instant> },
@@ -115,6 +118,8 @@ pub struct DpramPort {
     open_ended: bool,
     /// Which replies the board marks late.
     late_marks: LateMarks,
+    /// Whether the board answers the first part of a line.
+    part_answer: Follows,
     /// Another host may have left the first part of a line, without the second; the board was not told yet to forget it.
     half_left: bool,
 }
@@ -139,6 +144,7 @@ impl DpramPort {
             reply_end: ReplyEnd::Ack,
             open_ended: false,
             late_marks: LateMarks::default(),
+            part_answer: Follows::default(),
             half_left: false,
         }
     }
@@ -369,6 +375,7 @@ impl DpramPort {
             State::Idle | State::Held(_) => return Ok(()),
             // The board may hold its first part, before which it would put the next line.
             State::Loaded { .. } => self.length > self.first_part(),
+            State::FirstTaken { .. } => true,
             State::ControlReply { taken: false, .. } => {
                 self.withdraw_control(bus)?;
                 false
@@ -400,7 +407,7 @@ impl DpramPort {
             && !self.is_loaded(bus)?
         {
             if sent < self.length {
-                self.load(bus, sent)?;
+                self.first_part_taken(sent, now);
             } else {
                 self.state = State::Replying { quiet_since: (!self.open_ended).then_some(now) };
             }
@@ -410,7 +417,11 @@ impl DpramPort {
         {
             self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
         }
-        let control = bus.read16(self.words.response_control)?;
+        let mut control = bus.read16(self.words.response_control)?;
+        if control == 0 && self.second_part_is_due(now) {
+            self.go_on_with_line(bus)?;
+            control = bus.read16(self.words.response_control)?;
+        }
         if control == 0 {
             return self.nothing_came(bus, now);
         }
@@ -448,16 +459,21 @@ impl DpramPort {
         text: &ResponseText,
         now: Instant,
     ) -> Result<bool, BusError> {
-        let loaded = matches!(self.state, State::Loaded { sent } if sent <= self.first_part());
-        if !loaded || self.answers_early || !self.is_loaded(bus)? {
+        let State::Loaded { sent } = self.state else { return Ok(false) };
+        if self.answers_early || !self.is_loaded(bus)? {
             return Ok(false);
+        }
+        let is_mark = control == response::ACKNOWLEDGE && text.as_bytes().is_empty();
+        if sent == self.length && sent > self.first_part() {
+            // The board has not taken the second part: it is the first one's.
+            return Ok(is_mark && self.first_part_was_answered());
         }
         let doubtful = now < self.doubt_until;
         if control == response::LINE && !self.gave_up {
             self.answers_early = true;
         }
         self.gave_up &= doubtful;
-        Ok(doubtful && control == response::ACKNOWLEDGE && text.as_bytes().is_empty())
+        Ok(doubtful && is_mark)
     }
 
     /// The response buffer is empty: a silence may be what the state waits for.
@@ -498,6 +514,7 @@ impl DpramPort {
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match &mut self.state {
             State::Loaded { .. } => {}
+            State::FirstTaken { .. } => return self.answer_to_first_part(control, text, now),
             State::Replying { quiet_since } => *quiet_since = Some(now),
             State::ControlReply { answered, quiet_since, .. } => {
                 *answered = true;

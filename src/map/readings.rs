@@ -60,6 +60,7 @@ pub static READINGS: &[Reading] = &[
     found_out("error_ack", &["none", "follows"]),
     found_out("reply_ack", &["alone", "over_text", "on_line"]),
     found_out("reply_lines", &["one", "several"]),
+    found_out("part_reply", &["at_end", "each"]),
     found_out("buffer_commands", &["executed", "refused"]),
 ];
 
@@ -432,6 +433,17 @@ pub enum ReplyLines {
     Several,
 }
 
+/// What a board says to a line that comes in two parts (DPRAM manual p. 28).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PartReply {
+    /// Its reply, when it has all of it.
+    #[default]
+    AtEnd,
+    /// An `<ACK>` to the first part, and then its reply.
+    Each,
+}
+
 /// What becomes of letters that stop and report, `#1J/` or `&1A`, while a program buffer is open for text: the Software Reference
 /// shows only `&1R &2R` so, under `OPEN ROT` (p. 273).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -504,6 +516,8 @@ pub struct Readings {
     pub reply_ack: ReplyAck,
     /// How many lines one filling of the response buffer has.
     pub reply_lines: ReplyLines,
+    /// Whether the board answers the first part of a long line, too.
+    pub part_reply: PartReply,
     /// What becomes of letters that stop and report while a program buffer is open.
     pub buffer_commands: BufferCommands,
 }
@@ -538,52 +552,5 @@ impl Readings {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_list_has_every_name_and_value_there_is() {
-        let defaults = serde_json::to_value(Readings::default()).unwrap();
-        assert_eq!(defaults.as_object().unwrap().len(), READINGS.len());
-        for reading in READINGS {
-            assert_eq!(Readings::default().value(reading.name).as_deref(), Some(reading.values[0]));
-            for value in reading.values {
-                let readings = Readings::default().with(&format!("{}={value}", reading.name)).unwrap();
-                assert_eq!(readings.value(reading.name).as_deref(), Some(*value));
-            }
-            // The error of a value that is none lists those there are.
-            let error = Readings::default().with(&format!("{}=x", reading.name)).unwrap_err().to_string();
-            assert_eq!(error.matches('`').count(), 2 * (1 + reading.values.len()), "{error}");
-        }
-    }
-
-    #[test]
-    fn readings_that_messages_name_are_named_as_they_are_written() {
-        for position in [GatherPosition::ByFirmware, GatherPosition::Printed, GatherPosition::Moved] {
-            let readings = Readings::default().with(&format!("gather_position={position}")).unwrap();
-            assert_eq!(readings.gather_position, position);
-        }
-        for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted, GatherSizeWord::NotWritten] {
-            let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
-            assert_eq!(readings.gather_size_word, word);
-        }
-    }
-
-    #[test]
-    fn one_reading_leaves_the_others_and_nonsense_is_refused_with_the_list() {
-        let readings = Readings::default().with("reply_end=silence").unwrap();
-        let readings = readings.with("line_flag=done").unwrap();
-        assert_eq!((readings.reply_end, readings.line_flag), (ReplyEnd::Silence, LineFlag::Done));
-        assert_eq!(readings.control_flag, ControlFlag::Own);
-        let error = readings.with("line_flg=done").unwrap_err().to_string();
-        assert!(
-            error.starts_with("reading line_flg=done: unknown field `line_flg`, expected one of"),
-            "{error}"
-        );
-        assert!(error.contains("`line_flag`"), "{error}");
-        assert_eq!(
-            readings.with("line_flag").unwrap_err().to_string(),
-            "reading line_flag: write NAME=VALUE"
-        );
-    }
-}
+#[path = "readings_tests.rs"]
+mod tests;

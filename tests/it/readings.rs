@@ -120,6 +120,45 @@ fn b3_3_an_acknowledgement_behind_an_error_ends_no_other_reply() {
 }
 
 #[test]
+fn b3_3_an_answer_to_the_first_part_of_a_line_ends_no_reply() {
+    let settings: Vec<_> = (10..40).map(|number| format!("P{number}={number}")).collect();
+    let (long, question) = (settings.join(" "), "P10 P39 ".repeat(24));
+    let question = question.trim_end();
+    assert!(long.len() > 160 && question.len() > 160);
+    for value in ["at_end", "each"] {
+        for (line_flag, late) in [("taken", "0ms"), ("taken", "150ms"), ("done", "0ms"), ("done", "150ms")] {
+            let reading = format!("line_flag={line_flag}");
+            let site = VirtualSite::running(
+                &["--reading", &format!("part_reply={value}"), "--reading", &reading],
+                &[],
+            );
+            site.wait_for_identity();
+            site.control(&format!("fault ascii_late_ack {late}"));
+            let mut board = site.connection();
+            for round in 0..3 {
+                let told = format!("{value} {line_flag} {late} {round}");
+                let line = format!("P39={round} {}", &long[..long.floor_char_boundary(185)]);
+                let line = &line[..line.rfind(' ').unwrap()];
+                assert_eq!(board.send(line, PATIENCE).unwrap(), [""; 0], "{told}");
+                assert_eq!(board.send("P39", PATIENCE).unwrap(), [round.to_string()], "{told}");
+                let answers = board.send(question, PATIENCE).unwrap();
+                assert_eq!(answers.join(" "), vec![format!("10 {round}"); 24].join(" "), "{told}");
+                assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0], "{told}");
+                assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"], "{told}");
+                let refused = format!("{line} BAD");
+                let error = board.send(&refused, PATIENCE).unwrap_err();
+                assert!(
+                    matches!(error, CommandError::Refused(CallError::Board { code: 3, .. })),
+                    "{told}: {error:?}"
+                );
+                assert_eq!(board.send("P5", PATIENCE).unwrap(), ["7"], "{told}");
+            }
+            site.assert_no_violations();
+        }
+    }
+}
+
+#[test]
 fn b3_3_an_acknowledgement_behind_a_control_characters_reply_ends_no_other_reply() {
     let site = board_that_reads("error_ack", "none");
     site.run_for(Duration::from_secs(15));

@@ -207,6 +207,7 @@ every_function_works_under! {
     b3_every_function_works_under_error_ack
     b3_every_function_works_under_reply_ack
     b3_every_function_works_under_reply_lines
+    b3_every_function_works_under_part_reply
     b3_every_function_works_under_buffer_commands
 }
 

@@ -16,11 +16,11 @@ use super::{DOUBT, DpramPort, State};
 /// How long the first `<ACK>` is waited for.
 pub(super) const FIRST: Duration = Duration::from_millis(300);
 /// How long one is waited for that has come every time so far.
-const EXPECTED: Duration = Duration::from_secs(1);
+pub(super) const EXPECTED: Duration = Duration::from_secs(1);
 
 /// Whether an `<ACK>` follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Follows {
+pub(super) enum Follows {
     #[default]
     Unknown,
     Yes,

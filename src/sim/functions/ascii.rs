@@ -11,7 +11,7 @@
 //! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
 //! the control word does, whether a control
 //! character needs the line's flag, when that flag is cleared, whether every reply has an end, and an error one, too, what lies under
-//! that end, and how many lines lie in the buffer at once. While a line is at work PMAC looks at nothing else: its background
+//! that end, how many lines lie in the buffer at once, and whether the first part of a line has an answer. While a line is at work PMAC looks at nothing else: its background
 //! pass is the one that works.
 
 use std::collections::VecDeque;
@@ -20,7 +20,7 @@ use crate::format::TextOrder;
 use crate::map::HostOffset;
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::map::readings::{
-    ControlFlag, CountOrder, ErrorAck, LineFlag, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
+    ControlFlag, CountOrder, ErrorAck, LineFlag, PartReply, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
 };
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
@@ -158,6 +158,9 @@ impl AsciiPort {
             // The last byte of a first part only shows that there is more.
             None if self.first_part.is_none() => {
                 self.first_part = Some(text[..text.len() - 1].to_vec());
+                if board.identity.readings.part_reply == PartReply::Each {
+                    answer(board, Reply::default());
+                }
             }
             None => {
                 self.first_part = None;

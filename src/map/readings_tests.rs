@@ -1,0 +1,41 @@
+use super::*;
+
+#[test]
+fn the_list_has_every_name_and_value_there_is() {
+    let defaults = serde_json::to_value(Readings::default()).unwrap();
+    assert_eq!(defaults.as_object().unwrap().len(), READINGS.len());
+    for reading in READINGS {
+        assert_eq!(Readings::default().value(reading.name).as_deref(), Some(reading.values[0]));
+        for value in reading.values {
+            let readings = Readings::default().with(&format!("{}={value}", reading.name)).unwrap();
+            assert_eq!(readings.value(reading.name).as_deref(), Some(*value));
+        }
+        // The error of a value that is none lists those there are.
+        let error = Readings::default().with(&format!("{}=x", reading.name)).unwrap_err().to_string();
+        assert_eq!(error.matches('`').count(), 2 * (1 + reading.values.len()), "{error}");
+    }
+}
+
+#[test]
+fn readings_that_messages_name_are_named_as_they_are_written() {
+    for position in [GatherPosition::ByFirmware, GatherPosition::Printed, GatherPosition::Moved] {
+        let readings = Readings::default().with(&format!("gather_position={position}")).unwrap();
+        assert_eq!(readings.gather_position, position);
+    }
+    for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted, GatherSizeWord::NotWritten] {
+        let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
+        assert_eq!(readings.gather_size_word, word);
+    }
+}
+
+#[test]
+fn one_reading_leaves_the_others_and_nonsense_is_refused_with_the_list() {
+    let readings = Readings::default().with("reply_end=silence").unwrap();
+    let readings = readings.with("line_flag=done").unwrap();
+    assert_eq!((readings.reply_end, readings.line_flag), (ReplyEnd::Silence, LineFlag::Done));
+    assert_eq!(readings.control_flag, ControlFlag::Own);
+    let error = readings.with("line_flg=done").unwrap_err().to_string();
+    assert!(error.starts_with("reading line_flg=done: unknown field `line_flg`, expected one of"), "{error}");
+    assert!(error.contains("`line_flag`"), "{error}");
+    assert_eq!(readings.with("line_flag").unwrap_err().to_string(), "reading line_flag: write NAME=VALUE");
+}
