@@ -3,12 +3,12 @@
 use std::fmt;
 use std::ops::Deref;
 
-/// A text of at most `N` bytes (`N` up to 255). Boards answer in ASCII; other bytes are kept unchanged.
+/// A text of at most `N` bytes (`N` up to 65535). Boards answer in ASCII; other bytes are kept unchanged.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Text<const N: usize> {
     /// Zeros behind the text, so that equal texts compare equal.
     bytes: [u8; N],
-    length: u8,
+    length: u16,
 }
 
 impl<const N: usize> Text<N> {
@@ -24,7 +24,7 @@ impl<const N: usize> Text<N> {
         let mut text = Self::default();
         let length = bytes.len().min(N);
         text.bytes[..length].copy_from_slice(&bytes[..length]);
-        text.length = length as u8;
+        text.length = length as u16;
         text
     }
 
@@ -68,14 +68,14 @@ impl<const N: usize> Text<N> {
         let room = N - length;
         let end = (0..=room.min(text.len())).rfind(|end| text.is_char_boundary(*end)).unwrap_or(0);
         self.bytes[length..length + end].copy_from_slice(&text.as_bytes()[..end]);
-        self.length += end as u8;
+        self.length += end as u16;
         end == text.len()
     }
 }
 
 impl<const N: usize> Default for Text<N> {
     fn default() -> Self {
-        const { assert!(N <= u8::MAX as usize, "the length is kept in a byte") };
+        const { assert!(N <= u16::MAX as usize, "the length is kept in 16 bits") };
         Self { bytes: [0; N], length: 0 }
     }
 }

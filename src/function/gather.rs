@@ -72,7 +72,7 @@ pub enum GatherError {
         most: u32,
     },
     /// No such period.
-    #[error("samples cannot come every 0 servo cycles; set I19 to 1 or more")]
+    #[error("samples cannot come every 0 servo cycles; 1 or more are possible")]
     Period,
     /// It does not fit into the DPRAM.
     #[error("a gather buffer of {longs} longs is not possible; there is room for 1 to {room}")]
@@ -85,7 +85,7 @@ pub enum GatherError {
     /// Too short to be gone round in.
     #[error(
         "a gather buffer of {samples} samples is too short to be read while the board goes round in it; \
-         {LEAST_WRAP_SAMPLES} are needed, or I45=2"
+         {LEAST_WRAP_SAMPLES} are needed, or a gather that ends when the buffer is full"
     )]
     TooShort {
         /// Its samples.

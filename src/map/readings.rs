@@ -387,16 +387,6 @@ pub enum ErrorAck {
     Follows,
 }
 
-impl fmt::Display for GatherPosition {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::ByFirmware => "by_firmware",
-            Self::Printed => "printed",
-            Self::Moved => "moved",
-        })
-    }
-}
-
 impl fmt::Display for GatherSizeWord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

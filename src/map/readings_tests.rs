@@ -18,10 +18,6 @@ fn the_list_has_every_name_and_value_there_is() {
 
 #[test]
 fn readings_that_messages_name_are_named_as_they_are_written() {
-    for position in [GatherPosition::ByFirmware, GatherPosition::Printed, GatherPosition::Moved] {
-        let readings = Readings::default().with(&format!("gather_position={position}")).unwrap();
-        assert_eq!(readings.gather_position, position);
-    }
     for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted, GatherSizeWord::NotWritten] {
         let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
         assert_eq!(readings.gather_size_word, word);

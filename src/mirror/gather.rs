@@ -12,8 +12,8 @@ use crate::function::gather::{
     GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::map::readings::{GatherPosition, GatherSizeWord};
-use crate::map::{Family, GatherPlace, HostOffset, Layout, Readings, ServoBlock};
+use crate::map::readings::{GatherPosition, GatherSizeWord, GatherWords};
+use crate::map::{Family, GatherPlace, Generation, HostOffset, Layout, Readings, ServoBlock};
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -88,7 +88,7 @@ pub enum NotFollowed {
     /// The board's words are not those of this buffer, nor are any others.
     #[error(
         "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand, and {size} \
-         stands nowhere else; has somebody else defined a buffer, or is I45 neither 2 nor 3? A board that writes no size \
+         stands nowhere else; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? A board that writes no size \
          needs gather_size_word = \"{none}\" under [readings] in pmacd's configuration",
         place.size, place.index, none = GatherSizeWord::NotWritten
     )]
@@ -101,29 +101,63 @@ pub enum NotFollowed {
         found: u16,
         /// What stands at the index's place.
         index: u16,
+        /// The I-variable that says where the board gathers.
+        mode: u16,
     },
 }
 
-/// Where a gather buffer may lie.
-const PLACES: [(GatherPosition, GatherSizeWord); 3] = [
-    (GatherPosition::Printed, GatherSizeWord::WithIndex),
-    (GatherPosition::Moved, GatherSizeWord::WithIndex),
-    (GatherPosition::Moved, GatherSizeWord::AsPrinted),
+/// A way to read where the gather buffer lies: as the configuration says it, and what it changes.
+type Place = (&'static str, fn(Readings) -> Readings);
+
+/// On a PMAC, whose firmware may move the buffer.
+static PLACES: [Place; 3] = [
+    ("gather_position = \"printed\"", |readings| Readings {
+        gather_position: GatherPosition::Printed,
+        ..readings
+    }),
+    ("gather_position = \"moved\" and gather_size_word = \"with_index\"", |readings| Readings {
+        gather_position: GatherPosition::Moved,
+        gather_size_word: GatherSizeWord::WithIndex,
+        ..readings
+    }),
+    ("gather_position = \"moved\" and gather_size_word = \"as_printed\"", |readings| Readings {
+        gather_position: GatherPosition::Moved,
+        gather_size_word: GatherSizeWord::AsPrinted,
+        ..readings
+    }),
+];
+/// On a Turbo board, whose buffer lies in one place.
+static PLACES_TURBO: [Place; 2] = [
+    ("gather_words = \"size_first\"", |readings| Readings {
+        gather_words: GatherWords::SizeFirst,
+        ..readings
+    }),
+    ("gather_words = \"index_first\"", |readings| Readings {
+        gather_words: GatherWords::IndexFirst,
+        ..readings
+    }),
 ];
 
-/// Which of `PLACES` fit what the board has written.
+fn places(generation: Generation) -> &'static [Place] {
+    match generation {
+        Generation::Pmac => &PLACES,
+        Generation::Turbo => &PLACES_TURBO,
+    }
+}
+
+/// Which of a generation's [`places`] fit what the board has written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fitting([bool; PLACES.len()]);
+pub struct Fitting {
+    generation: Generation,
+    fits: [bool; PLACES.len()],
+}
 
 impl fmt::Display for Fitting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let fitting = PLACES.iter().zip(self.0).filter(|(_, fits)| *fits);
-        for (index, ((position, size_word), _)) in fitting.enumerate() {
+        let fitting = places(self.generation).iter().zip(self.fits).filter(|(_, fits)| *fits);
+        for (index, ((setting, _), _)) in fitting.enumerate() {
             let or = if index > 0 { ", or else " } else { "" };
-            write!(f, "{or}gather_position = \"{position}\"")?;
-            if *position == GatherPosition::Moved {
-                write!(f, " and gather_size_word = \"{size_word}\"")?;
-            }
+            write!(f, "{or}{setting}")?;
         }
         Ok(())
     }
@@ -137,19 +171,22 @@ fn look_elsewhere(
 ) -> Result<NotFollowed, BusError> {
     let (size, place) = (buffer.size_longs, buffer.place);
     let (mut fit, mut at) = ([false; PLACES.len()], place.size);
-    for (fits, (gather_position, gather_size_word)) in fit.iter_mut().zip(PLACES) {
-        let readings = Readings { gather_position, gather_size_word, ..Readings::default() };
-        let found = Layout::read_by(family, None, readings).gather();
+    for (fits, (_, read_by)) in fit.iter_mut().zip(places(family.generation)) {
+        let found = Layout::read_by(family, None, read_by(Readings::default())).gather();
         *fits = found != place && u32::from(bus.read16(found.size)?) == size && bus.read16(found.index)? == 0;
         if *fits {
             at = found.size;
         }
     }
     if fit.contains(&true) {
-        return Ok(NotFollowed::Elsewhere { size, at, fit: Fitting(fit) });
+        return Ok(NotFollowed::Elsewhere {
+            size,
+            at,
+            fit: Fitting { generation: family.generation, fits: fit },
+        });
     }
     let (found, index) = (bus.read16(place.size)?, bus.read16(place.index)?);
-    Ok(NotFollowed::NotTheBuffer { size, place, found, index })
+    Ok(NotFollowed::NotTheBuffer { size, place, found, index, mode: family.i.gather_mode })
 }
 
 /// Follows one gather at a time.

@@ -253,3 +253,30 @@ fn b3_what_others_open_and_gather_is_seen_whichever_way_the_global_words_lie() {
         site.assert_no_violations();
     }
 }
+
+/// The message is whole, and names what the board's family has.
+#[test]
+fn b3_a_gather_buffer_that_lies_elsewhere_names_the_settings_of_its_family() {
+    let gather = |board: &[&str], config: &str| {
+        let site = VirtualSite::configured(board, config);
+        site.wait_for_identity();
+        site.wait_for_live_servo();
+        let (code, _, error) = site.pmacctl(&["gather", "--source", "servo_timer", "--once", "-o", "-"]);
+        assert_eq!(code, 1, "{error}");
+        error
+    };
+    let turbo = "family = \"turbo2\"\n";
+    let told = gather(&["--family", "turbo2", "--reading", "gather_words=index_first"], turbo);
+    assert!(told.contains("in pmacd's configuration write gather_words = \"index_first\""), "{told}");
+    let told = gather(&["--reading", "gather_position=printed", "--firmware", "1.16D"], "");
+    assert!(told.contains("in pmacd's configuration write gather_position = \"printed\""), "{told}");
+    for (family, mode) in [("turbo2", "I5000"), ("pmac", "I45")] {
+        let board = ["--family", family, "--reading", "gather_size_word=not_written"];
+        let told = gather(&board, &format!("family = {family:?}\n"));
+        assert!(told.contains(&format!("is {mode} neither 2 nor 3?")), "{told}");
+        assert!(
+            told.contains("gather_size_word = \"not_written\" under [readings] in pmacd's configuration"),
+            "{told}"
+        );
+    }
+}

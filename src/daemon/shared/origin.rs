@@ -5,7 +5,7 @@ use std::time::Instant;
 use crate::format::Text;
 
 /// The longest reason of a refusal.
-pub const REASON_MAX: usize = 240;
+pub const REASON_MAX: usize = 480;
 /// As much of a line as others are told who have to wait for it.
 pub const SHOWN_MAX: usize = 60;
 
