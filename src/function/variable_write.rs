@@ -39,6 +39,9 @@ use crate::protocol::board::VariableRecord;
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// Records that one poll writes at most, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
+/// How often the question is asked again. PMAC clears the count once for what it was at; from then on the record itself is
+/// what it reads otherwise, and each time it may write where nobody looks.
+const ASKED_AGAIN: u8 = 1;
 /// Bits in a PMAC word.
 const WORD_BITS: u8 = 24;
 /// Widths PMAC writes, in bits.
@@ -246,6 +249,8 @@ pub enum WritePoll {
     Progress(usize),
     /// PMAC has done them all; the job is over.
     Done,
+    /// PMAC says that it has written and has not: it reads a record otherwise. The job is over; nothing of it was handed over.
+    Misread,
 }
 
 /// What became of a job that was given up.
@@ -264,8 +269,10 @@ enum State {
     Loading {
         next: usize,
     },
-    /// The count is set; PMAC has the record that asks whether it has finished all else.
-    Asking,
+    /// The count is set; PMAC has the record that asks whether it has finished all else, and has had it so often before.
+    Asking {
+        before: u8,
+    },
     /// The count is set; PMAC has the cycle's records.
     Handed,
     /// A count was taken back at this moment.
@@ -387,12 +394,12 @@ impl VariableWriter {
                 self.load(bus, next)?;
                 Ok(WritePoll::Waiting)
             }
-            State::Asking => {
-                if bus.read16(self.write.count)? == 0 {
-                    bus.order_reads();
-                    self.hear(bus)?;
+            State::Asking { before } => {
+                if bus.read16(self.write.count)? != 0 {
+                    return Ok(WritePoll::Waiting);
                 }
-                Ok(WritePoll::Waiting)
+                bus.order_reads();
+                self.hear(bus, before)
             }
             State::Handed => {
                 if bus.read16(self.write.count)? != 0 {
@@ -428,7 +435,7 @@ impl VariableWriter {
                 self.state = State::Idle;
                 0
             }
-            State::Asking => {
+            State::Asking { .. } => {
                 self.take_back(bus, now)?;
                 0
             }
@@ -466,18 +473,23 @@ impl VariableWriter {
             WriteRecord { register, block: false, width: 0, offset: 0, data: [self.asked.into(), 0] };
         self.put(bus, 0, &question)?;
         self.hand_over(bus, 1)?;
-        self.state = State::Asking;
+        self.state = State::Asking { before: 0 };
         Ok(())
     }
 
     /// The count of the question was cleared: by PMAC's answer, or by what it was at before.
-    fn hear(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        if bus.read16(self.answer())? != self.asked {
-            return self.hand_over(bus, 1);
+    fn hear(&mut self, bus: &mut impl Bus, before: u8) -> Result<WritePoll, BusError> {
+        if bus.read16(self.answer())? == self.asked {
+            self.doubtful = false;
+            self.state = State::Loading { next: 0 };
+        } else if before < ASKED_AGAIN {
+            self.hand_over(bus, 1)?;
+            self.state = State::Asking { before: before + 1 };
+        } else {
+            self.state = State::Idle;
+            return Ok(WritePoll::Misread);
         }
-        self.doubtful = false;
-        self.state = State::Loading { next: 0 };
-        Ok(())
+        Ok(WritePoll::Waiting)
     }
 
     /// Where PMAC writes its answer: the low word of the first record's second data long.

@@ -254,6 +254,26 @@ fn b3_what_others_open_and_gather_is_seen_whichever_way_the_global_words_lie() {
     }
 }
 
+/// The words of `pmacctl variable set` on a Turbo board that reads records otherwise than its daemon is told.
+#[test]
+fn b3_a_record_that_the_board_reads_otherwise_is_not_tried_for_long() {
+    let config = "family = \"turbo2\"\n[readings]\nwrite_record = \"as_pmac\"\n";
+    let board = ["--family", "turbo2", "--reading", "write_record=as_read"];
+    let site = VirtualSite::configured(&board, config);
+    site.wait_for_identity();
+    for _ in 0..2 {
+        let before = site.status()["servo_cycles"].as_u64().unwrap();
+        let (code, _, error) = site.pmacctl(&["variable", "set", "Y:$700=1"]);
+        assert!(
+            code == 1 && error.contains("otherwise than write_record under [readings]"),
+            "{code} {error}"
+        );
+        assert!(error.contains("nothing of these records was handed over"), "{error}");
+        let cycles = site.status()["servo_cycles"].as_u64().unwrap() - before;
+        assert!(cycles < 1000, "{cycles} servo cycles");
+    }
+}
+
 /// The message is whole, and names what the board's family has.
 #[test]
 fn b3_a_gather_buffer_that_lies_elsewhere_names_the_settings_of_its_family() {

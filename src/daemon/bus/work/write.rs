@@ -7,10 +7,19 @@ use std::time::{Duration, Instant};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
+use crate::map::readings::RecordLayout;
 use crate::map::{BufferLayout, Readings};
 
 /// How often to poll whether PMAC is done.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
+
+/// What is told of a board that says that it has written a record, and has not.
+const OTHERWISE: &str = "the board says that it has written a record and has not: it reads records otherwise than the manual has them, or another \
+    host uses the same words; nothing of these records was handed over; send a command line instead";
+/// As [`OTHERWISE`], where a setting says how the board reads them.
+const MISREAD: &str = "the board says that it has written a record and has not: it reads records otherwise than write_record under [readings] in \
+    pmacd's configuration says; nothing of these records was handed over, but a number that asked may be in another register; \
+    try the other value, or send a command line instead";
 
 struct Batch {
     ticket: Ticket,
@@ -26,6 +35,8 @@ pub struct WriteQueue {
     /// What was under way when the board was taken over, and what became of it.
     interrupted: Option<(Ticket, GivenUp)>,
     next_poll: Instant,
+    /// What is told of a board that reads records otherwise.
+    misread: &'static str,
 }
 
 impl WriteQueue {
@@ -44,6 +55,11 @@ impl WriteQueue {
             under_way: None,
             interrupted: None,
             next_poll: now,
+            misread: if family.variable_write.record_by(RecordLayout::Unsaid).is_some() {
+                OTHERWISE
+            } else {
+                MISREAD
+            },
         }
     }
 
@@ -103,6 +119,10 @@ impl WriteQueue {
                 self.under_way = None;
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
+            }
+            if poll == WritePoll::Misread {
+                self.under_way = None;
+                return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&self.misread)))));
             }
             if now >= deadline {
                 self.under_way = None;
