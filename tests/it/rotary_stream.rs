@@ -371,3 +371,28 @@ fn the_boards_error_is_passed_on() {
     site.wait_until("the board's error", || feed.state().unwrap().error.is_some());
     assert_eq!(feed.state().unwrap().ahead_lines, 2, "it stopped at the second line");
 }
+
+/// The board counts coordinate systems from another number than pmacd writes, so that &2 gets the lines of &1.
+#[test]
+fn b3_lines_that_the_board_puts_elsewhere_are_noticed_before_r() {
+    let site = VirtualSite::running(&["--rotary-cs-base", "0"], &[]);
+    site.wait_for_axes();
+    site.ask("&2DEFINE ROT 100");
+    let path = site.path("moves.pmc");
+    std::fs::write(&path, "LINEAR INC TM20\n".to_owned() + &"X1\nX-1\n".repeat(10)).unwrap();
+    let file = path.to_str().unwrap();
+    let (status, stdout, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
+    assert_eq!(status, 1, "{stderr}");
+    assert!(stdout.starts_with("lines=21 commands=23 "), "{stdout}");
+    assert!(stderr.contains("the board counts 0 lines of the 21 that were put in (&1PR)"), "{stderr}");
+    assert!(stderr.contains("coordinate_system_base") && stderr.contains("R was not sent"), "{stderr}");
+    assert!(!site.log().contains("&1R\""), "{}", site.log());
+    // Without R it is noticed at the end.
+    let (status, _, stderr) = stream(&site, &[file]);
+    assert_eq!(status, 1, "{stderr}");
+    assert!(stderr.contains("the board counts 0 lines of the 21 that were put in (&1PR)"), "{stderr}");
+    // What the message names helps.
+    let (status, _, stderr) = stream(&site, &[file, "--set", "coordinate_system_base=0", "--run"]);
+    assert_eq!(status, 0, "{stderr}");
+    site.assert_no_violations();
+}

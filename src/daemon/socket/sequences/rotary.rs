@@ -21,25 +21,32 @@
 //! Reference p. 290). A report has it; where none comes, the board is asked.
 
 mod call;
+mod count;
 mod end;
+mod phase;
 
 use std::time::{Duration, Instant};
 
 pub use self::call::RotaryCall;
+use self::count::{Count, lines_left};
+use self::phase::Phase;
 use super::end_retry::EndRetry;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
+use crate::function::rotary::RotaryState;
 use crate::map::functions::rotary_header;
 use crate::map::status::reply_has;
 use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
-use crate::protocol::{CallError, Reply, answer};
+use crate::protocol::{CallError, Reply};
 
 /// How long the board may take for a line, and the daemon for a job.
 const STEP: Duration = Duration::from_secs(5);
 /// How often to look for the first lines, which the program waits for to begin.
 const FIRST_LINES: Duration = Duration::from_millis(20);
+/// How long the owner, who has sent the last line, waits for `R` to go first.
+const FINISH_WAITS: Duration = Duration::from_secs(1);
 /// How often to look whether the program still runs.
 const LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
@@ -48,44 +55,6 @@ const ALL_SYSTEMS: usize = 8;
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
 
-/// How far it is: what the board or the daemon does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    Define,
-    AskLeft,
-    SeeHeader,
-    /// The transfer ends; then what is left is cleared, or the buffer set up.
-    Disable,
-    OpenToClear,
-    Clear,
-    CloseCleared,
-    AskCleared,
-    Point,
-    SetUp,
-    Enable,
-    Open,
-    /// Lines come; looks whether the program is to begin, and whether it still runs.
-    Feeding,
-    SeeFed,
-    Run,
-    SeeRuns,
-    /// No report tells whether the rotary buffers are open: the board does.
-    AskOpen,
-    /// The owner says that the program is whole.
-    Finish,
-    /// The end.
-    Close,
-    EndTransfer,
-    DropLines,
-    SeeAhead,
-    AskRuns,
-    Quit,
-    /// Whether `Q` has ended the program; asked so often.
-    AskEnded(u32),
-    AskLeftAtEnd,
-    Over,
-}
-
 /// The sequence.
 #[derive(Debug)]
 pub(in crate::daemon::socket) struct Rotary {
@@ -93,6 +62,9 @@ pub(in crate::daemon::socket) struct Rotary {
     phase: Phase,
     /// Lines in the board's own buffer before the stream, and what became of them.
     found: u64,
+    /// What the board has taken, and what it had taken before it was asked for its count.
+    count: Count,
+    counted: Count,
     /// The transfer was switched; the rotary buffers were opened; the DPRAM's buffer was set up.
     switched: bool,
     opened: bool,
@@ -106,6 +78,8 @@ pub(in crate::daemon::socket) struct Rotary {
     finished: bool,
     stop_asked: bool,
     finish_asked: bool,
+    /// The answer to that waits for `R` until then.
+    answer_by: Option<Instant>,
     ending: Option<Ending>,
     /// The client who has ended its program or closed the buffers, as far as known.
     ended_by: Option<String>,
@@ -126,6 +100,8 @@ impl Rotary {
             phase: if call.define.is_some() { Phase::Define } else { Phase::AskLeft },
             call,
             found: 0,
+            count: Count::default(),
+            counted: Count::default(),
             switched: false,
             opened: false,
             set_up: false,
@@ -135,6 +111,7 @@ impl Rotary {
             finished: false,
             stop_asked: false,
             finish_asked: false,
+            answer_by: None,
             ending: None,
             ended_by: None,
             failure: None,
@@ -170,6 +147,7 @@ impl Rotary {
             Phase::AskLeft => {
                 let has_one = "; has the coordinate system a rotary buffer (--define LONGS)?";
                 self.found = lines_left(&told(done, &format!("&{cs}PR"), has_one)?)?;
+                self.count.kept = self.found;
                 if self.found == 0 { Phase::Disable } else { Phase::SeeHeader }
             }
             Phase::SeeHeader => {
@@ -198,7 +176,10 @@ impl Rotary {
                 Phase::AskCleared
             }
             Phase::AskCleared => match lines_left(&told(done, &format!("&{cs}PR"), "")?)? {
-                0 => Phase::Point,
+                0 => {
+                    self.count.kept = 0;
+                    Phase::Point
+                }
                 left => {
                     return Err(refused(format!(
                         "{left} lines are left in &{cs}'s rotary buffer after CLEAR"
@@ -232,13 +213,25 @@ impl Rotary {
             Phase::SeeFed => {
                 done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
                 self.see_open(done.reported.program_buffer)?;
-                self.ahead = done.rotary.map_or(self.ahead, |state| state.ahead_lines);
-                let has_lines = done.rotary.is_some_and(|state| state.sent_lines > 0);
-                match (self.call.run && !self.runs, has_lines) {
-                    (true, true) => Phase::Run,
+                self.see(done.rotary);
+                match (self.call.run && !self.runs, self.count.has_lines()) {
+                    (true, true) => Phase::Count,
                     (true, false) => self.rest_before(Phase::Feeding, now + FIRST_LINES),
                     (false, _) => Phase::SeeRuns,
                 }
+            }
+            Phase::Count => {
+                self.count.told = Some(lines_left(&told(done, &format!("&{cs}PR"), "")?)?);
+                self.counted = self.count;
+                Phase::SeeCounted
+            }
+            Phase::SeeCounted => {
+                done.result?;
+                self.see(done.rotary);
+                if let Some(doubt) = self.count.doubt(self.counted, cs) {
+                    return Err(refused(format!("{doubt}; R was not sent")));
+                }
+                Phase::Run
             }
             Phase::Run => {
                 // What may have been carried out is ended by `Q`.
@@ -281,6 +274,14 @@ impl Rotary {
             _ => self.take_of_end(done, now),
         };
         Ok(())
+    }
+
+    /// Takes how far the board is. After a reset the last look counts.
+    fn see(&mut self, state: Option<RotaryState>) {
+        if let Some(state) = state {
+            self.ahead = state.ahead_lines;
+            self.count.see(state);
+        }
     }
 
     fn after_disable(&self) -> Phase {
@@ -352,6 +353,11 @@ impl Rotary {
         self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none()
     }
 
+    /// Whether the owner, who has sent all lines, hears of that only when `R` has gone: he may end the stream then.
+    fn waits_for_run(&self, now: Instant) -> bool {
+        self.call.run && !self.runs && self.answer_by.is_some_and(|by| now < by)
+    }
+
     /// Whether the phase is to be left out.
     fn skips(&self) -> Option<Phase> {
         let has_switch = self.call.family.i.rotary_enable.is_some();
@@ -361,15 +367,15 @@ impl Rotary {
             Phase::Close if !self.opened => Some(Phase::EndTransfer),
             Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
             Phase::DropLines if !self.set_up => Some(Phase::Over),
-            Phase::AskRuns if !self.runs || self.is_whole() => Some(Phase::AskLeftAtEnd),
+            Phase::AskRuns if self.runs == self.is_whole() => Some(Phase::AskLeftAtEnd),
             _ => None,
         }
     }
 
     /// The step of this phase.
-    fn step(&mut self) -> Step {
+    fn step(&mut self, now: Instant) -> Step {
         let (cs, buffer) = (self.call.coordinate_system, self.call.buffer);
-        let timeout = if self.phase_is_of_end() { END_STEP } else { STEP };
+        let timeout = if self.phase.is_of_end() { END_STEP } else { STEP };
         let job = |job| Step::Job { job: Box::new(job), timeout };
         let switch = |value: u8| {
             let variable = self.call.family.i.rotary_enable.unwrap_or_default();
@@ -379,7 +385,7 @@ impl Rotary {
             Phase::Define => {
                 line(format_args!("&{cs}DEFINE ROT {}", self.call.define.unwrap_or_default()), timeout)
             }
-            Phase::AskLeft | Phase::AskCleared | Phase::AskLeftAtEnd => {
+            Phase::AskLeft | Phase::AskCleared | Phase::Count | Phase::AskLeftAtEnd => {
                 line(format_args!("&{cs}PR"), timeout)
             }
             Phase::SeeHeader => Step::Read { first: self.call.header, count: HEADER_WORDS, timeout },
@@ -395,11 +401,11 @@ impl Rotary {
                 self.started = true;
                 Step::Answer(Reply::with(&RotaryStartReply { found_lines: self.found }))
             }
-            Phase::Feeding if std::mem::take(&mut self.finish_asked) => {
-                if self.finished {
-                    return Step::Answer(Ok(Reply::done()));
-                }
-                self.finish_asked = true;
+            Phase::Feeding if self.finish_asked && self.finished && !self.waits_for_run(now) => {
+                self.finish_asked = false;
+                Step::Answer(Ok(Reply::done()))
+            }
+            Phase::Feeding if self.finish_asked && !self.finished => {
                 self.phase = Phase::Finish;
                 job(Job::RotaryFinish(buffer))
             }
@@ -407,7 +413,7 @@ impl Rotary {
                 self.phase = Phase::SeeFed;
                 job(Job::RotaryState(buffer))
             }
-            Phase::SeeFed | Phase::SeeAhead => job(Job::RotaryState(buffer)),
+            Phase::SeeFed | Phase::SeeCounted | Phase::SeeAhead => job(Job::RotaryState(buffer)),
             Phase::Run => line(format_args!("&{cs}R"), timeout),
             Phase::SeeRuns if self.asks_all() => Step::Control { character: ALL_STATUS, timeout },
             Phase::AskOpen => line("???", timeout),
@@ -435,7 +441,11 @@ impl Sequence for Rotary {
             self.failure.get_or_insert(error);
         }
         let ends = self.failure.is_some() || self.ending.is_some() || self.stop_asked;
-        if ends && !self.phase_is_of_end() {
+        if ends && std::mem::take(&mut self.finish_asked) {
+            // How it ended is for the owner's next call, `RotaryStop`.
+            return Step::Answer(Ok(Reply::done()));
+        }
+        if ends && !self.phase.is_of_end() {
             (self.phase, self.rest) = (Phase::Close, None);
         }
         while let Some(next) = self.skips() {
@@ -445,11 +455,11 @@ impl Sequence for Rotary {
             return Step::AnswerEnd(self.result());
         }
         match self.rest.take_if(|rest| *rest > now) {
-            Some(rest) if !self.finish_asked => {
+            Some(rest) if !self.finish_asked || self.finished && self.waits_for_run(now) => {
                 self.rest = Some(rest);
                 Step::Wait(rest)
             }
-            _ => self.step(),
+            _ => self.step(now),
         }
     }
 
@@ -478,9 +488,11 @@ impl Sequence for Rotary {
         })
     }
 
-    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
+    fn asked(&mut self, call: SequenceCall, now: Instant) -> Result<(), CallError> {
         match call {
-            SequenceCall::RotaryFinish(_) => self.finish_asked = true,
+            SequenceCall::RotaryFinish(_) => {
+                (self.finish_asked, self.answer_by) = (true, Some(now + FINISH_WAITS));
+            }
             SequenceCall::RotaryStop(_) => self.stop_asked = true,
             _ => return Err(refused("this connection streams already; RotaryStop ends that")),
         }
@@ -497,16 +509,6 @@ fn told(done: Done, line: &str, hint: &str) -> Result<Vec<String>, CallError> {
     done.result.map_err(|error| match error {
         CallError::Board { .. } => refused(format!("{line}: {error}{hint}")),
         error => error,
-    })
-}
-
-/// The number in the reply to `PR`.
-fn lines_left(reply: &[String]) -> Result<u64, CallError> {
-    let number = reply.first().and_then(|line| answer::integer(line));
-    number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
-        refused(format!(
-            "the board answers {reply:?} to PR, which should be a number of lines; no line of the program was sent"
-        ))
     })
 }
 

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use log::warn;
 
-use super::{Phase, Rotary, lines_left, refused};
+use super::count::lines_left;
+use super::{Phase, Rotary, refused};
 use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::sequences::{Done, Ending, Sequence};
 use crate::protocol::board::RotaryStopReply;
@@ -43,13 +44,16 @@ impl Rotary {
             Phase::EndTransfer => (Phase::DropLines, failed("the end of the transfer")),
             Phase::DropLines => (Phase::SeeAhead, None),
             Phase::SeeAhead => {
-                // After a reset the last look counts.
-                self.ahead = done.rotary.map_or(self.ahead, |state| state.ahead_lines);
+                self.see(done.rotary);
                 (Phase::AskRuns, None)
             }
             Phase::AskRuns => {
                 let runs = done.result.as_ref().ok().and_then(|lines| self.is_running(lines, 0));
                 match runs {
+                    _ if self.is_whole() => {
+                        self.runs |= runs != Some(false);
+                        (Phase::AskLeftAtEnd, None)
+                    }
                     Some(false) => (Phase::AskLeftAtEnd, None),
                     // What cannot be asked is ended all the same: Q starts nothing.
                     Some(true) | None => (Phase::Quit, None),
@@ -80,6 +84,11 @@ impl Rotary {
                     self.failure = Some(refused(format!(
                         "{by}: &{cs} has no rotary buffer any more, which it had when the stream began"
                     )));
+                } else if self.is_whole() {
+                    self.count.told = self.left;
+                    let doubt =
+                        if self.runs { self.count.surplus(cs) } else { self.count.doubt(self.count, cs) };
+                    self.failure = doubt.map(refused);
                 }
                 (Phase::Over, None)
             }
@@ -87,15 +96,6 @@ impl Rotary {
         };
         self.notes.extend(note);
         phase
-    }
-
-    /// Whether nothing but the end follows.
-    pub(super) fn phase_is_of_end(&self) -> bool {
-        use Phase::{AskEnded, AskLeftAtEnd, AskRuns, Close, DropLines, EndTransfer, Over, Quit, SeeAhead};
-        matches!(
-            self.phase,
-            Close | EndTransfer | DropLines | SeeAhead | AskRuns | Quit | AskEnded(_) | AskLeftAtEnd | Over
-        )
     }
 
     /// What the owner is told in the end.

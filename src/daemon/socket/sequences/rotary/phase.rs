@@ -1,0 +1,53 @@
+//! How far a rotary stream is.
+
+/// How far it is: what the board or the daemon does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    Define,
+    AskLeft,
+    SeeHeader,
+    /// The transfer ends; then what is left is cleared, or the buffer set up.
+    Disable,
+    OpenToClear,
+    Clear,
+    CloseCleared,
+    AskCleared,
+    Point,
+    SetUp,
+    Enable,
+    Open,
+    /// Lines come; looks whether the program is to begin, and whether it still runs.
+    Feeding,
+    SeeFed,
+    /// `PR` counts what is to run before `R` goes.
+    Count,
+    SeeCounted,
+    Run,
+    SeeRuns,
+    /// No report tells whether the rotary buffers are open: the board does.
+    AskOpen,
+    /// The owner says that the program is whole.
+    Finish,
+    /// The end.
+    Close,
+    EndTransfer,
+    DropLines,
+    SeeAhead,
+    AskRuns,
+    Quit,
+    /// Whether `Q` has ended the program; asked so often.
+    AskEnded(u32),
+    AskLeftAtEnd,
+    Over,
+}
+
+impl Phase {
+    /// Whether it belongs to the end of the stream.
+    pub(super) fn is_of_end(self) -> bool {
+        use Phase::{AskEnded, AskLeftAtEnd, AskRuns, Close, DropLines, EndTransfer, Over, Quit, SeeAhead};
+        matches!(
+            self,
+            Close | EndTransfer | DropLines | SeeAhead | AskRuns | Quit | AskEnded(_) | AskLeftAtEnd | Over
+        )
+    }
+}
