@@ -67,8 +67,11 @@ fn c2_nothing_is_written_to_a_board_that_is_not_recognised() {
                 (&status["family"], &status["socket"]["functions"]),
                 (&Value::Null, &serde_json::json!([]))
             );
-            let text = site.hurried(|| site.pmacctl(&["status"]).1);
-            assert!(text.contains("write family = \"pmac\""), "{text}");
+            assert_eq!(status["condition"], "family_unknown");
+            for command in ["status", "doctor"] {
+                let (code, text, _) = site.hurried(|| site.pmacctl(&[command]));
+                assert!(code == 1 && text.contains("write family = \"pmac\""), "{command}: {code} {text}");
+            }
             for line in [
                 &["send", "I10"] as &[&str],
                 &["write", "--engineer", "--family", "pmac", "0x3000", "1"],

@@ -22,6 +22,7 @@ use crate::client::{Board, CommandError, Connection, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, ReportStart};
+use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::{
     BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
     ServoSettings, State,
@@ -417,6 +418,9 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
             );
             report.add(Level::Fail, "board", text);
         }
+    }
+    if info.family == NO_FAMILY {
+        report.add(Level::Fail, "family", UNKNOWN_FAMILY);
     }
     if let (Some(answer), Ok(family)) = (&info.board_type, Family::by_name(&info.family))
         && let Some(other) = family.contradicted_by_type(answer)

@@ -58,11 +58,19 @@ fn reported(board: &mut Board) -> (Value, Vec<Value>) {
 
 /// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
 /// fault.
-fn fault(board: &mut Board, condition: Condition, socket: &Value) -> Option<(&'static str, String)> {
+fn fault(
+    board: &mut Board,
+    condition: Condition,
+    identity: &Identity,
+    socket: &Value,
+) -> Option<(&'static str, String)> {
     let subscriber = board.subscriber();
     if condition != Condition::Live {
         let staleness = Staleness::of_segment(condition, &subscriber.header(), subscriber.now_ns());
         return Some((condition_name(condition), staleness.map(|why| why.to_string()).unwrap_or_default()));
+    }
+    if identity.family.is_none() {
+        return Some(("family_unknown", UNKNOWN_FAMILY.to_owned()));
     }
     if let Some((name, stale)) = board.snapshot().ok().and_then(|snapshot| snapshot.old()) {
         return Some(("stale", format!("{name} data: {stale}")));
@@ -108,7 +116,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let counters: Map<String, Value> =
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
     let segment = subscriber.path().to_owned();
-    let (fault, reason) = fault(board, condition, &socket).unzip();
+    let (fault, reason) = fault(board, condition, identity, &socket).unzip();
     let (global_status, programs) = reported(board);
     let family = identity.family.and_then(Family::by_number).map(|family| family.name);
     json!({
