@@ -26,7 +26,7 @@ pub struct ServoData {
     pub host_busy: bool,
     /// The board's status words in the order of `???`; `None` where the report has none, or it is not known which is which.
     pub global_status: Option<[u32; 2]>,
-    /// The motors that were read, ascending.
+    /// The motors that were read and whose blocks the board fills ([`ServoDecoder::decode`]), ascending.
     pub motors: Vec<ServoMotor>,
     #[serde(skip)]
     global: &'static [StatusTable],
@@ -187,6 +187,8 @@ pub struct ServoDecoder {
     family: &'static Family,
     /// Of [`FIELDS`] those that the family has, each with its first word in the block.
     fields: Vec<(&'static Field, usize)>,
+    /// The first word of each long of the block that has a meaning.
+    longs: Vec<usize>,
     /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
     has: u16,
     global_words: Option<GlobalWords>,
@@ -205,6 +207,8 @@ impl ServoDecoder {
         let known = |name: &str| FIELDS.iter().find(|field| field.name == name);
         let fields = block_fields(family, "servo").filter_map(|at| Some((known(at.name)?, at.words.start)));
         let fields: Vec<_> = fields.collect();
+        let longs = block_fields(family, "servo").filter(|at| at.name != "spare");
+        let longs = longs.flat_map(|at| at.words.step_by(2)).collect();
         let reports = |name: &str| fields.iter().any(|(field, _)| field.name == name);
         let has = |field: &Field| match field.name {
             FOLLOWING_ERROR => true,
@@ -212,7 +216,7 @@ impl ServoDecoder {
             name => reports(name),
         };
         let has = (0..).zip(&FIELDS).fold(0, |all, (index, field)| all | u16::from(has(field)) << index);
-        Self { family, fields, has, global_words: Some(GlobalWords::default()) }
+        Self { family, fields, longs, has, global_words: Some(GlobalWords::default()) }
     }
 
     /// The same for a board whose copies of the global status are these; without them no global status is told.
@@ -225,6 +229,11 @@ impl ServoDecoder {
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
     /// region's first. Of the blocks only what `selection` has was read, and of the motors those in the report's mask,
     /// where it has one.
+    ///
+    /// A block that the board does not fill holds what was there before: zeros, or anything since power-on. Its motor is left
+    /// out. The DPRAM holds words of 24 bits whose sign, or 0, fills the 8 bits above (DPRAM manual p. 11, Turbo User Manual p.
+    /// 402), which garbage has in so many words by no chance. A whole block of zeros is that of a motor which is not activated, at
+    /// best.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a motor asked for are missing.
@@ -249,9 +258,19 @@ impl ServoDecoder {
             global_status: self.global_words.zip(report.global_status.as_ref()).map(|(words, status)| {
                 words.in_order(status.longs).map(|word| int24::unsigned(long(head, report.index(word))))
             }),
-            motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
+            motors: motors
+                .filter(|(_, block)| self.is_filled(block))
+                .map(|(number, block)| self.motor(number, &block, scales))
+                .collect(),
             global: self.family.status.global,
         })
+    }
+
+    /// Whether a motor's block, as far as it was read, holds what a board writes there.
+    fn is_filled(&self, block: &Block) -> bool {
+        let read = || self.longs.iter().filter_map(|at| block.long(*at));
+        let is_zero = read().count() == self.longs.len() && read().all(|long| long == 0);
+        !is_zero && read().all(|long| matches!(long >> 24, 0 | 0xFF))
     }
 
     fn motor(&self, number: usize, block: &Block, board: &Scales) -> ServoMotor {

@@ -18,7 +18,7 @@ use serde_json::json;
 use self::report::{Level, Report};
 use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection, identity};
+use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, ReportStart};
@@ -149,6 +149,7 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
             known.functions.has(function) && info.as_ref().is_none_or(|info| info.leaves_free(function))
         };
         data(report, board, reads);
+        unfilled(report, board, &known.servo);
     }
     if let Some(info) = &info {
         functions(report, info, &known);
@@ -326,6 +327,25 @@ fn data(report: &mut Report, board: &mut Board, reads: impl Fn(Function) -> bool
                 report.add(Level::Fail, what, format!("stale after {published} updates; {why}"));
             }
         }
+    }
+}
+
+/// Motors that the board is said to report, and whose blocks it does not fill.
+fn unfilled(report: &mut Report, board: &mut Board, read: &ServoSettings) {
+    let mask = board.identity().ok().and_then(|identity| identity.motor_mask);
+    let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
+    let (Some(servo), Some(mask)) = (servo, mask) else { return };
+    let is_filled = |number: &u32| servo.data.motors.iter().any(|motor| motor.motor == *number as usize);
+    let reported =
+        (1..=u32::BITS).filter(|number| mask >> (number - 1) & 1 == 1 && read.motors.contains(number));
+    let left: Vec<_> =
+        reported.filter(|number| !is_filled(number)).map(|number| format!("#{number}")).collect();
+    if !left.is_empty() {
+        let text = format!(
+            "the board does not fill the blocks of {}, which are not shown: motors that it has not, or that are not activated",
+            left.join(", ")
+        );
+        report.add(Level::Warn, RegionId::Servo.name(), text);
     }
 }
 

@@ -52,6 +52,8 @@ pub(super) struct Board {
     variables: HashMap<usize, u32>,
     pub gathers: bool,
     samples: u32,
+    /// How many motors it has: it fills no other's block.
+    pub motors: i64,
     /// The last line of a reply is marked itself (section 6: "make the other form a switch").
     pub marks_last: bool,
     /// What the lines begin with that it refuses.
@@ -74,6 +76,7 @@ impl Board {
             variables: HashMap::new(),
             gathers: false,
             samples: 0,
+            motors: 32,
             marks_last: false,
             refuses: None,
         };
@@ -114,7 +117,7 @@ impl Board {
             return;
         }
         self.put(SERVO_READY, 0);
-        for motor in (1..=32).filter(|motor| self.mask() >> (motor - 1) & 1 != 0) {
+        for motor in (1..=self.motors).filter(|motor| self.mask() >> (motor - 1) & 1 != 0) {
             let block = 0x0074 + 0x30 * (motor as u64 - 1);
             self.put_pair(block, -3072 * motor);
             // "motor activated", bit 23 of the first word of `?`, and "in position", bit 0 of the second.
