@@ -116,9 +116,10 @@ impl Line<'_, '_> {
         self.list_range(lines)
     }
 
-    /// `[,[start][,length]]` in long words; if given, each line shows its offset. No manual seen says what is answered behind
-    /// the program's end. Tools ask for one part after the other until there is an error; the end of an empty answer would
-    /// keep them asking, or be told as a fault of the board's.
+    /// `[,[start][,length]]` in long words; if given, each line shows its offset.
+    ///
+    /// No manual that was seen says what stands behind a program's end. dls-pmacanalyse lists part by part until there is an
+    /// error, and takes an empty answer for a fault of the board's.
     fn list_range(&mut self, lines: Lines) -> Outcome {
         let (mut start, mut end, mut offsets) = (0, usize::MAX, false);
         if self.scanner.take(b',') {
