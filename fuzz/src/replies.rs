@@ -155,7 +155,8 @@ fn lines(bytes: &[u8]) {
     for line in bytes.split(|&byte| byte == b'\r') {
         let _ = ScaleDoubts::of_line(line);
         match line {
-            &[byte] if byte < 32 => buffer.follow_control(byte, 0, now),
+            // Control characters are no lines; those that open and close a buffer go as `OPEN ROT` and `CLOSE`.
+            &[byte] if byte < 32 => {}
             _ => {
                 buffer.begin(line, Writer::Hand(Account { uid: 0, pid: 1 }), now);
                 if let Some(barred) = buffer.bars(line, Writer::Question) {
