@@ -4,12 +4,17 @@
 //! buffer, and `pmacd` closes it when the client, or this program, is gone.
 
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Instant;
 
+use log::warn;
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::protocol::board::LineOutcome;
 use pmac_dpram::protocol::buffer_line::{Effect, effect, is_close};
+use pmac_dpram::protocol::line::resets;
 use pmac_dpram::protocol::{CallError, READ_MAX, deadlines};
 use pmac_dpram::segment::SegmentName;
 
@@ -38,10 +43,14 @@ pub enum Failure {
         code: u16,
         /// What the board had answered before.
         lines: Vec<String>,
-        /// Why, unless the board itself said so.
+        /// Why, unless the board itself said so, or the log has been told.
         why: Option<String>,
+        /// Whether something of it was sent.
+        is_sent: bool,
     },
-    /// It is not known what the board has done, or there is no board. The client gets no answer.
+    /// The line was sent, and the board need not answer it: the client is told neither that it was carried out nor that it was not.
+    Unanswered(String),
+    /// It is not known what the board has done. The client gets no answer.
     Gone(String),
 }
 
@@ -49,7 +58,7 @@ impl Failure {
     /// A refusal of which nothing was sent.
     #[must_use]
     pub fn unsent(code: u16, why: impl Into<String>) -> Self {
-        Self::Refused { code, lines: Vec::new(), why: Some(why.into()) }
+        Self::Refused { code, lines: Vec::new(), why: Some(why.into()), is_sent: false }
     }
 }
 
@@ -58,13 +67,25 @@ impl From<CommandError> for Failure {
         let why = error.to_string();
         match error {
             CommandError::Refused(CallError::Board { code, lines, .. }) => {
-                Self::Refused { code, lines, why: None }
+                Self::Refused { code, lines, why: None, is_sent: true }
             }
             CommandError::Refused(CallError::NotPermitted { .. }) => Self::unsent(NO_RIGHT, why),
             CommandError::Refused(CallError::InvalidLine { .. }) => Self::unsent(ILLEGAL, why),
-            CommandError::Refused(CallError::Refused { .. } | CallError::Busy) => Self::unsent(NOT_NOW, why),
-            CommandError::Refused(CallError::OutOfRange | CallError::InvalidParameter { .. }) => {
-                Self::unsent(UNKNOWN, why)
+            CommandError::Refused(
+                CallError::Refused { .. } | CallError::Busy | CallError::Unavailable { .. },
+            )
+            | CommandError::NotTaken { .. } => Self::unsent(NOT_NOW, why),
+            CommandError::Refused(
+                CallError::OutOfRange
+                | CallError::InvalidParameter { .. }
+                | CallError::InterfaceNotFound { .. }
+                | CallError::MethodNotFound { .. },
+            ) => Self::unsent(UNKNOWN, why),
+            // Told once, when it began: [`Place::connect`].
+            CommandError::Connect { .. }
+            | CommandError::Stranger { .. }
+            | CommandError::OtherBoard { .. } => {
+                Self::Refused { code: NOT_NOW, lines: Vec::new(), why: None, is_sent: false }
             }
             _ => Self::Gone(why),
         }
@@ -75,22 +96,38 @@ impl From<CommandError> for Failure {
 #[derive(Debug, Clone)]
 pub struct Place {
     /// Its socket.
-    pub socket: PathBuf,
+    socket: PathBuf,
     /// The board's name, if the socket alone does not say which is meant.
-    pub name: Option<SegmentName>,
+    name: Option<SegmentName>,
+    /// The log has been told that nobody can be reached there.
+    is_away: Arc<AtomicBool>,
 }
 
 impl Place {
-    /// A connection to the daemon, once it has said that it has the board that is meant.
+    /// The daemon at `socket`, whose board has to be `name`, if that is given.
+    #[must_use]
+    pub fn new(socket: PathBuf, name: Option<SegmentName>) -> Self {
+        Self { socket, name, is_away: Arc::default() }
+    }
+
+    /// A connection to the daemon, once it has said that it has the board that is meant. The log hears once that there is none, and
+    /// once that there is one again.
     ///
     /// # Errors
     /// [`CommandError`].
     pub fn connect(&self) -> Result<Connection, CommandError> {
-        let connection = Connection::open(&self.socket)?;
-        match &self.name {
+        let connection = Connection::open(&self.socket).and_then(|connection| match &self.name {
             Some(name) => connection.of_board(name),
             None => Ok(connection),
+        });
+        match &connection {
+            Err(error) if !self.is_away.swap(true, Relaxed) => {
+                warn!("{error}; until that is mended, lines are answered ERR{NOT_NOW:03}");
+            }
+            Ok(_) if self.is_away.swap(false, Relaxed) => warn!("pmacd is there again"),
+            _ => {}
         }
+        connection
     }
 }
 
@@ -115,11 +152,21 @@ impl Board {
         self.in_buffer
     }
 
-    fn connection(&mut self) -> Result<&mut Connection, Failure> {
-        if self.connection.is_none() {
-            self.connection = Some(self.place.connect()?);
+    /// Has the daemon do something.
+    fn ask<T>(
+        &mut self,
+        call: impl FnOnce(&mut Connection) -> Result<T, CommandError>,
+    ) -> Result<T, CommandError> {
+        let mut connection = match self.connection.take() {
+            Some(connection) => connection,
+            None => self.place.connect()?,
+        };
+        let answer = call(&mut connection);
+        // One that has broken is made anew, and asked for its board.
+        if matches!(answer, Ok(_) | Err(CommandError::Refused(_))) {
+            self.connection = Some(connection);
         }
-        self.connection.as_mut().ok_or_else(|| Failure::Gone("no connection to pmacd".to_owned()))
+        answer
     }
 
     /// Sends `line` and returns the lines of its reply.
@@ -132,13 +179,25 @@ impl Board {
             return self.send_in_sequence(line, opens);
         }
         if is_close(line.as_bytes())
-            && self.connection()?.info()?.open_buffer.is_some_and(|open| open.sequence)
+            && self.ask(Connection::info)?.open_buffer.is_some_and(|open| open.sequence)
         {
             // pmacd lets everybody close what is open. Here each client closes his own.
             return Err(Failure::unsent(IN_USE, "the program buffer that is open is somebody else's"));
         }
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
-        Ok(self.connection()?.send(line, timeout)?)
+        let begun = Instant::now();
+        match self.ask(|connection| connection.send(line, timeout)) {
+            Err(CommandError::Refused(
+                error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
+            )) if resets(line.as_bytes()) => {
+                match error {
+                    // Before the time was over: the board has taken the line. It need not answer it (GRAMMAR 2.9, `$$$`).
+                    CallError::TimedOut { lines } if begun.elapsed() < timeout => Ok(lines),
+                    error => Err(Failure::Unanswered(error.to_string())),
+                }
+            }
+            sent => Ok(sent?),
+        }
     }
 
     fn send_in_sequence(&mut self, line: &str, opens: bool) -> Result<Vec<String>, Failure> {
@@ -148,9 +207,11 @@ impl Board {
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
         let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
         let mut told = None;
-        let goes_on = self.connection()?.lines(options).run(&[line], |reply| {
-            told = Some(reply.clone());
-            true
+        let goes_on = self.ask(|connection| {
+            connection.lines(options).run(&[line], |reply| {
+                told = Some(reply.clone());
+                true
+            })
         });
         let goes_on = match goes_on {
             Err(CommandError::Refused(CallError::Refused { reason })) if !was_open => {
@@ -164,14 +225,14 @@ impl Board {
         if goes_on && !self.in_buffer {
             // Whatever a refused line has opened is closed by the end of the sequence.
             let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
-            self.connection()?.lines(options).finish()?;
+            self.ask(|connection| connection.lines(options).finish())?;
         }
         match reply.failure {
             None if goes_on => Ok(reply.lines),
             None => Err(Failure::Gone("the sequence ended before the line was answered".to_owned())),
             Some(failure) if failure.outcome == LineOutcome::Refused => {
                 let code = failure.code.unwrap_or(UNKNOWN);
-                Err(Failure::Refused { code, lines: reply.lines, why: None })
+                Err(Failure::Refused { code, lines: reply.lines, why: None, is_sent: true })
             }
             Some(failure) if failure.outcome == LineOutcome::NotSent && opens && !was_open => {
                 Err(Failure::unsent(IN_USE, failure.message))
@@ -188,7 +249,7 @@ impl Board {
         if !self.in_buffer {
             return Ok(());
         }
-        let renewed = self.connection()?.sequence_renew();
+        let renewed = self.ask(Connection::sequence_renew);
         renewed.map_err(|error| Failure::Gone(format!("the program buffer is open no more: {error}")))
     }
 
@@ -197,7 +258,7 @@ impl Board {
     /// # Errors
     /// [`Failure`].
     pub fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
-        Ok(self.connection()?.control(character)?)
+        Ok(self.ask(|connection| connection.control(character))?)
     }
 
     /// Reads `count` bytes of the DPRAM.
@@ -211,7 +272,7 @@ impl Board {
         while bytes.len() < 2 * words {
             let offset = u32::from(first & !1) + u32::try_from(bytes.len()).unwrap_or(u32::MAX);
             let part = (words - bytes.len() / 2).min(READ_MAX);
-            let (_, read) = self.connection()?.read(HostOffset::new(offset), part)?;
+            let (_, read) = self.ask(|connection| connection.read(HostOffset::new(offset), part))?;
             bytes.extend(read.into_iter().flat_map(u16::to_le_bytes));
         }
         Ok(bytes.into_iter().skip(skipped).take(count).collect())
@@ -234,7 +295,7 @@ impl Board {
             .collect();
         let mut offset = u32::from(first & !1);
         for (index, part) in words.chunks(READ_MAX).enumerate() {
-            let written = self.connection()?.write(HostOffset::new(offset), part, false);
+            let written = self.ask(|connection| connection.write(HostOffset::new(offset), part, false));
             match written.map_err(Failure::from) {
                 Err(Failure::Refused { why, .. }) if index > 0 => {
                     let why = why.unwrap_or_default();

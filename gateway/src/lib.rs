@@ -12,10 +12,12 @@
 //! has done, no answer is made up: the client's connection ends.
 
 pub mod board;
+pub mod journal;
 mod memory;
 pub mod options;
 pub mod packet;
-pub mod quota;
+mod places;
+mod quota;
 pub mod reply;
 pub mod session;
 pub mod tcp;

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use std::thread;
 
 use clap::Parser;
-use log::{LevelFilter, info, warn};
+use log::{info, warn};
 use pmac_dpram::client::CommandError;
 use pmac_dpram::usage::usage;
 use pmac_gateway::options::Options;
 use pmac_gateway::session::Rules;
-use pmac_gateway::{tcp, udp};
+use pmac_gateway::{journal, tcp, udp};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
@@ -21,11 +21,12 @@ fn main() -> ExitCode {
         Ok(options) => options,
         Err(error) => return usage("pmac-gateway", &error),
     };
-    env_logger::Builder::new()
-        .filter_level(LevelFilter::Info)
-        .format(|line, record| writeln!(line, "pmac-gateway: {}", record.args()))
-        .init();
-    match run(&options) {
+    let ended = journal::start().map_err(|error| format!("the log: {error}")).and_then(|log| {
+        let ended = run(&options);
+        log.finish();
+        ended
+    });
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             let _ = writeln!(io::stderr(), "pmac-gateway: {why}");
@@ -63,10 +64,8 @@ fn look_at_daemon(rules: &Rules) -> Result<(), String> {
     match rules.place.connect() {
         Ok(_) => Ok(()),
         Err(error @ CommandError::OtherBoard { .. }) => Err(error.to_string()),
-        Err(error) => {
-            warn!("{error}; clients are sent away until it is there");
-            Ok(())
-        }
+        // The log has been told.
+        Err(_) => Ok(()),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::board::{self, Failure};
 use crate::packet::{Packet, REPLY_MAX, Request};
-use crate::session::{DONE, READ_ONLY, REFUSED, Session};
+use crate::session::{DONE, READ_ONLY, REFUSAL, REFUSED, Session};
 
 /// A long word of the DPRAM.
 const LONG: usize = 4;
@@ -43,7 +43,7 @@ impl Session {
         match done {
             Ok(()) => Ok(vec![DONE]),
             Err(Failure::Refused { why, .. }) => {
-                self.tell(&why.unwrap_or_default());
+                self.tell(REFUSAL, &why.unwrap_or_default());
                 Ok(vec![REFUSED])
             }
             Err(gone) => Err(gone),

@@ -60,6 +60,16 @@ impl Options {
     /// # Errors
     /// The name is none.
     pub fn rules(&self) -> Result<Rules, SegmentError> {
+        let (socket, name) = self.place()?;
+        Ok(Rules {
+            place: Place::new(socket, name),
+            read_only: self.read_only,
+            version: self.version_as.clone(),
+        })
+    }
+
+    /// The daemon's socket, and the name that its board has to have.
+    fn place(&self) -> Result<(PathBuf, Option<SegmentName>), SegmentError> {
         let told = self.name.as_deref();
         let socket = self.socket.clone();
         let name = match (told, &socket) {
@@ -68,11 +78,7 @@ impl Options {
             (told, _) => Some(SegmentName::new(told.unwrap_or(DEFAULT_NAME))?),
         };
         let socket = socket.unwrap_or_else(|| socket_place::socket_path(told.unwrap_or(DEFAULT_NAME)));
-        Ok(Rules {
-            place: Place { socket, name },
-            read_only: self.read_only,
-            version: self.version_as.clone(),
-        })
+        Ok((socket, name))
     }
 }
 
@@ -92,7 +98,7 @@ mod tests {
     fn a_socket_alone_says_which_board_is_meant() {
         let place = |line: &str| {
             let options = Options::try_parse_from(line.split(' ')).unwrap();
-            let Place { socket, name } = options.rules().unwrap().place;
+            let (socket, name) = options.place().unwrap();
             (socket.to_string_lossy().into_owned(), name.map(|name| name.as_str().to_owned()))
         };
         assert_eq!(place("pmac-gateway --socket /x.sock"), ("/x.sock".to_owned(), None));

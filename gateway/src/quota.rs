@@ -1,27 +1,46 @@
 //! How often the log is told what anybody on the network can cause.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Lines in a period, and how long that is.
-const LINES: u32 = 20;
-const PERIOD: Duration = Duration::from_secs(10);
-
-/// What is left of a period's lines.
-#[derive(Debug, Default)]
+/// Lines that may be logged now; what is used comes back with time.
+#[derive(Debug)]
 pub struct Quota {
-    period: Mutex<Option<(Instant, u32)>>,
+    most: u32,
+    /// How long it takes for one to come back.
+    every: Duration,
+    left: u32,
+    /// Since when `left` is right.
+    since: Option<Instant>,
+    left_out: u64,
 }
 
 impl Quota {
-    /// Whether one more line may be logged at `now`.
+    /// `most` lines at once, and one more each `every`.
     #[must_use]
-    pub fn allows(&self, now: Instant) -> bool {
-        let mut period = self.period.lock().unwrap_or_else(PoisonError::into_inner);
-        let (began, told) =
-            period.filter(|(began, _)| now.duration_since(*began) < PERIOD).unwrap_or((now, 0));
-        *period = Some((began, told.saturating_add(1)));
-        told < LINES
+    pub const fn new(most: u32, every: Duration) -> Self {
+        Self { most, every, left: most, since: None, left_out: 0 }
+    }
+
+    /// Whether one more line may be logged at `now`: if so, how many were left out before it.
+    pub fn take(&mut self, now: Instant) -> Option<u64> {
+        let since = *self.since.get_or_insert(now);
+        let back = now.duration_since(since).as_nanos() / self.every.as_nanos().max(1);
+        if let Some(back) = u32::try_from(back).ok().filter(|back| *back < self.most - self.left) {
+            self.left += back;
+            self.since = Some(since + self.every * back);
+        } else {
+            (self.left, self.since) = (self.most, Some(now));
+        }
+        match self.left.checked_sub(1) {
+            Some(left) => {
+                self.left = left;
+                Some(std::mem::take(&mut self.left_out))
+            }
+            None => {
+                self.left_out += 1;
+                None
+            }
+        }
     }
 }
 
@@ -30,10 +49,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flood_leaves_twenty_lines_a_period() {
-        let (quota, start) = (Quota::default(), Instant::now());
-        let told = (0..1000).filter(|_| quota.allows(start)).count();
+    fn a_flood_leaves_few_lines_and_the_others_are_counted() {
+        let every = Duration::from_secs(10);
+        let (mut quota, start) = (Quota::new(20, every), Instant::now());
+        let told = (0..1000).filter(|_| quota.take(start).is_some()).count();
         assert_eq!(told, 20);
-        assert!(quota.allows(start + PERIOD));
+        assert_eq!(quota.take(start + every / 2), None);
+        assert_eq!(quota.take(start + every), Some(981));
+        assert_eq!(quota.take(start + every), None, "one comes back at a time");
+        // A day of it.
+        let told = (0..8640).filter(|_| quota.take(start + every).is_some()).count();
+        assert_eq!(told, 0);
+        let later = (2..8642).filter(|tens| quota.take(start + every * *tens).is_some()).count();
+        assert_eq!(later, 8640);
+        let rested = start + every * 100_000;
+        assert_eq!((0..1000).filter(|_| quota.take(rested).is_some()).count(), 20);
     }
 }

@@ -1,13 +1,17 @@
 //! One client: what he is answered to each request.
 
+use std::time::Duration;
+
 use log::info;
 use pmac_dpram::format::Visible;
 use pmac_dpram::protocol::control;
 use pmac_dpram::protocol::password::without_password;
 
 use crate::board::{self, Board, Failure, Place};
+use crate::journal::MOTION;
 use crate::packet::{Packet, Request};
 use crate::reply::{Handshake, Pending};
+use crate::text::Addressed;
 
 /// One byte that says: done.
 pub(crate) const DONE: u8 = b'@';
@@ -15,8 +19,11 @@ pub(crate) const DONE: u8 = b'@';
 pub(crate) const REFUSED: u8 = 0x07;
 /// What a client is told who may only look.
 pub(crate) const READ_ONLY: &str = "this gateway only reads (--read-only)";
-/// Refusals that are logged of one client.
-const TOLD_MAX: u32 = 20;
+/// How the log calls what was not done.
+pub(crate) const REFUSAL: &str = "refused";
+/// After how long a silence a client makes room for another; and one who has moved something, which may still move.
+const SILENT: Duration = Duration::from_secs(60);
+const SILENT_MOVER: Duration = Duration::from_secs(3600);
 
 /// What holds for every client.
 #[derive(Debug, Clone)]
@@ -38,19 +45,28 @@ pub enum Answer {
     End(String),
 }
 
+/// What a client is on his port, besides what he has not fetched.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Port {
+    pub(crate) handshake: Handshake,
+    /// The motor and the coordinate system that he addressed last.
+    pub(crate) addressed: Addressed,
+    /// The program buffer that he had open was closed, and he does not know.
+    pub(crate) has_lost_buffer: bool,
+}
+
 /// One client.
 #[derive(Debug)]
 pub struct Session {
     peer: String,
     pub(crate) rules: Rules,
     pub(crate) board: Board,
-    pub(crate) handshake: Handshake,
+    pub(crate) port: Port,
     pub(crate) pending: Pending,
-    /// The motor and the coordinate system that he addressed last.
-    pub(crate) motor: Option<u32>,
-    pub(crate) system: Option<u32>,
+    /// Each of his lines has to say whom it addresses, if he has not said it before: he may be one who was forgotten.
+    pub(crate) says_whom: bool,
+    has_moved: bool,
     write_error: [u8; 4],
-    told: u32,
 }
 
 impl Session {
@@ -62,13 +78,31 @@ impl Session {
             peer,
             rules,
             board,
-            handshake: Handshake::default(),
+            port: Port::default(),
             pending: Pending::default(),
-            motor: None,
-            system: None,
+            says_whom: false,
+            has_moved: false,
             write_error: [0; 4],
-            told: 0,
         }
+    }
+
+    /// The client at `peer`, of whom `port` was remembered, if he was here before. He does not hear it when he is forgotten.
+    #[must_use]
+    pub fn again(peer: String, rules: Rules, port: Option<Port>) -> Self {
+        Self { port: port.unwrap_or_default(), says_whom: true, ..Self::new(peer, rules) }
+    }
+
+    /// What is to be remembered of him.
+    #[must_use]
+    pub fn into_port(self) -> Port {
+        Port { has_lost_buffer: self.port.has_lost_buffer || self.board.is_in_buffer(), ..self.port }
+    }
+
+    /// After how long a silence he makes room for another client: never while he has a program buffer open.
+    #[must_use]
+    pub fn gives_way(&self) -> Option<Duration> {
+        let silent = if self.has_moved { SILENT_MOVER } else { SILENT };
+        (!self.board.is_in_buffer()).then_some(silent)
     }
 
     /// Whether [`Self::renew`] is to be called every second.
@@ -91,6 +125,7 @@ impl Session {
     /// What `packet` is answered.
     pub fn answer(&mut self, packet: &Packet) -> Answer {
         let Packet { request, upload, value, .. } = *packet;
+        let was_in_buffer = self.board.is_in_buffer();
         let answer = match request {
             Request::SendLine => self.text(&packet.data).map(|()| vec![DONE]),
             Request::GetResponse => {
@@ -115,15 +150,18 @@ impl Session {
             Request::GetMem | Request::SetMem | Request::SetBit | Request::SetBits => self.memory(packet),
             Request::Port | Request::FirmwareDownload | Request::IpAddress => {
                 let why = format!("{request:?} is always refused");
-                self.tell(&why);
+                self.tell(REFUSAL, &why);
                 // A byte would be taken for what is asked for.
                 if upload { Err(Failure::Gone(why)) } else { Ok(vec![REFUSED]) }
             }
         };
         match answer {
             Ok(bytes) => Answer::Reply(bytes),
-            Err(Failure::Gone(why)) => Answer::End(why),
-            Err(Failure::Refused { code, lines, why }) => {
+            Err(Failure::Gone(why) | Failure::Unanswered(why)) => {
+                self.port.has_lost_buffer = was_in_buffer;
+                Answer::End(why)
+            }
+            Err(Failure::Refused { code, lines, why, .. }) => {
                 self.refused(code, &lines, why.as_deref());
                 Answer::Reply(self.pending.take())
             }
@@ -132,24 +170,24 @@ impl Session {
 
     /// Puts a refusal where the client fetches it.
     pub(crate) fn refused(&mut self, code: u16, lines: &[String], why: Option<&str>) {
-        self.pending.lines(lines, self.handshake);
-        self.pending.error(code, self.handshake);
+        self.pending.lines(lines, self.port.handshake);
+        self.pending.error(code, self.port.handshake);
         if let Some(why) = why {
-            self.tell(why);
+            self.tell(REFUSAL, why);
         }
     }
 
-    /// Logs why something was refused, the first times.
-    pub(crate) fn tell(&mut self, why: &str) {
-        self.told += 1;
-        if self.told <= TOLD_MAX {
-            info!("{}: refused: {}", self.peer, Visible(why));
-        }
+    /// Logs that something was `refused`, or what else became of it, and why.
+    pub(crate) fn tell(&self, what: &str, why: &str) {
+        info!("{}: {what}: {}", self.peer, Visible(why));
     }
 
-    /// Logs what moves or stops something.
-    pub(crate) fn log_motion(&self, line: &str) {
-        info!("{}: {}", self.peer, Visible(without_password(line)));
+    /// Logs what moves or stops something, unless nothing of it was sent.
+    pub(crate) fn log_motion<T>(&mut self, line: &str, sent: &Result<T, Failure>) {
+        if !matches!(sent, Err(Failure::Refused { is_sent: false, .. })) {
+            self.has_moved = true;
+            info!(target: MOTION, "{}: {}", self.peer, Visible(without_password(line)));
+        }
     }
 
     /// Sends a control character, and returns its reply; nothing for most of them.
@@ -167,13 +205,15 @@ impl Session {
             let why = "a buffer is a client's own only if he opens it by a line, as OPEN ROT, and closes it by CLOSE";
             return Err(Failure::unsent(board::NOT_NOW, why));
         }
-        if !REPORTS.contains(&character) {
-            if self.rules.read_only {
-                return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
-            }
-            self.log_motion(&control::name(character));
+        let moves = !REPORTS.contains(&character);
+        if moves && self.rules.read_only {
+            return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
-        self.board.control(character)
+        let sent = self.board.control(character);
+        if moves {
+            self.log_motion(&control::name(character), &sent);
+        }
+        sent
     }
 
     fn control_response(&mut self, value: u16) -> Result<Vec<u8>, Failure> {
@@ -183,7 +223,7 @@ impl Session {
             .ok_or_else(|| Failure::unsent(board::ILLEGAL, "no control character has this number"))?;
         let lines = self.control(character)?;
         // "The resulting response data is not terminated."
-        self.pending.lines(&lines, self.handshake);
+        self.pending.lines(&lines, self.port.handshake);
         Ok(self.pending.take())
     }
 
@@ -204,7 +244,7 @@ impl Session {
                 Ok(()) => continue,
                 Err(Failure::Refused { code, why, .. }) => {
                     if let Some(why) = why {
-                        self.tell(&why);
+                        self.tell(REFUSAL, &why);
                     }
                     code
                 }

@@ -1,9 +1,8 @@
 //! Clients by TCP: a thread each, and never more than there are places.
 
-use std::collections::BTreeMap;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -12,7 +11,7 @@ use nix::sys::socket::{setsockopt, sockopt};
 use pmac_dpram::format::Visible;
 
 use crate::packet::Packet;
-use crate::quota::Quota;
+use crate::places::{Places, Taken};
 use crate::session::{Answer, Rules, Session};
 
 /// The most clients. Less than the connections that `pmacd` gives one user.
@@ -28,117 +27,92 @@ const STACK: usize = 256 * 1024;
 /// When a client that says nothing is asked whether he is still there, and how often: he is gone after a minute and a half.
 const ALIVE: (u32, u32, u32) = (60, 10, 3);
 
-/// A client, as the others see him.
-struct Place {
-    stream: TcpStream,
-    since: Instant,
-    has_spoken: bool,
-}
-
-/// The places of the clients, each by a number that is never used again.
-#[derive(Default)]
-struct Places {
-    taken: Mutex<BTreeMap<u64, Place>>,
-    log: Quota,
-}
-
-impl Places {
-    fn taken(&self) -> MutexGuard<'_, BTreeMap<u64, Place>> {
-        self.taken.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// A place for `stream`. When all are taken, who has asked nothing for a while gives his up.
-    fn take(&self, id: u64, stream: &TcpStream, now: Instant) -> io::Result<bool> {
-        let mut taken = self.taken();
-        if taken.len() >= CLIENTS_MAX {
-            let is_silent = |place: &Place| !place.has_spoken && now.duration_since(place.since) >= PATIENCE;
-            let silent = taken.iter().find(|(_, place)| is_silent(place)).map(|(id, _)| *id);
-            match silent.and_then(|id| taken.remove(&id)) {
-                // His thread reads the end then.
-                Some(place) => drop(place.stream.shutdown(Shutdown::Both)),
-                None => return Ok(false),
-            }
-        }
-        taken.insert(id, Place { stream: stream.try_clone()?, since: now, has_spoken: false });
-        Ok(true)
-    }
-
-    fn has_spoken(&self, id: u64) {
-        if let Some(place) = self.taken().get_mut(&id) {
-            place.has_spoken = true;
-        }
-    }
-
-    fn leave(&self, id: u64) {
-        self.taken().remove(&id);
-    }
-}
+/// The clients, each by a number that is never used again.
+type Clients = Places<u64, TcpStream>;
 
 /// Serves whoever comes, for ever.
 pub fn serve(listener: &TcpListener, rules: &Rules) {
-    let places = Arc::new(Places::default());
+    let clients = Arc::new(Clients::new(CLIENTS_MAX));
+    let mut is_full = false;
     for id in 0.. {
-        let now = Instant::now();
         let (stream, peer) = match listener.accept() {
             Ok(accepted) => accepted,
             Err(error) if error.kind() == ErrorKind::Interrupted => continue,
             Err(error) => {
-                if places.log.allows(now) {
-                    warn!("accepting a client: {error}");
-                }
+                warn!("accepting a client: {error}");
                 thread::sleep(PAUSE);
                 continue;
             }
         };
-        if let Err(error) = begin(&places, id, stream, peer, rules.clone())
-            && places.log.allows(now)
-        {
-            warn!("{peer}: sent away: {error}");
+        match begin(&clients, id, stream, peer, rules.clone()) {
+            Ok(true) => is_full = false,
+            Ok(false) if is_full => {}
+            Ok(false) => {
+                is_full = true;
+                warn!(
+                    "{CLIENTS_MAX} clients are served, and none has long been silent: others are sent away, the first is {peer}"
+                );
+            }
+            Err(error) => warn!("{peer}: sent away: {error}"),
         }
     }
 }
 
-/// Gives a client his thread.
-fn begin(places: &Arc<Places>, id: u64, stream: TcpStream, peer: SocketAddr, rules: Rules) -> io::Result<()> {
+/// Gives a client his thread. Whether there is a place for him.
+fn begin(
+    clients: &Arc<Clients>,
+    id: u64,
+    stream: TcpStream,
+    peer: SocketAddr,
+    rules: Rules,
+) -> io::Result<bool> {
     let (idle, between, times) = ALIVE;
     stream.set_nodelay(true)?;
     setsockopt(&stream, sockopt::KeepAlive, &true)?;
     setsockopt(&stream, sockopt::TcpKeepIdle, &idle)?;
     setsockopt(&stream, sockopt::TcpKeepInterval, &between)?;
     setsockopt(&stream, sockopt::TcpKeepCount, &times)?;
-    if !places.take(id, &stream, Instant::now())? {
-        return Err(io::Error::other(format!("{CLIENTS_MAX} clients are served already")));
+    match clients.take(id, stream.try_clone()?, PATIENCE, Instant::now()) {
+        Taken::Free => {}
+        Taken::InsteadOf(other, silence) => {
+            if let Ok(silent) = other.peer_addr() {
+                info!(
+                    "{silent}: silent for {} s: his connection ends, {peer} has his place",
+                    silence.as_secs()
+                );
+            }
+            // His thread reads the end then.
+            drop(other.shutdown(Shutdown::Both));
+        }
+        Taken::Full => return Ok(false),
     }
-    let own = Arc::clone(places);
+    let own = Arc::clone(clients);
     let run = move || {
         let why = attend(&own, id, stream, Session::new(peer.to_string(), rules));
-        own.leave(id);
-        if let Some(why) = why
-            && own.log.allows(Instant::now())
-        {
+        own.leave(&id);
+        if let Some(why) = why {
             info!("{peer}: his connection ends: {}", Visible(why));
         }
     };
     let started = thread::Builder::new().name("client".to_owned()).stack_size(STACK).spawn(run);
     if started.is_err() {
-        places.leave(id);
+        clients.leave(&id);
     }
-    started.map(drop)
+    started.map(|_| true)
 }
 
 /// Answers a client until he leaves, or why he has to.
-fn attend(places: &Places, id: u64, mut stream: TcpStream, mut session: Session) -> Option<String> {
+fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Session) -> Option<String> {
     let (mut bytes, mut chunk) = (Vec::new(), [0; 2048]);
-    let (mut half_since, mut has_spoken) = (None, false);
+    let mut half_since = None;
     loop {
         match Packet::take(&bytes) {
             Err(malformed) => return Some(malformed.to_string()),
             Ok(Some((packet, taken))) => {
                 bytes.drain(..taken);
                 half_since = None;
-                if !std::mem::replace(&mut has_spoken, true) {
-                    places.has_spoken(id);
-                }
+                // Nobody has his place while he is answered.
+                clients.asks(&id, None, Instant::now());
                 match session.answer(&packet) {
                     Answer::Reply(reply) => {
                         if let Err(error) = send(&mut stream, &reply) {
@@ -147,6 +121,7 @@ fn attend(places: &Places, id: u64, mut stream: TcpStream, mut session: Session)
                     }
                     Answer::End(why) => return Some(why),
                 }
+                clients.asks(&id, session.gives_way(), Instant::now());
                 continue;
             }
             Ok(None) => {}

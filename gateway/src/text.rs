@@ -25,11 +25,22 @@ enum Piece {
     Set(u32, u32),
     /// The version is answered here.
     Version(String),
+    /// It goes nowhere: an address that nothing behind it needs, of a client who only reads.
+    Nothing,
+}
+
+/// What of a line does not go to the board as it stands there.
+#[derive(Debug, Clone, Copy, Default)]
+struct Kept<'a> {
+    /// What the version is answered.
+    version: Option<&'a str>,
+    /// The board is told whom a line addresses only where a question needs it.
+    addresses: bool,
 }
 
 /// Whom a client addresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Addressed {
+pub(crate) struct Addressed {
     motor: Option<u32>,
     system: Option<u32>,
 }
@@ -45,7 +56,7 @@ fn last_address(text: &str, sign: char) -> Option<u32> {
 impl Addressed {
     fn follow(&mut self, line: &str, token: &Token) {
         match token.kind {
-            Kind::Motor(number) => self.motor = Some(number),
+            Kind::Motor(number) | Kind::AxisOf(number) => self.motor = Some(number),
             Kind::System(number) => self.system = Some(number),
             // It is not known what this is, but the board goes by the addresses in it.
             Kind::Unknown => {
@@ -59,20 +70,35 @@ impl Addressed {
 
     /// What has to stand before `tokens` so that they mean whom is addressed.
     fn prefix(self, tokens: &[Token]) -> String {
-        let needed = |needs: Needs, addresses: fn(&Kind) -> bool| {
-            let own = tokens.iter().take_while(|token| !addresses(&token.kind));
-            own.into_iter().any(|token| match token.kind {
-                Kind::Asks(found) | Kind::Moves(found) => found == needs,
-                // `#3->100X`, `UNDEFINE`: what it addresses is not known.
-                Kind::Unknown => true,
-                _ => false,
-            })
-        };
-        let system = self.system.filter(|_| needed(Needs::System, |kind| matches!(kind, Kind::System(_))));
-        let motor = self.motor.filter(|_| needed(Needs::Motor, |kind| matches!(kind, Kind::Motor(_))));
+        let is_needed = |needs| uses_of(tokens, needs).next().is_some();
+        let system = self.system.filter(|_| is_needed(Needs::System));
+        let motor = self.motor.filter(|_| is_needed(Needs::Motor));
         let system = system.map(|number| format!("&{number}")).unwrap_or_default();
         motor.map_or(system.clone(), |number| format!("{system}#{number}"))
     }
+
+    /// Whether it is known whom `tokens` mean, as far as that is known of each of them.
+    fn suffices(self, tokens: &[Token]) -> bool {
+        let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind != Kind::Unknown);
+        (self.motor.is_some() || !is_needed(Needs::Motor))
+            && (self.system.is_some() || !is_needed(Needs::System))
+    }
+}
+
+/// The commands that mean the motor, or the coordinate system, that was addressed before `tokens`.
+fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &Token> {
+    let is_other = move |token: &&Token| match token.kind {
+        Kind::Motor(_) | Kind::AxisOf(_) => needs != Needs::Motor,
+        Kind::System(_) => needs != Needs::System,
+        _ => true,
+    };
+    tokens.iter().take_while(is_other).filter(move |token| match token.kind {
+        Kind::Asks(found) | Kind::Moves(found) => found == needs,
+        Kind::AxisOf(_) => needs == Needs::System,
+        // `#3->100X`, `UNDEFINE`: what it addresses is not known.
+        Kind::Unknown => true,
+        _ => false,
+    })
 }
 
 /// The pieces of `line`.
@@ -80,29 +106,37 @@ fn pieces(
     line: &str,
     tokens: &[Token],
     mut addressed: Addressed,
-    version: Option<&str>,
+    kept: Kept<'_>,
 ) -> Result<Vec<Piece>, Failure> {
     let mut pieces = Vec::new();
     let mut rest = tokens;
-    while let Some(first) = rest.first() {
-        let own = own_piece(line, first, version)?;
+    while !rest.is_empty() {
+        let own = own_piece(line, rest, kept)?;
         let count = match &own {
             Some(_) => 1,
             None => {
-                let is_own = |token: &&Token| matches!(own_piece(line, token, version), Ok(None));
-                fitting(line, rest.iter().take_while(is_own).count(), rest, addressed)?
+                let goes = |from: &usize| matches!(own_piece(line, &rest[*from..], kept), Ok(None));
+                fitting(line, (0..rest.len()).take_while(goes).count(), rest, addressed)?
             }
         };
         let (now, behind) = rest.split_at(count.max(1));
-        pieces.push(own.unwrap_or_else(|| Piece::Send(text_of(line, now, addressed))));
+        pieces.push(own.unwrap_or_else(|| {
+            // Whom what stands behind this piece means is said with that.
+            let ends = |token: &Token| !kept.addresses || only_addresses(token).is_none();
+            match now.iter().rposition(ends) {
+                Some(last) => Piece::Send(text_of(line, &now[..=last], addressed)),
+                None => Piece::Nothing,
+            }
+        }));
         now.iter().for_each(|token| addressed.follow(line, token));
         rest = behind;
     }
     Ok(pieces)
 }
 
-/// What becomes of `token` if it does not go to the board as it is.
-fn own_piece(line: &str, token: &Token, version: Option<&str>) -> Result<Option<Piece>, Failure> {
+/// What becomes of the first of `tokens` if it does not go to the board as it is.
+fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piece>, Failure> {
+    let Some((token, behind)) = tokens.split_first() else { return Ok(None) };
     let text = line[token.span.clone()].trim();
     match token.kind {
         Kind::SetsOwn(number, Some(value)) => Ok(Some(Piece::Set(number, value))),
@@ -115,8 +149,20 @@ fn own_piece(line: &str, token: &Token, version: Option<&str>) -> Result<Option<
         {
             Ok(Some(Piece::Own(text.to_owned(), first, step)))
         }
-        Kind::Version => Ok(version.map(|version| Piece::Version(version.to_owned()))),
-        _ => Ok(None),
+        Kind::Version => Ok(kept.version.map(|version| Piece::Version(version.to_owned()))),
+        _ => Ok(match only_addresses(token) {
+            Some(needs) if kept.addresses && uses_of(behind, needs).next().is_none() => Some(Piece::Nothing),
+            _ => None,
+        }),
+    }
+}
+
+/// What `token` addresses, if it does nothing else.
+fn only_addresses(token: &Token) -> Option<Needs> {
+    match token.kind {
+        Kind::Motor(_) => Some(Needs::Motor),
+        Kind::System(_) => Some(Needs::System),
+        _ => None,
     }
 }
 
@@ -128,7 +174,7 @@ fn text_of(line: &str, tokens: &[Token], addressed: Addressed) -> String {
 }
 
 /// How many of the first `count` tokens go in one piece: all of them if the board takes it; else, of questions, as many
-/// as it takes, up to where another motor or coordinate system is addressed.
+/// as it takes, if that can be up to where another motor or coordinate system is addressed.
 fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> Result<usize, Failure> {
     let fits = |count: usize| text_of(line, &tokens[..count], addressed).len() <= LINE_MAX;
     if fits(count) {
@@ -143,8 +189,10 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
     if !tokens[..count].iter().all(Token::only_asks) {
         return Err(too_long());
     }
-    let begins = |index: &usize| matches!(tokens[*index].kind, Kind::Motor(_) | Kind::System(_));
-    (1..count).rev().filter(begins).find(|count| fits(*count)).ok_or_else(too_long)
+    let begins =
+        |index: &usize| matches!(tokens[*index].kind, Kind::Motor(_) | Kind::System(_) | Kind::AxisOf(_));
+    let most = || (1..count).rev().find(|count| fits(*count));
+    (1..count).rev().filter(begins).find(|count| fits(*count)).or_else(most).ok_or_else(too_long)
 }
 
 impl Session {
@@ -156,7 +204,9 @@ impl Session {
         let text = text.strip_suffix(b"\r").unwrap_or(text);
         for line in text.split(|byte| matches!(byte, b'\r' | b'\n')) {
             match self.one_text(line) {
-                Err(Failure::Refused { code, lines, why }) => self.refused(code, &lines, why.as_deref()),
+                Err(Failure::Refused { code, lines, why, .. }) => self.refused(code, &lines, why.as_deref()),
+                // Where nothing is there to be fetched, one 0 says so.
+                Err(Failure::Unanswered(why)) => self.tell("no answer", &why),
                 done => done?,
             }
         }
@@ -165,6 +215,10 @@ impl Session {
 
     /// Carries out one line, and what control characters stand in it.
     pub(crate) fn one_text(&mut self, text: &[u8]) -> Result<(), Failure> {
+        if std::mem::take(&mut self.port.has_lost_buffer) {
+            let why = "the program buffer that was open is closed, as nothing was heard for too long; send it again";
+            return Err(Failure::unsent(board::NOT_NOW, why));
+        }
         if self.pending.is_full() {
             return Err(Failure::Gone("the client does not fetch what he is answered".to_owned()));
         }
@@ -183,10 +237,10 @@ impl Session {
         }
         for character in controls {
             let lines = self.control(character)?;
-            self.pending.lines(&lines, self.handshake);
+            self.pending.lines(&lines, self.port.handshake);
         }
         self.line(line.trim())?;
-        self.pending.end(self.handshake);
+        self.pending.end(self.port.handshake);
         Ok(())
     }
 
@@ -202,12 +256,23 @@ impl Session {
         if self.rules.read_only && !tokens.iter().all(is_harmless) {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
+        let sent = self.commands(line, &tokens);
         if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || motors_moved(line) != 0 {
-            self.log_motion(line);
+            self.log_motion(line, &sent);
         }
-        let mut addressed = Addressed { motor: self.motor, system: self.system };
-        let pieces = pieces(line, &tokens, addressed, self.rules.version.as_deref())?;
-        let mut handshake = self.handshake;
+        sent
+    }
+
+    /// A line whose commands are known.
+    fn commands(&mut self, line: &str, tokens: &[Token]) -> Result<(), Failure> {
+        let mut addressed = self.port.addressed;
+        if self.says_whom && !addressed.suffices(tokens) {
+            let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
+            return Err(Failure::unsent(board::UNKNOWN, why));
+        }
+        let kept = Kept { version: self.rules.version.as_deref(), addresses: self.rules.read_only };
+        let pieces = pieces(line, tokens, addressed, kept)?;
+        let mut handshake = self.port.handshake;
         for piece in &pieces {
             // Before anything is sent: of a line that is refused nothing is carried out.
             if let Piece::Set(number, value) = piece
@@ -218,10 +283,10 @@ impl Session {
             }
         }
         tokens.iter().for_each(|token| addressed.follow(line, token));
-        (self.motor, self.system) = (addressed.motor, addressed.system);
+        self.port.addressed = addressed;
         for (index, piece) in pieces.into_iter().enumerate() {
             let lines = self.piece(piece).map_err(|failure| known_only_in_part(failure, index))?;
-            self.pending.lines(&lines, self.handshake);
+            self.pending.lines(&lines, self.port.handshake);
         }
         Ok(())
     }
@@ -235,11 +300,11 @@ impl Session {
             let why = format!("a program line has at most {LINE_MAX} characters");
             return Err(Failure::unsent(board::NO_ROOM, why));
         }
+        let sent = self.board.send(line);
         if motors_moved(line) != 0 {
-            self.log_motion(line);
+            self.log_motion(line, &sent);
         }
-        let lines = self.board.send(line)?;
-        self.pending.lines(&lines, self.handshake);
+        self.pending.lines(&sent?, self.port.handshake);
         Ok(())
     }
 
@@ -247,14 +312,15 @@ impl Session {
         match piece {
             Piece::Send(line) => self.board.send(&line),
             Piece::Version(version) => Ok(vec![version]),
+            Piece::Nothing => Ok(Vec::new()),
             Piece::Set(number, value) => {
-                self.handshake.set(number, value);
+                self.port.handshake.set(number, value);
                 Ok(Vec::new())
             }
             Piece::Own(question, first, step) => {
                 let mut lines = self.board.send(&question)?;
                 for (number, line) in (first..).step_by(step.max(1) as usize).zip(&mut lines) {
-                    if let Some(value) = self.handshake.get(number) {
+                    if let Some(value) = self.port.handshake.get(number) {
                         // The board's form, with "I3=" or "$" as its I9 wants it.
                         let kept = line.rfind(['=', '$']).map_or(0, |at| at + 1);
                         line.truncate(kept);
@@ -271,9 +337,9 @@ impl Session {
 /// the client sees the replies up to there.
 fn known_only_in_part(failure: Failure, done: usize) -> Failure {
     match failure {
-        Failure::Refused { code, lines, why: Some(why) } if done > 0 => {
-            let why = format!("{why}; what stands before it in its line is done");
-            Failure::Refused { code, lines, why: Some(why) }
+        Failure::Refused { code, lines, why, .. } if done > 0 => {
+            let why = why.map(|why| format!("{why}; what stands before it in its line is done"));
+            Failure::Refused { code, lines, why, is_sent: true }
         }
         failure => failure,
     }
@@ -284,7 +350,8 @@ mod tests {
     use super::*;
 
     fn of(line: &str, motor: Option<u32>, system: Option<u32>) -> Result<Vec<Piece>, Failure> {
-        pieces(line, &tokens::of(line), Addressed { motor, system }, Some("1.94"))
+        let kept = Kept { version: Some("1.94"), addresses: false };
+        pieces(line, &tokens::of(line), Addressed { motor, system }, kept)
     }
 
     fn send(line: &str) -> Piece {
@@ -310,10 +377,30 @@ mod tests {
         assert_eq!(of("J+ #2J-", Some(3), Some(1)).unwrap(), [send("#3J+ #2J-")]);
         assert_eq!(of("#2J-", Some(3), Some(1)).unwrap(), [send("#2J-")]);
         assert_eq!(of("B1R", Some(3), Some(2)).unwrap(), [send("&2B1R")]);
+        assert_eq!(of("#1->", Some(3), Some(2)).unwrap(), [send("&2#1->")]);
         assert_eq!(of("%PVF", Some(3), Some(2)).unwrap(), [send("&2#3%PVF")]);
         assert_eq!(of("I122=5 SAVE", Some(3), Some(2)).unwrap(), [send("I122=5 SAVE")]);
         assert_eq!(of("#4 i3=2 J+", None, None).unwrap(), [send("#4"), Piece::Set(3, 2), send("#4J+")]);
         assert_eq!(of("J+", None, None).unwrap(), [send("J+")]);
+    }
+
+    #[test]
+    fn of_a_reader_the_board_hears_only_the_addresses_that_a_question_needs() {
+        let read = |line: &str, motor: Option<u32>| {
+            let kept = Kept { version: None, addresses: true };
+            pieces(line, &tokens::of(line), Addressed { motor, system: None }, kept).unwrap()
+        };
+        assert_eq!(read("#2", None), [Piece::Nothing]);
+        assert_eq!(read("&2#3", None), [Piece::Nothing, Piece::Nothing]);
+        assert_eq!(read("P", Some(2)), [send("#2P")]);
+        assert_eq!(read("#2P#3", None), [send("#2P"), Piece::Nothing]);
+        assert_eq!(read("#2 P1 #3P", None), [Piece::Nothing, send("P1 #3P")]);
+        assert_eq!(read("#2&1?", None), [Piece::Nothing, Piece::Nothing, send("#2?")]);
+        assert_eq!(read("&1#1-> &2%", None), [send("&1#1-> &2%")]);
+        assert_eq!(read("#1#2->", None), [Piece::Nothing, send("#2->")]);
+        assert_eq!(read("#1?#2?", None), [send("#1?#2?")]);
+        assert_eq!(read("##", Some(2)), [send("##")]);
+        assert_eq!(read("#", Some(2)), [send("#2#")]);
     }
 
     #[test]
@@ -331,8 +418,11 @@ mod tests {
         assert_eq!(whole, line);
         let Err(Failure::Refused { code, .. }) = of(&"P1=1 ".repeat(50), None, None) else { panic!() };
         assert_eq!(code, board::NO_ROOM);
-        let Err(Failure::Refused { code, .. }) = of(&"P1 ".repeat(80), None, None) else { panic!() };
-        assert_eq!(code, board::NO_ROOM);
+        // What has no address is cut between two questions.
+        let told = of(&"M5000 ".repeat(80), None, None).unwrap();
+        let whole: Vec<&Piece> = told.iter().filter(|piece| matches!(piece, Piece::Send(_))).collect();
+        assert!(whole.len() == told.len() && told.len() > 1);
+        assert_eq!(format!("{told:?}").matches("M5000").count(), 80);
         assert!(of(&format!("SEND\"{}\"", "x".repeat(250)), None, None).is_err());
     }
 }

@@ -25,6 +25,8 @@ pub enum Kind {
     Motor(u32),
     /// `&2`: this coordinate system is addressed.
     System(u32),
+    /// `#3->`: this motor is addressed, and its axis in the coordinate system asked for.
+    AxisOf(u32),
     /// It reports something, and does nothing else.
     Asks(Needs),
     /// It asks for I-variables: the first, the last, and the step between them.
@@ -56,7 +58,12 @@ impl Token {
     pub fn only_asks(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Motor(_) | Kind::System(_) | Kind::Asks(_) | Kind::Variables(..) | Kind::Version
+            Kind::Motor(_)
+                | Kind::System(_)
+                | Kind::AxisOf(_)
+                | Kind::Asks(_)
+                | Kind::Variables(..)
+                | Kind::Version
         )
     }
 }
@@ -176,8 +183,8 @@ impl Reader<'_> {
         }
         self.at += 1;
         match first {
-            b'#' => self.address(Kind::Motor),
-            b'&' => self.address(Kind::System),
+            b'#' => self.address(first, Needs::Motor, Kind::Motor),
+            b'&' => self.address(first, Needs::System, Kind::System),
             b'?' => self.status(),
             b'I' | b'M' => self.variable(first),
             b'P' | b'Q' if matches!(self.peek(), Some(b'0'..=b'9' | b'(' | b'=' | b',')) => {
@@ -216,18 +223,24 @@ impl Reader<'_> {
         }
     }
 
-    fn address(&mut self, kind: impl Fn(u32) -> Kind) -> Kind {
-        let Some(number) = self.number() else { return Kind::Asks(Needs::Nothing) };
+    /// Behind a `#` or an `&`.
+    fn address(&mut self, sign: u8, needs: Needs, kind: impl Fn(u32) -> Kind) -> Kind {
+        if self.next_is(|byte| byte == sign) {
+            // `##`, `##1`: which motors ^B, ^F, ^P and ^V report, of everybody.
+            self.at += 1;
+            return if self.number().is_some() { Kind::Changes } else { Kind::Asks(Needs::Nothing) };
+        }
+        let Some(number) = self.number() else { return Kind::Asks(needs) };
         if !self.takes("->") {
             return kind(number);
         }
         // A definition is asked for, unless one follows: then nothing more is known of the line.
         match self.peek() {
-            None | Some(b'#' | b'&' | b',') => {
+            None | Some(b'#' | b'&' | b',') if needs == Needs::Motor => {
                 self.takes(",");
-                kind(number)
+                Kind::AxisOf(number)
             }
-            Some(_) => Kind::Unknown,
+            _ => Kind::Unknown,
         }
     }
 
@@ -433,6 +446,7 @@ mod tests {
             "?? ???",
             "P",
             "#1",
+            "# & ## &&",
             "PR PC",
             "",
         ] {
@@ -463,6 +477,7 @@ mod tests {
             "SAVE",
             "OPEN PROG 1 CLEAR",
             "%50",
+            "##1",
             "& 1 % 50",
             "WX$700,1",
             "HOME",

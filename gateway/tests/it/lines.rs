@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use super::site::{Site, get_response, packet};
+use super::site::{Site, get_response, packet, wait_until};
 
 #[test]
 fn a_reply_has_the_modules_form_and_comes_in_one_piece() {
@@ -77,8 +77,9 @@ fn control_characters_go_their_own_way() {
     assert_eq!(client.request(0xC0, 0xC4, 1, 0), [0], "^A answers nothing");
     assert_eq!(client.request(0xC0, 0xC4, 26, 0), b"\x07ERR001\r", "^Z takes the port away from everybody");
     assert_eq!(client.request(0xC0, 0xC4, 99, 0), b"\x07ERR004\r");
-    let log = site.log("pmac-gateway");
     let peer = client.stream.local_addr().unwrap();
+    wait_until("the last line of the log", || site.log("pmac-gateway").contains("has this number"));
+    let log = site.log("pmac-gateway");
     for line in [format!("{peer}: #1J+"), format!("{peer}: ^K"), format!("{peer}: ^A")] {
         assert_eq!(log.matches(&line).count(), 1, "{line}: {log}");
     }
@@ -92,10 +93,11 @@ fn a_clients_motor_is_his_own() {
     one.line("#2");
     two.line("#1");
     assert_eq!(one.line("J+"), "\x06");
-    assert_eq!(two.line("#"), "2\r\x06", "the board was told whom the line means");
+    assert_eq!(site.ask("#"), ["2"], "the board was told whom the line means");
+    assert_eq!(two.line("#"), "1\r\x06", "and the other client's is as it was");
     one.line("K");
     assert_eq!(two.line("J+"), "\x06");
-    assert_eq!(two.line("#"), "1\r\x06");
+    assert_eq!(site.ask("#"), ["1"]);
     two.line("K");
 }
 
@@ -131,7 +133,7 @@ fn a_program_buffer_is_its_openers_and_is_closed_with_him() {
     assert_eq!(two.line("LIST PROG 7"), "P1=9\rX10\r\x06");
     assert_eq!(one.line("OPEN PROG 8 CLEAR"), "\x06");
     drop(one);
-    super::site::wait_until("the buffer to be closed", || two.line("P1") == "5\r\x06");
+    wait_until("the buffer to be closed", || two.line("P1") == "5\r\x06");
     assert_eq!(two.line("OPEN PROG 9 CLEAR"), "\x06");
 }
 

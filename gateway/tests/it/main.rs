@@ -1,4 +1,7 @@
 //! The gateway against a simulated board and its daemon, as processes.
 
+mod epics;
+mod hostile;
 mod lines;
 mod site;
+mod strangers;

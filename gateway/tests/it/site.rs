@@ -1,11 +1,11 @@
 //! A simulated board, its daemon and a gateway, as processes. Dropping it ends them all.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,23 @@ pub fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
+/// What is started, and how.
+#[derive(Clone, Copy)]
+pub struct Setup<'a> {
+    pub family: &'a str,
+    /// More of the daemon's configuration.
+    pub config: &'a str,
+    /// Options of the gateway, and of the simulator.
+    pub gateway: &'a [&'a str],
+    pub simulator: &'a [&'a str],
+}
+
+impl Default for Setup<'_> {
+    fn default() -> Self {
+        Self { family: "pmac", config: "", gateway: &[], simulator: &[] }
+    }
+}
+
 /// A board, its daemon and a gateway.
 pub struct Site {
     directory: tempfile::TempDir,
@@ -38,38 +55,44 @@ pub struct Site {
     address: SocketAddr,
 }
 
+/// The command of a program.
+fn program(name: &str) -> Command {
+    let mut command = Command::new(programs().join(name));
+    command.stdin(Stdio::null());
+    command
+}
+
 impl Site {
     /// A classic board, and a gateway with these options.
     pub fn new(gateway: &[&str]) -> Self {
-        Self::of("pmac", gateway)
+        Self::set_up(Setup { gateway, ..Setup::default() })
     }
 
     /// A board of this family.
     pub fn of(family: &str, gateway: &[&str]) -> Self {
+        Self::set_up(Setup { family, gateway, ..Setup::default() })
+    }
+
+    /// What `setup` says.
+    pub fn set_up(setup: Setup<'_>) -> Self {
+        let Setup { family, config: more, gateway, simulator: own } = setup;
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let directory = tempfile::tempdir_in(pmac_dpram::segment::DIRECTORY).unwrap();
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!("pmac-gateway-{}-{number}", std::process::id());
         let path = |file: &str| directory.path().join(file).display().to_string();
-        let start = |program: &str, arguments: &[&str]| {
-            let log = File::create(path(&format!("{program}.log"))).unwrap();
-            let mut command = Command::new(programs().join(program));
-            command.args(arguments).stdin(Stdio::null()).stderr(log).spawn().unwrap()
-        };
+        let log = |program: &str| File::create(path(&format!("{program}.log"))).unwrap();
         let interrupt = format!("unix:{}", path("irq"));
         let memory = path("dpram");
         let options = ["--memory", &memory, "--interrupt", &interrupt, "--dpram-startup", "--family", family];
-        let simulator = start("pmac-sim", &options);
+        let simulator = program("pmac-sim").args(options).args(own).stderr(log("pmac-sim")).spawn().unwrap();
         wait_until("the simulator", || directory.path().join("irq").exists());
-        let board = format!("file:{memory},irq={interrupt}");
-        let socket = path("socket");
-        let config = path("config");
-        std::fs::write(&config, format!("family = \"{family}\"\n")).unwrap();
-        let options = ["--config", &config, "--board", &board, "--name", &name, "--socket", &socket];
-        let daemon = start("pmacd", &options);
-        wait_until("the daemon", || UnixStream::connect(&socket).is_ok());
-        let options = ["--socket", &socket, "--name", &name, "--listen", "127.0.0.1:0"];
-        let gateway = start("pmac-gateway", &[&options, gateway].concat());
+        let config = format!("board = \"file:{memory},irq={interrupt}\"\nfamily = \"{family}\"\n{more}");
+        std::fs::write(path("config"), config).unwrap();
+        let daemon = daemon(directory.path(), &name);
+        wait_until("the daemon", || UnixStream::connect(path("socket")).is_ok());
+        let mut command = gateway_command(directory.path(), &name, gateway);
+        let gateway = command.stderr(log("pmac-gateway")).spawn().unwrap();
         let mut site =
             Self { directory, name, simulator, daemon, gateway, address: "127.0.0.1:0".parse().unwrap() };
         wait_until("the gateway", || {
@@ -79,6 +102,42 @@ impl Site {
         });
         wait_until("the board", || site.connection().send("I3", PATIENCE).is_ok());
         site
+    }
+
+    /// Ends the daemon, and waits until it has ended.
+    pub fn stop_daemon(&mut self) {
+        self.daemon.kill().unwrap();
+        self.daemon.wait().unwrap();
+    }
+
+    /// Starts the daemon again, and waits until the board answers.
+    pub fn start_daemon(&mut self) {
+        self.daemon = daemon(self.directory.path(), &self.name);
+        wait_until("the daemon", || UnixStream::connect(self.directory.path().join("socket")).is_ok());
+        wait_until("the board", || self.connection().send("I3", PATIENCE).is_ok());
+    }
+
+    /// The command of another gateway to the same board.
+    pub fn another_gateway(&self, options: &[&str]) -> Command {
+        gateway_command(self.directory.path(), &self.name, options)
+    }
+
+    /// Process number of the gateway.
+    pub fn gateway_pid(&self) -> u32 {
+        self.gateway.id()
+    }
+
+    /// The board's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// A client by UDP.
+    pub fn udp(&self) -> UdpSocket {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.connect(self.address).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket
     }
 
     /// A connection to the daemon, beside the gateway.
@@ -98,11 +157,44 @@ impl Site {
 
     /// A client.
     pub fn client(&self) -> Client {
-        let stream = TcpStream::connect(self.address).unwrap();
-        stream.set_nodelay(true).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        Client { stream }
+        Client::of(self.address)
     }
+}
+
+/// Starts a daemon. Its log goes on where another's ended.
+fn daemon(directory: &Path, name: &str) -> Child {
+    let log = File::options().create(true).append(true).open(directory.join("pmacd.log")).unwrap();
+    let mut command = program("pmacd");
+    command.arg("--config").arg(directory.join("config")).arg("--socket").arg(directory.join("socket"));
+    command.args(["--name", name]).stderr(log).spawn().unwrap()
+}
+
+/// The command of a gateway.
+fn gateway_command(directory: &Path, name: &str, options: &[&str]) -> Command {
+    let mut command = program("pmac-gateway");
+    command.arg("--socket").arg(directory.join("socket"));
+    command.args(["--name", name, "--listen", "127.0.0.1:0"]).args(options);
+    command
+}
+
+/// A client of a gateway whose log is a pipe, once it listens, and the log, of which nobody reads more.
+pub fn listening(gateway: &mut Child) -> (Client, BufReader<ChildStderr>) {
+    let mut log = BufReader::new(gateway.stderr.take().unwrap());
+    loop {
+        let mut line = String::new();
+        assert_ne!(log.read_line(&mut line).unwrap(), 0, "it has ended");
+        if let Some((_, address)) = line.trim().split_once("listening on ") {
+            return (Client::of(address.parse().unwrap()), log);
+        }
+    }
+}
+
+/// The answer to a line by GETRESPONSE in a datagram, as text.
+pub fn datagram(socket: &UdpSocket, line: &str) -> String {
+    socket.send(&get_response(line)).unwrap();
+    let mut answer = [0; 2048];
+    let count = socket.recv(&mut answer).unwrap();
+    String::from_utf8(answer[..count].to_vec()).unwrap()
 }
 
 impl Drop for Site {
@@ -137,6 +229,14 @@ pub struct Client {
 }
 
 impl Client {
+    /// A client of the gateway at `address`.
+    pub fn of(address: SocketAddr) -> Self {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self { stream }
+    }
+
     /// Sends bytes, and takes whatever comes first for the answer.
     pub fn ask(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.stream.write_all(bytes).unwrap();

@@ -1,0 +1,67 @@
+//! The log. It never holds work up, and what clients do cannot fill it.
+//!
+//! Lines wait in a bounded queue for whoever reads stderr; what finds no room there is dropped and counted. Before that each kind of
+//! line has a quota; what is beyond it is counted, too.
+
+use std::io::{self, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use log::{Level, LevelFilter, Log, Metadata, Record};
+use pmac_dpram::process::log_sink::LogSink;
+
+use crate::quota::Quota;
+
+/// The target of lines that say what moves or stops something.
+pub const MOTION: &str = "motion";
+
+/// Formats lines, and keeps their number within bounds.
+struct Journal {
+    lines: env_logger::Logger,
+    /// What this program finds, what clients cause, what moves or stops something.
+    quotas: Mutex<[Quota; 3]>,
+}
+
+/// Starts the log of this process, on stderr.
+///
+/// # Errors
+/// The system cannot start a thread, or a log was started before.
+pub fn start() -> io::Result<LogSink> {
+    let (sink, mut writer) = LogSink::new(io::stderr(), "pmac-gateway: ");
+    writer.start()?;
+    let lines = env_logger::Builder::new()
+        .filter_level(LevelFilter::Info)
+        .format(|line, record| writeln!(line, "pmac-gateway: {}", record.args()))
+        .target(env_logger::Target::Pipe(Box::new(sink.clone())))
+        .build();
+    let few = || Quota::new(20, Duration::from_secs(10));
+    // pmacd logs every one of them, with its own bounds.
+    let motion = Quota::new(1000, Duration::from_millis(100));
+    let journal = Journal { lines, quotas: Mutex::new([few(), few(), motion]) };
+    log::set_boxed_logger(Box::new(journal)).map_err(io::Error::other)?;
+    log::set_max_level(LevelFilter::Info);
+    Ok(sink)
+}
+
+impl Log for Journal {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        self.lines.enabled(metadata)
+    }
+
+    fn log(&self, record: &Record<'_>) {
+        let kind = match record.level() {
+            _ if record.target() == MOTION => 2,
+            Level::Error | Level::Warn => 0,
+            _ => 1,
+        };
+        let mut quotas = self.quotas.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(left_out) = quotas[kind].take(Instant::now()) else { return };
+        if left_out > 0 {
+            let told = format_args!("{left_out} lines before this one were left out: there were too many");
+            self.lines.log(&Record::builder().level(record.level()).args(told).build());
+        }
+        self.lines.log(record);
+    }
+
+    fn flush(&self) {}
+}

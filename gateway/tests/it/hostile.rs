@@ -1,0 +1,126 @@
+//! Clients that mean harm. An honest client is answered meanwhile, memory stays bounded, and the mirror does not notice.
+
+use std::io::Write;
+use std::process::Stdio;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pmac_dpram::segment::{Counter, RegionId, Sample, SegmentName, Subscriber};
+
+use super::site::{Client, PATIENCE, Setup, Site, get_response, listening, packet, wait_until};
+
+/// What a process may grow by, in KiB: the places of all clients, with what each of them has not fetched.
+const GROWTH_MAX: u64 = 32 * 1024;
+
+/// The most memory that a process has had, in KiB.
+fn peak(pid: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// Follows every servo update until `stop`: how many there were, and how many this reader has lost.
+fn follow(subscriber: &Subscriber, stop: &AtomicBool) -> (u64, u64) {
+    let first = subscriber.published(RegionId::Servo).unwrap() + 1;
+    let mut cursor = subscriber.cursor(RegionId::Servo, first).unwrap();
+    let (mut sample, mut seen) = (Sample::new(), 0);
+    while !stop.load(Ordering::Relaxed) {
+        match subscriber.next(&mut cursor, &mut sample).unwrap() {
+            true => seen += 1,
+            false => std::thread::sleep(Duration::from_millis(1)),
+        }
+    }
+    (seen, cursor.lost())
+}
+
+/// A thousand connections of each kind of harm that one of them can do.
+fn attack(site: &Site) {
+    let half = &get_response("P1")[..9];
+    let mut too_long = packet(0x40, 0xB0, 0, 0, u16::MAX, &[]);
+    too_long.extend([b'P'; 4096]);
+    let shorter = packet(0x40, 0xBF, 0, 0, 1, b"P1P1P1P1");
+    let unread = packet(0xC0, 0xB4, 0x1000, 0, 1400, &[]).repeat(3000);
+    let kinds: [&[u8]; 7] =
+        [b"", half, &too_long, &shorter, &unread, b"GET / HTTP/1.1\r\n\r\n", &[0xC0, 0xB4, 0, 0]];
+    let mut held = Vec::new();
+    for number in 0..1000 {
+        let mut client = site.client();
+        client.stream.set_write_timeout(Some(Duration::from_millis(50))).unwrap();
+        // Who was sent away cannot write, and who is not read may not.
+        let _ = client.stream.write_all(kinds[number % kinds.len()]);
+        held.push(client);
+        // They go in their own time, and never all.
+        if held.len() > 300 {
+            held.drain(..100);
+        }
+    }
+}
+
+#[test]
+fn d7_a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
+    // Slow enough for a busy machine to read every update in time.
+    let site = Site::set_up(Setup { simulator: &["--servo-hz", "100"], ..Setup::default() });
+    let mut honest = site.client();
+    honest.line("P0..1023=1234567");
+    let subscriber = Subscriber::attach(&SegmentName::new(site.name()).unwrap()).unwrap();
+    let updates = || subscriber.counter(Counter::Updates);
+    let first = updates();
+    wait_until("servo data", || updates() > first + 10);
+    let (missed, memory) = (subscriber.counter(Counter::Missed), peak(site.gateway_pid()));
+    let (stop, answered) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        let follower = scope.spawn(|| follow(&subscriber, &stop));
+        let attacker = scope.spawn(|| attack(&site));
+        while !attacker.is_finished() {
+            let began = Instant::now();
+            assert_eq!(honest.line("P7 P8"), "1234567\r1234567\r\x06");
+            assert!(began.elapsed() < PATIENCE);
+            answered.store(true, Ordering::Relaxed);
+        }
+        stop.store(true, Ordering::Relaxed);
+        let (seen, lost) = follower.join().unwrap();
+        assert!(seen > 0 && lost == 0, "seen {seen}, lost {lost}");
+    });
+    assert!(answered.into_inner());
+    assert_eq!(subscriber.counter(Counter::Missed), missed, "updates that were not read in time");
+    let grown = peak(site.gateway_pid()) - memory;
+    assert!(grown < GROWTH_MAX, "grown by {grown} KiB");
+    // Their places are free again: those of the silent ones, too.
+    wait_until("a place", || {
+        let mut late = site.client();
+        late.stream.write_all(&get_response("P9")).unwrap();
+        late.answer() == b"1234567\r\x06"
+    });
+}
+
+#[test]
+fn d7_a_gateway_killed_at_any_moment_leaves_no_queue_blocked_and_no_buffer_open() {
+    let site = Site::new(&[]);
+    for round in 0..12 {
+        let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
+        let (mut writer, _log) = listening(&mut gateway);
+        let address = writer.stream.peer_addr().unwrap();
+        let (mut asker, mut mover) = (Client::of(address), Client::of(address));
+        // Requests without end, whose answers nobody reads, from clients of every kind.
+        for line in ["OPEN PROG 7 CLEAR", "X1", "Y2 Z3", "X1"] {
+            writer.stream.write_all(&get_response(line)).unwrap();
+        }
+        for _ in 0..20 {
+            asker.stream.write_all(&get_response("P0..99 I100..150")).unwrap();
+            mover.stream.write_all(&get_response("#1J=500 #1J/")).unwrap();
+        }
+        std::thread::sleep(Duration::from_millis(7 * round));
+        gateway.kill().unwrap();
+        gateway.wait().unwrap();
+        let began = Instant::now();
+        let mut connection = site.connection();
+        // A line is refused while the buffer is somebody's.
+        wait_until("the queue", || connection.send("P1", PATIENCE).is_ok());
+        assert!(began.elapsed() < Duration::from_secs(15), "round {round}: {:?}", began.elapsed());
+        assert!(connection.info().unwrap().open_buffer.is_none(), "round {round}");
+        connection.send("#1J/", PATIENCE).unwrap();
+    }
+    let mut client = site.client();
+    assert_eq!(client.line("OPEN PROG 8 CLEAR"), "\x06");
+    assert_eq!(client.line("CLOSE"), "\x06");
+}

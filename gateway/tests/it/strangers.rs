@@ -1,0 +1,121 @@
+//! What strangers, and clients that know little of each other, do to the gateway and the others.
+
+use std::io::Write;
+use std::process::Stdio;
+
+use super::site::{PATIENCE, Site, datagram, listening, packet, wait_until};
+
+#[test]
+fn d2_what_was_not_sent_is_an_error_and_the_client_stays() {
+    let mut site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.line("P1=3"), "\x06");
+    site.stop_daemon();
+    for _ in 0..30 {
+        assert_eq!(client.line("P1"), "\x07ERR001\r");
+    }
+    site.start_daemon();
+    assert_eq!(client.line("P1"), "3\r\x06");
+    wait_until("the log", || site.log("pmac-gateway").contains("pmacd is there again"));
+    let log = site.log("pmac-gateway");
+    assert_eq!(log.matches("until that is mended").count(), 1, "one line a state: {log}");
+}
+
+#[test]
+fn d2_a_reset_ends_no_connection() {
+    for family in ["pmac", "turbo"] {
+        let site = Site::of(family, &[]);
+        let mut client = site.client();
+        assert_eq!(client.line("$$$"), "\x06", "the board has taken it");
+        assert_eq!(client.get_buffer(), [0], "nothing more comes of it");
+        wait_until("the board", || match client.line("P1").as_str() {
+            "0\r\x06" => true,
+            answer => {
+                assert_eq!(answer, "\x07ERR001\r", "it is busy, and says so");
+                false
+            }
+        });
+        // At factory settings the DPRAM's port of a PMAC is off.
+        let answer = client.line("$$$***");
+        assert!(answer == "\x06" || answer == "\0", "{family}: {answer:?}");
+        let answer = client.line("P1");
+        assert!(answer == "0\r\x06" || answer == "\x07ERR001\r", "{family}: {answer:?}");
+    }
+}
+
+#[test]
+fn d2_of_who_only_reads_no_address_reaches_the_board() {
+    let site = Site::new(&["--read-only"]);
+    site.ask("#4&3");
+    let mut client = site.client();
+    for line in ["#2", "&2", "#2&2", " & 1 # 3 ", "P1 #2"] {
+        assert!(client.line(line).ends_with("\x06"), "{line}");
+        assert_eq!(site.ask("#&"), ["4", "3"], "{line}");
+    }
+    assert_eq!(client.line("#"), "2\r\x06");
+}
+
+#[test]
+fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
+    let site = Site::new(&[]);
+    let (one, two) = (site.udp(), site.udp());
+    // Nothing is known of him: whom he means neither.
+    assert_eq!(datagram(&one, "J/"), "\x07ERR003\r");
+    assert_eq!(datagram(&one, "P"), "\x07ERR003\r");
+    assert_eq!(datagram(&one, "i3=0 P1"), "0\r");
+    assert_eq!(datagram(&one, "#3"), "\0", "I3=0: nothing marks the end");
+    assert_eq!(datagram(&two, "#2P"), "0\r\x06");
+    // What it reads is none: there is no answer, and his thread is gone.
+    one.send(&packet(0xC0, 0xB4, 0, 0, 0, &[])).unwrap();
+    wait_until("him to be forgotten", || site.log("pmac-gateway").contains("without an answer"));
+    assert_eq!(datagram(&one, "#"), "3\r", "he is remembered");
+    assert_eq!(datagram(&one, "J/"), "\0");
+    assert!(site.log("pmacd").contains("\"#3J/\""), "{}", site.log("pmacd"));
+}
+
+#[test]
+fn d2_who_has_lost_his_buffer_by_silence_hears_it_once() {
+    let site = Site::new(&[]);
+    let one = site.udp();
+    assert_eq!(datagram(&one, "OPEN PROG 7 CLEAR"), "\x06");
+    assert_eq!(datagram(&one, "P1=9"), "\x06");
+    one.send(&packet(0xC0, 0xB4, 0, 0, 0, &[])).unwrap();
+    wait_until("his buffer to be closed", || site.connection().send("P1", PATIENCE).is_ok());
+    assert_eq!(datagram(&one, "P1=8"), "\x07ERR001\r", "it was meant for the program");
+    assert_eq!(site.ask("P1"), ["0"]);
+    assert_eq!(datagram(&one, "P1=8"), "\x06");
+    assert_eq!(site.ask("P1"), ["8"]);
+}
+
+#[test]
+fn d2_nobody_fills_the_log() {
+    let site = Site::new(&[]);
+    for _ in 0..500 {
+        let mut client = site.client();
+        client.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+        assert!(client.is_ended());
+        let mut client = site.client();
+        assert_eq!(client.line("I3=9"), "\x07ERR003\r");
+    }
+    let (udp, log) = (site.udp(), site.log("pmac-gateway"));
+    for _ in 0..500 {
+        udp.send(b"nonsense").unwrap();
+    }
+    assert_eq!(datagram(&udp, "P1"), "0\r\x06");
+    assert!(log.lines().count() < 60, "{log}");
+}
+
+#[test]
+fn d2_an_unread_log_holds_nobody_up() {
+    let site = Site::new(&[]);
+    let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
+    // Nobody reads the log on. These fill the pipe three times over.
+    let (mut client, _log) = listening(&mut gateway);
+    let stops = "#1J/#2J/#3J/#4J/".repeat(12);
+    for _ in 0..900 {
+        assert_eq!(client.line(&stops), "\x06");
+    }
+    let pid = nix::unistd::Pid::from_raw(gateway.id().cast_signed());
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
+    wait_until("the gateway's end", || gateway.try_wait().unwrap().is_some());
+}
