@@ -283,6 +283,29 @@ fn what_would_break_the_service_stays_out_of_the_unit() {
     }
 }
 
+/// What a file's lines that begin with `key` say.
+fn values(path: &str, key: &str) -> Vec<String> {
+    let text = fs::read_to_string(root().join(path)).unwrap();
+    text.lines().filter_map(|line| line.strip_prefix(key)).map(str::to_owned).collect()
+}
+
+#[test]
+fn d2_the_gateways_process_may_ask_and_its_user_may_no_more_than_look() {
+    const UNIT: &str = "systemd/pmac-gateway@.service";
+    let group = values(UNIT, "SupplementaryGroups=");
+    // What pmacd's shipped configuration gives the role to that a command line takes.
+    assert_eq!(values("systemd/sim.toml", "engineer = "), [format!("[\"{}\"]", group.concat())]);
+    assert_eq!(values(UNIT, "Group="), ["pmac"], "to reach the socket");
+    assert_eq!(values(UNIT, "Environment=MODE="), ["--read-only"]);
+    let made = values("systemd/sysusers.d/pmacd.conf", "g ");
+    assert!(made.contains(&format!("{} -", group.concat())), "{made:?}");
+    // Nobody is made a member: a login as the gateway's user has no right but to look.
+    assert_eq!(values("systemd/sysusers.d/pmacd.conf", "m "), [""; 0]);
+    let drop_in = values("systemd/dropins/gateway-writes.conf", "");
+    let settings = drop_in.iter().filter(|line| !line.starts_with(['#', '[']));
+    assert_eq!(settings.collect::<Vec<_>>(), ["Environment=MODE="]);
+}
+
 #[test]
 fn b4_7_the_service_has_bounds_and_one_node() {
     let unit = fs::read_to_string(root().join("systemd/pmacd@.service")).unwrap();

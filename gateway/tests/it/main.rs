@@ -3,5 +3,6 @@
 mod epics;
 mod hostile;
 mod lines;
+mod roles;
 mod site;
 mod strangers;

@@ -127,6 +127,11 @@ impl Site {
         self.gateway.id()
     }
 
+    /// The place of board and socket.
+    pub fn directory(&self) -> &Path {
+        self.directory.path()
+    }
+
     /// The board's name.
     pub fn name(&self) -> &str {
         &self.name
