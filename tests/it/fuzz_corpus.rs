@@ -43,7 +43,9 @@ macro_rules! targets {
     fn every_target_is_replayed_and_built() {
         let manifest = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/Cargo.toml")).unwrap();
         let built = manifest.lines().filter_map(|line| line.strip_prefix("path = \"targets/")?.strip_suffix(".rs\""));
-        assert_eq!(built.collect::<Vec<_>>(), [$(stringify!($target)),*]);
+        // The gateway is a package of its own, and so are its tests.
+        let here = built.filter(|target| *target != "gateway");
+        assert_eq!(here.collect::<Vec<_>>(), [$(stringify!($target)),*]);
     }
     };
 }

@@ -1,6 +1,7 @@
 //! The gateway against a simulated board and its daemon, as processes.
 
 mod epics;
+mod fuzz_corpus;
 mod hostile;
 mod lines;
 mod roles;
