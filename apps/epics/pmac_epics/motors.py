@@ -130,6 +130,9 @@ class Motor:
                     f"#{self.number}J/ closes it where the motor is"
                 )
             self._board.jog_to(self.number, target * self._scale)
+            if stops != self._stops:
+                # The stop may have overtaken it on its way to the board.
+                self._halt()
 
         self._message.clear()
         if not math.isfinite(target):
@@ -149,21 +152,20 @@ class Motor:
         reported = motor_of(snapshot, self.number)
         return reported is not None and reported.status.open_loop
 
+    def _halt(self):
+        # J/ closes the loop of a motor that is killed. A stop must not do that.
+        if self._is_open_loop(self._acting.stopping.snapshot(stale_ok=True)):
+            raise pmac_dpram.PmacError(
+                f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
+                f"#{self.number}K kills the motor"
+            )
+        self._acting.stopping.command(f"#{self.number}J/")
+
     async def _stop(self, _):
         self._stops += 1
-
-        def stop():
-            # J/ closes the loop of a motor that is killed. A stop must not do that.
-            if self._is_open_loop(self._acting.stopping.snapshot(stale_ok=True)):
-                raise pmac_dpram.PmacError(
-                    f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
-                    f"#{self.number}K kills the motor"
-                )
-            self._acting.stopping.command(f"#{self.number}J/")
-
         self._message.clear()
         try:
-            await self._acting.run("stops", stop)
+            await self._acting.run("stops", self._halt)
         except pmac_dpram.PmacError as error:
             self._message.tell(f"STOP: {error}")
 
