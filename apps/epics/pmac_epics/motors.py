@@ -119,9 +119,9 @@ class Motor:
         stops = self._stops
 
         def move():
-            # A report of now, on a busy machine too.
-            self._board.wait(REPORT_S)
-            is_open = self._is_open_loop(self._board.snapshot())
+            # A report that has come since, though a busy machine may look at it late.
+            has_come = self._board.wait(REPORT_S)
+            is_open = self._is_open_loop(self._board.snapshot(stale_ok=has_come))
             if stops != self._stops:
                 raise pmac_dpram.PmacError(f"motor {self.number} was stopped before the move to {target} began")
             if is_open:
