@@ -149,12 +149,17 @@ class PmacEth(Device):
     @tells_errors
     def JogStop(self, motors):
         motor = self._motor(motors)
-        if not self.JogStopClosesLoop and self._is_open(motor):
-            raise ValueError(
-                f"{self._open(motor)}; the line #{motor}J/ does so, and the property JogStopClosesLoop lets JogStop do it"
-            )
-        self._log(f"#{motor}J/")
-        self._board("stops").panel("jog-stop", [motor])
+        if self._is_open(motor):
+            if not self.JogStopClosesLoop:
+                raise ValueError(
+                    f"{self._open(motor)}; the line #{motor}J/ does so, and the property JogStopClosesLoop lets JogStop do it"
+                )
+            # pmacd's own stop may leave a killed motor out.
+            self._log(f"#{motor}J/")
+            self._board("stops").command(f"#{motor}J/", self.Timeout)
+        else:
+            self._log(f"#{motor} jog-stop")
+            self._board("stops").panel("jog-stop", [motor])
 
     @staticmethod
     def _open(motor):

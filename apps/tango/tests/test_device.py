@@ -128,12 +128,16 @@ def test_neither_a_jog_nor_a_stop_switches_a_killed_motor_on(site, device):
 
 
 def test_a_site_that_switches_motors_on_by_jog_stop_says_so(site, device):
+    """Also where the board does not act on the control panel."""
+    panel = device.OnlineCmd("I2")
+    device.OnlineCmd("I2=0")
     properties = {"Board": site.name, "Socket": site.socket, "JogStopClosesLoop": True}
     with DeviceTestContext(PmacEth, host=LOOPBACK, properties=properties, process=True, timeout=60) as other:
         other.KillMotor([4])
         site.until(lambda: site.status(4).open_loop, "motor 4 in open loop")
         other.JogStop([4])
-        site.until(lambda: site.status(4).open_loop is False, "a closed loop")
+        site.until(lambda: site.status(4).open_loop is False, "a closed loop", 10)
+    device.OnlineCmd(f"I2={panel}")
 
 
 def test_who_asks_for_data_waits_for_no_line_of_others(site, device):
