@@ -8,7 +8,7 @@
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
 //! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
-//! | `gather`, `log`, `rotary` | samples to a file; every update to a file; motion programs from a file |
+//! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
 //! | `doctor` | what is wrong, and what to do |
@@ -23,6 +23,7 @@ mod files;
 mod gather;
 mod layout;
 mod log;
+mod plot;
 mod rotary;
 mod setup;
 mod show;
@@ -105,6 +106,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Variable(options) => registers::run(&mut context, &options),
         Command::Gather(options) => gather::run(&mut context, &options),
         Command::Log(options) => log::run(&mut context, &options),
+        Command::Plot(options) => plot::run(&options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

@@ -36,6 +36,7 @@ mod one_board;
 mod open_buffer;
 mod panel;
 mod pauses;
+mod plot;
 mod processes;
 mod program_words;
 mod readings;

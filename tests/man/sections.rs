@@ -273,7 +273,27 @@ pub fn examples(page: &str) -> &'static [Example] {
                     "pmacctl gather --source 1.actual_position --source 1.commanded_position --seconds 0.5 -o data.csv",
                 ],
             ),
+            (
+                "A jog that is sent once the board gathers, with a picture:",
+                &[
+                    "pmacctl gather -s 1.actual_position --seconds 1 --then '#1J:1000' -o data.csv --plot data.svg",
+                ],
+            ),
             ("End a gather that was left running:", &["pmacctl gather --stop"]),
+        ],
+        "pmacctl-log" => &[
+            (
+                "Motors 1 and 2, until ^C, and a picture of it:",
+                &["pmacctl log --motors 1,2 -o run.csv --plot run.svg"],
+            ),
+            (
+                "For days, in files of 100 MB, of which 10 GB stay:",
+                &["pmacctl log -o run.csv --rotate-bytes 100M --keep 10G"],
+            ),
+        ],
+        "pmacctl-plot" => &[
+            ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),
+            ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
         ],
         "pmacctl-abort" => &[
             ("Every motion:", &["pmacctl abort"]),

@@ -18,6 +18,7 @@ use crate::cli::files::backup::{Backup, Diff, Restore};
 use crate::cli::files::download::Download;
 use crate::cli::gather::Gather;
 use crate::cli::log::Log;
+use crate::cli::plot::Plot;
 use crate::cli::rotary::Rotary;
 use crate::cli::setup::absolute::Absolute;
 use crate::cli::setup::send::Setup;
@@ -96,6 +97,8 @@ pub enum Command {
     Gather(Gather),
     /// Write every servo update to a .csv or .npy file, with exact counts of what is missing. Only reads
     Log(Log),
+    /// Draw a file that gather or log wrote, as SVG or PNG (needs no daemon)
+    Plot(Plot),
     /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
     Abort(Abort),
     /// Kill every motor at once by ^K: open loops, no output. Exit status 0: the board took it

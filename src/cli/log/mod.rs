@@ -20,6 +20,7 @@ use crate::cli::args::values::{bytes, number, seconds};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::plot::{PicturePath, check_drawable, draw_file};
 use crate::client::{Board, Staleness, View, identity};
 use crate::decode::ServoData;
 
@@ -52,6 +53,9 @@ pub struct Log {
     /// Remove the oldest files of FILE-000001 and following, so that all take at most so many bytes: 10G
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     keep: Option<u64>,
+    /// At the end draw the file, as pmacctl plot does: a name that ends in .svg or .png
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["rotate_bytes", "rotate_seconds", "keep"])]
+    plot: Option<PicturePath>,
     /// Begin when this is true, which is time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop', '!1.open_loop'
     #[arg(long, value_name = "CONDITION")]
     trigger: Option<Condition>,
@@ -64,6 +68,9 @@ pub struct Log {
 const MOST_BEFORE: f64 = (1 << 25) as f64;
 
 pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
+    if options.plot.is_some() {
+        check_drawable(&options.output)?;
+    }
     let mut board = context.board()?;
     let stop = Interrupt::listen()?;
     let began_ns = board.subscriber().now_ns();
@@ -244,6 +251,9 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
         } else {
             context.output.line(summary)?;
         }
+    }
+    if let (Some(picture), true) = (&options.plot, updates > 0) {
+        draw_file(&options.output, &[], picture)?;
     }
     match (waited_in_vain, lost) {
         (true, _) => Err(Failure::Refused("the trigger never came; nothing is written".to_owned())),

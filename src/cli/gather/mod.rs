@@ -1,5 +1,7 @@
 //! `pmacctl gather`: writes samples taken by the board at servo rate to a file.
 
+mod prepared;
+
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -7,18 +9,21 @@ use std::time::{Duration, Instant};
 use clap::Args as ClapArgs;
 use serde_json::json;
 
+pub use self::prepared::Prepared;
+use crate::cli::act::lines::LineError;
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::layout::board_layout;
-use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Taken, identity};
+use crate::cli::plot::{PicturePath, check_drawable, draw_file};
+use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Taken};
 use crate::decode::Scales;
-use crate::gather::{GatherMode, GatherPlan, GatherRequest, SampleClock, Source, fields, plan};
-use crate::map::{BufferLayout, DEFAULT_FAMILY, Family, Layout};
+use crate::format::Visible;
+use crate::gather::{GatherMode, GatherPlan, SampleClock, Source, fields};
+use crate::map::Layout;
 use crate::protocol::board::GatherStopReply;
-use crate::protocol::{BoardSettings, Function};
+use crate::protocol::{check_line, deadlines};
 
 /// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
@@ -49,8 +54,14 @@ pub struct Gather {
     /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
     output: Option<PathBuf>,
+    /// Then draw the file, as pmacctl plot does: a name that ends in .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PicturePath>,
+    /// Send this line once the board gathers, such as '#1J:1000'. It may move the machine
+    #[arg(long, value_name = "LINE", allow_hyphen_values = true)]
+    then: Option<String>,
     /// End a gather of yours, or one that was begun by hand. Sends ENDGATHER only if the board says that it gathers
-    #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output"])]
+    #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output", "plot", "then"])]
     stop: bool,
     /// With --stop: end the gather of this user, given by number
     #[arg(long, value_name = "UID", requires = "stop")]
@@ -90,52 +101,36 @@ fn stop(context: &mut Context, of: Option<u32>) -> Result<Verdict, Failure> {
 fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
     let form = Form::of(output)?;
     let is_stdout = is_stdout(output);
-    let mut board = context.board()?;
-    let mut connection = context.connection()?;
-    let settings = connection.settings()?;
-    let family = identity::family(&board.identity()?).unwrap_or(DEFAULT_FAMILY);
-    check_functions(&settings, family, &[Function::Gather, Function::Ascii])?;
-    let (layout, scales, firmware) = board_layout(&mut board)?;
-    let layout = settings.layout(layout.family(), firmware);
-    let sources: Vec<Source> = options
-        .source
-        .iter()
-        .map(|text| Source::parse(text, &layout))
-        .collect::<Result<_, _>>()
-        .map_err(Failure::request)?;
-    let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
-    let kept = BufferLayout::new(&layout, &settings.plan).map_err(Failure::request)?;
-    let request = GatherRequest {
-        sources,
-        period: options.period,
-        mode: if options.once { GatherMode::Stop } else { GatherMode::Wrap },
-        buffer_longs: options.buffer.or_else(|| kept.gather_size(sample_longs)),
-    };
-    let plan = plan(&request, &layout, &scales).map_err(Failure::request)?;
-    kept.check_gather(layout.gather().buffer, plan.buffer_longs, plan.sample_longs)
-        .map_err(Failure::request)?;
-    let clock = SampleClock { period: plan.period, servo_period_ns: scales.servo_period_ns() };
-    let stop = Interrupt::listen()?;
-    let mut out = TableFile::open(output, form, &fields(&plan.columns, clock), &stop)?;
-
-    let silence = silence(&clock, &layout);
-    let follower = board.follow_gather()?;
-    let servo_period_ns = clock.servo_period_ns.map(|ns| ns.round() as u64);
-    if let Err(error) = connection.gather_start(&plan, &layout, servo_period_ns) {
-        out.discard();
-        return Err(error.into());
+    if options.plot.is_some() {
+        check_drawable(output)?;
     }
-    let mut gather = Run {
-        samples_of: GatherRun::new(follower, plan.columns.clone()),
-        plan: &plan,
-        clock,
-        silence,
-        out,
-        row: Vec::new(),
-        samples: 0,
-        is_silent: false,
+    if let Some(line) = &options.then {
+        check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
+    }
+    let named = |layout: &Layout| options.source.iter().map(|text| Source::parse(text, layout)).collect();
+    let mode = if options.once { GatherMode::Stop } else { GatherMode::Wrap };
+    let mut prepared = Prepared::new(context, named, options.period, mode, options.buffer)?;
+    let stop = Interrupt::listen()?;
+    let fields = fields(&prepared.plan.columns, prepared.clock);
+    let mut out = TableFile::open(output, form, &fields, &stop)?;
+    let samples_of = match prepared.begin() {
+        Ok(samples) => samples,
+        Err(failure) => {
+            out.discard();
+            return Err(failure);
+        }
     };
-    let mut outcome = gather.until(&board, &mut connection, options.seconds, &stop);
+    let Prepared { board, mut connection, layout, plan, clock } = prepared;
+    let silence = silence(&clock, &layout);
+    let mut gather =
+        Run { samples_of, plan: &plan, clock, silence, out, row: Vec::new(), samples: 0, is_silent: false };
+    let mut outcome = match &options.then {
+        Some(line) => send(&mut connection, line),
+        None => Ok(()),
+    };
+    if outcome.is_ok() {
+        outcome = gather.until(&board, &mut connection, options.seconds, &stop);
+    }
     // In any case: nobody else can gather before.
     let stopped = connection.gather_stop(None);
     if gather.is_silent && trouble(&stopped).is_none() {
@@ -194,8 +189,28 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     // The daemon knows best why a gather has ended.
     let why = trouble(&stopped).or_else(|| why_ended(ended).map(str::to_owned));
     let so_far = if why.is_some() { Some(format!("{next} samples came, which are kept")) } else { None };
-    let said: Vec<String> = why.into_iter().chain(less.or(so_far)).collect();
-    if said.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(said.join("; "))) }
+    let mut said: Vec<String> = why.into_iter().chain(less.or(so_far)).collect();
+    let drawn = match &options.plot {
+        Some(picture) if samples > 0 => draw_file(output, &[], picture),
+        _ => Ok(()),
+    };
+    if said.is_empty() {
+        return drawn.map(|()| Verdict::Yes);
+    }
+    said.extend(drawn.err().map(|failure| failure.to_string()));
+    Err(Failure::Refused(said.join("; ")))
+}
+
+/// Sends the line that was to follow once the board gathers.
+fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
+    let timeout = deadlines::of_line(line, deadlines::PLAIN);
+    let reply = connection.send(line, timeout).map_err(LineError::from);
+    let reply =
+        reply.map_err(|error| Failure::from(error).at(format_args!("{line:?}, so nothing is gathered")))?;
+    for text in reply {
+        writeln!(io::stderr(), "{}", Visible(&text))?;
+    }
+    Ok(())
 }
 
 /// Why there are no samples after the last one, if the board was to go on.
@@ -224,16 +239,6 @@ fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
     let reason = reason.iter().map(|why| format!("the gather was ended: {why}"));
     let said: Vec<String> = reason.chain(notes.iter().cloned()).collect();
     (!said.is_empty()).then(|| said.join("; "))
-}
-
-/// Checks the functions that a gather needs, before sending anything to the board.
-fn check_functions(settings: &BoardSettings, family: &Family, needed: &[Function]) -> Result<(), Failure> {
-    match needed.iter().find(|function| !settings.functions.has(**function)) {
-        Some(function) => {
-            Err(Failure::Refused(format!("cannot gather: {}", settings.functions.why_not(*function, family))))
-        }
-        None => Ok(()),
-    }
 }
 
 /// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`]. If the servo period is

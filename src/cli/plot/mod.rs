@@ -1,0 +1,112 @@
+//! `pmacctl plot`, and the pictures of `gather`, `log` and `tune`: all are drawn here.
+
+mod figure;
+mod font;
+mod of_table;
+mod png;
+mod scale;
+mod scene;
+mod svg;
+mod trace;
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use self::figure::Figure;
+use self::font::Font;
+use crate::cli::console::sink::{is_stdout, put};
+use crate::cli::context::{Failure, Verdict};
+use crate::table::Table;
+
+/// The largest file to draw: all of it is held in memory, several times over.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// `plot`.
+#[derive(Debug, Args)]
+pub struct Plot {
+    /// A file that gather or log wrote: .csv or .npy (which has no units)
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The picture, ending in .svg or .png; - is SVG on stdout
+    #[arg(long, short, value_name = "FILE")]
+    output: PicturePath,
+    /// Only these columns, named as in the file [default: all but times and status words]
+    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
+    columns: Vec<String>,
+}
+
+pub fn run(options: &Plot) -> Result<Verdict, Failure> {
+    draw_file(&options.file, &options.columns, &options.output)?;
+    Ok(Verdict::Yes)
+}
+
+/// Where a picture goes, which says of what form it is.
+#[derive(Debug, Clone)]
+pub struct PicturePath {
+    path: PathBuf,
+    is_png: bool,
+}
+
+impl std::str::FromStr for PicturePath {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let path = PathBuf::from(text);
+        let is_png = match path.extension().and_then(|extension| extension.to_str()) {
+            _ if is_stdout(&path) => false,
+            Some("svg") => false,
+            Some("png") => true,
+            _ => return Err("the name must end in .svg or .png; - is SVG on stdout".to_owned()),
+        };
+        Ok(Self { path, is_png })
+    }
+}
+
+/// Draws the table in the file `from`: the columns named, or those that it chooses.
+///
+/// # Errors
+/// [`Failure`], which names the file.
+pub fn draw_file(from: &Path, columns: &[String], to: &PicturePath) -> Result<(), Failure> {
+    let name = from.display();
+    let failed = |error: io::Error| Failure::Request(format!("{name}: {error}"));
+    check_drawable(from)?;
+    if fs::metadata(from).map_err(failed)?.len() > MOST_BYTES {
+        return Err(Failure::Request(format!("{name}: too large to draw; a picture takes 1 GiB at most")));
+    }
+    let table = Table::parse(&fs::read(from).map_err(failed)?)
+        .map_err(|error| Failure::Request(format!("{name}: {error}")))?;
+    let title = from.file_name().unwrap_or(from.as_os_str()).to_string_lossy().into_owned();
+    draw(&of_table::figure(&table, columns, title)?, to)
+}
+
+/// Refuses to draw what cannot be read from its beginning: a pipe, or stdout. A file that is still to be made can.
+///
+/// # Errors
+/// [`Failure::Request`], which names it.
+pub fn check_drawable(path: &Path) -> Result<(), Failure> {
+    if is_stdout(path) || fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        return Err(Failure::Request(format!("{}: only a file can be drawn", path.display())));
+    }
+    Ok(())
+}
+
+/// Draws `figure`.
+///
+/// # Errors
+/// [`Failure`], which names the file.
+pub fn draw(figure: &Figure, PicturePath { path, is_png }: &PicturePath) -> Result<(), Failure> {
+    let font = Font::new();
+    let scene = figure::scene(figure, &font);
+    let bytes = if *is_png {
+        png::png(&scene, &font).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?
+    } else {
+        svg::svg(&scene).into_bytes()
+    };
+    if is_stdout(path) {
+        return Ok(io::stdout().write_all(&bytes)?);
+    }
+    put(path, &bytes)
+}

@@ -1,0 +1,147 @@
+//! What of a table is drawn: its time along, and a panel for each kind of value.
+
+use super::figure::{Figure, Panel, Trace};
+use crate::cli::context::Failure;
+use crate::table::Table;
+
+/// The columns that time is taken from, the best first, and how the axis is called.
+const TIMES: [(&str, &str); 4] = [
+    ("time_s", "time (s)"),
+    ("servo_cycle", "time (servo cycles)"),
+    ("sample", "sample"),
+    ("update", "update"),
+];
+/// Columns that tell of the row, not of the machine.
+const OWN: [&str; 6] = ["time_s", "servo_cycle", "sample", "update", "unix_s", "missed"];
+/// And one that is `lost` updates.
+const LOST: &str = "lost";
+
+/// A figure of `table`: of the columns named, or of all but times and status words. `title` stands above it.
+///
+/// # Errors
+/// [`Failure::Request`] names what the table does not have.
+pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result<Figure<'a>, Failure> {
+    if table.rows() == 0 {
+        return Err(Failure::Refused(format!("{title}: no rows, so nothing is drawn")));
+    }
+    let time = TIMES.iter().find_map(|(name, label)| Some((table.column(name)?, *label)));
+    let Some((places, along)) = time else {
+        let names = TIMES.map(|(name, _)| name).join(", ");
+        return Err(Failure::Request(format!("{title}: no column of time; one of {names} is needed")));
+    };
+    let wanted = |index: usize| {
+        let name = &*table.fields[index].name;
+        if columns.is_empty() {
+            !OWN.contains(&name) && name != LOST && !name.ends_with("_status")
+        } else {
+            columns.iter().any(|column| column == name)
+        }
+    };
+    if let Some(unknown) = columns.iter().find(|column| table.index(column).is_none()) {
+        let names: Vec<&str> = table.fields.iter().map(|field| &*field.name).collect();
+        return Err(Failure::Request(format!("{title}: no column {unknown:?}; it has {}", names.join(", "))));
+    }
+    let mut panels: Vec<Panel> = Vec::new();
+    for index in (0..table.fields.len()).filter(|index| wanted(*index)) {
+        let field = &table.fields[index];
+        let label = label(&field.name, &field.unit);
+        let trace = Trace { name: field.name.clone(), values: &table.columns[index] };
+        match panels.iter_mut().find(|panel| panel.label == label) {
+            Some(panel) => panel.traces.push(trace),
+            None => panels.push(Panel { label, traces: vec![trace] }),
+        }
+    }
+    if panels.is_empty() {
+        let why = "only times and status words in it; name columns with --columns to draw them";
+        return Err(Failure::Request(format!("{title}: {why}")));
+    }
+    let gaps = gaps(table).into_iter().map(|(index, _)| index).collect();
+    Ok(Figure { title, note: missing(table), along: along.to_owned(), places, gaps, panels })
+}
+
+/// What an axis is called whose values are like the column's: `1.actual_position` and `2.commanded_position` are positions.
+fn label(name: &str, unit: &str) -> String {
+    let kind = match name.split_once('.') {
+        Some((_, kind)) if kind.ends_with("_position") => "position",
+        Some((_, kind)) => kind,
+        None => name,
+    };
+    let kind = kind.replace('_', " ");
+    if unit.is_empty() { kind } else { format!("{kind} ({unit})") }
+}
+
+/// How many samples or updates are not in the table.
+fn missing(table: &Table) -> String {
+    let sum = |name| table.column(name).map_or(0.0, |counts| counts.iter().sum::<f64>());
+    let updates = sum("missed") + sum(LOST);
+    let samples: f64 = gaps(table).iter().map(|(_, samples)| samples).sum();
+    match (updates > 0.0, samples > 0.0) {
+        (true, _) => format!("missing updates: {updates}"),
+        (false, true) => format!("missing samples: {samples}"),
+        (false, false) => String::new(),
+    }
+}
+
+/// Before which rows of a gather samples are missing, and how many.
+fn gaps(table: &Table) -> Vec<(usize, f64)> {
+    let numbers = table.column("sample").unwrap_or_default();
+    let jump = |(index, pair): (usize, &[f64])| (index + 1, pair[1] - pair[0] - 1.0);
+    numbers.windows(2).enumerate().map(jump).filter(|(_, samples)| *samples > 0.0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str) -> Table {
+        Table::parse(text.as_bytes()).unwrap()
+    }
+
+    fn panels(table: &Table, columns: &[&str]) -> Result<Vec<String>, String> {
+        let columns: Vec<String> = columns.iter().map(|name| (*name).to_owned()).collect();
+        let figure = figure(table, &columns, "x.csv".to_owned()).map_err(|error| error.to_string())?;
+        let names =
+            |panel: &Panel| panel.traces.iter().map(|trace| trace.name.clone()).collect::<Vec<_>>().join(" ");
+        Ok(figure.panels.iter().map(|panel| format!("{}: {}", panel.label, names(panel))).collect())
+    }
+
+    #[test]
+    fn e3_what_is_alike_shares_an_axis() {
+        let log = table(
+            "update,time_s,unix_s,missed,lost,1.commanded_position [count],1.following_error [count],1.servo_status,2.actual_position \
+             [count],X:$0033\n1,0,1,0,0,1,2,3,4,5\n2,1,1,3,0,,,,,\n3,2,1,0,4,,,,,\n",
+        );
+        assert_eq!(
+            panels(&log, &[]).unwrap(),
+            [
+                "position (count): 1.commanded_position 2.actual_position",
+                "following error (count): 1.following_error",
+                "X:$0033: X:$0033"
+            ]
+        );
+        assert_eq!(panels(&log, &["1.servo_status"]).unwrap(), ["servo status: 1.servo_status"]);
+        let drawn = figure(&log, &[], String::new()).unwrap();
+        assert_eq!((&*drawn.along, &*drawn.note), ("time (s)", "missing updates: 7"));
+        assert!(panels(&log, &["x"]).unwrap_err().contains("no column \"x\"; it has update, time_s"));
+    }
+
+    #[test]
+    fn e3_a_gather_tells_what_it_lost() {
+        let gather = table("sample,servo_cycle,Y:$C003\n0,0,1\n1,2,1\n5,10,1\n6,12,1\n");
+        let drawn = figure(&gather, &[], String::new()).unwrap();
+        assert_eq!(
+            (&*drawn.along, &*drawn.note, drawn.gaps),
+            ("time (servo cycles)", "missing samples: 3", vec![2])
+        );
+    }
+
+    #[test]
+    fn e3_what_cannot_be_drawn_says_why() {
+        assert_eq!(
+            panels(&table("sample,time_s,a\n"), &[]),
+            Err("x.csv: no rows, so nothing is drawn".to_owned())
+        );
+        assert!(panels(&table("a,b\n1,2\n"), &[]).unwrap_err().contains("no column of time"));
+        assert!(panels(&table("time_s\n1\n"), &[]).unwrap_err().contains("name columns with --columns"));
+    }
+}
