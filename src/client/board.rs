@@ -239,6 +239,14 @@ impl Board {
     /// # Errors
     /// [`ClientError::Segment`].
     pub fn wait(&mut self, after: u64, timeout: Duration) -> Result<bool, ClientError> {
+        self.wait_for(RegionId::Servo, after, timeout)
+    }
+
+    /// As [`Board::wait`], for a sample of `region`.
+    ///
+    /// # Errors
+    /// [`ClientError::Segment`].
+    pub fn wait_for(&mut self, region: RegionId, after: u64, timeout: Duration) -> Result<bool, ClientError> {
         let now = Instant::now();
         let deadline = now.checked_add(timeout);
         let generation = self.subscriber.generation();
@@ -246,7 +254,7 @@ impl Board {
             let left = deadline.map_or(REATTACH, |end| end.saturating_duration_since(Instant::now()));
             self.refresh()?;
             let after = if self.subscriber.generation() == generation { after } else { 0 };
-            match self.subscriber.wait_newer(RegionId::Servo, after, left)? {
+            match self.subscriber.wait_newer(region, after, left)? {
                 WaitOutcome::Newer => return Ok(true),
                 WaitOutcome::TimedOut if deadline.is_some() => return Ok(false),
                 WaitOutcome::TimedOut => {}

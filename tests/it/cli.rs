@@ -44,6 +44,13 @@ fn motors_and_coordinates_are_shown_live() {
     assert_eq!(rig.run("motors"), said(MOTORS, 0));
     assert_eq!(rig.run("coordinates"), said(SYSTEMS, 0));
     assert_eq!(rig.run("motors --quiet"), said("", 0));
+    let watched = "update=1 fresh &1 mode=circle1 lines=3 override=- targets=X12.5 flags=running,in-position &2 mode=linear lines=0 \
+                   override=- targets= flags= &3 mode=linear lines=0 override=- targets= flags=\n";
+    assert_eq!(rig.run("watch coordinates --count 1"), said(watched, 0));
+    assert_eq!(
+        rig.run("watch coordinates --count 1 --json").json()["coordinate_systems"][0]["coordinate_system"],
+        1
+    );
 }
 
 #[test]

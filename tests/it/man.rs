@@ -10,6 +10,8 @@ use pmac_dpram::sim::fault::faults;
 
 #[path = "../man/command.rs"]
 mod command;
+#[path = "../man/completions.rs"]
+mod completions;
 #[path = "../man/roff.rs"]
 mod roff;
 #[path = "../man/sections.rs"]
@@ -192,5 +194,19 @@ fn the_simulators_page_explains_every_fault_and_control_line() {
     }
     for fault in faults() {
         explained("FAULTS", fault.name, fault.effect);
+    }
+}
+
+#[test]
+fn e4_completions_know_boards_and_registers() {
+    for shell in completions::SHELLS {
+        for program in site::programs() {
+            let is_pmacctl = program.get_name() == "pmacctl";
+            let text = completions::completions(shell, program);
+            for known in ["1.actual_position", "cs1.program_status", "ls /run/pmacd"] {
+                assert_eq!(text.contains(known), is_pmacctl, "{shell}: {known}");
+            }
+            assert!(!text.contains("BOARDS"), "{shell}");
+        }
     }
 }

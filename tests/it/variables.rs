@@ -180,3 +180,29 @@ fn b5_9_function_blocks_need_firmware_that_has_them() {
     }
     site.assert_no_violations();
 }
+
+#[test]
+fn e4_registers_and_variables_are_watched_side_by_side() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    for line in ["WY$700,$123456", "P1=2.5", "M102->Y:$0700,0,8", "I122=40"] {
+        site.ask(line);
+    }
+    let watch = |arguments: &[&str]| {
+        let ran = site.hurried(|| site.run(&[&["variable", "watch", "--count", "1"], arguments].concat()));
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        ran
+    };
+    let line = watch(&["P1", "Y:$0700", "m102", "I122"]).stdout;
+    let (servo, values) = line.split_once(' ').unwrap();
+    assert!(servo.starts_with("servo=") && values == "P1=2.5 Y:$0700=1193046 M102=86 I122=40\n", "{line}");
+    assert_eq!(watch(&["P1"]).stdout, "P1=2.5\n");
+    let document = watch(&["P1", "I122", "--json"]).json();
+    assert_eq!((&document["values"][0]["value"], &document["values"][1]["value"]), (&2.5.into(), &40.into()));
+    // A question never enters a program buffer, whoever has opened it.
+    site.ask("OPEN PROG 7 CLEAR");
+    let ran = site.hurried(|| site.run(&["variable", "watch", "P1"]));
+    assert!(ran.code == Some(1) && ran.stderr.contains("would have become a program line"), "{ran:?}");
+    site.ask("CLOSE");
+    assert!(!site.ask("LIST PROG 7").concat().contains('P'));
+}

@@ -7,9 +7,12 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-use clap_complete::{Shell, generate_to};
+use clap_complete::{Generator, Shell};
+
+use completions::SHELLS;
 
 mod command;
+mod completions;
 mod roff;
 mod sections;
 mod site;
@@ -21,16 +24,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (file, text) in site::pages() {
         fs::write(directory.join(file), text)?;
     }
-    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-        let completions = directory.join("completions").join(shell.to_string());
-        fs::create_dir_all(&completions)?;
-        for mut program in site::programs() {
+    for shell in SHELLS {
+        let place = directory.join("completions").join(shell.to_string());
+        fs::create_dir_all(&place)?;
+        for program in site::programs() {
             let name = program.get_name().to_owned();
-            let file = generate_to(shell, &mut program, &name, &completions)?;
             // bash looks for a file of the program's name.
-            if shell == Shell::Bash {
-                fs::rename(file, completions.join(&name))?;
-            }
+            let file = if shell == Shell::Bash { name.clone() } else { shell.file_name(&name) };
+            fs::write(place.join(file), completions::completions(shell, program))?;
         }
     }
     Ok(())

@@ -215,7 +215,10 @@ pub fn examples(page: &str) -> &'static [Example] {
         ],
         "pmacctl-motors" => &[("Once, for a script:", &["pmacctl motors --json"])],
         "pmacctl-coordinates" => &[("Once:", &["pmacctl coordinates"])],
-        "pmacctl-watch" => &[("Ten lines, two a second:", &["pmacctl watch --count 10 --rate 2"])],
+        "pmacctl-watch" => &[
+            ("Ten lines, two a second:", &["pmacctl watch --count 10 --rate 2"]),
+            ("The coordinate systems:", &["pmacctl watch coordinates"]),
+        ],
         "pmacctl-map" => &[
             ("The printed map:", &["pmacctl map"]),
             ("As firmware 1.16D has it, for a program:", &["pmacctl map --firmware 1.16D --json"]),
@@ -263,6 +266,10 @@ pub fn examples(page: &str) -> &'static [Example] {
             (
                 "Two registers and a position, ten times a second:",
                 &["pmacctl variable watch 'X:$0000' 'Y:$0700,u' 1.actual_position --rate 10"],
+            ),
+            (
+                "Variables beside them, which are asked for by command line:",
+                &["pmacctl variable watch 1.actual_position P1 M102 I122"],
             ),
             ("Write one, and four bits of another:", &["pmacctl variable set 'X:$0701=-2' 'Y:$0700,8,4=5'"]),
         ],

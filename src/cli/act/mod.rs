@@ -11,4 +11,5 @@ pub mod send;
 pub mod stop;
 pub mod terminal;
 mod wait;
+mod watch_values;
 pub mod write;

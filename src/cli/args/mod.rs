@@ -72,7 +72,7 @@ pub enum Command {
     Motors,
     /// Show the coordinate systems' targets and status
     Coordinates,
-    /// Show the motors live: repainted on a terminal, one line a print in a pipe
+    /// Show the motors or coordinate systems live: repainted on a terminal, one line a print in a pipe
     Watch(Watch),
     /// List the registers of the DPRAM with their addresses (needs no daemon)
     Map(Map),

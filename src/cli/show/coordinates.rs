@@ -6,6 +6,7 @@ use crate::cli::act::panel::panel_words;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::stamp;
+use crate::cli::show::screen::{Live, state};
 use crate::client::number::{NOT_READ, fixed, short};
 use crate::client::{Snapshot, Staleness};
 use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
@@ -68,6 +69,51 @@ impl Overrides {
     }
 }
 
+/// The coordinate systems, for `watch`.
+pub struct Systems<'a> {
+    snapshot: &'a Snapshot,
+    overrides: Overrides,
+}
+
+impl<'a> Systems<'a> {
+    /// Of `snapshot`, with the overrides of the feed rate, which are asked for.
+    pub fn new(context: &Context, snapshot: &'a Snapshot) -> Self {
+        Self { snapshot, overrides: Overrides::ask(context, snapshot.identity.i10) }
+    }
+}
+
+impl Live for Systems<'_> {
+    fn sequence(&self) -> u64 {
+        self.snapshot.background.as_ref().map_or(0, |background| background.sequence)
+    }
+
+    fn document(&self) -> Value {
+        document(self.snapshot, &self.overrides)
+    }
+
+    fn text(&self, _: Option<usize>) -> String {
+        text(self.snapshot, &self.overrides)
+    }
+
+    fn line(&self) -> String {
+        let Snapshot { background, stale, .. } = self.snapshot;
+        let systems = background.iter().flat_map(|background| &background.data.coordinate_systems);
+        let systems = systems.map(|system| {
+            let number = system.coordinate_system;
+            let values = [
+                ("mode", mode(system)),
+                ("lines", count(system.lines_remaining)),
+                ("override", self.overrides.text(number)),
+                ("targets", targets(system).replace(' ', ",")),
+                ("flags", flags(system).join(",")),
+            ];
+            let values = values.map(|(name, value)| format!(" {name}={value}"));
+            format!(" &{number}{}", values.concat())
+        });
+        state(background.as_ref(), *stale) + &systems.collect::<String>()
+    }
+}
+
 fn document(snapshot: &Snapshot, overrides: &Overrides) -> Value {
     let mut document = json!({ "background": stamp(snapshot.background.as_ref(), snapshot.stale) });
     add(&mut document, snapshot.background.as_ref().map(|background| &background.data));
@@ -110,8 +156,8 @@ pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
         table.row([
             format!("&{}", system.coordinate_system),
             mode(system),
-            system.lines_remaining.map_or_else(|| NOT_READ.to_owned(), |lines| lines.to_string()),
-            system.program_address_offset.map_or_else(|| NOT_READ.to_owned(), |offset| offset.to_string()),
+            count(system.lines_remaining),
+            count(system.program_address_offset),
             system.time_left_in_move.map_or_else(|| NOT_READ.to_owned(), milliseconds),
             overrides.text(system.coordinate_system),
             targets(system),
@@ -137,6 +183,10 @@ const SHORT: [(&str, &str); 12] = [
     ("single_step_mode", "single-step"),
     ("in_position", "in-position"),
 ];
+
+fn count(number: Option<impl ToString>) -> String {
+    number.map_or_else(|| NOT_READ.to_owned(), |number| number.to_string())
+}
 
 fn mode(system: &CoordinateSystem) -> String {
     let unknown = if system.program_status.is_some() { "?" } else { NOT_READ };

@@ -3,12 +3,13 @@
 use std::io;
 
 use rustix::termios::tcgetwinsize;
+use serde_json::Value;
 
 use crate::cli::console::output::Output;
 use crate::cli::context::Failure;
 use crate::cli::show::motors::{document, motors, text};
-use crate::client::Snapshot;
 use crate::client::number::labelled;
+use crate::client::{Snapshot, Staleness, View};
 
 /// Move the cursor to the top left; clear its line; clear from the cursor to the end of the screen.
 const HOME: &str = "\x1b[H";
@@ -36,15 +37,14 @@ impl Screen {
         self
     }
 
-    pub fn show(&mut self, output: &mut Output, title: &str, snapshot: &Snapshot) -> Result<(), Failure> {
+    pub fn show(&mut self, output: &mut Output, title: &str, live: &impl Live) -> Result<(), Failure> {
         if output.is_json() {
-            output.json_line(&document(snapshot))?;
+            output.json_line(&live.document())?;
         } else if self.repaint {
-            let sequence = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
             let size = size();
-            let motors = text(snapshot, size.map(|(columns, _)| columns));
+            let text = live.text(size.map(|(columns, _)| columns));
             let note = wrapped(&self.note, size);
-            let screen = format!("{title}  update {sequence}\n{note}{motors}");
+            let screen = format!("{title}  update {}\n{note}{text}", live.sequence());
             output.text(HOME)?;
             // Cleared before and not behind the text: behind the last column that would take the last letter away.
             for line in fitting(&screen, size) {
@@ -52,9 +52,40 @@ impl Screen {
             }
             output.text(CLEAR_BELOW)?;
         } else {
-            output.line(plain(snapshot))?;
+            output.line(live.line())?;
         }
         Ok(())
+    }
+}
+
+/// What is shown live.
+pub trait Live {
+    /// The number of the update.
+    fn sequence(&self) -> u64;
+    /// As JSON.
+    fn document(&self) -> Value;
+    /// As a table; as narrow as `width`, if that is given.
+    fn text(&self, width: Option<usize>) -> String;
+    /// On one line.
+    fn line(&self) -> String;
+}
+
+/// The motors.
+impl Live for Snapshot {
+    fn sequence(&self) -> u64 {
+        self.servo.as_ref().map_or(0, |servo| servo.sequence)
+    }
+
+    fn document(&self) -> Value {
+        document(self)
+    }
+
+    fn text(&self, width: Option<usize>) -> String {
+        text(self, width)
+    }
+
+    fn line(&self) -> String {
+        plain(self)
     }
 }
 
@@ -88,11 +119,7 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
 
 /// One line: the update's number, whether it is live, and of each motor the actual position, the following error and the flags.
 fn plain(snapshot: &Snapshot) -> String {
-    let Some(servo) = &snapshot.servo else {
-        let reason = snapshot.stale.map_or("no_data", |stale| stale.name());
-        return format!("update=0 stale={reason}");
-    };
-    let state = servo.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
+    let state = state(snapshot.servo.as_ref(), snapshot.stale);
     let motors = motors(snapshot);
     let motors = motors.iter().map(|motor| {
         let (number, position) = (motor.servo.motor, labelled(motor.servo.actual_position));
@@ -103,7 +130,16 @@ fn plain(snapshot: &Snapshot) -> String {
         });
         format!(" #{number}={position}{user} following_error={error} flags={flags}")
     });
-    format!("update={} {state}{}", servo.sequence, motors.collect::<String>())
+    state + &motors.collect::<String>()
+}
+
+/// Which update it is, and whether it is live.
+pub fn state<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> String {
+    let Some(view) = view else {
+        return format!("update=0 stale={}", otherwise.map_or("no_data", Staleness::name));
+    };
+    let state = view.stale.map_or_else(|| "fresh".to_owned(), |stale| format!("stale={}", stale.name()));
+    format!("update={} {state}", view.sequence)
 }
 
 #[cfg(test)]

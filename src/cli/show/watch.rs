@@ -1,19 +1,32 @@
-//! `pmacctl watch`: shows the motors live, also across restarts of the daemon.
+//! `pmacctl watch`: shows the motors or coordinate systems live, also across restarts of the daemon.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::cli::args::values::{rate, seconds};
 use crate::cli::console::keys::Keys;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::coordinates::Systems;
 use crate::cli::show::screen::Screen;
+use crate::client::View;
+use crate::segment::RegionId;
+
+/// What is watched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Part {
+    Motors,
+    Coordinates,
+}
 
 #[derive(Debug, Args)]
 pub struct Watch {
+    /// What to show
+    #[arg(value_enum, value_name = "WHAT", default_value = "motors")]
+    pub what: Part,
     /// Stop after this many prints; without it and --seconds, on q or ^C
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
@@ -48,11 +61,20 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut after = 0;
     while end.is_none_or(|end| Instant::now() < end) {
         let began = Instant::now();
-        board.wait(after, left(end).min(NO_NEWS))?;
+        let region = if options.what == Part::Motors { RegionId::Servo } else { RegionId::Background };
+        board.wait_for(region, after, left(end).min(NO_NEWS))?;
         let snapshot = board.snapshot()?;
-        after = snapshot.servo.as_ref().map_or(0, |servo| servo.sequence);
-        fresh = snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());
-        screen.show(&mut context.output, &title, &snapshot)?;
+        (after, fresh) = match options.what {
+            Part::Motors => {
+                screen.show(&mut context.output, &title, &snapshot)?;
+                told(snapshot.servo.as_ref())
+            }
+            Part::Coordinates => {
+                let systems = Systems::new(context, &snapshot);
+                screen.show(&mut context.output, &title, &systems)?;
+                told(snapshot.background.as_ref())
+            }
+        };
         context.output.flush()?;
         printed += 1;
         if options.count.is_some_and(|count| printed >= count) {
@@ -64,6 +86,11 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         }
     }
     Ok(fresh.into())
+}
+
+/// The number of the update that is shown, and whether it is live.
+fn told<T>(view: Option<&View<T>>) -> (u64, bool) {
+    view.map_or((0, false), |view| (view.sequence, view.is_fresh()))
 }
 
 fn left(end: Option<Instant>) -> Duration {

@@ -1,0 +1,324 @@
+//! `pmacctl variable watch`: the values of registers that PMAC copies, and of P, Q, M and I variables, which are asked for by
+//! command line, side by side.
+
+use std::io::{self, Write};
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use serde_json::{Value, json};
+
+use crate::cli::args::values::{rate, seconds};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::layout::board_layout;
+use crate::client::number::{digits, short};
+use crate::client::{Board, Connection, Variable as Entry, VariableTable, VariableWatch, View};
+use crate::decode::Scales;
+use crate::gather::{Column, Reading, Source};
+use crate::map::{BadVariable, Layout, Space, VariableName};
+use crate::protocol::deadlines;
+use crate::segment::RegionId;
+
+/// Longest sleep between two checks that the daemon still holds the watch.
+const NO_NEWS: Duration = Duration::from_millis(500);
+/// How many stale limits PMAC may take for the first values.
+const FIRST: u32 = 5;
+/// The digits that a product of two 64-bit floats keeps for certain.
+const PRODUCT_DIGITS: usize = 15;
+/// The largest integer an f64 holds with all integers below it.
+const EXACT: f64 = 9_007_199_254_740_992.0;
+/// The most variables that one line asks for: its replies have room in every port.
+const AT_ONCE: usize = 8;
+
+#[derive(Debug, ClapArgs)]
+pub struct Watch {
+    /// Y:$0003, X:$0028, D:$002B, L:$1005, or a name such as 1.actual_position; a 24-bit word is signed unless ,u follows.
+    /// PLCC:7 is function block 7 of the compiled PLCs, PLCC:X:7 and PLCC:Y:7 are its words (firmware 1.16). P1, Q1 (of the
+    /// coordinate system that is addressed), M102 and I122 are asked for by command line (role engineer)
+    #[arg(required = true, value_name = "REGISTER")]
+    registers: Vec<String>,
+    /// Stop after this many prints
+    #[arg(long, value_name = "N")]
+    count: Option<u64>,
+    /// Stop after this time, in seconds
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    seconds: Option<Duration>,
+    /// The most prints a second
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = rate, allow_negative_numbers = true)]
+    rate: Duration,
+}
+
+pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let (layout, scales, _) = board_layout(&mut board)?;
+    let wanted: Vec<Wanted> = options
+        .registers
+        .iter()
+        .map(|text| Wanted::parse(text, &layout, &scales))
+        .collect::<Result<_, _>>()?;
+    let mut copies = Copies::begin(&mut board, &wanted)?;
+    let mut questions = Questions::begin(context, &wanted)?;
+    let end = options.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
+    let left = || end.map_or(NO_NEWS, |end| end.saturating_duration_since(Instant::now()));
+    let mut printed = 0;
+    while options.count.is_none_or(|count| printed < count) && !left().is_zero() {
+        let round = Instant::now();
+        let table = match &mut copies {
+            Some(copies) => copies.next(&mut board, left().min(NO_NEWS))?,
+            None => None,
+        };
+        if table.is_some() || copies.is_none() {
+            let answers = questions.as_mut().map_or(Ok(Vec::new()), Questions::ask)?;
+            print(context, table.as_ref(), &wanted, &answers)?;
+            context.output.flush()?;
+            printed += 1;
+        }
+        if options.count.is_none_or(|count| printed < count) {
+            std::thread::sleep(options.rate.saturating_sub(round.elapsed()).min(left()));
+        }
+    }
+    Ok(copies.map_or(printed > 0, |copies| copies.fresh).into())
+}
+
+/// What a user wants to see.
+enum Wanted {
+    /// A register that PMAC copies.
+    Copied(Copied),
+    /// A variable of the board's by name, as it is asked for.
+    Asked(String),
+}
+
+/// A register that PMAC copies.
+struct Copied {
+    name: VariableName,
+    column: Column,
+    /// How many of its longs belong to another word.
+    longs_before: usize,
+}
+
+impl Wanted {
+    fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
+        if let Some(name) = board_variable(text) {
+            return Ok(Self::Asked(name));
+        }
+        let (address, unsigned) = text.strip_suffix(",u").map_or((text, false), |address| (address, true));
+        let name = match VariableName::parse(address, layout.family()) {
+            Ok(VariableName::Block { word: None, .. }) if unsigned => {
+                return Err(Failure::request(BadVariable::Block { text: text.to_owned() }));
+            }
+            Ok(name @ VariableName::Block { .. }) => name,
+            Err(error @ BadVariable::Block { .. }) => return Err(Failure::request(error)),
+            _ => {
+                let source = Source::parse(text, layout).map_err(Failure::request)?;
+                let column = Column::new(&source, scales);
+                return Ok(Self::Copied(Copied { name: source.register.into(), column, longs_before: 0 }));
+            }
+        };
+        let (reading, longs_before) = match name {
+            VariableName::Block { word: Some(word), .. } => {
+                let reading = if unsigned { Reading::Unsigned } else { Reading::Signed };
+                // The Y half comes first.
+                (reading, usize::from(word == Space::X))
+            }
+            _ => (Reading::Fixed, 0),
+        };
+        let sign = if unsigned { ",u" } else { "" };
+        let column = Column {
+            name: format!("{name}{sign}"),
+            register: name.to_string(),
+            reading,
+            factor: 1.0,
+            unit: "",
+        };
+        Ok(Self::Copied(Copied { name, column, longs_before }))
+    }
+}
+
+/// `P1`, if that is what the text names.
+fn board_variable(text: &str) -> Option<String> {
+    let name = text.to_ascii_uppercase();
+    let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
+    let is_number = (1..=4).contains(&digits.len()) && digits.bytes().all(|digit| digit.is_ascii_digit());
+    is_number.then_some(name)
+}
+
+/// The registers that PMAC copies for this watch.
+struct Copies {
+    held: VariableWatch,
+    names: Vec<VariableName>,
+    /// When the watch began, by the clock of the segment, and how long the first values may take.
+    began_ns: u64,
+    first_limit_ns: u64,
+    /// The number of the last table seen.
+    after: u64,
+    complete: bool,
+    fresh: bool,
+}
+
+impl Copies {
+    /// Has PMAC copy what is `wanted` of registers; `None` if that is nothing.
+    fn begin(board: &mut Board, wanted: &[Wanted]) -> Result<Option<Self>, Failure> {
+        let name = |wanted: &Wanted| match wanted {
+            Wanted::Copied(copied) => Some(copied.name),
+            Wanted::Asked(_) => None,
+        };
+        let names: Vec<VariableName> = wanted.iter().filter_map(name).collect();
+        if names.is_empty() {
+            return Ok(None);
+        }
+        let held = board.watch_variables(&names)?;
+        // The board has the table now. Copies must arrive within the region's limit, by the clock of the segment.
+        let began_ns = board.subscriber().now_ns();
+        let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
+        let first_limit_ns = u64::from(FIRST) * region.stale_after_ns;
+        Ok(Some(Self { held, names, began_ns, first_limit_ns, after: 0, complete: false, fresh: false }))
+    }
+
+    /// The next table that has all the values; `None` if none has come in time.
+    fn next(&mut self, board: &mut Board, time: Duration) -> Result<Option<View<VariableTable>>, Failure> {
+        board.wait_variables(self.after, time)?;
+        self.held.check()?;
+        let found = board.variables()?;
+        let is_new = |view: &View<VariableTable>| {
+            let has_all = || self.names.iter().all(|&name| view.data.value_of(name).is_some());
+            view.is_fresh()
+                && view.sequence > self.after
+                && view.data.has_come_to(self.held.table())
+                && has_all()
+        };
+        if let Some(view) = found.as_ref().filter(|view| is_new(view)) {
+            self.after = view.sequence;
+            (self.complete, self.fresh) = (true, true);
+            return Ok(found);
+        }
+        if !self.complete && board.subscriber().now_ns().saturating_sub(self.began_ns) > self.first_limit_ns {
+            return Err(Failure::Refused(
+                "PMAC copies nothing; check that the board runs and I55=1".to_owned(),
+            ));
+        }
+        if let Some(stale) = found.as_ref().and_then(|view| view.stale).filter(|_| self.fresh) {
+            self.fresh = false;
+            // Nobody reads it: nothing to be done.
+            let _ = writeln!(io::stderr(), "STALE: {stale}; check that the board runs and I55=1");
+        }
+        self.after = found.map_or(self.after, |view| view.sequence);
+        Ok(None)
+    }
+}
+
+/// The variables that are asked for by command line.
+struct Questions {
+    connection: Connection,
+    names: Vec<String>,
+}
+
+impl Questions {
+    /// For what is `wanted` of variables; `None` if that is nothing.
+    fn begin(context: &Context, wanted: &[Wanted]) -> Result<Option<Self>, Failure> {
+        let name = |wanted: &Wanted| match wanted {
+            Wanted::Asked(name) => Some(name.clone()),
+            Wanted::Copied(_) => None,
+        };
+        let names: Vec<String> = wanted.iter().filter_map(name).collect();
+        if names.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(Self { connection: context.connection()?, names }))
+    }
+
+    /// What the board answers, one for each.
+    fn ask(&mut self) -> Result<Vec<String>, Failure> {
+        let mut answers = Vec::new();
+        for names in self.names.chunks(AT_ONCE) {
+            let line = names.join(" ");
+            let reply = self.connection.question(&line, deadlines::PLAIN)?;
+            if reply.len() != names.len() {
+                return Err(Failure::Refused(format!("{line}: the board answers {}", reply.join(" "))));
+            }
+            answers.extend(reply.into_iter().map(|text| text.trim().to_owned()));
+        }
+        Ok(answers)
+    }
+}
+
+/// Prints one set of values as a line of text or of JSON.
+fn print(
+    context: &mut Context,
+    table: Option<&View<VariableTable>>,
+    wanted: &[Wanted],
+    answers: &[String],
+) -> Result<(), Failure> {
+    let mut answers = answers.iter();
+    // The name, the register or variable, the unit, the value as JSON and as text.
+    let values = wanted.iter().map(|wanted| match wanted {
+        Wanted::Asked(name) => {
+            let answer = answers.next().map_or("", String::as_str);
+            let value = answer.parse().map_or(json!(answer), plain);
+            (name.as_str(), name.as_str(), "", value, answer.to_owned())
+        }
+        Wanted::Copied(Copied { name, column, longs_before }) => {
+            let longs = table.and_then(|view| view.data.value_of(*name)).map_or(&[][..], Entry::value);
+            let longs = longs.get(*longs_before..).unwrap_or(&[]);
+            // JSON has no infinity and no NaN: they become null.
+            let number = column.reading.read(longs).map_or(f64::NAN, |number| number * column.factor);
+            (
+                column.name.as_str(),
+                column.register.as_str(),
+                column.unit,
+                plain(number),
+                shown(column, number),
+            )
+        }
+    });
+    if context.output.is_json() {
+        let values: Vec<Value> = values
+            .map(|(name, register, unit, value, _)| json!({"name": name, "register": register, "value": value, "unit": unit}))
+            .collect();
+        context.output.json_line(&json!({
+            "servo_timer": table.map(|view| view.servo_timer),
+            "time_ns": table.map(|view| view.time_ns),
+            "values": values,
+        }))?;
+    } else {
+        let servo = table.map(|view| format!("servo={}", view.servo_timer));
+        let values = values.map(|(name, .., text)| format!("{name}={text}"));
+        let line: Vec<String> = servo.into_iter().chain(values).collect();
+        context.output.line(line.join(" "))?;
+    }
+    Ok(())
+}
+
+/// A number as text: a 48-bit float with the digits that it has, others with those that a product keeps.
+fn shown(column: &Column, number: f64) -> String {
+    if column.reading == Reading::Float { short(number) } else { digits(number, PRODUCT_DIGITS) }
+}
+
+/// A number for JSON and text. Whole numbers have no decimal point.
+fn plain(number: f64) -> Value {
+    if number.fract() == 0.0 && number.abs() < EXACT { json!(number as i64) } else { json!(number) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_have_no_point() {
+        assert_eq!(plain(-5.0).to_string(), "-5");
+        assert_eq!(plain(0.5).to_string(), "0.5");
+        assert_eq!(plain(f64::NAN).to_string(), "null");
+    }
+
+    #[test]
+    fn e4_variables_go_by_their_letter_and_number() {
+        for (text, name) in
+            [("p1", Some("P1")), ("I122", Some("I122")), ("M8191", Some("M8191")), ("Q0", Some("Q0"))]
+        {
+            assert_eq!(board_variable(text).as_deref(), name, "{text}");
+        }
+        for text in
+            ["P", "P12345", "L:$1005", "PLCC:7", "1.actual_position", "P1=5", "X1", "M1->X:$10", "P-1"]
+        {
+            assert_eq!(board_variable(text), None, "{text}");
+        }
+    }
+}
