@@ -11,6 +11,7 @@
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
+//! | `tune` | moves a motor and tells how it answered |
 //! | `doctor` | what is wrong, and what to do |
 //! | `console` | terminal, tables, output files, signals |
 
@@ -27,6 +28,7 @@ mod plot;
 mod rotary;
 mod setup;
 mod show;
+mod tune;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -107,6 +109,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Gather(options) => gather::run(&mut context, &options),
         Command::Log(options) => log::run(&mut context, &options),
         Command::Plot(options) => plot::run(&options),
+        Command::Tune(options) => tune::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),
         Command::Terminal(options) => terminal::run(&mut context, &options),

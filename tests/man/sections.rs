@@ -302,6 +302,13 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
         ],
+        "pmacctl-tune" => &[
+            ("A step of 200 counts, with a picture:", &["pmacctl tune step 1 --size 200 --plot step.svg"]),
+            (
+                "2000 counts there and back in 1.5 s each, to judge feed forward:",
+                &["pmacctl tune parabolic 1 --size 2000 --time 1500 --yes"],
+            ),
+        ],
         "pmacctl-abort" => &[
             ("Every motion:", &["pmacctl abort"]),
             ("Coordinate systems 1 and 2 only:", &["pmacctl abort 1 2"]),

@@ -84,7 +84,10 @@ fn move_to(
 }
 
 /// The number of the motor that is meant. `identity` knows the names.
-fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -> Result<u8, Failure> {
+///
+/// # Errors
+/// [`Failure::Request`] if there is none.
+pub fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -> Result<u8, Failure> {
     if text.starts_with(|first: char| first.is_ascii_digit()) {
         let number = text.parse().ok().filter(|number| *number > 0);
         return number.ok_or_else(|| Failure::Request(format!("there is no motor {text}")));
@@ -120,7 +123,11 @@ fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> 
     }
 }
 
-fn send(connection: &mut Connection, number: u8, target: f64) -> Result<(), Failure> {
+/// Has the daemon jog motor `number` to `target`, in counts.
+///
+/// # Errors
+/// [`Failure`] says if the motor may be moving all the same.
+pub fn send(connection: &mut Connection, number: u8, target: f64) -> Result<(), Failure> {
     match connection.jog_to(number, target).map_err(LineError::from) {
         Ok(()) => Ok(()),
         Err(LineError::Uncertain { failure, .. }) => {

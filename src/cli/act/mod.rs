@@ -10,6 +10,6 @@ pub mod reset_watch;
 pub mod send;
 pub mod stop;
 pub mod terminal;
-mod wait;
+pub mod wait;
 mod watch_values;
 pub mod write;

@@ -27,6 +27,7 @@ use crate::cli::show::demo::Demo;
 use crate::cli::show::map::Map;
 use crate::cli::show::read::Read;
 use crate::cli::show::watch::Watch;
+use crate::cli::tune::Tune;
 
 /// Reads and commands a PMAC through its daemon pmacd.
 #[derive(Debug, Parser)]
@@ -99,6 +100,9 @@ pub enum Command {
     Log(Log),
     /// Draw a file that gather or log wrote, as SVG or PNG (needs no daemon)
     Plot(Plot),
+    /// Move a motor, gather its answer and tell rise time, overshoot, settling time and following error. Role engineer. It
+    /// moves the machine, after asking
+    Tune(Tune),
     /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
     Abort(Abort),
     /// Kill every motor at once by ^K: open loops, no output. Exit status 0: the board took it

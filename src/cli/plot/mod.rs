@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use self::figure::Figure;
+pub use self::figure::{Figure, Panel, Trace};
 use self::font::Font;
 use crate::cli::console::sink::{is_stdout, put};
 use crate::cli::context::{Failure, Verdict};

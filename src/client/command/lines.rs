@@ -95,6 +95,14 @@ impl LineSequence<'_> {
         Ok(goes_on && self.over.is_none())
     }
 
+    /// Says that its owner is still there, while there is nothing to run.
+    ///
+    /// # Errors
+    /// As [`Connection::sequence_renew`].
+    pub fn renew(&mut self) -> Result<(), CommandError> {
+        self.connection.sequence_renew()
+    }
+
     /// Ends the sequence. The last reply: how many lines the board has taken, and what the sequence leaves on the board.
     ///
     /// # Errors

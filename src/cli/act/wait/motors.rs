@@ -72,6 +72,24 @@ impl Watch {
         }
         Ok(())
     }
+
+    /// Where motor `number` is commanded to stand, in counts.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`] if it moves, or its position is not known.
+    pub fn standing_at(&mut self, number: u8) -> Result<f64, Failure> {
+        let snapshot = self.snapshot()?;
+        let motors = motors(&snapshot);
+        let motor = motors.iter().find(|motor| motor.servo.motor == usize::from(number));
+        let refused = |why: String| Err(Failure::Refused(why));
+        match motor.map(|motor| (stands(motor), commanded(motor))) {
+            Some((true, Some(position))) => Ok(position),
+            Some((true, None)) => {
+                refused(format!("the position of motor {number} in counts is not known yet"))
+            }
+            _ => refused(format!("motor {number} does not stand in position; wait until it does")),
+        }
+    }
 }
 
 /// Waits until every motor in `numbers` has come to its goal, and tells where it is. It was asked for over `connection`.
@@ -87,33 +105,7 @@ pub fn wait_for_motors(
     goal: Goal,
     timeout: Duration,
 ) -> Result<Verdict, Failure> {
-    let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
-    let (commas, blanks) = (list.join(", "), list.join(" "));
-    let moving = format!(
-        "motor {commas} MAY BE MOVING: only the wait has ended; pmacctl panel jog-stop {blanks} stops it"
-    );
-    // Since when each one has stood.
-    let mut stood = BTreeMap::new();
-    // Who waits for a stop does not mind another one.
-    let ends = |number: u8, stop: &SentStop, snapshot: &Snapshot| {
-        goal != Goal::Stands && stops_motor(number, stop, snapshot)
-    };
-    let awaited = Awaited { numbers, name: "motor", moving: &moving, timeout, ends: &ends };
-    let failed = watch.until_over(connection, &awaited, |number, snapshot, look| {
-        let motors = motors(snapshot);
-        let Some(motor) = motors.iter().find(|motor| motor.servo.motor == usize::from(number)) else {
-            return Progress::Failed(format!("the board does not report motor {number} any more"));
-        };
-        if let Some(why) = fault(motor) {
-            return Progress::Failed(format!("motor {number}: {why}; it is at {}", position(motor)));
-        }
-        if !stands(motor) {
-            stood.remove(&number);
-            return Progress::GoesOn;
-        }
-        let stood = since(*stood.entry(number).or_insert(look.now_ns), look.now_ns);
-        judge(motor, goal, look, stood)
-    })?;
+    let failed = motors_end(connection, watch, numbers, goal, timeout)?;
     let snapshot = watch.snapshot()?;
     let motors = motors(&snapshot);
     let waited_for =
@@ -128,6 +120,46 @@ pub fn wait_for_motors(
         }
     }
     if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
+/// Waits until every motor in `numbers` has come to its goal, which was asked for over `connection`. Returns what went wrong.
+///
+/// # Errors
+/// [`Failure::Refused`] where the wait ends before the motion.
+pub fn motors_end(
+    connection: &mut Connection,
+    watch: &mut Watch,
+    numbers: &[u8],
+    goal: Goal,
+    timeout: Duration,
+) -> Result<Vec<String>, Failure> {
+    let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+    let (commas, blanks) = (list.join(", "), list.join(" "));
+    let moving = format!(
+        "motor {commas} MAY BE MOVING: only the wait has ended; pmacctl panel jog-stop {blanks} stops it"
+    );
+    // Since when each one has stood.
+    let mut stood = BTreeMap::new();
+    // Who waits for a stop does not mind another one.
+    let ends = |number: u8, stop: &SentStop, snapshot: &Snapshot| {
+        goal != Goal::Stands && stops_motor(number, stop, snapshot)
+    };
+    let awaited = Awaited { numbers, name: "motor", moving: &moving, timeout, ends: &ends };
+    watch.until_over(connection, &awaited, |number, snapshot, look| {
+        let motors = motors(snapshot);
+        let Some(motor) = motors.iter().find(|motor| motor.servo.motor == usize::from(number)) else {
+            return Progress::Failed(format!("the board does not report motor {number} any more"));
+        };
+        if let Some(why) = fault(motor) {
+            return Progress::Failed(format!("motor {number}: {why}; it is at {}", position(motor)));
+        }
+        if !stands(motor) {
+            stood.remove(&number);
+            return Progress::GoesOn;
+        }
+        let stood = since(*stood.entry(number).or_insert(look.now_ns), look.now_ns);
+        judge(motor, goal, look, stood)
+    })
 }
 
 /// Whether what somebody has sent stops motor `number`, by itself or as its coordinate system's, or sends it elsewhere.

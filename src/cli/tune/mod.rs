@@ -1,0 +1,351 @@
+//! `pmacctl tune`: moves a motor as the gains of its loop are judged by, and tells what it made of that.
+//!
+//! The daemon has both ends: a sequence of lines puts the motor's jog variables back, and the gather ends, whoever dies.
+
+mod moves;
+mod recorder;
+mod response;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+
+use self::moves::{ASKED, Move, Plan, Settings};
+use self::recorder::{Record, Recorder};
+use self::response::{BAND, Response, Settles};
+use crate::cli::act::jog::{motor, send};
+use crate::cli::act::panel::check_numbers;
+use crate::cli::act::wait::{Goal, Watch, motors_end};
+use crate::cli::args::values::seconds;
+use crate::cli::console::confirm::{board_of, confirm};
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::table_file::{Form, TableFile};
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::plot::{Figure, Panel, PicturePath, Trace, draw};
+use crate::client::Connection;
+use crate::client::command::lines::{LineSequence, LinesOptions};
+use crate::client::number::{fixed, short};
+use crate::map::IVariables;
+use crate::protocol::deadlines;
+use crate::table::{Field, Kind};
+
+/// How long the motor may take to stand in position after the recording, and to come back.
+const STANDS: Duration = Duration::from_secs(10);
+
+/// `tune`.
+#[derive(Debug, Args)]
+pub struct Tune {
+    #[command(subcommand)]
+    command: TuneCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum TuneCommand {
+    /// Move the commanded position at once (in 2 ms), and time the motor's answer
+    Step {
+        /// How far, in counts; below 0 the other way
+        #[arg(long, value_name = "COUNTS", default_value = "100", allow_negative_numbers = true)]
+        size: f64,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Move with a velocity made of parabolas (a pure S-curve jog), to judge feed forward by the following error
+    Parabolic {
+        /// How far, in counts; below 0 the other way
+        #[arg(long, value_name = "COUNTS", default_value = "1000", allow_negative_numbers = true)]
+        size: f64,
+        /// How long the move takes, in ms
+        #[arg(long, value_name = "MS", default_value = "1000", value_parser = clap::value_parser!(u32).range(4..=60_000))]
+        time: u32,
+        #[command(flatten)]
+        common: Common,
+    },
+}
+
+#[derive(Debug, Args)]
+struct Common {
+    /// The motor, by its number or its name in the configuration
+    #[arg(value_name = "MOTOR")]
+    motor: String,
+    /// The following error in counts at which the board kills the motor meanwhile (Ix11), if its own limit is not smaller
+    /// [default: twice the size]
+    #[arg(long, value_name = "COUNTS", value_parser = above_0)]
+    limit: Option<f64>,
+    /// How long to record after the move, in seconds
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = seconds, allow_negative_numbers = true)]
+    seconds: Duration,
+    /// Stay there; without it the motor jogs back, with its own jog speed
+    #[arg(long)]
+    stay: bool,
+    /// Do not ask before it moves
+    #[arg(long)]
+    yes: bool,
+    /// Write the recording to a file, ending in .csv or .npy
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Draw it: a name that ends in .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PicturePath>,
+}
+
+/// The longest recording after a move.
+const LONGEST: Duration = Duration::from_secs(60);
+
+fn above_0(text: &str) -> Result<f64, String> {
+    let limit = text.parse().ok().filter(|limit: &f64| *limit > 0.0 && limit.is_finite());
+    limit.ok_or_else(|| "must be a number of counts above 0".to_owned())
+}
+
+/// What is asked for.
+struct Wanted<'a> {
+    what: Move,
+    size: f64,
+    common: &'a Common,
+}
+
+impl Wanted<'_> {
+    fn kind(&self) -> &'static str {
+        match self.what {
+            Move::Step => "step",
+            Move::Parabolic(_) => "parabolic move",
+        }
+    }
+
+    fn settles(&self) -> Settles {
+        match self.what {
+            Move::Step => Settles::AfterBegin,
+            Move::Parabolic(_) => Settles::AfterEnd,
+        }
+    }
+}
+
+pub fn run(context: &mut Context, options: &Tune) -> Result<Verdict, Failure> {
+    let wanted = match &options.command {
+        TuneCommand::Step { size, common } => Wanted { what: Move::Step, size: *size, common },
+        TuneCommand::Parabolic { size, time, common } => {
+            Wanted { what: Move::Parabolic(*time), size: *size, common }
+        }
+    };
+    if !wanted.size.is_finite() || (wanted.size * 32.0).round() == 0.0 {
+        return Err(Failure::Request("--size must be a number of counts, 1/32 at least".to_owned()));
+    }
+    if wanted.common.seconds > LONGEST {
+        return Err(Failure::Request(format!("--seconds is at most {}", LONGEST.as_secs())));
+    }
+    tune(context, &wanted)
+}
+
+fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
+    let Wanted { what, common, .. } = wanted;
+    let form = common.output.as_deref().map(Form::of).transpose()?;
+    let number = motor(&common.motor, || Ok(context.board()?.identity()?))?;
+    let not_sent = |failure: Failure| failure.at("not sent");
+    // The board rounds the end of a jog to that.
+    let size = (wanted.size * 32.0).round() / 32.0;
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, true, &[number])?;
+    let mut recorder = Recorder::new(context, number).map_err(not_sent)?;
+    let mut watch = Watch::begin(context, recorder.connection()).map_err(not_sent)?;
+    watch.check_motors(&[number]).map_err(not_sent)?;
+    let start = watch.standing_at(number).map_err(not_sent)?;
+    let settings = ask(&mut connection, number).map_err(not_sent)?;
+    let plan = Plan::new(*what, number, (start, size), common.limit, &settings)
+        .map_err(|why| not_sent(Failure::Refused(why)))?;
+    if !confirm(&question(wanted, context, number, (start, size), &plan)?, common.yes)? {
+        return Ok(Verdict::No);
+    }
+    let stop = Interrupt::listen()?;
+    let options = LinesOptions { kind: "tune", timeout: deadlines::PLAIN, keep_going: false };
+    let mut lines = connection.lines(options);
+    lines.at_end(settings.put_back(number));
+    let most = plan.time_s + common.seconds.as_secs_f64();
+    let record = recorder.record(&mut lines, most, &stop, |lines, connection| {
+        run_lines(lines, &plan.lines(number))?;
+        // Somebody may have moved it since the question.
+        let now = watch.standing_at(number).map_err(not_sent)?;
+        if now != start {
+            let why = format!("motor {number} was at {}, and is at {} now", fixed(start, 1), fixed(now, 1));
+            return Err(not_sent(Failure::Refused(why)));
+        }
+        send(connection, number, start + size)?;
+        // The board has planned the whole jog: what changes now is for the next one (Software Reference p. 76), which may be somebody
+        // else's. If it fails, it is done at the end.
+        let _ = run_lines(lines, &settings.put_back(number)[1..]);
+        Ok(())
+    });
+    let ended = lines.finish();
+    let record = record?;
+    let mut failed = match ended {
+        Ok(reply) => reply.notes,
+        Err(error) => {
+            vec![format!("{error}; {} may stay as the move set them", plan.lines(number).join(" "))]
+        }
+    };
+    failed.extend(record.failure.clone());
+    let goal = if record.interrupted { Goal::Stands } else { Goal::At(start + size) };
+    failed.extend(
+        motors_end(recorder.connection(), &mut watch, &[number], goal, STANDS)
+            .unwrap_or_else(|failure| vec![failure.to_string()]),
+    );
+    if failed.is_empty() && !record.interrupted && !common.stay {
+        let back = back(context, recorder.connection(), number, start);
+        failed.extend(back.unwrap_or_else(|failure| vec![failure.to_string()]));
+    }
+    let response = record.recording.response(wanted.settles());
+    if context.output.is_json() {
+        context.output.json(&json!({
+            "motor": number, "kind": wanted.kind(), "start": start, "size": size, "limit": plan.limit,
+            "samples": record.recording.times.len(), "lost": record.lost, "response": response, "failed": failed,
+        }))?;
+    } else {
+        context.output.line(format_args!("samples={} lost={}", record.recording.times.len(), record.lost))?;
+        for line in response.iter().flat_map(said) {
+            context.output.line(line)?;
+        }
+    }
+    if let (Some(path), Some(form)) = (&common.output, form) {
+        write(path, form, &record, &stop)?;
+    }
+    if let Some(picture) = &common.plot {
+        let title = format!("motor {number}: {} of {} counts", wanted.kind(), short(size));
+        plot(&record, response.as_ref(), title, picture)?;
+    }
+    if record.interrupted {
+        failed.insert(0, format!("interrupted; motor {number} was stopped"));
+    }
+    if failed.is_empty() && response.is_none() {
+        failed.push("the commanded position did not move".to_owned());
+    }
+    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
+fn question(
+    wanted: &Wanted,
+    context: &Context,
+    number: u8,
+    (start, size): (f64, f64),
+    plan: &Plan,
+) -> Result<String, Failure> {
+    let (from, to, board) = (fixed(start, 1), fixed(start + size, 1), board_of(context)?);
+    let back = if wanted.common.stay { "" } else { " and back" };
+    let [first, rest @ ..] =
+        plan.lines(number).try_into().unwrap_or([const { String::new() }; moves::SET.len()]);
+    Ok(format!(
+        "Motor {number} of {board} MOVES: a {} from {from} to {to} counts in {} s{back}, with {first} (fatal at {} counts) and {}, \
+         which are put back. Move it?",
+        wanted.kind(),
+        short(plan.time_s),
+        short(plan.limit),
+        rest.join(" ")
+    ))
+}
+
+/// What the motor's variables are.
+fn ask(connection: &mut Connection, number: u8) -> Result<Settings, Failure> {
+    let names = ASKED.map(|which| format!("I{}", IVariables::motor(number.into(), which)));
+    let reply = connection.question(&names.join(" "), deadlines::PLAIN)?;
+    let not_told = || Failure::Refused(format!("the board does not tell {}", names.join(" ")));
+    Settings::of(reply).ok_or_else(not_told)
+}
+
+/// Runs `lines` in the sequence.
+fn run_lines(sequence: &mut LineSequence<'_>, lines: &[String]) -> Result<(), Failure> {
+    let mut refused = None;
+    let goes_on = sequence.run(lines, |reply| {
+        refused = reply.failure.as_ref().map(|failure| failure.message.clone());
+        refused.is_none()
+    })?;
+    match refused {
+        None if goes_on => Ok(()),
+        refused => {
+            Err(Failure::Refused(refused.unwrap_or_else(|| "the daemon ended the sequence".to_owned())))
+        }
+    }
+}
+
+/// Jogs to where the motor came from. What went wrong.
+fn back(
+    context: &Context,
+    connection: &mut Connection,
+    number: u8,
+    start: f64,
+) -> Result<Vec<String>, Failure> {
+    let mut watch = Watch::begin(context, connection)?;
+    send(connection, number, start)?;
+    motors_end(connection, &mut watch, &[number], Goal::At(start), STANDS)
+}
+
+/// The figures, a line each.
+fn said(response: &Response) -> [String; 4] {
+    let ms = |time: Option<f64>| {
+        time.map_or("not in the recording".to_owned(), |time| format!("{} ms", fixed(time * 1e3, 1)))
+    };
+    [
+        format!("rise time        {} (10 % to 90 %)", ms(response.rise_time_s)),
+        format!("overshoot        {} %", fixed(response.overshoot_percent, 1)),
+        format!("settling time    {} (within {} %)", ms(response.settling_time_s), BAND * 100.0),
+        format!(
+            "following error  {} counts RMS, {} at the most",
+            fixed(response.following_error_rms, 2),
+            fixed(response.following_error_most, 2)
+        ),
+    ]
+}
+
+fn write(path: &std::path::Path, form: Form, record: &Record, stop: &Interrupt) -> Result<(), Failure> {
+    let fields = [
+        Field::new("time_s", "", Kind::Seconds),
+        Field::new("commanded_position", "count", Kind::Real),
+        Field::new("actual_position", "count", Kind::Real),
+    ];
+    let mut file = TableFile::open(path, form, &fields, stop)?;
+    let recording = &record.recording;
+    for index in 0..recording.times.len() {
+        file.row(&[recording.times[index], recording.commanded[index], recording.actual[index]])?;
+    }
+    file.finish()
+}
+
+fn plot(
+    record: &Record,
+    response: Option<&Response>,
+    title: String,
+    picture: &PicturePath,
+) -> Result<(), Failure> {
+    let recording = &record.recording;
+    let begin = response.map_or(0.0, |response| response.begin);
+    let places: Vec<f64> = recording.times.iter().map(|time| (time - begin) * 1e3).collect();
+    let error = recording.following_error();
+    let trace = |name: &str, values| Trace { name: name.to_owned(), values };
+    let squeezed = |line: String| line.split_whitespace().collect::<Vec<_>>().join(" ");
+    draw(
+        &Figure {
+            title,
+            note: response
+                .iter()
+                .flat_map(|response| said(response))
+                .map(squeezed)
+                .collect::<Vec<_>>()
+                .join(" · "),
+            along: "time (ms)".to_owned(),
+            places: &places,
+            gaps: record.gaps.clone(),
+            panels: vec![
+                Panel {
+                    label: "position (count)".to_owned(),
+                    traces: vec![
+                        trace("commanded", &recording.commanded),
+                        trace("actual", &recording.actual),
+                    ],
+                },
+                Panel {
+                    label: "following error (count)".to_owned(),
+                    traces: vec![trace("following error", &error)],
+                },
+            ],
+        },
+        picture,
+    )
+}

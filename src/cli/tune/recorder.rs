@@ -1,0 +1,192 @@
+//! Records commanded and actual position of one motor, every servo cycle, while it moves.
+
+use std::time::{Duration, Instant};
+
+use super::response::Recording;
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::context::{Context, Failure};
+use crate::cli::gather::Prepared;
+use crate::client::command::lines::LineSequence;
+use crate::client::{Connection, GatherRun, Taken};
+use crate::function::panel::PanelAction;
+use crate::gather::{GatherMode, Source, SourceError};
+use crate::map::Layout;
+
+/// The register of the commanded position, which Turbo boards do not report.
+const COMMANDED: &str = "commanded_position";
+/// How long to sleep if there are no samples.
+const LOOK: Duration = Duration::from_millis(5);
+/// How often to tell the daemon that somebody still follows.
+const RENEWAL: Duration = Duration::from_millis(500);
+/// How long the board may be silent, and how long a motor may take to begin.
+const SILENCE: Duration = Duration::from_secs(5);
+/// The part of the recording that is kept from before the move.
+const BEFORE: f64 = 0.1;
+
+/// What was recorded.
+#[derive(Debug, Default)]
+pub struct Record {
+    pub recording: Recording,
+    /// Samples that are missing in it, and the indices of those before which they are.
+    pub lost: u64,
+    pub gaps: Vec<usize>,
+    /// The user ended it; the motor was stopped.
+    pub interrupted: bool,
+    /// What ended it otherwise.
+    pub failure: Option<String>,
+    /// The number of the next sample.
+    next: u64,
+}
+
+/// A gather of one motor.
+pub struct Recorder {
+    prepared: Prepared,
+    number: u8,
+    /// The board has a register for the following error and none for the commanded position.
+    is_error: bool,
+    cycle_s: f64,
+}
+
+/// What is gathered of motor `number`, the actual position last.
+fn sources(number: u8, layout: &Layout) -> Result<Vec<Source>, SourceError> {
+    let source = |name: &str| Source::parse(&format!("{number}.{name}"), layout);
+    let commanded = source(COMMANDED).or_else(|_| source("following_error"))?;
+    Ok(vec![commanded, source("actual_position")?])
+}
+
+impl Recorder {
+    /// Of motor `number`. Nothing is sent yet.
+    ///
+    /// # Errors
+    /// [`Failure`] says what cannot be recorded.
+    pub fn new(context: &Context, number: u8) -> Result<Self, Failure> {
+        let named = |layout: &Layout| sources(number, layout);
+        let prepared = Prepared::new(context, named, 1, GatherMode::Wrap, None)?;
+        let columns = &prepared.plan.columns;
+        let cycle_ns =
+            prepared.clock.servo_period_ns.filter(|_| columns.iter().all(|column| column.unit == "count"));
+        let Some(cycle_ns) = cycle_ns else {
+            let why = format!("the scales of motor {number}, or the servo period, are not known yet");
+            return Err(Failure::Refused(why));
+        };
+        let is_error = !columns.iter().any(|column| column.name.ends_with(COMMANDED));
+        Ok(Self { prepared, number, is_error, cycle_s: cycle_ns / 1e9 })
+    }
+
+    /// The connection that gathers.
+    pub fn connection(&mut self) -> &mut Connection {
+        &mut self.prepared.connection
+    }
+
+    /// Has `jog` move the motor once the board gathers, and records until so many seconds after the beginning of the motion. Meanwhile
+    /// the sequence `lines` is kept.
+    ///
+    /// # Errors
+    /// What `jog` returns, or [`Failure`] if the board does not gather. What goes wrong later is told in the record.
+    pub fn record(
+        &mut self,
+        lines: &mut LineSequence<'_>,
+        seconds: f64,
+        stop: &Interrupt,
+        jog: impl FnOnce(&mut LineSequence<'_>, &mut Connection) -> Result<(), Failure>,
+    ) -> Result<Record, Failure> {
+        let mut samples = self.prepared.begin()?;
+        let mut record = Record::default();
+        let jogged = jog(lines, &mut self.prepared.connection);
+        if jogged.is_ok() {
+            let followed = self.follow(&mut samples, &mut record, seconds, stop, lines);
+            record.failure = followed.err().map(|failure| failure.to_string());
+        }
+        let stopped = self.prepared.connection.gather_stop(None);
+        jogged?;
+        let untidy = match stopped {
+            Ok(reply) => reply.notes,
+            Err(error) => vec![error.to_string()],
+        };
+        if !untidy.is_empty() && record.failure.is_none() {
+            record.failure = Some(untidy.join("; "));
+        }
+        record.trim();
+        Ok(record)
+    }
+
+    fn follow(
+        &mut self,
+        samples: &mut GatherRun,
+        record: &mut Record,
+        seconds: f64,
+        stop: &Interrupt,
+        lines: &mut LineSequence<'_>,
+    ) -> Result<(), Failure> {
+        let wanted = (seconds / self.cycle_s).ceil() as usize;
+        let refused = |why: &str| Err(Failure::Refused(why.to_owned()));
+        let (mut last_news, mut renewed) = (Instant::now(), Instant::now());
+        loop {
+            if stop.came() {
+                record.interrupted = true;
+                self.prepared.connection.panel(PanelAction::JogStop.name(), &[self.number])?;
+                return Ok(());
+            }
+            let (cycle_s, is_error) = (self.cycle_s, self.is_error);
+            let taken = samples.take(&self.prepared.board, None, |number, values| {
+                record.take(number, cycle_s, is_error, values);
+                Ok::<(), Failure>(())
+            })?;
+            match (taken, record.begin()) {
+                (Taken::Another, _) => return refused("somebody else started another gather"),
+                (_, Some(begin)) if record.recording.times.len() >= begin + wanted => return Ok(()),
+                (_, None) if record.recording.times.len() as f64 * cycle_s > SILENCE.as_secs_f64() => {
+                    return refused("the motor did not begin to move");
+                }
+                _ if samples.ended().is_some() => return refused("the gather has ended early"),
+                (Taken::Some, _) => last_news = Instant::now(),
+                (Taken::Nothing, _) if last_news.elapsed() > SILENCE => {
+                    return refused("the board gathers nothing");
+                }
+                (Taken::Nothing, _) => std::thread::sleep(LOOK),
+            }
+            if renewed.elapsed() > RENEWAL {
+                renewed = Instant::now();
+                self.prepared.connection.sequence_renew()?;
+                lines.renew()?;
+            }
+        }
+    }
+}
+
+impl Record {
+    fn take(&mut self, number: u64, cycle_s: f64, is_error: bool, values: &[f64]) {
+        let [commanded, actual] = *values else { return };
+        let Recording { times, commanded: all_commanded, actual: all_actual } = &mut self.recording;
+        if number > self.next {
+            self.lost += number - self.next;
+            self.gaps.push(times.len());
+        }
+        self.next = number + 1;
+        times.push(number as f64 * cycle_s);
+        all_commanded.push(if is_error { actual + commanded } else { commanded });
+        all_actual.push(actual);
+    }
+
+    /// The index of the first sample in which the commanded position has moved.
+    fn begin(&self) -> Option<usize> {
+        let commanded = &self.recording.commanded;
+        commanded.iter().position(|position| *position != commanded[0])
+    }
+
+    /// Takes away what was recorded long before the move.
+    fn trim(&mut self) {
+        let Some(begin) = self.begin() else { return };
+        let Recording { times, commanded, actual } = &mut self.recording;
+        let kept = ((times.len() - begin) as f64 * BEFORE) as usize;
+        let first = begin.saturating_sub(kept.max(1));
+        for column in [times, commanded, actual] {
+            column.drain(..first);
+        }
+        self.gaps.retain_mut(|gap| {
+            let is_kept = *gap > first;
+            *gap = gap.saturating_sub(first);
+            is_kept
+        });
+    }
+}

@@ -1,0 +1,110 @@
+//! `pmacctl tune` on a simulated board: the figures are the motor's, and the board is left as it was, whoever dies.
+
+use std::fs;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use pmac_dpram::table::Table;
+
+use crate::support::VirtualSite;
+
+/// What a tuning move sets.
+const SET: &str = "I111 I119 I120 I121 I122";
+
+fn site() -> VirtualSite {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.wait_until("the board's scales", || site.has_scales());
+    site
+}
+
+#[test]
+fn e3_a_step_is_timed_drawn_and_taken_back() {
+    let site = site();
+    let before = site.ask(SET);
+    let [csv, svg] = ["step.csv", "step.svg"].map(|name| site.path(name));
+    let files = ["-o", csv.to_str().unwrap(), "--plot", svg.to_str().unwrap()];
+    let tune = [&["tune", "step", "1", "--size", "200", "--yes", "--json"], &files[..]].concat();
+    let ran = site.hurried(|| site.run(&tune));
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let document = ran.json();
+    // The simulated loop is of the first order with 3 ms: ln 9 of that from 10 % to 90 %, ln 50 until 2 %.
+    let response = |name: &str| document["response"][name].as_f64().unwrap();
+    let near = |name, expected: f64| assert!((response(name) - expected).abs() < 1e-3, "{name}: {document}");
+    near("rise_time_s", 0.0066);
+    near("settling_time_s", 0.0127);
+    assert!(response("overshoot_percent") < 0.5 && response("following_error_rms") > 1.0, "{document}");
+    assert_eq!((response("size"), document["lost"].as_u64()), (200.0, Some(0)));
+    assert_eq!(site.ask(SET), before);
+    assert_eq!(site.ask("#1P"), ["0"], "it is back");
+    let log = site.log();
+    assert!(log.contains("sends \"#1J=200#") && log.contains("sends \"#1J=0#"), "{log}");
+    let table = Table::parse(&fs::read(&csv).unwrap()).unwrap();
+    let commanded = table.column("commanded_position").unwrap();
+    assert_eq!((commanded[0], commanded[commanded.len() - 1]), (0.0, 200.0));
+    let picture = fs::read_to_string(&svg).unwrap();
+    for text in ["motor 1: step of 200 counts", "time (ms)", "position (count)", "commanded", "rise time 6"] {
+        assert!(picture.contains(text), "{text}");
+    }
+    site.assert_no_violations();
+}
+
+#[test]
+fn e3_what_a_motor_must_not_do_is_not_begun() {
+    let site = site();
+    let before = site.ask(SET);
+    site.ask("#2J+#1");
+    for (arguments, code, said) in [
+        (
+            &["tune", "step", "1", "--size", "3000", "--yes"][..],
+            1,
+            "not sent: a step of 3000 counts would be a fatal",
+        ),
+        (&["tune", "step", "1"], 2, "Nobody can answer here, so nothing was sent"),
+        (&["tune", "step", "2", "--yes"], 1, "not sent: motor 2 does not stand in position"),
+        (
+            &["tune", "parabolic", "1", "--time", "20", "--yes"],
+            1,
+            "choose a smaller --size or a longer --time",
+        ),
+        (&["tune", "step", "9", "--yes"], 2, "there is no motor 9"),
+        (&["tune", "step", "1", "--size", "0", "--yes"], 2, "--size must be"),
+    ] {
+        let ran = site.run(arguments);
+        assert!(ran.code == Some(code) && ran.stderr.contains(said), "{arguments:?}: {ran:?}");
+    }
+    assert_eq!(site.ask(SET), before);
+    assert!(!site.log().contains("sends \"#1J="), "{}", site.log());
+}
+
+#[test]
+fn e3_the_board_kills_a_motor_that_falls_behind() {
+    let site = site();
+    let before = site.ask(SET);
+    site.control("stall 1 on");
+    let tune = ["tune", "parabolic", "1", "--limit", "50", "--yes"];
+    let ran = site.hurried(|| site.run(&tune));
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.stderr.contains("motor 1: its following error is fatal (Ix11)"), "{ran:?}");
+    assert!(ran.stdout.contains("at the most"), "the recording is told all the same: {ran:?}");
+    assert_eq!(site.ask(SET), before);
+    assert_eq!(site.log().matches("sends \"#1J=").count(), 1, "it is not sent back: {}", site.log());
+}
+
+#[test]
+fn e3_the_daemon_puts_back_what_a_killed_client_has_set() {
+    let site = site();
+    let before = site.ask(SET);
+    let tune = ["tune", "parabolic", "1", "--time", "20000", "--size", "20000", "--limit", "500", "--yes"];
+    let mut child = site.command(&tune).spawn().unwrap();
+    site.wait_until("the move", || site.log().contains("sends \"#1J="));
+    // Only the limit stays until the end: a jog of somebody else's would be as steep.
+    site.wait_until("its own jog variables", || site.ask(SET)[1..] == before[1..]);
+    assert_eq!(site.ask("I111"), ["8000"]);
+    kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGKILL).unwrap();
+    child.wait().unwrap();
+    site.wait_until("the variables to be put back", || site.ask(SET) == before);
+    site.wait_until("the end of the gather", || {
+        site.run(&["gather", "--stop"]).stdout.contains("gathers nothing")
+    });
+}
