@@ -211,9 +211,9 @@ motor    actual  following error  flags
   #17  52224raw        -52224raw  open-loop homed
   #32  98304raw        -98304raw  open-loop homed
 
-system  mode  lines        PE  left ms  override  targets    flags
-    &1  ?        -2  16777215      4.5         -  V-3.25 Z1  radius-error running in-position hold
-    &2  ?        -2  16777215      4.5         -  V-3.25 Z1  radius-error running in-position hold
+system  mode  lines        PE  left ms  feed  override  targets    flags
+    &1  ?        -2  16777215      4.5   F10         -  V-3.25 Z1  radius-error running in-position hold
+    &2  ?        -2  16777215      4.5  TM10         -  V-3.25 Z1  radius-error running in-position hold
 ports: JPAN $111111  JTHW $333333  JOPTO $FFFFFF
 gather: 300 longs, the next item goes to 12
 variable read: a table of 3, ready

@@ -34,7 +34,7 @@ pub struct Overrides {
 
 impl Overrides {
     /// Asks the daemon for the panel's words: the segment has none of them.
-    fn ask(context: &Context, i10: Option<u32>) -> Self {
+    pub fn ask(context: &Context, i10: Option<u32>) -> Self {
         let words = || {
             let mut connection = context.connection().ok()?;
             let family = Context::family(None, &mut connection).ok()?;
@@ -142,12 +142,20 @@ fn text(snapshot: &Snapshot, overrides: &Overrides) -> String {
 
 /// The table of the coordinate systems, and the board's ports.
 pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
+    let Ports { control_panel, thumbwheel, machine_io } = data.ports;
+    let systems = systems(data, overrides);
+    format!("{systems}ports: JPAN ${control_panel:06X}  JTHW ${thumbwheel:06X}  JOPTO ${machine_io:06X}\n")
+}
+
+/// The coordinate systems.
+pub fn systems(data: &BackgroundData, overrides: &Overrides) -> Table {
     let mut table = Table::new(&[
         ("system", Align::Right),
         ("mode", Align::Left),
         ("lines", Align::Right),
         ("PE", Align::Right),
         ("left ms", Align::Right),
+        ("feed", Align::Right),
         ("override", Align::Right),
         ("targets", Align::Left),
         ("flags", Align::Left),
@@ -159,13 +167,16 @@ pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
             count(system.lines_remaining),
             count(system.program_address_offset),
             system.time_left_in_move.map_or_else(|| NOT_READ.to_owned(), milliseconds),
+            feed(system),
             overrides.text(system.coordinate_system),
             targets(system),
             flags(system).join(" "),
         ]);
     }
-    let Ports { control_panel, thumbwheel, machine_io } = data.ports;
-    format!("{table}ports: JPAN ${control_panel:06X}  JTHW ${thumbwheel:06X}  JOPTO ${machine_io:06X}\n")
+    if data.coordinate_systems.iter().all(|system| system.turbo.is_none()) {
+        table.drop_column("feed");
+    }
+    table
 }
 
 /// The flags to show from the status words: errors first, then the state.
@@ -191,6 +202,15 @@ fn count(number: Option<impl ToString>) -> String {
 fn mode(system: &CoordinateSystem) -> String {
     let unknown = if system.program_status.is_some() { "?" } else { NOT_READ };
     system.motion_mode.map_or_else(|| unknown.to_owned(), |mode| format!("{mode:?}").to_lowercase())
+}
+
+/// The programmed feed rate, or the time of a move where moves are programmed by time. Turbo boards alone report it.
+fn feed(system: &CoordinateSystem) -> String {
+    match system.turbo.map(|turbo| (turbo.feed_rate, turbo.move_time_ms)) {
+        Some((Some(rate), _)) => format!("F{}", short(rate)),
+        Some((None, Some(time))) => format!("TM{}", short(time)),
+        Some((None, None)) | None => NOT_READ.to_owned(),
+    }
 }
 
 fn milliseconds(time: Quantity) -> String {
