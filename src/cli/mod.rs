@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
+//! | `top` | the screen: everything live, and jog keys |
 //! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
@@ -28,6 +29,7 @@ mod plot;
 mod rotary;
 mod setup;
 mod show;
+mod top;
 mod tune;
 
 use std::ffi::OsString;
@@ -97,6 +99,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Motors => motors::run(&mut context),
         Command::Coordinates => coordinates::run(&mut context),
         Command::Watch(options) => watch::run(&mut context, &options),
+        Command::Top(options) => top::run(&mut context, &options),
         Command::Map(options) => map::run(&mut context, &options),
         Command::Read(options) => read::run(&mut context, &options),
         Command::Write(options) => write::run(&mut context, &options),

@@ -61,6 +61,7 @@ mod stops;
 mod tools;
 mod tools_serial;
 mod tools_terminal;
+mod top;
 mod tune;
 mod turbo;
 mod turbo_rotary;

@@ -144,7 +144,7 @@ pub fn names(page: &str) -> Vec<Names> {
         "pmacctl" => vec![families(), functions(), roles()],
         "pmacctl-map" | "pmacctl-decode" | "pmacctl-doctor" | "pmacctl-demo" => vec![families()],
         "pmacctl-read" | "pmacctl-write" => vec![words(), families()],
-        "pmacctl-gather" | "pmacctl-variable" => vec![registers()],
+        "pmacctl-gather" | "pmacctl-top" | "pmacctl-variable" => vec![registers()],
         "pmacctl-panel" => {
             let about = "What an action is called here, in the log and on the socket:";
             vec![list("ACTIONS", about, PanelAction::ALL.map(PanelAction::name))]
@@ -218,6 +218,10 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-watch" => &[
             ("Ten lines, two a second:", &["pmacctl watch --count 10 --rate 2"]),
             ("The coordinate systems:", &["pmacctl watch coordinates"]),
+        ],
+        "pmacctl-top" => &[
+            ("Everything on one screen:", &["pmacctl top"]),
+            ("With a variable and a register:", &["pmacctl top P1 1.actual_position"]),
         ],
         "pmacctl-map" => &[
             ("The printed map:", &["pmacctl map"]),

@@ -11,5 +11,5 @@ pub mod send;
 pub mod stop;
 pub mod terminal;
 pub mod wait;
-mod watch_values;
+pub mod watch_values;
 pub mod write;

@@ -25,7 +25,7 @@ const ASKING: Duration = Duration::from_secs(2);
 /// Period of the checks during a held jog, in milliseconds.
 const LOOK: u16 = 20;
 /// How long the answer to a stop may stay away until the user is warned.
-const SILENCE: Duration = Duration::from_millis(600);
+pub const SILENCE: Duration = Duration::from_millis(600);
 
 /// `panel`.
 #[derive(Debug, Args)]
@@ -265,12 +265,7 @@ fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict
 
 /// Stops the held jog. Says soon, not only in the end, that the motors may be moving.
 fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
-    let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
-    let warning = format!(
-        "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does not: \
-         use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
-        numbers.join(", ")
-    );
+    let warning = may_be_moving(numbers);
     let (tell, told) = channel();
     std::thread::spawn(move || tell.send(held.stop()));
     let stopped = told.recv_timeout(SILENCE).or_else(|_| {
@@ -283,6 +278,16 @@ fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
         Ok(Err(error)) => Err(Failure::Request(format!("{error}; {warning}"))),
         Err(_) => Err(Failure::Request(warning)),
     }
+}
+
+/// What is said while nobody knows that the stop of a held jog was taken.
+pub fn may_be_moving(numbers: &[u8]) -> String {
+    let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+    format!(
+        "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does \
+         not: use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
+        numbers.join(", ")
+    )
 }
 
 /// Waits a moment for input and discards it. Returns whether the input has ended.

@@ -88,7 +88,7 @@ enum Wanted {
 }
 
 /// A register that PMAC copies.
-struct Copied {
+pub struct Copied {
     name: VariableName,
     column: Column,
     /// How many of its longs belong to another word.
@@ -97,9 +97,15 @@ struct Copied {
 
 impl Wanted {
     fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
-        if let Some(name) = board_variable(text) {
-            return Ok(Self::Asked(name));
+        match board_variable(text) {
+            Some(name) => Ok(Self::Asked(name)),
+            None => Copied::parse(text, layout, scales).map(Self::Copied),
         }
+    }
+}
+
+impl Copied {
+    pub fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
         let (address, unsigned) = text.strip_suffix(",u").map_or((text, false), |address| (address, true));
         let name = match VariableName::parse(address, layout.family()) {
             Ok(VariableName::Block { word: None, .. }) if unsigned => {
@@ -110,7 +116,7 @@ impl Wanted {
             _ => {
                 let source = Source::parse(text, layout).map_err(Failure::request)?;
                 let column = Column::new(&source, scales);
-                return Ok(Self::Copied(Copied { name: source.register.into(), column, longs_before: 0 }));
+                return Ok(Self { name: source.register.into(), column, longs_before: 0 });
             }
         };
         let (reading, longs_before) = match name {
@@ -129,12 +135,29 @@ impl Wanted {
             factor: 1.0,
             unit: "",
         };
-        Ok(Self::Copied(Copied { name, column, longs_before }))
+        Ok(Self { name, column, longs_before })
+    }
+
+    pub const fn name(&self) -> VariableName {
+        self.name
+    }
+
+    /// Its value in `table`; not a number where there is none.
+    fn number(&self, table: Option<&VariableTable>) -> f64 {
+        let longs = table.and_then(|table| table.value_of(self.name)).map_or(&[][..], Entry::value);
+        let longs = longs.get(self.longs_before..).unwrap_or(&[]);
+        self.column.reading.read(longs).map_or(f64::NAN, |number| number * self.column.factor)
+    }
+
+    /// Its value in `table` as text; `None` where there is none yet.
+    pub fn text(&self, table: &VariableTable) -> Option<String> {
+        table.value_of(self.name)?;
+        Some(shown(&self.column, self.number(Some(table))))
     }
 }
 
 /// `P1`, if that is what the text names.
-fn board_variable(text: &str) -> Option<String> {
+pub fn board_variable(text: &str) -> Option<String> {
     let name = text.to_ascii_uppercase();
     let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
     let is_number = (1..=4).contains(&digits.len()) && digits.bytes().all(|digit| digit.is_ascii_digit());
@@ -255,18 +278,11 @@ fn print(
             let value = answer.parse().map_or(json!(answer), plain);
             (name.as_str(), name.as_str(), "", value, answer.to_owned())
         }
-        Wanted::Copied(Copied { name, column, longs_before }) => {
-            let longs = table.and_then(|view| view.data.value_of(*name)).map_or(&[][..], Entry::value);
-            let longs = longs.get(*longs_before..).unwrap_or(&[]);
+        Wanted::Copied(copied) => {
             // JSON has no infinity and no NaN: they become null.
-            let number = column.reading.read(longs).map_or(f64::NAN, |number| number * column.factor);
-            (
-                column.name.as_str(),
-                column.register.as_str(),
-                column.unit,
-                plain(number),
-                shown(column, number),
-            )
+            let number = copied.number(table.map(|view| &view.data));
+            let Column { name, register, unit, .. } = &copied.column;
+            (name.as_str(), register.as_str(), *unit, plain(number), shown(&copied.column, number))
         }
     });
     if context.output.is_json() {

@@ -27,6 +27,7 @@ use crate::cli::show::demo::Demo;
 use crate::cli::show::map::Map;
 use crate::cli::show::read::Read;
 use crate::cli::show::watch::Watch;
+use crate::cli::top::Top;
 use crate::cli::tune::Tune;
 
 /// Reads and commands a PMAC through its daemon pmacd.
@@ -75,6 +76,8 @@ pub enum Command {
     Coordinates,
     /// Show the motors or coordinate systems live: repainted on a terminal, one line a print in a pipe
     Watch(Watch),
+    /// Show motors, coordinate systems, health and watched values on one screen; jog with keys that are armed first
+    Top(Top),
     /// List the registers of the DPRAM with their addresses (needs no daemon)
     Map(Map),
     /// Read DPRAM addresses, written as in the manual

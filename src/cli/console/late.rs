@@ -5,7 +5,11 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 /// How long `pmacd` may be silent before somebody who wants to stop a machine is told.
-const SILENCE: Duration = Duration::from_secs(1);
+pub const SILENCE: Duration = Duration::from_secs(1);
+
+/// What whoever wants to stop a machine is told then.
+pub const UNANSWERED: &str = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, or ^A \
+                              over the serial port";
 
 /// Does `stop`. If that takes longer than a second, says meanwhile that nothing is known to stand.
 pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
@@ -13,9 +17,7 @@ pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
         let (done, over) = channel::<()>();
         scope.spawn(move || {
             if over.recv_timeout(SILENCE) == Err(RecvTimeoutError::Timeout) {
-                let warning = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, \
-                               or ^A over the serial port";
-                let _ = writeln!(io::stderr(), "pmacctl: {warning}");
+                let _ = writeln!(io::stderr(), "pmacctl: {UNANSWERED}");
             }
         });
         let stopped = stop();

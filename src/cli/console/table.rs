@@ -27,6 +27,20 @@ impl Table {
         self.rows.push(cells.into_iter().collect());
     }
 
+    /// Puts a column before the last one; a cell for each row.
+    pub fn column_before_last(
+        &mut self,
+        heading: &'static str,
+        align: Align,
+        cells: impl IntoIterator<Item = String>,
+    ) {
+        let before_last = |length: usize| length.saturating_sub(1);
+        self.columns.insert(before_last(self.columns.len()), (heading, align));
+        for (row, cell) in self.rows.iter_mut().zip(cells) {
+            row.insert(before_last(row.len()), cell);
+        }
+    }
+
     /// Removes the column called `name`, if there is one.
     pub fn drop_column(&mut self, name: &str) {
         let Some(index) = self.columns.iter().position(|(heading, _)| *heading == name) else { return };
@@ -38,7 +52,12 @@ impl Table {
 
     /// The table in lines of at most `width` characters, if possible: first without the columns in `spare`, one after the
     /// other, then with the words of the last column in further lines. No cell is cut: half a number is another number.
-    pub fn fitting(mut self, width: usize, spare: &[&str]) -> String {
+    pub fn fitting(self, width: usize, spare: &[&str]) -> String {
+        self.fitting_rows(width, spare).into_iter().flatten().map(|line| line + "\n").collect()
+    }
+
+    /// As [`Self::fitting`]: the lines of the heading, then those of each row.
+    pub fn fitting_rows(mut self, width: usize, spare: &[&str]) -> Vec<Vec<String>> {
         for name in spare {
             if self.to_string().lines().all(|line| line.chars().count() <= width) {
                 break;
@@ -65,19 +84,19 @@ impl Table {
 }
 
 /// The line, and below it the words behind character `begin` that do not fit.
-fn wrapped(line: &str, begin: usize, width: usize) -> String {
+pub fn wrapped(line: &str, begin: usize, width: usize) -> Vec<String> {
     let mut row: String = line.chars().take(begin).collect();
-    let mut text = String::new();
+    let mut lines = Vec::new();
     for (index, word) in line.chars().skip(begin).collect::<String>().split(' ').enumerate() {
         if index > 0 && row.chars().count() + 1 + word.chars().count() > width {
-            text += &format!("{row}\n");
-            row = " ".repeat(begin);
+            lines.push(std::mem::replace(&mut row, " ".repeat(begin)));
         } else if index > 0 {
             row.push(' ');
         }
         row += word;
     }
-    text + &format!("{}\n", row.trim_end())
+    lines.push(row.trim_end().to_owned());
+    lines
 }
 
 impl fmt::Display for Table {
@@ -130,6 +149,15 @@ mod tests {
         let wrapped = "motor  flags\n   #1  homed\n       in-position\n   #2\n";
         assert_eq!(table().fitting(23, &["spare"]), wrapped);
         assert_eq!(table().fitting(1, &["spare"]), wrapped);
+    }
+
+    #[test]
+    fn a_column_comes_before_the_last() {
+        let mut table = Table::new(&[("a", Align::Left), ("z", Align::Left)]);
+        table.row(["1", "end"].map(str::to_owned));
+        table.column_before_last("m", Align::Right, ["x".to_owned()]);
+        assert_eq!(table.to_string(), "a  m  z\n1  x  end\n");
+        assert_eq!(table.fitting_rows(5, &[]), [["a  m  z"], ["1  x  end"]]);
     }
 
     #[test]

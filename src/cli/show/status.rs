@@ -6,6 +6,7 @@ use super::elsewhere;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
+use crate::format::Visible;
 use crate::map::Family;
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::program_words::waits_for;
@@ -13,16 +14,7 @@ use crate::protocol::{Function, OpenBufferInfo, ProgramWords};
 use crate::segment::{Condition, Identity, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let mut board = match context.attach() {
-        Ok(board) => board,
-        Err(
-            error @ (ClientError::Segment(SegmentError::NotFound { .. })
-            | ClientError::Socket(CommandError::Connect { .. })),
-        ) => return absent(context, &error),
-        Err(error) => return Err(error.into()),
-    };
-    let identity = board.identity()?;
-    let document = document(context, &mut board, &identity);
+    let document = look(context)?;
     if context.output.is_json() {
         context.output.json(&document)?;
     } else {
@@ -31,19 +23,28 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     Ok((document["condition"] == "live").into())
 }
 
+/// The document of `status --json`.
+pub fn look(context: &Context) -> Result<Value, Failure> {
+    let mut board = match context.attach() {
+        Ok(board) => board,
+        Err(
+            error @ (ClientError::Segment(SegmentError::NotFound { .. })
+            | ClientError::Socket(CommandError::Connect { .. })),
+        ) => return Ok(absent(context, &error)),
+        Err(error) => return Err(error.into()),
+    };
+    let identity = board.identity()?;
+    Ok(document(context, &mut board, &identity))
+}
+
 /// A daemon that does not run is a valid answer.
-fn absent(context: &mut Context, error: &ClientError) -> Result<Verdict, Failure> {
+fn absent(context: &Context, error: &ClientError) -> Value {
     let name = context.name().ok();
     let name = name.as_ref().map(SegmentName::as_str);
-    if context.output.is_json() {
-        let reason = error.to_string();
-        context.output.json(&json!({ "name": name, "condition": "absent", "reason": reason }))?;
-    } else {
-        let name = name.map_or_else(String::new, |name| format!("{name}: "));
-        context.output.line(format_args!("{name}{error}"))?;
-    }
-    Ok(Verdict::No)
+    json!({ "name": name, "condition": ABSENT, "reason": error.to_string() })
 }
+
+const ABSENT: &str = "absent";
 
 /// The board's global status, what its coordinate systems run, and the motors whose blocks the board fills, while the data that
 /// they stand in are fresh: else null and none.
@@ -214,8 +215,19 @@ fn open_buffer(open: Option<&OpenBufferInfo>) -> Value {
 
 /// The document as text: a line for each known fact.
 fn text(document: &Value) -> String {
+    if document["condition"] == ABSENT {
+        let [name, reason] = ["name", "reason"].map(|key| document[key].as_str());
+        let name = name.map_or_else(String::new, |name| format!("{name}: "));
+        return format!("{}\n", Visible(name + reason.unwrap_or_default()));
+    }
+    let lines = lines(document);
+    lines.into_iter().map(|(what, value)| format!("{what:<15} {value}\n")).collect()
+}
+
+/// Each known fact of the document: what it is about, and what there is to say.
+pub fn lines(document: &Value) -> Vec<(String, String)> {
     let mut lines = Vec::new();
-    let mut say = |what: &str, value: String| lines.push(format!("{what:<15} {value}\n"));
+    let mut say = |what: &str, value: String| lines.push((what.to_owned(), value));
     let plain = |value: &Value| match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
@@ -223,6 +235,9 @@ fn text(document: &Value) -> String {
     say("name", plain(&document["name"]));
     let reason = document["reason"].as_str().map_or_else(String::new, |reason| format!(": {reason}"));
     say("condition", plain(&document["condition"]) + &reason);
+    if document["condition"] == ABSENT {
+        return lines;
+    }
     let pid = plain(&document["owner_pid"]);
     let age = document["heartbeat_age_ms"].as_f64().unwrap_or_default();
     let uptime = document["uptime_s"].as_f64().unwrap_or_default();
@@ -310,5 +325,5 @@ fn text(document: &Value) -> String {
     } else {
         say("socket", plain(&socket["reason"]));
     }
-    lines.concat()
+    lines
 }

@@ -1,0 +1,199 @@
+//! The thread that holds a jog for `top`.
+//!
+//! It renews the lease only until the moment that the last key press gave it. So the motor stops when the screen hangs (a
+//! terminal that is gone or takes nothing more), and not only when the process ends: then the daemon stops it.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crate::cli::act::panel::may_be_moving;
+use crate::client::{CommandError, Connection, HeldJog};
+use crate::function::panel::PanelAction;
+use crate::protocol::CallError;
+use crate::segment::SegmentName;
+
+/// The longest sleep during a jog.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the end of the program waits for the stop of a jog.
+const END: Duration = Duration::from_secs(8);
+
+/// What the hand is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// See whether this user may jog.
+    Arm(u8),
+    /// Jog until then.
+    Jog {
+        motor: u8,
+        action: PanelAction,
+        until: Instant,
+    },
+    /// Jog on until then.
+    Keep(Instant),
+    Stop,
+}
+
+/// What has become of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Told {
+    Armed(u8),
+    /// Nothing moves, and the keys are to be disarmed.
+    Refused(String),
+    Jogs(u8),
+    Stopping(u8),
+    Stopped(u8),
+    /// The jog is over, and more is to be said.
+    Fault(String),
+    /// What the board made of a control character.
+    Character(u8, Result<(), String>),
+}
+
+/// Where the daemon is.
+#[derive(Debug, Clone)]
+struct Daemon {
+    socket: PathBuf,
+    name: SegmentName,
+}
+
+impl Daemon {
+    fn connect(&self) -> Result<Connection, CommandError> {
+        Connection::open(&self.socket)?.of_board(&self.name)
+    }
+}
+
+pub struct Hand {
+    daemon: Daemon,
+    orders: Option<Sender<Order>>,
+    tell: Sender<Told>,
+    told: Receiver<Told>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Hand {
+    /// For the board called `name`, whose daemon listens at `socket`.
+    pub fn new(socket: PathBuf, name: SegmentName) -> Self {
+        let ((orders, taken), (tell, told)) = (channel(), channel());
+        let daemon = Daemon { socket, name };
+        let (theirs, there) = (daemon.clone(), tell.clone());
+        let thread = std::thread::spawn(move || run(&theirs, &taken, &there));
+        Self { daemon, orders: Some(orders), tell, told, thread: Some(thread) }
+    }
+
+    pub fn order(&self, order: Order) {
+        if let Some(orders) = &self.orders {
+            // Nobody is there only after a panic, which has stopped the jog.
+            let _ = orders.send(order);
+        }
+    }
+
+    /// Sends a control character ahead of everything, whatever the hand does meanwhile.
+    pub fn send_character(&self, character: u8) {
+        let (daemon, tell) = (self.daemon.clone(), self.tell.clone());
+        std::thread::spawn(move || {
+            let sent = daemon.connect().and_then(|mut connection| connection.control(character));
+            let sent = sent.map(drop).map_err(|error| error.to_string());
+            let _ = tell.send(Told::Character(character, sent));
+        });
+    }
+
+    /// What has happened since the last call.
+    pub fn told(&self) -> impl Iterator<Item = Told> + '_ {
+        self.told.try_iter()
+    }
+
+    /// Stops what jogs, and says what is not known to have stopped.
+    pub fn end(mut self) -> Vec<String> {
+        drop(self.orders.take());
+        let deadline = Instant::now() + END;
+        while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+        }
+        let (mut stopping, mut faults) = (None, Vec::new());
+        for told in self.told.try_iter() {
+            match told {
+                Told::Jogs(motor) | Told::Stopping(motor) => stopping = Some(motor),
+                Told::Stopped(_) => stopping = None,
+                Told::Fault(text) => {
+                    stopping = None;
+                    faults.push(text);
+                }
+                Told::Armed(_) | Told::Refused(_) | Told::Character(..) => {}
+            }
+        }
+        faults.extend(stopping.map(|motor| may_be_moving(&[motor])));
+        faults
+    }
+}
+
+/// Follows the orders until there can be no more.
+fn run(daemon: &Daemon, orders: &Receiver<Order>, tell: &Sender<Told>) {
+    let mut next = orders.recv().ok();
+    while let Some(order) = next.take() {
+        match order {
+            Order::Arm(motor) => {
+                let told = may_jog(daemon).map_or_else(Told::Refused, |()| Told::Armed(motor));
+                let _ = tell.send(told);
+            }
+            Order::Jog { motor, action, until } => next = jog(daemon, orders, tell, motor, action, until),
+            // Of a jog that is over already.
+            Order::Keep(_) | Order::Stop => {}
+        }
+        next = next.or_else(|| orders.recv().ok());
+    }
+}
+
+/// Why this user may not jog. The daemon decides; it is asked, so that this is known before a key is pressed.
+fn may_jog(daemon: &Daemon) -> Result<(), String> {
+    let info = daemon.connect().and_then(|mut connection| connection.info());
+    match info.map_err(|error| error.to_string())?.role.as_deref() {
+        Some("observe" | "stop") => {
+            Err(CallError::NotPermitted { role_needed: "operate".to_owned() }.to_string())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Jogs until the keys have been silent for too long. Returns the order that ended it, if that asks for more.
+fn jog(
+    daemon: &Daemon,
+    orders: &Receiver<Order>,
+    tell: &Sender<Told>,
+    motor: u8,
+    action: PanelAction,
+    mut until: Instant,
+) -> Option<Order> {
+    let begun = daemon.connect().and_then(|connection| HeldJog::begin(connection, action.name(), &[motor]));
+    let held = match begun {
+        Ok(held) => held,
+        Err(error @ (CommandError::Broken { .. } | CommandError::NoAnswer { .. })) => {
+            let _ = tell.send(Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))));
+            return None;
+        }
+        Err(error) => {
+            let _ = tell.send(Told::Refused(error.to_string()));
+            return None;
+        }
+    };
+    let _ = tell.send(Told::Jogs(motor));
+    let mut next = None;
+    while held.is_held() && Instant::now() < until {
+        match orders.recv_timeout(LOOK) {
+            Ok(Order::Keep(further)) => until = until.max(further),
+            Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok(other) => {
+                next = Some(other);
+                break;
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+    let _ = tell.send(Told::Stopping(motor));
+    let _ = tell.send(match held.stop() {
+        Ok(_) => Told::Stopped(motor),
+        Err(error @ CommandError::Refused(_)) => Told::Fault(error.to_string()),
+        Err(error) => Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))),
+    });
+    next
+}
