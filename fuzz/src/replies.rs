@@ -12,6 +12,7 @@ use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
 use pmac_dpram::map::{Family, Firmware, Layout, PMAC, errors, status};
+use pmac_dpram::protocol::line_ends::LineEnds;
 use pmac_dpram::protocol::{LINE_MAX, check_line, control};
 use pmac_dpram::rotary::Constant;
 use pmac_dpram::segment::Identity;
@@ -169,6 +170,7 @@ fn lines(bytes: &[u8]) {
             && check_line(text).is_ok()
         {
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
+            assert!(LineEnds::of(text).is_none_or(|ends| !ends.what.is_empty()));
         }
     }
     buffer.done(b"CLOSE");

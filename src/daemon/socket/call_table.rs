@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use super::command_ends::ends_of;
 use super::fair_queue::{FairQueue, Turn};
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
 use super::leftovers::LineEffect;
 use super::policy::Peer;
-use super::sent_stops::ends_of;
 use super::stop_target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;

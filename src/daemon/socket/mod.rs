@@ -4,6 +4,7 @@ mod admission;
 mod audit;
 mod call_table;
 mod clients;
+mod command_ends;
 mod connection;
 mod fair_queue;
 pub mod jobs;

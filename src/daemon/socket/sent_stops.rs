@@ -8,13 +8,9 @@ use std::time::Instant;
 
 use super::call_table::Caller;
 use super::sequences::{Resource, Running};
-use super::stop_target::{Target, numbers};
-use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::Command;
-use crate::function::panel::PanelAction;
+use super::stop_target::numbers;
 use crate::map::Family;
 use crate::protocol::board::SentStop;
-use crate::protocol::control;
 use crate::protocol::line_ends::LineEnds;
 
 /// How many are kept.
@@ -81,46 +77,5 @@ impl Sent {
             motors: within(ends.motors, family.motors),
             gather: ends.gather,
         }
-    }
-}
-
-/// What `command` ends. What stops in the place of a panel request counts as that.
-pub(super) fn ends_of(command: &Command) -> Option<LineEnds> {
-    match command {
-        Command::Send { line, .. } => LineEnds::of(line),
-        Command::Control { character, .. } => ended_by_character(*character),
-        Command::Job { job, .. } => match &**job {
-            Job::Panel(request) => ended_by_panel(request.action()?, request.mask()),
-            _ => None,
-        },
-        Command::First { .. } | Command::ReadWords { .. } => None,
-    }
-}
-
-/// What the stop of `target` ends.
-pub(super) fn ended_by_stop(target: Target) -> Option<LineEnds> {
-    match target {
-        Target::Motors(motors) => ended_by_panel(PanelAction::JogStop, motors),
-        Target::Systems(..) => ended_by_panel(PanelAction::Stop, target.aborted()),
-    }
-}
-
-fn ended_by_panel(action: PanelAction, mask: u32) -> Option<LineEnds> {
-    let what = format!("panel {action}");
-    match action {
-        PanelAction::Start | PanelAction::Hold => None,
-        _ if mask == 0 => None,
-        _ if action.is_for_motors() => Some(LineEnds { what, motors: mask, ..LineEnds::default() }),
-        _ => Some(LineEnds { what, systems: mask, ..LineEnds::default() }),
-    }
-}
-
-fn ended_by_character(character: u8) -> Option<LineEnds> {
-    let ends = LineEnds { what: control::name(character), ..LineEnds::default() };
-    let all = u32::MAX;
-    match character {
-        control::ABORT | control::KILL => Some(LineEnds { systems: all, motors: all, ..ends }),
-        control::QUIT | control::STEP => Some(LineEnds { systems: all, ..ends }),
-        _ => None,
     }
 }
