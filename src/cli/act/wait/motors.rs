@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::systems::system_of;
+use super::stops::stops_motor;
 use super::{Awaited, BEGINS, Look, Progress, STANDS, Watch, since};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
@@ -160,13 +160,6 @@ pub fn motors_end(
         let stood = since(*stood.entry(number).or_insert(look.now_ns), look.now_ns);
         judge(motor, goal, look, stood)
     })
-}
-
-/// Whether what somebody has sent stops motor `number`, by itself or as its coordinate system's, or sends it elsewhere.
-fn stops_motor(number: u8, stop: &SentStop, snapshot: &Snapshot) -> bool {
-    let system = system_of(number.into(), snapshot);
-    stop.motors.contains(&number.into())
-        || stop.coordinate_systems.iter().any(|stopped| Some(*stopped as usize) == system)
 }
 
 /// Whether it stands in position.

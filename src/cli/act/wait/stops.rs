@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::client::Connection;
+use crate::client::{Connection, Snapshot};
 use crate::protocol::board::SentStop;
 
 /// How often the daemon is asked.
@@ -47,4 +47,28 @@ impl Stops {
     pub fn last(&self, concerns: impl Fn(&SentStop) -> bool) -> Option<&SentStop> {
         self.since.iter().rev().find(|stop| concerns(stop))
     }
+}
+
+/// Whether what somebody has sent stops motor `number`, by itself or as its coordinate system's, or sends it elsewhere.
+pub fn stops_motor(number: u8, stop: &SentStop, snapshot: &Snapshot) -> bool {
+    let system = system_of(number.into(), snapshot);
+    stop.motors.contains(&number.into())
+        || stop.coordinate_systems.iter().any(|stopped| Some(*stopped as usize) == system)
+}
+
+/// Whether what somebody has sent ends the program of coordinate system `number`.
+pub fn ends_program(number: u8, stop: &SentStop, _: &Snapshot) -> bool {
+    stop.coordinate_systems.contains(&number.into())
+}
+
+/// The coordinate system that a motor belongs to, as the background report tells.
+pub fn system_of(motor: usize, snapshot: &Snapshot) -> Option<usize> {
+    let background = snapshot.background.as_ref()?;
+    background
+        .data
+        .motors
+        .iter()
+        .find(|other| other.motor == motor)?
+        .coordinate_system
+        .map(|system| system as usize)
 }

@@ -13,6 +13,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::motors::{fault, position, stands};
+use super::stops::{ends_program, system_of};
 use super::{Awaited, BEGINS, Look, Progress, Watch};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
@@ -20,7 +21,6 @@ use crate::client::motor::Motor;
 use crate::client::{Connection, Snapshot, identity};
 use crate::decode::CoordinateSystem;
 use crate::map::DEFAULT_FAMILY;
-use crate::protocol::board::SentStop;
 
 /// Flags of the program status word that say why a program has ended, and what is said of it.
 const FAULTS: [(&str, &str); 5] = [
@@ -52,11 +52,6 @@ impl Watch {
 
 /// What is waited for.
 const PROGRAM: &str = "the program of coordinate system";
-
-/// Whether what somebody has sent ends the program of coordinate system `number`.
-fn ends_program(number: u8, stop: &SentStop, _: &Snapshot) -> bool {
-    stop.coordinate_systems.contains(&number.into())
-}
 
 /// How long the reports have to show that a program has begun.
 const SEEN_TO_BEGIN: Duration = Duration::from_secs(3);
@@ -173,18 +168,6 @@ fn program_fault(system: &CoordinateSystem) -> Option<&'static str> {
 fn own_motors<'a, 'b>(motors: &'b [Motor<'a>], number: usize, snapshot: &Snapshot) -> Vec<&'b Motor<'a>> {
     let is_own = |motor: &&Motor<'_>| system_of(motor.servo.motor, snapshot) == Some(number);
     motors.iter().filter(is_own).collect()
-}
-
-/// The coordinate system that a motor belongs to, as the background report tells.
-pub(super) fn system_of(motor: usize, snapshot: &Snapshot) -> Option<usize> {
-    let background = snapshot.background.as_ref()?;
-    background
-        .data
-        .motors
-        .iter()
-        .find(|other| other.motor == motor)?
-        .coordinate_system
-        .map(|system| system as usize)
 }
 
 /// The motors that may belong to the coordinate systems `numbers` and are in no servo report.
