@@ -5,7 +5,8 @@ import sys
 import tempfile
 
 import pytest
-from site_of_processes import REPOSITORY, Site
+from board_of_processes import REPOSITORY
+from site_of_processes import Site
 
 
 @pytest.fixture

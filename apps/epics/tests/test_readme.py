@@ -9,8 +9,8 @@ import sys
 import tempfile
 
 import pytest
+from board_of_processes import PROGRAMS, until
 from conftest import addresses
-from site_of_processes import PROGRAMS, until
 
 PAGE = (pathlib.Path(__file__).parents[1] / "README.md").read_text()
 BLOCKS = re.findall(r"```([^\n]+)\n(.*?)```", PAGE, re.DOTALL)

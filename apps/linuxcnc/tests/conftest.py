@@ -12,7 +12,8 @@ import sys
 import tempfile
 
 import pytest
-from site_of_processes import REPOSITORY, Site
+from board_of_processes import REPOSITORY
+from site_of_processes import Site
 
 UNPACKED = REPOSITORY / "target" / "apps" / "linuxcnc-uspace"
 CLONE_NEWIPC = 0x08000000

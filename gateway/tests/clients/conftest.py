@@ -3,7 +3,7 @@
 import tempfile
 
 import pytest
-from site_of_processes import Site
+from gateway_of_processes import Site
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import socket
 import struct
 
 import pytest
-from site_of_processes import until
+from board_of_processes import until
 
 DOWNLOAD, UPLOAD = 0x40, 0xC0
 SENDLINE, FLUSH, GETBUFFER = 0xB0, 0xB3, 0xC5
@@ -74,7 +74,7 @@ def test_it_moves_follows_and_stops(site, client):
     assert client.ask("#2K") == []
     until(lambda: int(client.ask("#2?")[0], 16) >> 42 & 1, "the open loop")
     assert client.ask("#2J:0") == []
-    assert "#2J=1500" in site.log("pmac-gateway")
+    assert site.has_told("#2J=1500")
 
 
 def test_an_error_is_fetched_and_flushed(client):

@@ -5,7 +5,7 @@ import pathlib
 import types
 
 import pytest
-from site_of_processes import until
+from board_of_processes import until
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
@@ -136,7 +136,7 @@ def test_it_jogs_and_kills(site, window):
     # ^K inside a GETRESPONSE.
     form.btnKillAll.click()
     window.until(lambda: is_open(1) and is_open(8), "all loops open")
-    assert "^K" in site.log("pmac-gateway")
+    assert site.has_told("^K")
 
 
 def test_it_gathers_what_moves(site, window):

@@ -3,7 +3,7 @@
 import pytest
 from dls_pmaclib.dls_pmacremote import PmacEthernetInterface
 from dls_pmaclib.dls_pmcpreprocessor import ClsPmacParser
-from site_of_processes import until
+from board_of_processes import until
 
 
 def connected(site):
@@ -103,9 +103,8 @@ def test_it_jogs(site, pmac):
     until(lambda: site.position(2) > 200, "motion")
     assert pmac.jogStop(2)[1:] == ("\x06", True)
     until(lambda: site.send("#2V") == ["0"], "the motor to stand")
-    log = site.log("pmac-gateway")
     for line in ["#2J^2000", "#2J=100", "#2J+", "#2J/"]:
-        assert line in log, log
+        assert site.has_told(line), site.log()
 
 
 def test_it_homes(site, pmac):
