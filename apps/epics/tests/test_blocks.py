@@ -49,9 +49,9 @@ def test_at_full_rate_gaps_are_what_the_daemon_missed_and_none_is_lost(ioc, cont
         return block
 
     try:
-        # What the monitor begins with may have been read between two blocks.
+        # What the monitor begins with may be none yet, or have been read between two blocks.
         before, first = following(), following()
-        while before.first != before.block:
+        while before.first == 0 or before.first != before.block:
             before, first = first, following()
         # pmacd counts a gap after it has published the report behind it: a count is exact where no gap comes last.
         while absent(before, first)[0][-1]:
