@@ -24,6 +24,10 @@ SCALARS_EACH = 2
 LIVE, STALE, GONE = range(3)
 
 
+class OtherUnits(pmac_dpram.StaleData):
+    """Positions would be shown in units that they do not have."""
+
+
 class Server:
     """The records of the board that ``connect`` gives, made before iocInit; without live data an exception and no record."""
 
@@ -49,7 +53,7 @@ class Server:
         self._why = builder.longStringIn(f"{prefix}WHY", length=512)
         Commands(prefix, acting, writable)
         Gather(prefix, acting, writable)
-        self._shows = None
+        self._shows = self._told = None
         self._end = threading.Event()
 
     def follow(self):
@@ -82,8 +86,9 @@ class Server:
     def _scalars(self):
         snapshot = self._board.snapshot()
         if self._board.units() != self._units:
-            raise pmac_dpram.StaleData("pmacd has other units of motors than when this server began; start it again")
+            raise OtherUnits("pmacd has other units of motors than when this server began; start it again")
         if self._shows != LIVE:
+            self._told = None
             self._say(LIVE, "")
         for motor in self._motors:
             reported = motor_of(snapshot, motor.number)
@@ -94,8 +99,9 @@ class Server:
 
     def _down(self, state, error):
         """Makes everything INVALID, once, until it is live or down in another way."""
-        if self._shows == state:
+        if self._told is type(error):
             return
+        self._told = type(error)
         status = alarm.COMM_ALARM if state == GONE else alarm.TIMEOUT_ALARM
         for shown in [*self._motors, self._blocks]:
             shown.invalidate(status)
