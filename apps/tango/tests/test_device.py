@@ -162,6 +162,14 @@ def test_who_asks_for_data_waits_for_no_line_of_others(site, device):
         saving.join(60)
     assert answers
 
+    def answers_again():
+        try:
+            return device.OnlineCmd("I122")
+        except tango.DevFailed:
+            return None
+
+    site.until(answers_again, "a free port")
+
 
 def test_a_motion_is_logged_with_the_client(site, device):
     device.JogToPos([1, 10])
