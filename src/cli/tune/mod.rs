@@ -34,6 +34,9 @@ use crate::table::{Field, Kind};
 /// How long the motor may take to stand in position after the recording, and to come back.
 const STANDS: Duration = Duration::from_secs(10);
 
+/// How much of a recording is drawn: so many times what the motor takes to settle.
+const SHOWN: f64 = 4.0;
+
 /// `tune`.
 #[derive(Debug, Args)]
 pub struct Tune {
@@ -316,7 +319,10 @@ fn plot(
 ) -> Result<(), Failure> {
     let recording = &record.recording;
     let begin = response.map_or(0.0, |response| response.begin);
-    let places: Vec<f64> = recording.times.iter().map(|time| (time - begin) * 1e3).collect();
+    // Long after it has settled there is nothing to see.
+    let end = response.and_then(|response| Some(begin + SHOWN * (response.settled? - begin)));
+    let shown = recording.times.iter().take_while(|time| end.is_none_or(|end| **time <= end));
+    let places: Vec<f64> = shown.map(|time| (time - begin) * 1e3).collect();
     let error = recording.following_error();
     let trace = |name: &str, values| Trace { name: name.to_owned(), values };
     let squeezed = |line: String| line.split_whitespace().collect::<Vec<_>>().join(" ");

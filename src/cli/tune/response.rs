@@ -38,6 +38,9 @@ pub struct Response {
     pub overshoot_percent: f64,
     /// Until the motor stays within [`BAND`] of the end.
     pub settling_time_s: Option<f64>,
+    /// When it stays there, by the clock of `begin`.
+    #[serde(skip)]
+    pub settled: Option<f64>,
     /// From the beginning of the move on, in counts.
     pub following_error_rms: f64,
     /// The largest, without its sign.
@@ -74,12 +77,14 @@ impl Recording {
             Settles::AfterBegin => begin,
             Settles::AfterEnd => self.times[last],
         };
+        let settled = self.settled(from, part);
         Some(Response {
             begin,
+            settled,
             size,
             rise_time_s: low.zip(high).map(|(low, high)| high - low),
             overshoot_percent: (furthest - 1.0).max(0.0) * 100.0,
-            settling_time_s: self.settled(from, part).map(|time| (time - since).max(0.0)),
+            settling_time_s: settled.map(|time| (time - since).max(0.0)),
             following_error_rms: (squares / moved().len() as f64).sqrt(),
             following_error_most: errors().map(f64::abs).fold(0.0, f64::max),
         })
