@@ -6,7 +6,6 @@
 //! at another stride, or counts coordinate systems from another number, puts the lines into another buffer, and without this
 //! nothing would tell: `R` would run a program that is not there, and the lines would run where nobody looks.
 
-use super::refused;
 use crate::function::rotary::RotaryState;
 use crate::protocol::{CallError, answer};
 
@@ -59,6 +58,7 @@ impl Count {
 pub(super) fn lines_left(reply: &[String]) -> Result<u64, CallError> {
     let number = reply.first().and_then(|line| answer::integer(line));
     number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
-        refused(format!("the board answers {reply:?} to PR, which should be a number of lines"))
+        let reason = format!("the board answers {reply:?} to PR, which should be a number of lines");
+        CallError::Refused { reason }
     })
 }
