@@ -336,6 +336,8 @@ fn endless(site: &VirtualSite) -> Child {
         "&1 B8",
     ];
     lines.into_iter().for_each(|line| drop(site.ask(line)));
+    // The reports say no more that the program before runs.
+    site.run_for(Duration::from_millis(500));
     let child = start(site, &["panel", "start", "1", "--wait"]);
     site.wait_until("the program", || number(site, "#1V") > 0.1);
     child
