@@ -94,6 +94,19 @@ fn b5_7_a_jog_goes_on_until_it_is_stopped() {
 }
 
 #[test]
+fn c1_a_jog_of_a_turbo_board_closes_no_loop_of_a_killed_motor_either() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.ask("#3K");
+    site.wait_until("the open loop", || site.pmacctl(&["motors"]).1.contains("open-loop"));
+    refused(&site, &["jog", "3", "=1000"], 1, "not sent: the loop of motor 3 is open");
+    assert!(!site.log().contains("J="), "{}", site.log());
+    done(&site, &["jog", "3", "stop"]);
+    site.wait_until("the closed loop", || !site.pmacctl(&["motors"]).1.contains("open-loop"));
+    done(&site, &["jog", "3", "=1000"]);
+}
+
+#[test]
 fn b5_7_a_jog_is_refused_with_nothing_sent() {
     let site = running(UNITS);
     site.ask("#3K");

@@ -42,7 +42,9 @@ impl Rig {
 
     fn publish(&mut self) {
         let stamp = Stamp { time_ns: monotonic_ns(), servo_timer: 0, valid: true };
-        self.publisher.publish(RegionId::Servo, stamp, &[0; WORDS]);
+        // A block of zeros is no motor's.
+        let words: [u16; WORDS] = std::array::from_fn(|word| u16::from(word % 2 == 0));
+        self.publisher.publish(RegionId::Servo, stamp, &words);
     }
 
     fn identify(&mut self, identity: &Identity) {

@@ -221,6 +221,7 @@ impl BoardLoop {
             status.reply_end = queue.ports().dpram.reply_end();
             (status.buffer, status.given_up) = queue.standing();
             status.open_loops = self.functions.open_loops();
+            status.loops_left_open = self.functions.loops_left_open();
             status.motion = servo.motion();
             status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();

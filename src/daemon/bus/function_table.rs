@@ -224,6 +224,13 @@ impl FunctionTable {
         self.panel.as_ref().map_or(0, |panel| panel.open_loops())
     }
 
+    /// The motors whose loop a jog would close: as [`Self::open_loops`], and where there is no panel as the servo report says. What
+    /// is left out by that is a jog; a stop must not be, lest an old report leave a motor moving.
+    #[must_use]
+    pub fn loops_left_open(&self) -> u32 {
+        self.panel.as_ref().map_or_else(|| self.servo.open_loops(), |panel| panel.open_loops())
+    }
+
     /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.
     #[must_use]
     pub fn program_buffer_open(&self) -> Option<(bool, u64)> {

@@ -127,6 +127,12 @@ impl Info {
         self.status.open_loops
     }
 
+    /// The motors that a jog leaves alone, because it would close their loop.
+    #[must_use]
+    pub fn loops_left_open(&self) -> u32 {
+        self.status.loops_left_open
+    }
+
     /// The command that was given up and holds the port for command lines.
     #[must_use]
     pub fn given_up(&self) -> Option<GivenUp> {

@@ -63,6 +63,8 @@ pub struct BoardStatus {
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
     pub open_loops: u32,
+    /// The motors that a jog leaves alone, because it would close their loop.
+    pub loops_left_open: u32,
     /// Which motors move.
     pub motion: Motion,
     /// Whether a program buffer is open, as a report tells; `None` while no report tells.
@@ -93,6 +95,7 @@ impl BoardStatus {
         given_up: None,
         enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,
+        loops_left_open: 0,
         motion: Motion { moving: 0, standing: 0 },
         program_buffer: None,
         gathers: None,

@@ -17,7 +17,7 @@ use crate::cli::top::watches::Watched;
 use crate::client::{Snapshot, Staleness, View, identity};
 use crate::decode::{Image, Quantity};
 use crate::format::{Float48Layout, WordOrder, fixed48, int24, split32};
-use crate::map::{Family, PMAC, TURBO2};
+use crate::map::{Family, PMAC, TURBO2, block_fields};
 use crate::segment::{Identity, UserUnit};
 
 /// Everything that a picture is made of.
@@ -60,6 +60,11 @@ impl Board {
                 bytes[offset + 2 * index..][..2].copy_from_slice(&word.to_le_bytes());
             }
         };
+        // A block of zeros is no motor's.
+        let dac = block_fields(family, "servo").find(|field| field.name == "previous_dac").unwrap();
+        for number in 1..=motors {
+            put(family.servo.motors.at(number).unwrap().plus_words(dac.words.start).bytes() as usize, 1);
+        }
         if family.name == "pmac" {
             let [y, x] = fixed48::encode(3072 * 12_345);
             (put(0x48 + 8, y), put(0x48 + 12, x));

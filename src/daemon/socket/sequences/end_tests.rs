@@ -23,6 +23,9 @@ const ENDINGS: [Ending; 6] = [
 /// More steps than any sequence here takes until its owner has nothing more to say.
 const STEPS: usize = 40;
 
+/// Lines that were put into the DPRAM.
+const SENT: u64 = 5;
+
 /// A board as far as gathers and streams use it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Board {
@@ -74,6 +77,8 @@ impl Board {
             "GATHER" => self.gathers = true,
             "ENDGATHER" if self.gathers => self.gathers = false,
             "ENDGATHER" => self.report_runs = false,
+            // What it has taken from the DPRAM lies in its own buffer, too.
+            "&1PR" if self.open && !self.runs => return Some((self.left + SENT - self.ahead).to_string()),
             "&1PR" => return Some(self.left.to_string()),
             "&1??" => return Some(running(self.runs).to_owned()),
             "OPEN ROT" => self.open = true,
@@ -128,7 +133,7 @@ impl Board {
                     ahead_longs: 0,
                     ahead_commands: 0,
                     ahead_lines: self.ahead,
-                    sent_lines: 5,
+                    sent_lines: SENT,
                     busy: false,
                     error: None,
                     underruns: 0,

@@ -77,7 +77,7 @@ impl Service {
         if let Some((holder, held)) = self.leases.held_by_another(caller.client, jog.mask()) {
             return Err(held_by_another(holder, held));
         }
-        match self.info.open_loops() & jog.mask() {
+        match self.info.loops_left_open() & jog.mask() {
             0 => Ok(()),
             open => Err(CallError::Refused {
                 reason: format!(
