@@ -123,6 +123,10 @@ impl Board {
             // "motor activated", bit 23 of the first word of `?`, and "in position", bit 0 of the second.
             self.put_short(block + 12, 0x80_0000);
             self.put_short(block + 16, 1);
+            // Previous DAC, position bias, filtered velocity.
+            self.put_short(block + 8, 0);
+            self.put_pair(block + 20, 0);
+            self.put_short(block + 28, 0);
             self.put_pair(block + 40, 3072 * 1000 * motor);
         }
         self.stamp(SERVO_TIMER, SERVO_READY);
