@@ -278,7 +278,7 @@ fn every_length_of_line_arrives_whole() {
             if length >= family.ascii.command_bytes {
                 assert!(!received.contains(&0), "a first part has no NUL, its last byte included");
                 received.truncate(family.ascii.command_bytes - 1);
-                // No answer to the first part comes.
+                // The board gives the first part no answer.
                 rig.now += FIRST;
                 rig.poll();
                 received.extend(rig.take());

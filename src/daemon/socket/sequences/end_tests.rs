@@ -23,9 +23,6 @@ const ENDINGS: [Ending; 6] = [
 /// More steps than any sequence here takes until its owner has nothing more to say.
 const STEPS: usize = 40;
 
-/// Lines that were put into the DPRAM.
-const SENT: u64 = 5;
-
 /// A board as far as gathers and streams use it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Board {
@@ -41,6 +38,9 @@ struct Board {
     ahead: u64,
     resets: u64,
 }
+
+/// Lines of a stream that were put into the DPRAM.
+const SENT: u64 = 5;
 
 impl Board {
     fn new(reports: bool, report_runs: bool) -> Self {
@@ -77,9 +77,10 @@ impl Board {
             "GATHER" => self.gathers = true,
             "ENDGATHER" if self.gathers => self.gathers = false,
             "ENDGATHER" => self.report_runs = false,
-            // What it has taken from the DPRAM lies in its own buffer, too.
-            "&1PR" if self.open && !self.runs => return Some((self.left + SENT - self.ahead).to_string()),
-            "&1PR" => return Some(self.left.to_string()),
+            "&1PR" => {
+                let taken = if self.open && !self.runs { SENT - self.ahead } else { 0 };
+                return Some((self.left + taken).to_string());
+            }
             "&1??" => return Some(running(self.runs).to_owned()),
             "OPEN ROT" => self.open = true,
             "CLOSE" => self.open = false,
