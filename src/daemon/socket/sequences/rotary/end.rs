@@ -86,8 +86,13 @@ impl Rotary {
                     )));
                 } else if self.is_whole() {
                     self.count.told = self.left;
-                    let doubt =
-                        if self.runs { self.count.surplus(cs) } else { self.count.doubt(self.count, cs) };
+                    let doubt = match (self.runs, self.call.run) {
+                        (true, _) => self.count.surplus(cs),
+                        (false, false) => self.count.doubt(self.count, cs),
+                        (false, true) => {
+                            Some(format!("the stream was ended before R could be sent; &{cs}R runs it"))
+                        }
+                    };
                     self.failure = doubt.map(refused);
                 }
                 (Phase::Over, None)
