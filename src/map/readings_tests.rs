@@ -1,3 +1,5 @@
+//! The list of readings, and what messages call them.
+
 use super::*;
 
 #[test]
