@@ -26,7 +26,9 @@ fn d2_a_reset_ends_no_connection() {
     for family in ["pmac", "turbo"] {
         let site = Site::of(family, &[]);
         let mut client = site.client();
-        assert_eq!(client.line("$$$"), "\x06", "the board has taken it");
+        // Whether the board lets go of the line before it resets is its own affair.
+        let answer = client.line("$$$");
+        assert!(answer == "\x06" || answer == "\0", "{family}: {answer:?}");
         assert_eq!(client.get_buffer(), [0], "nothing more comes of it");
         wait_until("the board", || match client.line("P1").as_str() {
             "0\r\x06" => true,
