@@ -43,7 +43,9 @@ impl Session {
         match done {
             Ok(()) => Ok(vec![DONE]),
             Err(Failure::Refused { why, .. }) => {
-                self.tell(REFUSAL, &why.unwrap_or_default());
+                if let Some(why) = why {
+                    self.tell(REFUSAL, &why);
+                }
                 Ok(vec![REFUSED])
             }
             Err(gone) => Err(gone),
@@ -57,7 +59,9 @@ impl Session {
         }
         match self.board.read(packet.value, count) {
             // Whatever came instead of the bytes would be taken for them.
-            Err(Failure::Refused { why, .. }) => Err(Failure::Gone(why.unwrap_or_default())),
+            Err(Failure::Refused { why, .. }) => {
+                Err(Failure::Gone(why.unwrap_or_else(|| "GetMem cannot be carried out now".to_owned())))
+            }
             read => read,
         }
     }
