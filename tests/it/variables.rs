@@ -200,7 +200,9 @@ fn e4_registers_and_variables_are_watched_side_by_side() {
     let document = watch(&["P1", "I122", "--json"]).json();
     assert_eq!((&document["values"][0]["value"], &document["values"][1]["value"]), (&2.5.into(), &40.into()));
     // A question never enters a program buffer, whoever has opened it.
-    site.ask("OPEN PROG 7 CLEAR");
+    for line in ["OPEN PROG 7 CLEAR", "X1"] {
+        site.ask(line);
+    }
     let ran = site.hurried(|| site.run(&["variable", "watch", "P1"]));
     assert!(ran.code == Some(1) && ran.stderr.contains("would have become a program line"), "{ran:?}");
     site.ask("CLOSE");
