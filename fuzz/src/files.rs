@@ -86,7 +86,8 @@ fn image(bytes: &[u8]) {
     let motors = usize::from(way >> 4) % (family.motors + 1);
     let scales = Scales::default();
     if let Ok(servo) = image.servo(motors, &scales) {
-        assert_eq!(servo.motors.len(), motors);
+        // A block that no board writes is no motor's.
+        assert!(servo.motors.len() <= motors);
         let _ = servo.global_flags().iter().flatten().map(|flags| flags.names().count()).sum::<usize>();
     }
     if let Ok(background) = image.background(motors, &scales, layout) {

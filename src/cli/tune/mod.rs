@@ -207,6 +207,11 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
         for line in response.iter().flat_map(said) {
             context.output.line(line)?;
         }
+        // Of a motor that was killed the board commands where it is: there was no move to a place.
+        if response.is_none() {
+            let most = record.recording.following_error().into_iter().map(f64::abs).fold(0.0, f64::max);
+            context.output.line(format_args!("following error  {} counts at the most", fixed(most, 2)))?;
+        }
     }
     if let (Some(path), Some(form)) = (&common.output, form) {
         write(path, form, &record, &stop)?;
