@@ -80,6 +80,12 @@ impl Seat {
         });
     }
 
+    /// Disarms. Not by the escape key, which makes another key of what is typed right behind it.
+    fn disarms(&mut self) {
+        self.types(" ");
+        wait_until("disarmed keys", || !self.shows("ARMED") && !self.shows("JOGS"));
+    }
+
     /// Whether the terminal is as it was, on its first screen and with a cursor.
     fn is_left_in_order(&self) -> bool {
         let seen = self.seen.lock().unwrap();
@@ -157,7 +163,7 @@ fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
     site.run_for(std::time::Duration::from_secs(1));
     assert!(!moves(&site), "a single press moves nothing");
     assert!(!site.log().contains("panel jog"), "{}", site.log());
-    seat.types("\x1b");
+    seat.disarms();
     seat.jogs(&site);
     assert!(site.log().contains(&format!("pid {} panel jog+ [1], held", seat.child.id())), "{}", site.log());
     // The key is released.
@@ -165,11 +171,10 @@ fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
     seat.sees("#1: the board has taken the stop");
     assert!(!site.log().contains("not renewed"), "the screen itself has stopped it: {}", site.log());
     // Another key stops it, too, and disarms.
-    seat.types("\x1b");
+    seat.disarms();
     seat.jogs(&site);
-    seat.types(" ");
+    seat.disarms();
     wait_until("a motor that stands", || !moves(&site));
-    wait_until("disarmed keys", || !seat.shows("ARMED") && !seat.shows("JOGS"));
     seat.types("q");
     assert_eq!(seat.ended(), Some(0), "{}", seat.screen());
     site.assert_no_violations();
