@@ -67,7 +67,8 @@ impl Board {
         }
         if family.name == "pmac" {
             let [y, x] = fixed48::encode(3072 * 12_345);
-            (put(0x48 + 8, y), put(0x48 + 12, x));
+            put(0x48 + 8, y);
+            put(0x48 + 12, x);
             put(0x48 + 0x24, int24::extend(0x81_2000));
             put(0x48 + 0x3C + 0x24, int24::extend(0x80_0000));
             put(0x24C + 0x10, int24::extend(0x80_4401));
