@@ -201,8 +201,6 @@ fn b2_6_a_held_jog_ends_when_somebody_switches_the_panel_off() {
         let mut held = holder(&site, &mut board);
         if by_serial {
             UnixStream::connect(site.path("serial")).unwrap().write_all(b"I2=0\r").unwrap();
-            site.run_for(Duration::from_millis(50));
-            held.panel_renew().unwrap();
             // The daemon asks again when a scale may have changed, and every half minute.
             board.send("I809=96", PATIENCE).unwrap();
         } else {
