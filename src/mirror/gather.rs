@@ -145,7 +145,7 @@ fn places(generation: Generation) -> &'static [Place] {
     }
 }
 
-/// Which of a generation's [`places`] fit what the board has written.
+/// Which of a generation's places fit what the board has written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fitting {
     generation: Generation,
