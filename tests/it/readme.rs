@@ -95,7 +95,7 @@ impl Reader {
         let programs = site.path("target");
         fs::create_dir_all(&programs).unwrap();
         symlink(real.parent().unwrap(), programs.join("release")).unwrap();
-        for folder in ["tests", "systemd", "src"] {
+        for folder in ["tests", "systemd", "src", "examples"] {
             symlink(root().join(folder), site.path(folder)).unwrap();
         }
         // Before the real ones in PATH.

@@ -9,7 +9,8 @@ import urllib.request
 import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
-from site_of_processes import PROGRAMS, Site
+from board_of_processes import PROGRAMS
+from site_of_processes import Site
 
 NAMED = '[[motor]]\nnumber = 1\nname = "AZ"\nunit = "deg"\ncounts_per_unit = 1000\n'
 # Motor 1 goes to and fro for ever.

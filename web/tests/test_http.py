@@ -11,7 +11,8 @@ import urllib.error
 import urllib.parse
 
 import pytest
-from site_of_processes import LOOPBACK, PROGRAMS, until
+from board_of_processes import PROGRAMS, until
+from site_of_processes import LOOPBACK
 
 DASHBOARD = pathlib.Path(__file__).parents[1] / "grafana.json"
 

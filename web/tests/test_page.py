@@ -4,7 +4,7 @@ import json
 
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
-from site_of_processes import until
+from board_of_processes import until
 
 
 def text(browser, selector):

@@ -33,6 +33,15 @@ fn follow(subscriber: &Subscriber, stop: &AtomicBool) -> (u64, u64) {
     (seen, cursor.lost())
 }
 
+/// Sets a flag when it is dropped, in a panic, too.
+struct OnDrop<'a>(&'a AtomicBool);
+
+impl Drop for OnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// A thousand connections of each kind of harm that one of them can do.
 fn attack(site: &Site) {
     let half = &get_response("P1")[..9];
@@ -59,7 +68,7 @@ fn attack(site: &Site) {
 #[test]
 fn d7_a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
     // Slow enough for a busy machine to read every update in time.
-    let site = Site::set_up(Setup { simulator: &["--servo-hz", "10"], ..Setup::default() });
+    let site = Site::set_up(Setup { simulator: &["--servo-hz", "100"], ..Setup::default() });
     let mut honest = site.client();
     honest.line("P0..1023=1234567");
     let subscriber = Subscriber::attach(&SegmentName::new(site.name()).unwrap()).unwrap();
@@ -69,6 +78,8 @@ fn d7_a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
     let (missed, memory) = (subscriber.counter(Counter::Missed), peak(site.gateway_pid()));
     let (stop, answered) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
+        // Whatever fails, the follower ends.
+        let _end = OnDrop(&stop);
         let follower = scope.spawn(|| follow(&subscriber, &stop));
         let attacker = scope.spawn(|| attack(&site));
         while !attacker.is_finished() {
