@@ -194,5 +194,7 @@ fn b1_7_the_doctor_waits_for_a_board_that_comes_up_after_a_reset() {
     site.wait_until("a board that is well", || site.run(&["doctor"]).code == Some(0));
     site.run(&["send", "$$$"]);
     let ran = site.hurried(|| site.run(&["doctor"]));
-    assert!(ran.code == Some(1) && ran.stdout.contains("it was reset 1"), "{ran:?}");
+    let waited = ran.stdout.split("it was reset ").nth(1).and_then(|told| told.split(' ').next());
+    let waited = waited.map(|seconds| seconds.parse::<u32>().unwrap());
+    assert!(ran.code == Some(1) && waited.is_some_and(|seconds| seconds >= 14), "{ran:?}");
 }
