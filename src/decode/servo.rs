@@ -232,8 +232,8 @@ impl ServoDecoder {
     ///
     /// A block that the board does not fill holds what was there before: zeros, or anything since power-on. Its motor is left
     /// out. The DPRAM holds words of 24 bits whose sign, or 0, fills the 8 bits above (DPRAM manual p. 11, Turbo User Manual p.
-    /// 402), which garbage has in so many words by no chance. A whole block of zeros is that of a motor which is not activated, at
-    /// best.
+    /// 402), which garbage has in so many words by no chance. A board on which no block is so does not fill those bits: then they
+    /// tell nothing. A whole block of zeros is that of a motor which is not activated, at best.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a motor asked for are missing.
@@ -258,19 +258,30 @@ impl ServoDecoder {
             global_status: self.global_words.zip(report.global_status.as_ref()).map(|(words, status)| {
                 words.in_order(status.longs).map(|word| int24::unsigned(long(head, report.index(word))))
             }),
-            motors: motors
-                .filter(|(_, block)| self.is_filled(block))
-                .map(|(number, block)| self.motor(number, &block, scales))
-                .collect(),
+            motors: self.filled(motors).map(|(number, block)| self.motor(number, &block, scales)).collect(),
             global: self.family.status.global,
         })
     }
 
-    /// Whether a motor's block, as far as it was read, holds what a board writes there.
-    fn is_filled(&self, block: &Block) -> bool {
-        let read = || self.longs.iter().filter_map(|at| block.long(*at));
-        let is_zero = read().count() == self.longs.len() && read().all(|long| long == 0);
-        !is_zero && read().all(|long| matches!(long >> 24, 0 | 0xFF))
+    /// The motors whose blocks, as far as they were read, hold what a board writes there.
+    fn filled<'a>(
+        &self,
+        motors: impl Iterator<Item = (usize, Block<'a>)>,
+    ) -> impl Iterator<Item = (usize, Block<'a>)> {
+        let motors: Vec<_> = motors.filter(|(_, block)| !self.is_zero(block)).collect();
+        let tells = motors.iter().any(|(_, block)| self.is_extended(block));
+        let told = motors.into_iter().map(move |(number, block)| (self.is_extended(&block), number, block));
+        told.filter(move |(is_extended, ..)| *is_extended || !tells).map(|(_, number, block)| (number, block))
+    }
+
+    fn is_zero(&self, block: &Block) -> bool {
+        let mut longs = self.longs.iter().map(|at| block.long(*at));
+        longs.all(|long| long == Some(0))
+    }
+
+    fn is_extended(&self, block: &Block) -> bool {
+        let mut longs = self.longs.iter().filter_map(|at| block.long(*at));
+        longs.all(|long| matches!(long >> 24, 0 | 0xFF))
     }
 
     fn motor(&self, number: usize, block: &Block, board: &Scales) -> ServoMotor {

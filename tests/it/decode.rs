@@ -197,6 +197,26 @@ fn a_mirror_needs_only_the_words_of_the_motors_it_reports() {
 }
 
 #[test]
+fn b3_a_board_that_leaves_the_upper_bits_alone_shows_its_motors_all_the_same() {
+    let image = servo_dump().image();
+    let blocks = 18..18 + 8 * 30;
+    let decoded = |garbage: std::ops::Range<usize>| {
+        let mut words = image.words()[0x0024 / 2..][..blocks.end].to_vec();
+        // The high word of each register.
+        words[garbage].iter_mut().skip(1).step_by(2).for_each(|word| *word = *word & 0xFF | 0x7F00);
+        let motors = servo(&PMAC, &words, 8, &scales()).unwrap().motors;
+        motors.iter().map(|motor| (motor.motor, motor.actual_position.unwrap().raw)).collect::<Vec<_>>()
+    };
+    assert_eq!(decoded(0..0).len(), 3);
+    assert_eq!(
+        decoded(blocks.start..blocks.start + 30)[..],
+        decoded(0..0)[1..],
+        "motor 1 has garbage, the others tell it"
+    );
+    assert_eq!(decoded(blocks.clone())[..2], decoded(0..0)[..2], "nobody tells");
+}
+
+#[test]
 fn a_dump_is_read_in_both_word_orders_and_refused_at_another_size() {
     let dump = servo_dump();
     let swapped: Vec<u8> = dump.bytes().chunks(2).flat_map(|pair| [pair[1], pair[0]]).collect();
