@@ -179,6 +179,48 @@ fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
 }
 
 #[test]
+fn b1_5_a_restarted_daemon_asks_the_board_what_lies_there_before_the_first_start() {
+    let site = running();
+    let child = long_stream(&site);
+    assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
+    ended(&site, child);
+    assert_ended(&site);
+    let (stands, left) = (position(&site), site.ask("&1PR")[0].clone());
+    let restart = |site: &VirtualSite| {
+        site.stop_daemon();
+        site.start_daemon(&[]);
+        site.wait_for_live_servo();
+        site.ask("&3");
+    };
+    for start in [&["panel", "start", "1"][..], &["panel", "step", "1"], &["send", "^R"]] {
+        restart(&site);
+        let (status, _, stderr) = site.pmacctl(start);
+        assert_eq!(status, 1, "{start:?}");
+        let told =
+            format!("{left} lines of an earlier program are left in &1's rotary buffer, and would run now");
+        assert!(stderr.contains(&told) && stderr.contains("--clear"), "{start:?}: {stderr}");
+        assert_eq!(site.ask("&"), ["3"], "what was addressed is addressed again");
+        let (_, _, other) = site.pmacctl(&["panel", "start", "2"]);
+        assert!(!other.contains("rotary buffer"), "{start:?}: that is another one: {other}");
+        assert_eq!(site.ask("&"), ["3"]);
+    }
+    site.run_for(Duration::from_secs(1));
+    assert!((position(&site) - stands).abs() < 1.0, "nothing was sent");
+    // Where the board cannot be asked nothing is taken for known.
+    restart(&site);
+    site.ask("OPEN PLC 3 CLEAR");
+    let (status, _, stderr) = site.pmacctl(&["panel", "start", "1"]);
+    assert!(status == 1 && stderr.contains("the board could not be asked"), "{stderr}");
+    site.ask("CLOSE");
+    let (status, _, stderr) = site.pmacctl(&["panel", "start", "1"]);
+    assert!(status == 1 && stderr.contains(&left), "{stderr}");
+    let (status, _, stderr) = site.pmacctl(&["panel", "start", "1", "--continue"]);
+    assert_eq!(status, 0, "{stderr}");
+    site.wait_until("the lines that were left", || (position(&site) - stands).abs() > 5.0);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_5_a_program_starts_after_what_a_stream_left_was_taken_away() {
     let site = running();
     let child = long_stream(&site);

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::command_ends::ends_of;
 use super::fair_queue::{FairQueue, Turn};
+use super::first_start::FirstStart;
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
 use super::leftovers::LineEffect;
@@ -74,6 +75,8 @@ pub(super) enum Then {
     Stop(u64),
     /// This jog goes on, until then: the board was asked what is addressed.
     JogTo(JogTo, Instant),
+    /// This start goes on: the board was asked what lies in rotary buffers.
+    FirstStart(Box<FirstStart>),
     /// The caller hears how many resets were found; the board was asked then for its servo counter.
     Resets(Instant),
     /// The sequence of this number goes on.

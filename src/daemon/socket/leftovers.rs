@@ -1,4 +1,7 @@
-//! Lines that a rotary stream left in the board's own buffer because it ended early: who starts that program hears of them first.
+//! Lines that lie in the board's own rotary buffers and that nobody expects to run: who starts that program hears of them first.
+//!
+//! They are what a rotary stream left because it ended early, and what the daemon finds there: it does not know what there was
+//! before its own start, so the board is asked before a coordinate system is started for the first time.
 //!
 //! The stream has pointed the coordinate system at its rotary buffer with `B0` ("point to rotary buffer", FACTS 7), and neither
 //! `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
@@ -21,6 +24,10 @@ pub struct Starts {
 #[derive(Debug, Default)]
 pub(super) struct Leftovers {
     lines: [u64; u32::BITS as usize],
+    /// Of these the daemon knows what is left. Bit 0 is &1.
+    known: u32,
+    /// Of these it was the board that told.
+    found: u32,
     /// How many resets there had been.
     resets: u64,
 }
@@ -29,12 +36,27 @@ impl Leftovers {
     /// A stream that fed `systems` has ended and left `lines` that nobody expects.
     pub(super) fn set(&mut self, systems: u32, lines: u64, resets: u64) {
         self.see(resets);
+        self.known |= systems;
+        self.found &= !systems;
         self.of(systems).for_each(|(_, left)| *left = lines);
     }
 
-    /// What `systems` had left may be gone.
+    /// The board counts `lines` in the rotary buffer of `system`.
+    pub(super) fn find(&mut self, system: u32, lines: u64, resets: u64) {
+        self.set(system, lines, resets);
+        self.found |= system;
+    }
+
+    /// What `systems` had left may be gone. A line that names none may have meant another one.
     pub(super) fn forget(&mut self, systems: u32) {
+        self.known |= if systems == u32::MAX { 0 } else { systems };
         self.of(systems).for_each(|(_, left)| *left = 0);
+    }
+
+    /// Of the programs to be started, those of which it is not known what is left.
+    pub(super) fn unknown(&mut self, starts: Starts, resets: u64) -> u32 {
+        self.see(resets);
+        if starts.confirmed { 0 } else { starts.systems & !self.known }
     }
 
     /// Whether programs may be started; `resets` tells whether the board still has what was left.
@@ -46,21 +68,32 @@ impl Leftovers {
         if starts.confirmed {
             self.forget(starts.systems);
         }
+        let found = self.found;
         match self.of(starts.systems).find(|(_, left)| **left > 0) {
             None => Ok(()),
-            Some((cs, lines)) => Err(CallError::Refused {
-                reason: format!(
-                    "not started: the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its \
-                     rotary buffer. pmacctl rotary stream --clear takes them away. pmacctl panel start {cs} --continue runs \
-                     them, as does pmacctl send --yes. To run program 5 instead, send '&{cs}B5' first"
-                ),
-            }),
+            Some((cs, lines)) => {
+                let what = if found >> (cs - 1) & 1 != 0 {
+                    format!(
+                        "{lines} lines of an earlier program are left in &{cs}'s rotary buffer, and would run now"
+                    )
+                } else {
+                    format!(
+                        "the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its rotary buffer"
+                    )
+                };
+                Err(CallError::Refused {
+                    reason: format!(
+                        "not started: {what}. pmacctl rotary stream --clear takes them away. pmacctl panel start {cs} --continue \
+                         runs them, as does pmacctl send --yes. To run program 5 instead, send '&{cs}B5' first"
+                    ),
+                })
+            }
         }
     }
 
     fn see(&mut self, resets: u64) {
         if std::mem::replace(&mut self.resets, resets) != resets {
-            self.lines = Default::default();
+            *self = Self { known: u32::MAX, resets, ..Self::default() };
         }
     }
 
@@ -197,5 +230,24 @@ mod tests {
         let mut forgotten = left();
         forgotten.forget(u32::MAX);
         assert!(forgotten.check(start(0b10, false), 1).is_ok());
+    }
+
+    #[test]
+    fn b1_5_what_is_left_is_not_known_until_the_board_was_asked_or_it_is_gone() {
+        let start = Starts { systems: 0b1111, confirmed: false };
+        let mut left = Leftovers::default();
+        assert_eq!(left.unknown(start, 0), 0b1111);
+        assert_eq!(left.unknown(Starts { confirmed: true, ..start }, 0), 0, "they are to run");
+        left.set(0b1, 0, 0);
+        left.find(0b10, 7, 0);
+        left.forget(u32::MAX);
+        assert_eq!(left.unknown(start, 0), 0b1100, "a line without a number is no answer");
+        left.find(0b10, 7, 0);
+        left.forget(0b100);
+        assert_eq!(left.unknown(start, 0), 0b1000);
+        let told = left.check(start, 0).unwrap_err().to_string();
+        assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
+        assert_eq!(left.unknown(start, 1), 0, "no rotary buffer is kept over a reset");
+        assert!(left.check(start, 1).is_ok());
     }
 }

@@ -70,6 +70,14 @@ impl Ask {
             Self::Job(call) => call.timeout,
         }
     }
+
+    /// The programs that it starts. What a line starts is with who types it.
+    pub(super) fn starts(&self) -> Starts {
+        match self {
+            Self::Control { starts, .. } | Self::Job(JobCall { starts, .. }) => *starts,
+            Self::Send { .. } | Self::Read { .. } => Starts::default(),
+        }
+    }
 }
 
 /// What is to be done about a call.

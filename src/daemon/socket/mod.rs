@@ -7,6 +7,7 @@ mod clients;
 mod command_ends;
 mod connection;
 mod fair_queue;
+mod first_start;
 pub mod jobs;
 mod jog_to;
 mod leases;

@@ -7,6 +7,7 @@
 //! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
 
 mod calls;
+mod first_starts;
 mod jogging;
 mod replies;
 mod sequencing;

@@ -35,6 +35,7 @@ pub use lines::Batch;
 pub(super) use lines::Lines;
 pub(super) use rotary::Rotary;
 pub use rotary::RotaryCall;
+pub(super) use rotary::lines_left;
 pub(super) use table::{Running, Sequences, Waits};
 
 use super::policy::Peer;

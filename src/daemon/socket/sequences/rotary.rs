@@ -28,7 +28,8 @@ mod phase;
 use std::time::{Duration, Instant};
 
 pub use self::call::RotaryCall;
-use self::count::{Count, lines_left};
+use self::count::Count;
+pub(in crate::daemon::socket) use self::count::lines_left;
 use self::phase::Phase;
 use super::end_retry::EndRetry;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, line};

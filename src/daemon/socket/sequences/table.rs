@@ -174,6 +174,11 @@ impl Sequences {
         self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
     }
 
+    /// The coordinate systems whose programs sequences feed; bit 0 is &1.
+    pub(in crate::daemon::socket) fn fed(&self) -> u32 {
+        self.running.values().fold(0, |fed, running| fed | running.machine.feeds())
+    }
+
     /// Whether a sequence is ending that feeds a program of the coordinate systems in `mask`.
     pub(in crate::daemon::socket) fn is_ending_feed(&self, mask: u32) -> bool {
         let mut all = self.running.values();

@@ -116,7 +116,7 @@ impl Service {
         self.info.is_enabled(Enabled::ASCII)
     }
 
-    fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
+    pub(super) fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
         if let Ask::Control { character, .. } = ask
             && let Some(line) = self.line_for(character)?
         {
@@ -125,6 +125,7 @@ impl Service {
             return self.ask(caller, Ask::Send { line, timeout, question, into_buffer, confirmed }, now);
         }
         let deadline = now + ask.timeout();
+        let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
         match ask {
             Ask::Send { line, question, into_buffer, confirmed, .. } => {
                 let effect = self.may_send(caller.client, &line, confirmed)?;
@@ -316,6 +317,7 @@ impl Service {
                 self.stop_by_line(target, Some(ended.caller), ends_hold, now);
             }
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
+            Then::FirstStart(start) => self.left_told(ended.caller, start, ended.lines, outcome, now),
         }
     }
 
@@ -366,6 +368,7 @@ impl Service {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
                     let why = guard.check(found.and_then(|found| found.first().copied())).err();
                     Err(match why {
+            Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
                         Some(why) => failed.because(&why),
                         None => failed,
                     })

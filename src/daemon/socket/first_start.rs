@@ -1,0 +1,126 @@
+//! A start of which it is not known what lies in the rotary buffers that it would run: the questions that come before it.
+//!
+//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (GRAMMAR 2.2, K). A board that had an
+//! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (UM
+//! p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
+
+use super::methods::Ask;
+use super::sequences::lines_left;
+use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::protocol::{CallError, answer};
+
+/// A start that waits for what the board says.
+#[derive(Debug)]
+pub(super) struct FirstStart {
+    /// What was asked for.
+    pub ask: Ask,
+    /// The coordinate systems to ask about, from the one whose question is under way on; bit 0 is &1.
+    systems: u32,
+    addressed: Option<u32>,
+    /// The address has to be put back.
+    is_astray: bool,
+}
+
+impl FirstStart {
+    /// Asks what is addressed.
+    pub(super) const QUESTION: &str = "&";
+
+    /// `ask` starts the programs of `systems`, and maybe others.
+    pub(super) const fn new(ask: Ask, systems: u32) -> Self {
+        Self { ask, systems, addressed: None, is_astray: false }
+    }
+
+    /// Takes the board's answer. The coordinate system that it is about, as a mask, and how many lines are left there.
+    ///
+    /// # Errors
+    /// The board did not say.
+    pub(super) fn take(
+        &mut self,
+        outcome: Outcome,
+        reply: Result<Vec<String>, CallError>,
+    ) -> Result<Option<(u32, u64)>, CallError> {
+        let system = self.systems & self.systems.wrapping_neg();
+        let left = match outcome {
+            _ if system == 0 => {
+                self.is_astray = false;
+                return Ok(None);
+            }
+            _ if self.addressed.is_none() => {
+                let addressed = reply?.first().and_then(|line| answer::integer(line));
+                self.addressed = addressed.and_then(|number| u32::try_from(number).ok());
+                let unsaid = || refused("the board does not say which coordinate system is addressed");
+                return self.addressed.map(|_| None).ok_or_else(unsaid);
+            }
+            Outcome::Error(_) => {
+                self.is_astray = true;
+                0
+            }
+            _ => lines_left(&reply?)?,
+        };
+        self.systems &= !system;
+        Ok(Some((system, left)))
+    }
+
+    /// The next line; `None`: everything is known.
+    pub(super) fn line(&self) -> Option<Text<LINE_MAX>> {
+        let addressed = self.addressed.unwrap_or_default();
+        match self.systems.trailing_zeros() + 1 {
+            _ if self.systems == 0 => self.is_astray.then(|| Text::of(&format_args!("&{addressed}"))),
+            number if number == addressed => Some(Text::of(&format_args!("&{number}PR"))),
+            number => Some(Text::of(&format_args!("&{number}PR&{addressed}"))),
+        }
+    }
+
+    /// Why it is not started: the board did not say what is left, for this `reason`.
+    pub(super) fn unknown(&self, reason: &CallError) -> CallError {
+        let cs = self.systems.trailing_zeros() + 1;
+        refused(&format!(
+            "not started: &{cs}'s rotary buffer may hold lines of a program from before pmacd was started, and the board could not be \
+             asked ({reason}). pmacctl panel start {cs} --continue runs whatever is there, as does pmacctl send --yes"
+        ))
+    }
+}
+
+fn refused(reason: &str) -> CallError {
+    CallError::Refused { reason: reason.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::socket::leftovers::Starts;
+
+    #[test]
+    fn b1_5_each_question_puts_the_address_back_after_an_error_too() {
+        let starts = Starts { systems: u32::MAX, confirmed: false };
+        let mut start =
+            FirstStart::new(Ask::Control { character: 18, keeps_lines: false, starts }, 0b1_0000_0111);
+        let error = CallError::Board { code: 3, meaning: String::new(), lines: Vec::new() };
+        let mut lines = vec![FirstStart::QUESTION.to_owned()];
+        let mut found = Vec::new();
+        for reply in ["2", "0", "7", "", "4", ""] {
+            let (outcome, reply) = match reply {
+                "" => (Outcome::Error(3), Err(error.clone())),
+                number => (Outcome::Done, Ok(vec![number.to_owned()])),
+            };
+            found.extend(start.take(outcome, reply).unwrap());
+            lines.extend(start.line().map(|line| line.to_string()));
+        }
+        assert_eq!(lines, ["&", "&1PR&2", "&2PR", "&3PR&2", "&9PR&2", "&2"]);
+        assert_eq!(found, [(0b1, 0), (0b10, 7), (0b100, 0), (0b1_0000_0000, 4)]);
+        assert!(start.line().is_none());
+    }
+
+    #[test]
+    fn b1_5_what_the_board_does_not_say_is_no_answer() {
+        for (addressed, left) in [("", None), ("x", None), ("1", Some("1.5")), ("1", Some("-1"))] {
+            let reply = |text: &str| Ok(vec![text.to_owned()]);
+            let ask = Ask::Control { character: 18, keeps_lines: false, starts: Starts::default() };
+            let mut start = FirstStart::new(ask, 1);
+            let said = start.take(Outcome::Done, reply(addressed));
+            let said = left.map_or(said, |left| start.take(Outcome::Done, reply(left)));
+            let told = start.unknown(&said.unwrap_err()).to_string();
+            assert!(told.contains("not started: &1's rotary buffer may hold"), "{told}");
+        }
+    }
+}
