@@ -242,6 +242,40 @@ fn b2_6_a_killed_motor_gets_no_line_either() {
 }
 
 #[test]
+fn b2_6_a_stop_by_line_leaves_a_killed_motor_killed() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    let mut board = site.connection();
+    for reports in ["", "I48=0"] {
+        // Without servo data the board's own answer is all there is.
+        board.send(&format!("#1K {reports}"), PATIENCE).unwrap();
+        site.run_for(Duration::from_millis(if reports.is_empty() { 20 } else { 500 }));
+        board.send("#2J+", PATIENCE).unwrap();
+        until(&mut board, "#2V", "it goes", |speed| speed > 1.0);
+        board.send("#3", PATIENCE).unwrap();
+        assert_eq!(site.pmacctl(&["panel", "jog-stop", "1", "2"]), (0, String::new(), String::new()));
+        assert_eq!(ask(&mut board, "#"), 3.0, "what was addressed is addressed again");
+        until(&mut board, "#2V", "it stands", |speed| speed.abs() < 0.1);
+        assert!(is_open(&mut board), "{}", site.log());
+        board.send("#3", PATIENCE).unwrap();
+        assert_eq!(site.pmacctl(&["jog", "1", "stop"]), (0, String::new(), String::new()));
+        assert!(is_open(&mut board), "{}", site.log());
+        assert_eq!(site.log().matches("motor 1 gets no stop: its loop is open").count(), 2, "{}", site.log());
+        if reports.is_empty() {
+            // An abort is the board's own: it closes the loops of its coordinate system, and the log says so.
+            assert_eq!(site.pmacctl(&["abort", "2"]).0, 0);
+            assert!(site.log().contains("closes the loop of motor 1, which is open"), "{}", site.log());
+            board.send("#1K", PATIENCE).unwrap();
+        }
+        site.stop_daemon();
+        site.start_daemon(&["--config", &site.file("again.toml", "family = \"turbo2\"\n")]);
+        site.wait_until("a board that answers", || site.pmacctl(&["send", "I48"]).0 == 0);
+        board = site.connection();
+    }
+    site.assert_no_violations();
+}
+
+#[test]
 fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
     let site = running_with(&REFUSES, "");
     let mut board = site.connection();

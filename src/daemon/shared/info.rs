@@ -121,12 +121,6 @@ impl Info {
         self.status.enabled.contains(function)
     }
 
-    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
-    #[must_use]
-    pub fn open_loops(&self) -> u32 {
-        self.status.open_loops
-    }
-
     /// The motors that a jog leaves alone, because it would close their loop.
     #[must_use]
     pub fn loops_left_open(&self) -> u32 {

@@ -48,6 +48,11 @@ impl JogTo {
         now + TIMEOUT
     }
 
+    /// Its motor, from 1 on.
+    pub(super) const fn motor(self) -> u32 {
+        self.motor
+    }
+
     /// Its motor: bit 0 is motor 1.
     pub(super) const fn mask(self) -> u32 {
         1_u32.unbounded_shl(self.motor.saturating_sub(1))

@@ -48,6 +48,8 @@ pub(super) struct Stop {
     pub taken: bool,
     /// It was sent while a program buffer was open: an acknowledgement alone does not say that it was carried out.
     pub into_buffer: bool,
+    /// A motor was left out that no answer of the board calls open, only a report that may be old.
+    pub is_doubtful: bool,
     /// The board has refused the line with this error.
     pub error: Option<u16>,
     /// Nothing that was sent can stop it.
@@ -128,6 +130,7 @@ impl Stops {
             begun: now,
             taken: false,
             into_buffer: false,
+            is_doubtful: false,
             error: None,
             hopeless: false,
             stands_since: None,

@@ -81,9 +81,10 @@ impl Service {
             0 => Ok(()),
             open => Err(CallError::Refused {
                 reason: format!(
-                    "the loop of {} is open (killed, or a fault), and a jog would close it; nothing was sent; jog-stop closes it where \
-                     the motor stands",
-                    Target::Motors(open)
+                    "the loop of {} is open (killed, or a fault), and a jog would close it; nothing was sent; pmacctl send \
+                     '#{}J/' closes it where the motor stands",
+                    Target::Motors(open),
+                    jog.motor()
                 ),
             }),
         }

@@ -306,7 +306,7 @@ mod tests {
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let now = Instant::now();
         for (action, numbers, sent, replied) in [
-            ("jog-stop", "[2,32]", &["#", "#2J/#32J/#5"][..], "\"parameters\":{}"),
+            ("jog-stop", "[2,32]", &["#?#2?#32?", "#2J/#32J/#5"][..], "\"parameters\":{}"),
             ("stop", "[16]", &["&", "&16A&5"], "\"parameters\":{}"),
             ("hold", "[1]", &["&", "&1H&5"], "\"parameters\":{}"),
             ("jog-stop", "[33]", &[], "1 to 32, not 33"),

@@ -42,7 +42,8 @@ impl Service {
 
     /// A step of stop `number` is over.
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
-        let open = self.info.open_loops();
+        let (reported, motion) = (self.info.loops_left_open(), self.info.motion());
+        let motor_status = self.info.family().status.motor;
         let (has_panel, buffer_is_open) =
             (self.uses(Function::Panel), self.info.board().open_buffer.is_some());
         let Some(stop) = self.stops.get_mut(number) else { return };
@@ -50,8 +51,23 @@ impl Service {
         match stop.at {
             At::Question => {
                 let addressed = lines.first().and_then(|line| line.trim().parse().ok());
+                let loops = target.loops(lines, motor_status);
+                // What no answer tells, the report does. It may be from just before the motor began to move, so what it leaves out is
+                // watched.
+                let untold = target.motors() & !loops.told;
+                let open = loops.open | untold & reported;
+                stop.is_doubtful = untold & reported != 0;
+                tell_of_loops(
+                    target,
+                    open,
+                    untold & !reported & !(motion.moving | motion.standing),
+                    reported,
+                );
                 let Some(line) = target.line(open, addressed) else {
-                    return self.stop_over(number, Ok(()), now);
+                    return match stop.is_doubtful {
+                        true => self.stop_watched(number, now),
+                        false => self.stop_over(number, Ok(()), now),
+                    };
                 };
                 (stop.at, stop.into_buffer) = (At::Line, buffer_is_open);
                 info!(target: "audit", "pmacd sends {:?}", &*line);
@@ -67,8 +83,8 @@ impl Service {
                 };
                 let is_without_effect = stop.error.is_some() || outcome.is_unsent();
                 stop.hopeless = is_without_effect && !has_panel;
-                let is_believed =
-                    stop.taken && (!stop.ends_hold && !stop.into_buffer || target.motors() == 0);
+                let is_watched = stop.ends_hold || stop.into_buffer || stop.is_doubtful;
+                let is_believed = stop.taken && (!is_watched || target.motors() == 0);
                 if is_believed {
                     self.stop_over(number, Ok(()), now);
                 } else if target.motors() == 0 {
@@ -208,6 +224,24 @@ impl Service {
 }
 
 /// The daemon, as the caller of what it does by itself.
+/// Says whose loops a stop of `target` leaves `open`, of whose it is `unknown` whether they are, and whose an abort closes, of those
+/// `reported` open.
+fn tell_of_loops(target: Target, open: u32, unknown: u32, reported: u32) {
+    let motors = Target::Motors;
+    if target.motors() & open != 0 {
+        let left_out = motors(target.motors() & open);
+        warn!(target: "audit", "{left_out} gets no stop: its loop is open (killed, or a fault), and J/ would close it");
+    }
+    if target.motors() & unknown != 0 {
+        let unknown = motors(target.motors() & unknown);
+        warn!(target: "audit", "the loop of {unknown} may be open, and J/ closes it then: neither ? nor a report tells");
+    }
+    if target.aborted() != 0 && reported != 0 {
+        let reported = motors(reported);
+        warn!(target: "audit", "the abort of {target} closes the loop of {reported}, which is open, if it belongs there");
+    }
+}
+
 fn by_itself() -> Caller {
     let pid = std::process::id().cast_signed();
     Caller { client: u64::MAX, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }
