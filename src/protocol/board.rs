@@ -111,7 +111,7 @@ pub struct BoardInfo {
     /// The caller's role: observe, stop, operate or engineer.
     #[serde(default)]
     pub role: Option<String>,
-    /// What ends of sequences still have to do on the board, when they can: sentences.
+    /// What ends of sequences still have to do on the board, when they can, and jogs that go on without their panel: sentences.
     #[serde(default)]
     pub unfinished: Vec<String>,
     /// What others do on the board, or have changed there: another host, or a program.

@@ -276,6 +276,35 @@ fn b2_6_a_stop_by_line_leaves_a_killed_motor_killed() {
 }
 
 #[test]
+fn b2_6_a_jog_whose_panel_goes_is_told_and_stops_by_line() {
+    for by_serial in [false, true] {
+        let site = running("");
+        let mut board = site.connection();
+        assert_eq!(site.pmacctl(&["panel", "jog+", "1"]).0, 0);
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        let told = |site: &VirtualSite| site.pmacctl(&["status"]).1;
+        assert!(!told(&site).contains("set in motion"), "its panel is on");
+        if by_serial {
+            UnixStream::connect(site.path("serial")).unwrap().write_all(b"I2=0\r").unwrap();
+            // The daemon asks again when a scale may have changed, and every half minute.
+            board.send("I809=96", PATIENCE).unwrap();
+        } else {
+            board.send("I2=0", PATIENCE).unwrap();
+        }
+        let what =
+            "motor 1 was set in motion by the control panel, which is off (I2 is not 3), and may go on";
+        site.wait_until("a status that says so", || told(&site).contains(what));
+        assert_eq!(site.log().matches(what).count(), 1, "{}", site.log());
+        let stop: &[&str] = if by_serial { &["panel", "jog-stop", "1"] } else { &["jog", "1", "stop"] };
+        assert_eq!(site.pmacctl(stop), (0, String::new(), String::new()), "{stop:?}");
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+        assert!(site.log().contains("pmacd sends \"#1J/#"), "{}", site.log());
+        assert!(!told(&site).contains("set in motion"), "{}", told(&site));
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
     let site = running_with(&REFUSES, "");
     let mut board = site.connection();

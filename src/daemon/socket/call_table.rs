@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use super::command_ends::ends_of;
+use super::command_ends::{ends_of, jogged_by};
 use super::fair_queue::{FairQueue, Turn};
 use super::first_start::FirstStart;
 use super::jobs::{Guard, JobCall};
@@ -102,12 +102,15 @@ struct Pending {
     then: Then,
     /// What its command ends.
     ends: Option<LineEnds>,
+    /// The motors that it sets in motion by the panel and that nobody holds.
+    jogs: u32,
 }
 
 impl Pending {
     fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
         let ends = ends_of(command);
-        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then, ends }
+        let jogs = if matches!(then, Then::ReplyHeld) { 0 } else { jogged_by(command) };
+        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then, ends, jogs }
     }
 }
 
@@ -124,6 +127,8 @@ pub(super) struct Ended {
     pub then: Then,
     /// What its command ends, if the board has carried it out.
     pub ends: Option<LineEnds>,
+    /// The motors that it sets in motion by the panel and that nobody holds, if the board has carried it out.
+    pub jogs: u32,
 }
 
 /// Every call that waits for the board.
@@ -238,8 +243,8 @@ impl CallTable {
     /// The bus thread has answered: the call, unless its caller has been answered already.
     pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
         self.queue.over(ticket);
-        let Pending { caller, lines, length, then, ends, .. } = self.pending.remove(&ticket)?;
-        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends })
+        let Pending { caller, lines, length, then, ends, jogs, .. } = self.pending.remove(&ticket)?;
+        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends, jogs })
     }
 
     /// The sequence whose step `ticket` is.
@@ -263,12 +268,12 @@ impl CallTable {
     pub(super) fn expire(&mut self, given_up: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
-        late.map(|(ticket, Pending { caller, lines, then, ends, .. })| {
+        late.map(|(ticket, Pending { caller, lines, then, ends, jogs, .. })| {
             let outcome = match queue.take_back(ticket) {
                 Some(turn) => not_begun(turn.is_for_port(), given_up, now),
                 None => Outcome::TimedOut,
             };
-            (Ended { caller, lines, is_overlong: false, then, ends }, outcome)
+            (Ended { caller, lines, is_overlong: false, then, ends, jogs }, outcome)
         })
         .collect()
     }

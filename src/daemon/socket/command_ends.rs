@@ -20,6 +20,14 @@ pub(super) fn ends_of(command: &Command) -> Option<LineEnds> {
     }
 }
 
+/// The motors that `command` sets in motion by the control panel, bit 0 being motor 1.
+pub(super) fn jogged_by(command: &Command) -> u32 {
+    let Command::Job { job, .. } = command else { return 0 };
+    let Job::Panel(request) = &**job else { return 0 };
+    let jogs = |action: PanelAction| action.is_for_motors() && action != PanelAction::JogStop;
+    if request.action().is_some_and(jogs) { request.mask() } else { 0 }
+}
+
 /// What the stop of `target` ends.
 pub(super) fn ended_by_stop(target: Target) -> Option<LineEnds> {
     match target {

@@ -15,6 +15,7 @@ mod leftovers;
 pub mod listener;
 pub mod methods;
 pub mod options;
+mod panel_jogs;
 mod peer_groups;
 pub mod policy;
 mod resets;

@@ -35,6 +35,7 @@ use super::leases::Leases;
 use super::leftovers::Leftovers;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
+use super::panel_jogs::PanelJogs;
 use super::policy::{Characters, Peer, PolicyError};
 use super::resets::Resets;
 use super::sent_stops::SentStops;
@@ -109,6 +110,7 @@ struct Service {
     calls: CallTable,
     leases: Leases,
     stops: Stops,
+    panel_jogs: PanelJogs,
     sequences: Sequences,
     leftovers: Leftovers,
     resets: Resets,
@@ -132,6 +134,7 @@ impl Service {
             calls: CallTable::new(commands),
             leases: Leases::default(),
             stops: Stops::new(options.stop_all_after),
+            panel_jogs: PanelJogs::default(),
             sequences: Sequences::default(),
             leftovers: Leftovers::default(),
             resets: Resets::default(),
@@ -378,8 +381,9 @@ impl Service {
                 let opened = self.info.take(status);
                 self.leases.loops_opened(opened, now);
                 if panel != Some(false) && self.info.enabling().panel == Some(false) {
-                    self.leases.panel_ended(None, now);
+                    self.panel_ended(None, now);
                 }
+                self.panel_jogs.see(self.info.motion());
                 self.leases.see_motion(self.info.motion(), now);
             }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),

@@ -64,7 +64,8 @@ impl Service {
             Action::Reply(reply) => return Ok(Some(reply)),
             Action::Info => {
                 let role = self.clients.get(caller.client).map(|client| client.role().to_string());
-                let unfinished = self.sequences.unfinished();
+                let unfinished =
+                    self.sequences.unfinished().into_iter().chain(self.jogs_without_panel()).collect();
                 let elsewhere = self.info.elsewhere(self.sequences.on(Resource::Gather).is_some(), now);
                 let stops = self.sent_stops.of_others(caller.client, self.info.family());
                 let reset_ago_ms = self.resets.ago(now).and_then(|ago| u64::try_from(ago.as_millis()).ok());
@@ -124,8 +125,8 @@ impl Service {
             let (question, into_buffer, confirmed) = (false, false, false);
             return self.ask(caller, Ask::Send { line, timeout, question, into_buffer, confirmed }, now);
         }
-        let deadline = now + ask.timeout();
         let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
+        let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, into_buffer, confirmed, .. } => {
                 let effect = self.may_send(caller.client, &line, confirmed)?;
@@ -293,6 +294,9 @@ impl Service {
     /// What `ended` ends counts, if the board may have carried it out.
     pub(super) fn note_stop(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
         let is_without_effect = outcome.is_unsent() || matches!(outcome, Outcome::Error(_));
+        if !is_without_effect {
+            self.panel_jogs.begin(ended.jogs);
+        }
         if let Some(ends) = ended.ends.take_if(|_| !is_without_effect) {
             if ends.what == RESET {
                 self.resets.was_sent(now);
@@ -313,11 +317,11 @@ impl Service {
             Then::JogTo(jog, deadline) => {
                 self.jog_addressed(ended.caller, (jog, deadline), &ended.lines, outcome, now);
             }
+            Then::FirstStart(start) => self.left_told(ended.caller, start, ended.lines, outcome, now),
             Then::PanelStop { target, ends_hold } => {
                 self.stop_by_line(target, Some(ended.caller), ends_hold, now);
             }
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
-            Then::FirstStart(start) => self.left_told(ended.caller, start, ended.lines, outcome, now),
         }
     }
 
@@ -364,11 +368,11 @@ impl Service {
             Then::JogTo(jog, deadline) => {
                 return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
             }
+            Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
             Then::Reason(guard, failed) => {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
                     let why = guard.check(found.and_then(|found| found.first().copied())).err();
                     Err(match why {
-            Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
                         Some(why) => failed.because(&why),
                         None => failed,
                     })
@@ -399,6 +403,7 @@ impl Service {
                 if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong, now) }
             }
             (Then::AllStopped(character), Outcome::Done) => {
+                self.panel_jogs.stopped(u32::MAX);
                 let clients = self.leases.control_taken();
                 self.withdraw_holds(&clients, now);
                 self.end_streams(caller.peer, character, now);
@@ -425,6 +430,7 @@ impl Service {
 
     /// What `caller` asked to stop has been stopped: whoever held it holds it no more, and no stream goes on feeding it.
     pub(super) fn panel_has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
+        self.panel_jogs.stopped(target.motors());
         self.leases.stopped(caller.client, target.motors());
         self.leases.stopped_by_another(caller.client, caller.peer.account(), target.motors(), now);
         self.end_streams_of(target.aborted(), caller.peer, now);

@@ -1,17 +1,20 @@
-//! Carries out a jog to a position: asks what is addressed, then sends the line that jogs and puts the address back.
+//! Carries out a jog to a position: asks what is addressed, then sends the line that jogs and puts the address back. Neither may
+//! enter a program buffer: while one is open both are refused, whoever has opened it.
 //!
-//! Neither may enter a program buffer: while one is open both are refused, whoever has opened it.
+//! And says which jogs are without their panel.
 
 use std::time::Instant;
 
+use log::warn;
+
 use super::Service;
 use super::replies::{held_by_another, outcome_reply};
-use crate::daemon::shared::open_buffer::Writer;
+use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::jog_to::JogTo;
 use crate::daemon::socket::stop_target::Target;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, Function};
 
 impl Service {
     /// Begins a jog that `caller` asks for.
@@ -69,6 +72,34 @@ impl Service {
             writer: Writer::Question,
         });
         Ok(())
+    }
+
+    /// The board does not read the control panel any more: `by` has switched it off, or it is not known who.
+    pub(super) fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
+        self.leases.panel_ended(by, now);
+        let going = self.panel_jogs.newly_alone(self.info.motion());
+        if going != 0 {
+            warn!(target: "audit", "{}", self.without_panel(going));
+        }
+    }
+
+    /// What is told of the motors that were set in motion by the panel and go on, while it is off.
+    pub(super) fn jogs_without_panel(&self) -> Option<String> {
+        let going = self.panel_jogs.going(self.info.motion());
+        let is_off = self.info.enabling().panel == Some(false);
+        (is_off && going != 0).then(|| self.without_panel(going))
+    }
+
+    fn without_panel(&self, motors: u32) -> String {
+        let cure = match self.info.why_not(Function::Ascii) {
+            None => "pmacctl panel jog-stop stops it by command line, pmacctl abort everything",
+            Some(_) => "pmacd sends no command lines, so nothing of it stops it until the panel is on again",
+        };
+        format!(
+            "{} was set in motion by the control panel, which is off (I{} is not 3), and may go on: {cure}",
+            Target::Motors(motors),
+            self.info.family().i.panel.unwrap_or_default()
+        )
     }
 
     /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is not open. The daemon takes it that

@@ -33,7 +33,7 @@ impl Service {
     pub(super) fn line_done(&mut self, effect: LineEffect, by: Account, now: Instant) {
         self.leftovers.forget(effect.forgets);
         if effect.ends_panel {
-            self.leases.panel_ended(Some(by), now);
+            self.panel_ended(Some(by), now);
         }
     }
 

@@ -95,6 +95,7 @@ impl Service {
                 }
             }
             At::AbortAll if outcome == Outcome::Done => {
+                self.panel_jogs.stopped(u32::MAX);
                 let clients = self.leases.control_taken();
                 self.withdraw_holds(&clients, now);
                 self.end_streams(by_itself().peer, control::ABORT, now);
@@ -223,7 +224,6 @@ impl Service {
     }
 }
 
-/// The daemon, as the caller of what it does by itself.
 /// Says whose loops a stop of `target` leaves `open`, of whose it is `unknown` whether they are, and whose an abort closes, of those
 /// `reported` open.
 fn tell_of_loops(target: Target, open: u32, unknown: u32, reported: u32) {
@@ -242,6 +242,7 @@ fn tell_of_loops(target: Target, open: u32, unknown: u32, reported: u32) {
     }
 }
 
+/// The daemon, as the caller of what it does by itself.
 fn by_itself() -> Caller {
     let pid = std::process::id().cast_signed();
     Caller { client: u64::MAX, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }
