@@ -104,6 +104,7 @@ fn a_probe_tells_a_board_from_memory_and_from_nothing() {
     };
     let (code, verdict, text) = probe(&board);
     assert_eq!((code, verdict.as_deref()), (0, Some("reporting")), "{text}");
+    assert!(text.contains("a timer counts") && !text.contains("servo data"), "no more than was seen: {text}");
     let other = site.path("other");
     for (byte, code, verdict) in [(0, 0, "still"), (0xFF, 1, "absent")] {
         fs::write(&other, vec![byte; 0x4000]).unwrap();

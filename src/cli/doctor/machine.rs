@@ -108,7 +108,7 @@ pub fn probe_board(
         },
     };
     let seen = probe(&mut bus, family).map_err(Failure::request)?;
-    report.0.push(probe_check(text, seen));
+    report.0.push(probe_check(text, seen, family));
     Ok(())
 }
 
@@ -126,7 +126,7 @@ fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Fai
     Ok(())
 }
 
-fn probe_check(spec: &str, seen: Probe) -> Check {
+fn probe_check(spec: &str, seen: Probe, family: &Family) -> Check {
     let Probe { words, ones, zeros, changed, timer_moves, servo_hz, .. } = seen;
     let counts = format!(
         "of {words} words {ones} read 0xFFFF, {zeros} read 0, {changed} changed; the servo timer advanced at {timer_moves} reads"
@@ -139,7 +139,11 @@ fn probe_check(spec: &str, seen: Probe) -> Check {
         ),
         Verdict::Reporting => (
             Level::Ok,
-            format!("a PMAC with servo data, {:.0} servo cycles/s", servo_hz.unwrap_or(0.0)),
+            format!(
+                "a timer counts {:.0} a second where a {} counts servo cycles in its servo report; nothing else of a report was looked at",
+                servo_hz.unwrap_or(0.0),
+                family.title
+            ),
         ),
         Verdict::Changing => (
             Level::Warn,

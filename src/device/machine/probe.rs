@@ -1,7 +1,8 @@
 //! Samples a window without writing to it, and says what seems to be there.
 //!
-//! A board that reports servo data increments the timer of the servo report (DPRAM manual p. 15): that is proof.
-//! Without reports a PMAC's DPRAM looks like any memory, and only a write could tell the difference.
+//! A board that reports servo data increments the timer of the servo report (DPRAM manual p. 15). Something that counts at that
+//! word is all that is seen of it: another device, or a board of another family, may count there too. Without reports a PMAC's
+//! DPRAM looks like any memory, and only a write could tell the difference.
 
 use std::time::{Duration, Instant};
 
@@ -24,7 +25,7 @@ const MOVED_LEAST: usize = 4;
 pub enum Verdict {
     /// Every word reads as ones: nothing answers.
     Absent,
-    /// A PMAC that reports servo data.
+    /// Something counts where the family has the timer of its servo report.
     Reporting,
     /// Something changes, but not like servo data.
     Changing,
@@ -47,7 +48,7 @@ pub struct Probe {
     pub changed: usize,
     /// Samples that found the timer advanced.
     pub timer_moves: usize,
-    /// Servo cycles per second, from the timer of a board that reports.
+    /// What that timer counts in a second, if it counts: servo cycles, if it is the timer of a servo report.
     pub servo_hz: Option<f64>,
 }
 
