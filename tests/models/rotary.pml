@@ -16,6 +16,9 @@
  *             command that PMAC has not taken yet.
  * I57_STAYS   the new host sets up without I57=0. FAILS with CRASH: PMAC, about to take a line, finds there the marker
  *             of an empty ring.
+ * TURBO       a Turbo board. There i57 stands for binary entry, which OPEN BINARY ROTARY opens and CLOSE closes. A new host finds
+ *             a dead one's still open, and sends nothing until somebody has closed it, as somebody may at any time; who streams
+ *             is told. With I57_STAYS it sets up all the same. FAILS with CRASH, as above.
  */
 #define SIZE 4
 #define MARKER 128                                    /* start of line, no command */
@@ -75,7 +78,9 @@ proctype Host() {
   byte at, ahead, next;
   do
   :: {
-#ifndef I57_STAYS
+#if defined(TURBO) && !defined(I57_STAYS)
+    atomic { !i57 && !in_pass };                      /* every line is refused until then */
+#elif !defined(I57_STAYS)
     atomic { i57 = false; !in_pass };                 /* I57=0, by a command line; acknowledged between two passes */
 #endif
     put(0, MARKER);                                   /* set_up */
@@ -121,6 +126,13 @@ reset: skip
   od
 }
 
+/* Another client, or another host. */
+proctype Closes() {
+  do
+  :: atomic { i57 && !in_pass -> i57 = false; lost = true }
+  od
+}
+
 proctype Chaos() {
 #ifdef CRASH
   do
@@ -145,4 +157,11 @@ proctype Chaos() {
 
 ltl lines_go_on { [] <> took }
 
-init { atomic { run Pmac(); run Host(); run Chaos() } }
+init {
+  atomic {
+    run Pmac(); run Host(); run Chaos();
+#ifdef TURBO
+    run Closes()
+#endif
+  }
+}
