@@ -31,7 +31,7 @@ class Site(Board):
     """A board that is live when its data are."""
 
     def connect(self):
-        return pmac_dpram.connect(self.name, self.socket)
+        return pmac_dpram.Board(self.name, self.socket)
 
     def snapshot(self):
         """Live data. On a busy machine the board may be late."""

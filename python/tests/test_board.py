@@ -139,8 +139,7 @@ def test_a_killed_daemon_is_told_and_a_new_one_is_found(site):
     board = site.connect()
     updates = board.updates(timeout=0.3)
     next(updates)
-    site.daemon.kill()
-    site.daemon.wait()
+    site.kill_daemon()
     with pytest.raises(pmac_dpram.DaemonGone, match="start it"):
         board.snapshot()
     old = board.snapshot(stale_ok=True)
@@ -159,15 +158,14 @@ def test_a_killed_daemon_is_told_and_a_new_one_is_found(site):
 def test_a_daemon_that_was_restarted_gets_the_next_command(site):
     board = site.connect()
     board.command("P1=7")
-    site.daemon.kill()
-    site.daemon.wait()
+    site.kill_daemon()
     site.start_daemon()
     assert board.command("P1") == ["7"], "the old connection's end is nothing that the user has to know"
 
 
 def test_a_board_that_stands_still_gives_stale_data(site):
     board = site.connect()
-    simulator = site.programs[0]
+    simulator = site.simulator
     simulator.send_signal(signal.SIGSTOP)
 
     def is_stale():
@@ -206,7 +204,7 @@ def test_a_jog_lasts_as_long_as_its_block(site):
 
 def test_at_9_khz_none_is_lost(new_site):
     seconds = int(os.environ.get("PMAC_UPDATES_SECONDS", "3"))
-    updates = new_site(hz=9000).connect().updates()
+    updates = new_site(simulator=("--servo-hz", "9000")).connect().updates()
     before, cpu = next(updates), time.process_time()
     first, count = before, 0
     while before.time_ns - first.time_ns < seconds * 1e9:

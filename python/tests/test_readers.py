@@ -5,7 +5,7 @@ import pathlib
 import subprocess
 import sys
 
-from conftest import PROGRAMS
+from board_of_processes import PROGRAMS
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -44,6 +44,5 @@ def test_c_python_and_rust_read_the_same_positions(site, tmp_path):
         assert counts == here[number].position == in_python[str(number)]
         assert abs(in_c[number] - counts) < 1e-4
     # Killed, they are told to be old.
-    site.daemon.kill()
-    site.daemon.wait()
+    site.kill_daemon()
     site.until(lambda: subprocess.run([program, path], capture_output=True).returncode == 1, "old data")
