@@ -23,7 +23,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, how they log, a way through a descriptor |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages |
+//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: what to read when |
@@ -100,6 +100,8 @@ pub mod map;
 pub mod mirror;
 pub mod process;
 pub mod protocol;
+#[cfg(any(feature = "cli", feature = "daemon", feature = "sim"))]
+pub mod recording;
 pub mod rotary;
 pub mod segment;
 pub mod setup;

@@ -1,0 +1,187 @@
+//! Writes a recording piece by piece.
+
+use std::fs::{self, File};
+use std::io::{Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::{About, Access, Answer, FORMAT, ImageAt, RecordingError, files};
+
+/// Lines are collected up to this many bytes.
+const COLLECTED: usize = 1 << 16;
+
+/// A recording that is being written. Until [`Writer::finish`], its [`About`] says that it is cut short.
+#[derive(Debug)]
+pub struct Writer {
+    directory: PathBuf,
+    trace: LineFile,
+    answers: LineFile,
+    image_times: LineFile,
+}
+
+impl Writer {
+    /// Begins one in `directory`, which is made where there is none.
+    ///
+    /// # Errors
+    /// `directory` is not empty, or cannot be written to.
+    pub fn create(directory: &Path, about: &About) -> Result<Self, RecordingError> {
+        fs::create_dir_all(directory).map_err(RecordingError::io(directory))?;
+        let mut entries = fs::read_dir(directory).map_err(RecordingError::io(directory))?;
+        if entries.next().is_some() {
+            let what = "not empty: name a directory that is not there yet".to_owned();
+            return Err(RecordingError::Unfit { path: directory.to_owned(), what });
+        }
+        let images = directory.join(files::IMAGES);
+        fs::create_dir(&images).map_err(RecordingError::io(images))?;
+        let file = |name: &str| LineFile::create(directory.join(name));
+        let writer = Self {
+            directory: directory.to_owned(),
+            trace: file(files::TRACE)?,
+            answers: file(files::ANSWERS)?,
+            image_times: file(files::IMAGE_TIMES)?,
+        };
+        writer.about(about)?;
+        Ok(writer)
+    }
+
+    /// Adds an access.
+    ///
+    /// # Errors
+    /// Writing fails. The file then holds whole lines.
+    pub fn access(&mut self, access: &Access) -> Result<(), RecordingError> {
+        self.trace.add(access)
+    }
+
+    /// Adds an answer, and sees to it that the file has it.
+    ///
+    /// # Errors
+    /// As [`Self::access`].
+    pub fn answer(&mut self, answer: &Answer) -> Result<(), RecordingError> {
+        self.answers.add(answer)?;
+        self.answers.send()
+    }
+
+    /// Adds an image, and sees to it that the files have it.
+    ///
+    /// # Errors
+    /// Writing fails. What is left of the image is not named by the file of their times.
+    pub fn image(&mut self, t_ns: u64, words: &[u16]) -> Result<(), RecordingError> {
+        let file = format!("{:04}.bin", self.image_times.lines);
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.put(&Path::new(files::IMAGES).join(&file), &bytes)?;
+        self.image_times.add(&ImageAt { t_ns, file })?;
+        self.image_times.send()
+    }
+
+    /// Writes the variables.
+    ///
+    /// # Errors
+    /// Writing fails. There is no such file then.
+    pub fn variables(&self, text: &str) -> Result<(), RecordingError> {
+        self.put(Path::new(files::VARIABLES), text.as_bytes())
+    }
+
+    /// Writes what is known of the machine.
+    ///
+    /// # Errors
+    /// As [`Self::variables`].
+    pub fn system(&self, document: &Value) -> Result<(), RecordingError> {
+        self.document(files::SYSTEM, document)
+    }
+
+    /// How many accesses are in the file.
+    #[must_use]
+    pub fn accesses(&self) -> u64 {
+        self.trace.lines
+    }
+
+    /// How many images there are.
+    #[must_use]
+    pub fn images(&self) -> u64 {
+        self.image_times.lines
+    }
+
+    /// Ends it: writes what is collected, and `about` with the number of accesses. Where `about` says why the recording is cut
+    /// short, or writing fails, it says so for good.
+    ///
+    /// # Errors
+    /// Writing fails.
+    pub fn finish(mut self, about: About) -> Result<(), RecordingError> {
+        let sent = self.trace.send();
+        let failed = sent.as_ref().err().map(ToString::to_string);
+        let about = About { accesses: self.trace.lines, cut_short: about.cut_short.or(failed), ..about };
+        self.about(&about)?;
+        sent
+    }
+
+    fn about(&self, about: &About) -> Result<(), RecordingError> {
+        self.document(files::ABOUT, &About { format: FORMAT, ..about.clone() })
+    }
+
+    fn document<T: Serialize>(&self, name: &str, document: &T) -> Result<(), RecordingError> {
+        let mut text = serde_json::to_vec_pretty(document)
+            .map_err(|error| RecordingError::io(self.directory.join(name))(error.into()))?;
+        text.push(b'\n');
+        self.put(Path::new(name), &text)
+    }
+
+    /// Writes a file as a whole, or leaves what was there before.
+    fn put(&self, name: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
+        let path = self.directory.join(name);
+        let beside = path.with_extension("partial");
+        let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, &path));
+        written.map_err(|error| {
+            // The partial file is useless now.
+            let _ = fs::remove_file(&beside);
+            RecordingError::io(path)(error)
+        })
+    }
+}
+
+/// A file of lines, each a JSON document. When a write fails, whole lines remain.
+#[derive(Debug)]
+struct LineFile {
+    path: PathBuf,
+    file: File,
+    collected: Vec<u8>,
+    collected_lines: u64,
+    /// In the file.
+    lines: u64,
+    length: u64,
+}
+
+impl LineFile {
+    fn create(path: PathBuf) -> Result<Self, RecordingError> {
+        let file = File::create_new(&path).map_err(RecordingError::io(&path))?;
+        Ok(Self { path, file, collected: Vec::new(), collected_lines: 0, lines: 0, length: 0 })
+    }
+
+    fn add<T: Serialize>(&mut self, line: &T) -> Result<(), RecordingError> {
+        let written = serde_json::to_writer(&mut self.collected, line);
+        written.map_err(|error| RecordingError::io(&self.path)(error.into()))?;
+        self.collected.push(b'\n');
+        self.collected_lines += 1;
+        if self.collected.len() < COLLECTED { Ok(()) } else { self.send() }
+    }
+
+    fn send(&mut self) -> Result<(), RecordingError> {
+        let sent = self.file.write_all(&self.collected);
+        match &sent {
+            Ok(()) => {
+                self.lines += self.collected_lines;
+                self.length += self.collected.len() as u64;
+            }
+            Err(_) => self.cut(),
+        }
+        self.collected.clear();
+        self.collected_lines = 0;
+        sent.map_err(RecordingError::io(&self.path))
+    }
+
+    /// Takes a partial line off. If that fails too, the first error is the one to report.
+    fn cut(&mut self) {
+        let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::End(0)).map(drop));
+    }
+}
