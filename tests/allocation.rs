@@ -134,7 +134,9 @@ fn use_everything(site: &Site) {
     ];
     let running = at_once.map(|arguments| (arguments, pmacctl(site, arguments).spawn().unwrap()));
     let (mut connection, end) = (site.connection(), Instant::now() + Duration::from_millis(500));
+    let mut tracer = site.connection();
     while Instant::now() < end {
+        tracer.trace(false).unwrap();
         assert_eq!(connection.send("I122 #3", PATIENCE).unwrap(), ["32"]);
     }
     for (arguments, mut child) in running {

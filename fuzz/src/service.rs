@@ -166,7 +166,12 @@ impl Scene {
             max_clients_per_user: if way & 8 == 0 { 64 } else { 2 },
             ..ServeOptions::new("unused".into())
         };
-        let backend = Backend { commands: to_board, events: from_board, info };
+        let backend = Backend {
+            commands: to_board,
+            events: from_board,
+            info,
+            trace: pmac_dpram::device::Trace::new(0),
+        };
         let server = ServerStepper::new(&options, listener(), backend).unwrap();
         let board = Board {
             commands,

@@ -70,6 +70,7 @@ fn judge(call: &Call, role: Role) {
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
         Ok(Action::CheckReset | Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
+        Ok(Action::Trace(_)) => assert_eq!(role, Role::Engineer),
         Ok(Action::JogTo(_)) => assert!(role >= Role::Operate),
         Ok(Action::StopByLine(..)) => assert!(role >= Role::Stop),
         Ok(Action::Watch(entries)) => assert!(!entries.is_empty()),

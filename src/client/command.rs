@@ -7,6 +7,7 @@ mod gather;
 pub mod jobs;
 pub mod lines;
 pub mod rotary;
+pub mod trace;
 pub mod variables;
 
 use std::io::{self, Read, Write};

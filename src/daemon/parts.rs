@@ -27,7 +27,7 @@ use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
-use crate::device::Counted;
+use crate::device::{Counted, Trace, Traced};
 use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
 use crate::protocol::function::NO_FAMILY;
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
@@ -36,6 +36,8 @@ use crate::segment::{BlockPlace, ClockKind, CreateOptions, Identity, Publisher, 
 
 /// The length of the queue of events for the socket thread.
 const EVENTS: usize = 256;
+/// Accesses that the trace has room for: about half a second's.
+const TRACED: usize = 1 << 18;
 
 /// The parts.
 pub struct Parts {
@@ -112,8 +114,9 @@ impl Parts {
             pulse: info.pulse(),
             stop: Arc::clone(&stop),
         };
+        let trace = Trace::new(TRACED);
         let board_loop = BoardLoop::new(
-            Counted::new(bus),
+            Counted::new(Traced::new(bus, Arc::clone(&trace), clock.clone())),
             BoardPresence::new(open),
             functions,
             configured,
@@ -121,7 +124,12 @@ impl Parts {
             connections,
             clock,
         );
-        Ok(Self { board_loop, backend: Backend { commands, events: event_queue, info }, stop, simulator })
+        Ok(Self {
+            board_loop,
+            backend: Backend { commands, events: event_queue, info, trace },
+            stop,
+            simulator,
+        })
     }
 }
 

@@ -19,6 +19,7 @@ pub use board::window::WindowBoard;
 pub use bus::{Access, Board, Bus, BusError, Presence};
 pub use decorators::counted::Counted;
 pub use decorators::swapped::WordSwapped;
+pub use decorators::traced::{Trace, Traced, TracedAccess, TracedKind};
 pub use interrupt::{Interrupt, InterruptSource};
 pub use machine::cpu_latency::CpuLatency;
 pub use machine::inherited::Inherited;

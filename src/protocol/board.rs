@@ -395,6 +395,16 @@ pub struct ReadReply {
     pub words: Vec<u16>,
 }
 
+/// The reply of `Trace`.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TraceReply {
+    /// Four numbers an access: nanoseconds since the access before (of the first, CLOCK_MONOTONIC), what it was (0 a word read,
+    /// 1 a word written, 2 two words read at once), host offset, value.
+    pub accesses: Vec<u64>,
+    /// How many accesses found no place in the daemon's memory since the trace began.
+    pub dropped: u64,
+}
+
 /// The reply of `FeedOverride`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NotesReply {

@@ -132,6 +132,13 @@ parameters! {
         words: usize,
     }
 
+    /// Of `Trace`.
+    Trace {
+        /// Whether to keep no more accesses; goes on when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        end: Option<bool>,
+    }
+
     /// Of `Panel` and `PanelHold`.
     Panel {
         /// The action's name.

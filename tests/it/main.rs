@@ -7,6 +7,7 @@ mod support;
 
 mod architecture;
 mod backup;
+mod capture;
 mod cli;
 mod client;
 mod decode;

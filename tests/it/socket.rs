@@ -203,7 +203,12 @@ fn too_many_commands_are_busy_and_nothing_waits() {
     let path = bench.socket.with_file_name("other.sock");
     let options = pmac_dpram::daemon::socket::options::ServeOptions::new(path.clone());
     let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
-    let backend = pmac_dpram::daemon::socket::server::Backend { commands, events, info };
+    let backend = pmac_dpram::daemon::socket::server::Backend {
+        commands,
+        events,
+        info,
+        trace: pmac_dpram::device::Trace::new(0),
+    };
     let _server =
         pmac_dpram::daemon::socket::server::serve(&options, options.listen().unwrap(), backend).unwrap();
     let mut first = UnixStream::connect(&path).unwrap();

@@ -79,7 +79,8 @@ impl Bench {
         let (commands, bus_commands) = queue(8).unwrap();
         let (events, socket_events) = queue(4096).unwrap();
         let listener = options.listen().unwrap();
-        let backend = Backend { commands, events: socket_events, info };
+        let backend =
+            Backend { commands, events: socket_events, info, trace: pmac_dpram::device::Trace::new(0) };
         let server = serve(&options, listener, backend).unwrap();
         let seen = Arc::new(Mutex::new(Vec::new()));
         let stop = Arc::new(AtomicBool::new(false));

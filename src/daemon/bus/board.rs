@@ -11,12 +11,12 @@ use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::{
     self, Access, BoardSpec, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
-    WindowSpec, WordSwapped,
+    Traced, WindowSpec, WordSwapped,
 };
 use crate::format::WordOrder;
 
-/// The board's words, counted.
-pub type BoardBus = Counted<Box<dyn device::Board>>;
+/// The board's words, counted and traced.
+pub type BoardBus = Counted<Traced<Box<dyn device::Board>>>;
 
 /// Opens the board again, when its memory was replaced or its device came back.
 pub type OpenBus = Box<dyn FnMut() -> Result<OpenedBoard, OpenError> + Send>;

@@ -76,7 +76,7 @@ impl BoardPresence {
         match (self.open)() {
             Ok(opened) => {
                 info!("the board's memory was replaced; opened it again");
-                bus.replace(opened.bus);
+                bus.bus().replace(opened.bus);
                 self.gone = false;
                 Some(Change::Replaced(opened.interrupt.map(usable)))
             }
@@ -144,7 +144,8 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
-    use crate::device::{Bus, BusError, Counted, OpenedBoard};
+    use crate::clock::Clock;
+    use crate::device::{Bus, BusError, Counted, OpenedBoard, Trace, Traced};
     use crate::map::HostOffset;
 
     /// A slot, and what is in it.
@@ -192,7 +193,8 @@ mod tests {
     fn every_change_is_found_once() {
         let slot = Slot::default();
         slot.set(true, true);
-        let mut bus: BoardBus = Counted::new(Box::new(slot.clone()));
+        let mut bus: BoardBus =
+            Counted::new(Traced::new(Box::new(slot.clone()), Trace::new(0), Clock::real()));
         let next = Slot::default();
         let opened = next.clone();
         let mut presence = BoardPresence::new(Box::new(move || {

@@ -99,6 +99,8 @@ pub enum Action {
     StopByLine(Target, String),
     /// Renew the caller's lease on a jog.
     Renew,
+    /// Hand over what the bus thread has read and written; keep no more of it if that is to end.
+    Trace(bool),
     /// Ask the board whether it was reset.
     CheckReset,
     /// Begin a sequence, or go on with the one that the caller has.
@@ -125,7 +127,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 24] = {
+const METHODS: [Method; 25] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -152,6 +154,9 @@ const METHODS: [Method; 24] = {
         }),
         method("SendControl", Stop, Some(Ascii), |call, _| send_control(&parameters(call)?)),
         method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),
+        method("Trace", Engineer, None, |call, _| {
+            parameters(call).map(|calls::Trace { end }| Action::Trace(end.unwrap_or(false)))
+        }),
         method("Messages", Observe, Some(Ascii), |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             streams(call, Action::Stream)

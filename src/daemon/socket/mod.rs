@@ -25,4 +25,5 @@ pub mod server;
 pub mod stop_target;
 mod stops;
 mod time_quota;
+mod tracing;
 mod watches;

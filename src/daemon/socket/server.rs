@@ -42,9 +42,11 @@ use super::sent_stops::SentStops;
 use super::sequences::{Found, Sequences};
 use super::stop_target::Target;
 use super::stops::Stops;
+use super::tracing::Tracing;
 use super::watches::Watches;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
+use crate::device::Trace;
 use crate::protocol::board::{ReadReply, RotaryStateReply};
 use crate::protocol::{Call, CallError, Enabled, Reply};
 
@@ -60,6 +62,8 @@ pub struct Backend {
     pub events: Receive<Event>,
     /// What `GetInfo` answers; kept up to date by [`Event::Info`].
     pub info: Info,
+    /// The bus thread's accesses to the board, when a client wants them.
+    pub trace: Arc<Trace>,
 }
 
 /// The running server. Stops when told to, or when dropped.
@@ -116,6 +120,7 @@ struct Service {
     resets: Resets,
     sent_stops: SentStops,
     watches: Watches,
+    tracing: Tracing,
     audit: AuditLimit,
     events: Receive<Event>,
     info: Info,
@@ -127,7 +132,7 @@ struct Service {
 
 impl Service {
     fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, PolicyError> {
-        let Backend { commands, events, info } = backend;
+        let Backend { commands, events, info, trace } = backend;
         Ok(Self {
             admission: Admission::new(options, listener)?,
             clients: Clients::new(options.patience),
@@ -140,6 +145,7 @@ impl Service {
             resets: Resets::default(),
             sent_stops: SentStops::default(),
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
+            tracing: Tracing::new(trace),
             audit: AuditLimit::default(),
             events,
             info,
@@ -209,6 +215,7 @@ impl Service {
             self.calls.forget(*client);
             self.leases.forget(*client);
             self.sequences.forget(*client);
+            self.tracing.forget(*client);
         }
         if !gone.is_empty() {
             self.admission.resume();
@@ -251,6 +258,7 @@ impl Service {
             self.sequences.next_moment(),
             self.audit.next_end(),
             self.watches.next_try(),
+            self.tracing.next_end(),
         ];
         deadlines.into_iter().flatten().min().map_or(PollTimeout::NONE, |deadline| {
             let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
@@ -409,6 +417,7 @@ impl Service {
     fn expire(&mut self, now: Instant) {
         self.admission.expire(now);
         self.audit.sum_up(now);
+        self.tracing.expire(now);
         for Peer { uid, pid, .. } in self.clients.drop_stalled(now) {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);

@@ -36,6 +36,11 @@ impl<B> Counted<B> {
         self.reads + self.writes
     }
 
+    /// The bus itself. What is done to it there is not counted.
+    pub fn bus(&mut self) -> &mut B {
+        &mut self.bus
+    }
+
     /// Replaces the bus and keeps the counts.
     pub fn replace(&mut self, bus: B) {
         self.bus = bus;

@@ -100,6 +100,13 @@ impl Service {
                     client.wait_for(Waiting::Messages(0));
                 }
             }
+            Action::Trace(end) => {
+                if !end && self.tracing.is_free() {
+                    let role = self.clients.get(caller.client).map(Client::role);
+                    self.audit.tell_done(caller.peer, role, "traces the bus accesses", now);
+                }
+                return Reply::with(&self.tracing.take(caller, end, now)?).map(Some);
+            }
             Action::Sequence(call) => return self.sequence_call(caller, call, now),
             Action::CheckReset => {
                 self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);

@@ -137,6 +137,7 @@ mod tests {
     use crate::daemon::shared::job::Job;
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
     use crate::daemon::shared::status::BoardStatus;
+    use crate::device::Trace;
     use crate::function::ascii::ResponseText;
     use crate::map::{PMAC, TURBO2};
     use crate::protocol::function::Functions;
@@ -169,7 +170,7 @@ mod tests {
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(at_once::ALL).unwrap();
         let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
-        let backend = Backend { commands, events, info };
+        let backend = Backend { commands, events, info, trace: Trace::new(0) };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let now = Instant::now();
         let jog = |method: &str, motor: u8, oneway: bool| {
@@ -215,7 +216,7 @@ mod tests {
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(at_once::ALL).unwrap();
         let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
-        let backend = Backend { commands, events, info };
+        let backend = Backend { commands, events, info, trace: Trace::new(0) };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let now = Instant::now();
         let call = |method: &str, parameters: &str| {
@@ -251,7 +252,7 @@ mod tests {
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (_answers, events) = queue(at_once::ALL).unwrap();
         let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
-        let backend = Backend { commands, events, info };
+        let backend = Backend { commands, events, info, trace: Trace::new(0) };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let now = Instant::now();
         let enter = |server: &mut ServerStepper, user, role, calls: &[&str]| {
@@ -302,7 +303,12 @@ mod tests {
         let (answers, events) = queue(at_once::ALL).unwrap();
         let functions = Functions::all(&TURBO2);
         let settings = BoardSettings { functions, ..BoardSettings::default() };
-        let backend = Backend { commands, events, info: Info::new(&TURBO2, BoardInfo::default(), settings) };
+        let backend = Backend {
+            commands,
+            events,
+            info: Info::new(&TURBO2, BoardInfo::default(), settings),
+            trace: Trace::new(0),
+        };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let now = Instant::now();
         for (action, numbers, sent, replied) in [
@@ -343,7 +349,7 @@ mod tests {
         let (commands, taken) = queue(at_once::ALL).unwrap();
         let (answers, events) = queue(8).unwrap();
         let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
-        let backend = Backend { commands, events, info };
+        let backend = Backend { commands, events, info, trace: Trace::new(0) };
         let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
         let mut now = Instant::now();
         let mut clients = Vec::new();

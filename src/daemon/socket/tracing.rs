@@ -1,0 +1,107 @@
+//! Who gets the trace of the daemon's bus accesses: one client at a time, as long as it takes them.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::call_table::Caller;
+use super::policy::Peer;
+use crate::device::Trace;
+use crate::protocol::CallError;
+use crate::protocol::board::TraceReply;
+
+/// How long after its last call a client still has the trace.
+const LEASE: Duration = Duration::from_secs(5);
+/// Accesses that one reply holds at most.
+const ACCESSES_A_REPLY: usize = 4096;
+
+/// The trace, and who has it.
+pub(super) struct Tracing {
+    trace: Arc<Trace>,
+    owner: Option<Owner>,
+}
+
+struct Owner {
+    client: u64,
+    peer: Peer,
+    until: Instant,
+    /// What had been dropped before.
+    dropped: u64,
+}
+
+impl Tracing {
+    /// Nobody has it.
+    pub(super) fn new(trace: Arc<Trace>) -> Self {
+        Self { trace, owner: None }
+    }
+
+    /// Whether a call of `caller` would begin one.
+    pub(super) fn is_free(&self) -> bool {
+        self.owner.is_none()
+    }
+
+    /// The accesses since the caller's call before. The first call begins; when it is to `end`, what is left is handed over, and
+    /// an empty reply is the last.
+    ///
+    /// # Errors
+    /// Somebody else has it.
+    pub(super) fn take(&mut self, caller: Caller, end: bool, now: Instant) -> Result<TraceReply, CallError> {
+        let owner = match &mut self.owner {
+            Some(owner) if owner.client != caller.client => {
+                let Peer { uid, pid, .. } = owner.peer;
+                let reason = format!(
+                    "uid {uid} (pid {pid}) traces the bus accesses, which one client can do at a time"
+                );
+                return Err(CallError::Refused { reason });
+            }
+            Some(owner) => owner,
+            None if end => return Ok(TraceReply::default()),
+            none => {
+                self.trace.begin();
+                let Caller { client, peer, .. } = caller;
+                none.insert(Owner { client, peer, until: now, dropped: self.trace.dropped() })
+            }
+        };
+        owner.until = now + LEASE;
+        if end {
+            self.trace.end();
+        }
+        let mut last_ns = 0;
+        let accesses: Vec<u64> = self
+            .trace
+            .take(ACCESSES_A_REPLY)
+            .iter()
+            .flat_map(|access| {
+                let after_ns = access.time_ns.saturating_sub(last_ns);
+                last_ns = access.time_ns;
+                let place = access.offset.bytes();
+                [after_ns, access.kind.number().into(), place.into(), access.value.into()]
+            })
+            .collect();
+        let dropped = self.trace.dropped() - owner.dropped;
+        if end && accesses.is_empty() {
+            self.owner = None;
+        }
+        Ok(TraceReply { accesses, dropped })
+    }
+
+    /// `client` is gone.
+    pub(super) fn forget(&mut self, client: u64) {
+        self.end_if(|owner| owner.client == client);
+    }
+
+    /// Ends the trace of a client that takes nothing any more.
+    pub(super) fn expire(&mut self, now: Instant) {
+        self.end_if(|owner| owner.until <= now);
+    }
+
+    fn end_if(&mut self, is_over: impl FnOnce(&mut Owner) -> bool) {
+        if self.owner.take_if(is_over).is_some() {
+            self.trace.end();
+        }
+    }
+
+    /// When it ends if nobody calls.
+    pub(super) fn next_end(&self) -> Option<Instant> {
+        self.owner.as_ref().map(|owner| owner.until)
+    }
+}
