@@ -28,6 +28,9 @@ const BUSY_POLL_PERIOD: Duration = Duration::from_micros(50);
 /// Without new values for this long the region is stale, in ns.
 const STALE_NS: u64 = 1_000_000_000;
 
+/// Without a reading of the servo timer for this long, its 16 bits may have gone round, in ns: at 20 kHz they do after 3.3 s.
+const TURN_NS: u64 = 3_000_000_000;
+
 /// Samples in the ring: a second at the rate of a PMAC's background, for readers that sleep.
 const SLOTS: u32 = 1024;
 
@@ -51,6 +54,8 @@ pub struct VariableMirror {
     reader: VariableReader,
     mode: VariableMode,
     timer: ServoTimer,
+    /// When it was read last; CLOCK_MONOTONIC.
+    timer_read_ns: u64,
     table: u32,
     payload: [u16; PAYLOAD_WORDS],
     next_poll: Instant,
@@ -66,6 +71,7 @@ impl VariableMirror {
             reader: VariableReader::new(&family.variable_read, family.start, layout.variable_read()),
             mode,
             timer: ServoTimer::new(TIMER_BITS),
+            timer_read_ns: 0,
             table: 0,
             payload: [0; PAYLOAD_WORDS],
             next_poll: time.now(),
@@ -95,7 +101,6 @@ impl VariableMirror {
     ) -> Result<(), VariableReadBusError> {
         self.reader.begin(bus, entries, self.mode, now)?;
         self.table = self.table.wrapping_add(1);
-        self.timer.reset();
         self.freshness = Freshness::new(STALE_NS);
         self.next_poll = now;
         publisher.set_region_state(RegionId::Variable, RegionState::Off);
@@ -112,6 +117,7 @@ impl VariableMirror {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), BusError> {
+        self.timer.reset();
         let mut table = [VariableEntry { address: 0, kind: VariableKind::Y }; VARIABLE_READ_ENTRIES];
         let count = self.reader.entries().len();
         table[..count].copy_from_slice(self.reader.entries());
@@ -171,6 +177,10 @@ impl VariableMirror {
     }
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u16, time_ns: u64) {
+        if time_ns.saturating_sub(self.timer_read_ns) > TURN_NS {
+            self.timer.reset();
+        }
+        self.timer_read_ns = time_ns;
         let (servo_timer, _) = self.timer.advance(timer.into());
         let entries = self.reader.entries().iter().zip(self.reader.values());
         let variables = entries.map(|(&VariableEntry { address, kind }, value)| {

@@ -60,6 +60,34 @@ fn clients_share_entries_and_free_them() {
 }
 
 #[test]
+fn the_servo_time_of_values_goes_on_when_the_table_changes() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let (one, mut reader) = (board(&site), board(&site));
+    let mut times = |with_both: bool| {
+        let mut found = None;
+        site.wait_until("values of the table", || {
+            let view = reader.variables().unwrap().filter(|view| view.is_fresh());
+            let view = view.filter(|view| view.data.value_of(register("Y:$0700")).is_some() == with_both);
+            found = view.map(|view| (view.servo_timer, view.time_ns));
+            found.is_some()
+        });
+        found.unwrap()
+    };
+    let _first = watch(&one, &["X:$0000"]);
+    let before = times(false);
+    let second = watch(&one, &["Y:$0700"]);
+    let with_two = times(true);
+    drop(second);
+    let after = times(false);
+    for (earlier, later) in [(before, with_two), (with_two, after)] {
+        let (cycles, ns) = (later.0 - earlier.0, later.1 - earlier.1);
+        // 2.26 kHz.
+        assert!(cycles < 100 + ns / 400_000, "{cycles} servo cycles in {ns} ns");
+    }
+}
+
+#[test]
 fn a_watch_prints_what_the_registers_hold() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
