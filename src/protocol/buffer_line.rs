@@ -35,7 +35,7 @@ pub fn enters_nothing(line: &[u8]) -> bool {
         rest = match first.to_ascii_uppercase() {
             b'#' | b'&' => &behind[behind.iter().take_while(|byte| byte.is_ascii_digit()).count()..],
             b'J' if behind.first() == Some(&b'/') => &behind[1..],
-            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'V' => behind,
+            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'Q' | b'V' => behind,
             b' ' => {
                 rest = behind;
                 continue;
@@ -118,6 +118,7 @@ mod tests {
             " #1 #2 p ",
             "#",
             "&",
+            "&1Q",
             "#1J/#3J/#2",
             "&2A&1",
         ] {
