@@ -104,13 +104,16 @@ struct Pending {
     ends: Option<LineEnds>,
     /// The motors that it sets in motion by the panel and that nobody holds.
     jogs: u32,
+    /// Whether the log is told when its command is handed over.
+    is_logged: bool,
 }
 
 impl Pending {
     fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
         let ends = ends_of(command);
         let jogs = if matches!(then, Then::ReplyHeld) { 0 } else { jogged_by(command) };
-        Self { caller, deadline: deadline + GRACE, lines: Vec::new(), length: 0, then, ends, jogs }
+        let deadline = deadline + GRACE;
+        Self { caller, deadline, lines: Vec::new(), length: 0, then, ends, jogs, is_logged: false }
     }
 }
 
@@ -129,6 +132,8 @@ pub(super) struct Ended {
     pub ends: Option<LineEnds>,
     /// The motors that it sets in motion by the panel and that nobody holds, if the board has carried it out.
     pub jogs: u32,
+    /// Whether the log says that it was asked for.
+    pub is_logged: bool,
 }
 
 /// Every call that waits for the board.
@@ -163,7 +168,8 @@ impl CallTable {
     ) {
         let ticket = self.new_ticket();
         let command = command(ticket);
-        self.pending.insert(ticket, Pending::new(caller, deadline, then, &command));
+        let pending = Pending::new(caller, deadline, then, &command);
+        self.pending.insert(ticket, Pending { is_logged: audit.is_some(), ..pending });
         self.queue.wait(caller.peer.uid, Turn { ticket, command, audit });
     }
 
@@ -243,8 +249,9 @@ impl CallTable {
     /// The bus thread has answered: the call, unless its caller has been answered already.
     pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
         self.queue.over(ticket);
-        let Pending { caller, lines, length, then, ends, jogs, .. } = self.pending.remove(&ticket)?;
-        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends, jogs })
+        let Pending { caller, lines, length, then, ends, jogs, is_logged, .. } =
+            self.pending.remove(&ticket)?;
+        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends, jogs, is_logged })
     }
 
     /// The sequence whose step `ticket` is.
@@ -268,12 +275,12 @@ impl CallTable {
     pub(super) fn expire(&mut self, given_up: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
-        late.map(|(ticket, Pending { caller, lines, then, ends, jogs, .. })| {
+        late.map(|(ticket, Pending { caller, lines, then, ends, jogs, is_logged, .. })| {
             let outcome = match queue.take_back(ticket) {
                 Some(turn) => not_begun(turn.is_for_port(), given_up, now),
                 None => Outcome::TimedOut,
             };
-            (Ended { caller, lines, is_overlong: false, then, ends, jogs }, outcome)
+            (Ended { caller, lines, is_overlong: false, then, ends, jogs, is_logged }, outcome)
         })
         .collect()
     }

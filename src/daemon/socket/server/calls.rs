@@ -340,7 +340,7 @@ impl Service {
         if outcome != Outcome::Done && matches!(ended.then, Then::PanelStop { .. }) {
             return self.give_up(ended, outcome, now);
         }
-        let Ended { caller, lines, is_overlong, then, .. } = ended;
+        let Ended { caller, lines, is_overlong, then, is_logged, .. } = ended;
         let then = match then {
             Then::Job(mut call) => {
                 return self.on_answer(caller, &lines, outcome, now, |service, found| {
@@ -397,11 +397,13 @@ impl Service {
             }
             then => then,
         };
-        if let Outcome::Refused(reason) | Outcome::Dropped(reason) = outcome {
-            // What was asked has been logged; that it was not done must be too. Questions that the log knows nothing of are
-            // refused as well, as often as somebody asks.
+        // The log says that it was asked for, so it says too that it was not done.
+        if is_logged
+            && outcome.is_unsent()
+            && let Err(why) = outcome_reply(outcome, Vec::new(), false, now)
+        {
             let Peer { uid, pid, .. } = caller.peer;
-            self.audit.tell(uid, format_args!("refused that of uid {uid} pid {pid}: {reason:?}"), now);
+            self.audit.tell(uid, format_args!("refused that of uid {uid} pid {pid}: {why}"), now);
         }
         let reply = match (then, outcome) {
             (Then::ReplyHeld, outcome) => {
