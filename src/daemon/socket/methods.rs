@@ -502,7 +502,7 @@ mod tests {
         };
         let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
         let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-        assert_eq!(methods.len(), 24, "{methods:?}");
+        assert_eq!(methods.len(), 25, "{methods:?}");
         for method in methods {
             let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
             let call: Call = serde_json::from_value(call).unwrap();
@@ -526,7 +526,7 @@ mod tests {
             assert_eq!(reason(json!([])) == UNKNOWN_FAMILY, writes, "{method}");
             assert_eq!(
                 needed.is_none(),
-                ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Write"].contains(&method)
+                ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Trace", "Write"].contains(&method)
             );
             assert!(!needed.is_some_and(|function| refused(json!([function, Function::Ascii]))), "{method}");
         }

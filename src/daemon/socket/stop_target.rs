@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn b2_6_the_status_of_each_motor_tells_of_its_loop() {
-        let answers = ["1", "816000804401", "812000804401", "816000804401", "8160"].map(str::to_owned);
+        let answers = ["1", "846000804401", "812000804401", "846000804401", "8460"].map(str::to_owned);
         let loops =
             |count: usize| Target::Motors(0b1101).loops(&answers[..count], crate::map::TURBO2.status.motor);
         assert_eq!(loops(5), Loops { told: 0b101, open: 0b100 }, "the last one is not whole");
