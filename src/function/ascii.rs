@@ -428,6 +428,7 @@ impl DpramPort {
         bus.order_reads();
         let text = self.read_response(bus, control)?;
         bus.order_reads();
+        self.look_again_for_first_part(bus, now)?;
         let is_early = control != response::LINE && self.precedes_its_character(bus, now)?;
         let stale = is_early || self.is_stale(bus, control, &text, now)?;
         if stale {
@@ -460,10 +461,14 @@ impl DpramPort {
         now: Instant,
     ) -> Result<bool, BusError> {
         let State::Loaded { sent } = self.state else { return Ok(false) };
+        let is_mark = control == response::ACKNOWLEDGE && text.as_bytes().is_empty();
+        if sent < self.length {
+            // The board has not all of the line: this is no end of its reply.
+            return Ok(is_mark);
+        }
         if self.answers_early || !self.is_loaded(bus)? {
             return Ok(false);
         }
-        let is_mark = control == response::ACKNOWLEDGE && text.as_bytes().is_empty();
         if sent == self.length && sent > self.first_part() {
             // The board has not taken the second part: it is the first one's.
             return Ok(is_mark && self.first_part_was_answered());

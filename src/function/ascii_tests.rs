@@ -11,6 +11,8 @@ use crate::protocol::control::ABORT;
 
 #[path = "ascii/control_tests.rs"]
 mod control;
+#[path = "ascii/part_tests.rs"]
+mod part;
 
 struct Rig {
     bus: FileBoard,

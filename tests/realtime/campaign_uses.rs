@@ -43,10 +43,15 @@ fn registers(family: &Family) -> &'static Registers {
     }
 }
 
-/// Where [`Use::Words`] writes: a stretch of the DPRAM that by default no function takes.
+/// Words that [`Use::Words`] writes.
+const WORDS: u16 = 16;
+
+/// Where: the end of a stretch of the DPRAM that by default no function takes. It begins later where the firmware says where the
+/// gather buffer is.
 fn user_area(family: &'static Family) -> HostOffset {
     let plan = BufferLayout::new(&Layout::new(family, None), &BufferSettings::default());
-    plan.unwrap().user_regions().first().expect("room for the user").start
+    let end = plan.unwrap().user_regions().first().expect("room for the user").end;
+    HostOffset::new(end.bytes() - 2 * u32::from(WORDS))
 }
 
 /// What the host is about.
@@ -160,10 +165,10 @@ pub fn use_it(
         Use::SetVariable => set_variables(registers(family), &mut connection, run, keeps),
         Use::Words => {
             let first = user_area(family);
-            let words: Vec<u16> = (0..16).map(|word| run as u16 ^ word).collect();
+            let words: Vec<u16> = (0..WORDS).map(|word| run as u16 ^ word).collect();
             let masked: Vec<(u16, u16)> = words.iter().map(|&word| (word, 0xFFFF)).collect();
             connection.write(first, &masked, false)?;
-            let (_, found) = connection.read(first, 16)?;
+            let (_, found) = connection.read(first, WORDS.into())?;
             assert!(!keeps || found == words, "written {words:X?}, read {found:X?}");
             Ok(())
         }

@@ -28,6 +28,24 @@ impl DpramPort {
         self.state = State::FirstTaken { sent, until: Some(now + patience) };
     }
 
+    /// Behind a response: PMAC may have taken the first part, and answered it, since it was looked at (`tests/models/part_reply.pml`).
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub(super) fn look_again_for_first_part(
+        &mut self,
+        bus: &mut impl Bus,
+        now: Instant,
+    ) -> Result<(), BusError> {
+        if let State::Loaded { sent } = self.state
+            && sent < self.length
+            && !self.is_loaded(bus)?
+        {
+            self.first_part_taken(sent, now);
+        }
+        Ok(())
+    }
+
     /// Whether the second part waits no longer: the board has answered the first, or does not.
     pub(super) fn second_part_is_due(&mut self, now: Instant) -> bool {
         let until = match self.state {
