@@ -13,11 +13,13 @@
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, absolute positions |
 //! | `tune` | moves a motor and tells how it answered |
+//! | `capture` | a board in a directory of plain files |
 //! | `doctor` | what is wrong, and what to do |
 //! | `console` | terminal, tables, output files, signals |
 
 mod act;
 mod args;
+mod capture;
 mod console;
 mod context;
 mod doctor;
@@ -96,6 +98,7 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Demo(options) => demo::run(&mut context, &options),
         Command::Status => status::run(&mut context),
         Command::Doctor(options) => doctor::run(&mut context, &options),
+        Command::Capture(options) => capture::run(&mut context, &options),
         Command::Motors => motors::run(&mut context),
         Command::Coordinates => coordinates::run(&mut context),
         Command::Watch(options) => watch::run(&mut context, &options),

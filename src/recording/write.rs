@@ -104,16 +104,16 @@ impl Writer {
     }
 
     /// Ends it: writes what is collected, and `about` with the number of accesses. Where `about` says why the recording is cut
-    /// short, or writing fails, it says so for good.
+    /// short, or writing fails, it says so for good. Returns the number of accesses.
     ///
     /// # Errors
     /// Writing fails.
-    pub fn finish(mut self, about: About) -> Result<(), RecordingError> {
+    pub fn finish(mut self, about: About) -> Result<u64, RecordingError> {
         let sent = self.trace.send();
         let failed = sent.as_ref().err().map(ToString::to_string);
         let about = About { accesses: self.trace.lines, cut_short: about.cut_short.or(failed), ..about };
         self.about(&about)?;
-        sent
+        sent.map(|()| about.accesses)
     }
 
     fn about(&self, about: &About) -> Result<(), RecordingError> {

@@ -30,7 +30,7 @@ fn a_client_builds_few_crates() {
 #[test]
 fn the_daemon_brings_nothing_for_terminals() {
     let daemon = crates("daemon");
-    for of_pmacctl in ["jiff", "ratatui", "rustix", "rustyline"] {
+    for of_pmacctl in ["jiff", "ratatui", "rustix", "rustyline", "tar"] {
         assert!(!daemon.contains(of_pmacctl), "{of_pmacctl} is in {daemon:?}");
     }
     assert!(daemon.contains("caps"), "{daemon:?}");

@@ -212,6 +212,7 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Which boards there are, with the udev rule for a slot:", &["pmacctl doctor --boards"]),
             ("Where programs of the board keep data of their own:", &["pmacctl doctor --memory"]),
             ("What lives behind an address, without writing to it:", &["pmacctl doctor --probe mem:0xD4000"]),
+            ("One file to send to somebody who is to help:", &["pmacctl doctor --report report.tar"]),
         ],
         "pmacctl-motors" => &[("Once, for a script:", &["pmacctl motors --json"])],
         "pmacctl-coordinates" => &[("Once:", &["pmacctl coordinates"])],
@@ -301,6 +302,10 @@ pub fn examples(page: &str) -> &'static [Example] {
                 "For days, in files of 100 MB, of which 10 GB stay:",
                 &["pmacctl log -o run.csv --rotate-bytes 100M --keep 10G"],
             ),
+        ],
+        "pmacctl-capture" => &[
+            ("Two seconds of a board, for a test or for somebody else:", &["pmacctl capture board-7"]),
+            ("A moment, without variables:", &["pmacctl capture board-8 --seconds 0.1 --no-variables"]),
         ],
         "pmacctl-plot" => &[
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),

@@ -13,6 +13,7 @@ use crate::cli::act::send::Send;
 use crate::cli::act::stop::Abort;
 use crate::cli::act::terminal::Terminal;
 use crate::cli::act::write::Write;
+use crate::cli::capture::Capture;
 use crate::cli::doctor::Doctor;
 use crate::cli::files::backup::{Backup, Diff, Restore};
 use crate::cli::files::download::Download;
@@ -70,6 +71,9 @@ pub enum Command {
     Status,
     /// Check everything between this user and live data, and say what to do. Find boards in this machine
     Doctor(Doctor),
+    /// Record a board for somebody else to look at, or for a test: identity, variables, images of the DPRAM, what pmacd reads and
+    /// writes. Only reads; role engineer
+    Capture(Capture),
     /// Show the motors' positions, velocities and status
     Motors,
     /// Show the coordinate systems' targets and status

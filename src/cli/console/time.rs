@@ -1,10 +1,18 @@
 //! Times as text: RFC 3339, UTC.
 
+use std::time::{SystemTime, UNIX_EPOCH};
+
 /// The time `ns` nanoseconds after the start of 1970, to the microsecond: `2026-11-21T09:30:00.000123Z`.
 pub fn rfc3339(ns: i64) -> String {
     let moment = jiff::Timestamp::from_nanosecond(ns.into());
     // Every i64 of nanoseconds is within jiff's range (years -9999 to 9999).
     moment.unwrap_or_default().strftime("%Y-%m-%dT%H:%M:%S.%6fZ").to_string()
+}
+
+/// The time now, to the second: `2026-11-21T09:30:00.000000Z`.
+pub fn rfc3339_now() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    rfc3339(i64::try_from(since).unwrap_or(0).saturating_mul(1_000_000_000))
 }
 
 #[cfg(test)]

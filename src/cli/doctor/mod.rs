@@ -2,6 +2,7 @@
 
 mod machine;
 mod memory;
+mod parcel;
 mod report;
 
 use std::fs;
@@ -43,6 +44,10 @@ pub struct Doctor {
     /// Ask the board for its M-variables, and print which stretch of the DPRAM they use and which pmacd does
     #[arg(long)]
     pub memory: bool,
+    /// Write what this and status say, and a short capture, to a new file that can be sent: a tar of text files, without names and
+    /// paths of yours
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["boards", "probe", "memory"])]
+    pub report: Option<PathBuf>,
     /// The directory with the machine's /dev, /proc and /sys
     #[arg(long, value_name = "DIRECTORY", hide = true)]
     pub root: Option<PathBuf>,
@@ -110,6 +115,10 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     if !options.boards && !options.memory && options.probe.is_none() {
         context.agree()?;
         report.0.extend(once_up(context, &system).0);
+    }
+    if let Some(path) = &options.report {
+        parcel::write(context, &report, path)?;
+        return Ok(report.is_passed().into());
     }
     tell(context, &report)
 }
@@ -181,7 +190,7 @@ fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
             context.output.line(format_args!("{level:<4}  {:<13} {}", check.check, check.text))?;
         }
     }
-    Ok(report.0.iter().all(|check| check.level != Level::Fail).into())
+    Ok(report.is_passed().into())
 }
 
 fn shared_memory(report: &mut Report) {

@@ -47,6 +47,11 @@ impl Report {
         !self.0.iter().any(is_wrong)
     }
 
+    /// Whether no check failed.
+    pub fn is_passed(&self) -> bool {
+        self.0.iter().all(|check| check.level != Level::Fail)
+    }
+
     pub fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
         self.0.push(Check::new(level, check, text));
     }

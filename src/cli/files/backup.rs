@@ -2,25 +2,21 @@
 //! control.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::json;
 
 use super::mistakes::mistaken;
 use crate::cli::console::confirm::{board_of, confirm, sending};
 use crate::cli::console::sink;
-use crate::cli::console::time::rfc3339;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings::read;
-use crate::cli::files::sequence::{ask, begin};
+use crate::cli::files::saved::{Saved, What, complain, finish, name};
+use crate::cli::files::sequence::begin;
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
-use crate::client::command::lines::LineSequence;
-use crate::map::{DEFAULT_FAMILY, Family, Generation};
 use crate::protocol::board::{LineFailure, LineOutcome};
 
 /// Largest file. All variables of any board fit.
@@ -28,8 +24,7 @@ const LARGEST: u64 = 16 << 20;
 /// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
 /// and I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
-/// PLC programs of any board, and the last motion program (GRAMMAR 2.7; Software Reference, `OPEN`).
-const PLCS: u8 = 32;
+/// The last motion program (GRAMMAR 2.7; Software Reference, `OPEN`).
 const LAST_PROGRAM: u16 = 32_767;
 
 /// `backup`.
@@ -62,31 +57,6 @@ fn programs(text: &str) -> Result<(u16, u16), String> {
         .ok_or_else(|| format!("write 1..{LAST_PROGRAM} or a part of it"))
 }
 
-/// Kinds of settings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub enum What {
-    #[value(name = "I")]
-    I,
-    #[value(name = "P")]
-    P,
-    #[value(name = "Q")]
-    Q,
-    #[value(name = "M")]
-    M,
-    /// Axis definitions.
-    #[value(name = "AXES")]
-    Axes,
-    /// Kinematic programs.
-    #[value(name = "KIN")]
-    Kinematics,
-    /// Motion programs.
-    #[value(name = "PROG")]
-    Programs,
-    /// PLC programs.
-    #[value(name = "PLC")]
-    Plcs,
-}
-
 /// `diff`.
 #[derive(Debug, Args)]
 pub struct Diff {
@@ -114,140 +84,13 @@ pub struct Restore {
 
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
-    let info = connection.info()?;
-    let mut board = begin(&mut connection, "backup", true);
-    let count = variables_of(&info.family);
-    let wanted = |kind| options.what.contains(&kind);
-    let mut items: Vec<Item> = Vec::new();
-    if wanted(What::I) {
-        items.extend((0..count).map(Item::I));
-    }
-    if wanted(What::P) {
-        items.extend((0..count).map(Item::P));
-    }
-    if wanted(What::Q) {
-        // The Q-variables of the coordinate systems overlap. Those of &1 reach every register.
-        items.extend((0..count).map(|number| Item::Q { system: 1, number }));
-    }
-    if wanted(What::M) {
-        items.extend((0..count).map(Item::Definition));
-    }
-    items.extend(others(options, Family::by_name(&info.family).unwrap_or(DEFAULT_FAMILY)));
-    // Ask the board: a daemon that has just started does not know them yet.
-    let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);
-    let held = said.and_then(|said| Ok((said, settings(&mut board, items)?)));
-    // Also after a refusal: who asks next is not to wait until the daemon misses this client.
-    finish(board)?;
-    let (said, held) = held?;
-    let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
-    let (board_type, firmware, date) = (say(0), say(1), say(2));
-
-    let taken = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
-    let taken =
-        rfc3339(i64::try_from(taken).unwrap_or(0) / 1_000_000_000 * 1_000_000_000).replace(".000000", "");
-    let text = if context.output.is_json() {
-        let variables: Vec<_> =
-            held.iter().map(|(item, text)| json!({ "variable": name(*item), "value": text })).collect();
-        let document = json!({ "name": info.name, "board_type": board_type, "family": info.family,
-            "firmware": firmware, "firmware_date": date, "taken": taken, "variables": variables });
-        let mut text = serde_json::to_string_pretty(&document).map_err(Failure::request)?;
-        text.push('\n');
-        text
-    } else {
-        let mut text = format!(
-            "; settings of {}\n; board {board_type} ({})\n; firmware {firmware}, {date}\n; taken {taken}\n",
-            info.name, info.family
-        );
-        listing(&held, &mut text);
-        text
-    };
+    let saved = Saved::ask(&mut connection, "backup", &options.what, options.programs)?;
+    let text = if context.output.is_json() { saved.document()? } else { saved.text() };
     match &options.output {
         Some(path) if !sink::is_stdout(path) => sink::put(path, text.as_bytes())?,
         _ => context.output.text(text)?,
     }
     Ok(Verdict::Yes)
-}
-
-/// What the board holds of `items`, and the values of the M-variables that point nowhere.
-fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<Item, String>, Failure> {
-    let mut held = read(board, items)?;
-    // What is not there is no setting: it would be deleted nowhere.
-    held.retain(|item, text| match item {
-        Item::Axis { .. } => text != "0",
-        item => !item.is_program() || !text.is_empty(),
-    });
-    let own: Vec<Item> = held
-        .iter()
-        .filter_map(|(item, text)| match item {
-            Item::Definition(number) if text == "*" => Some(Item::M(*number)),
-            _ => None,
-        })
-        .collect();
-    held.extend(read(board, own)?);
-    Ok(held)
-}
-
-/// What is asked for besides variables.
-fn others(options: &Backup, family: &Family) -> Vec<Item> {
-    let wanted = |kind| options.what.contains(&kind);
-    let systems = || 1..=family.coordinate_systems as u8;
-    let mut items = Vec::new();
-    if wanted(What::Axes) {
-        let motors = 1..=family.motors as u8;
-        items.extend(
-            systems().flat_map(|system| motors.clone().map(move |motor| Item::Axis { system, motor })),
-        );
-    }
-    if wanted(What::Kinematics) && family.generation == Generation::Turbo {
-        items.extend(
-            systems().flat_map(|system| [false, true].map(|inverse| Item::Kinematics { system, inverse })),
-        );
-    }
-    if wanted(What::Programs) {
-        items.extend((options.programs.0..=options.programs.1).map(Item::Program));
-    }
-    if wanted(What::Plcs) {
-        items.extend((0..PLCS).map(Item::Plc));
-    }
-    items
-}
-
-/// The name of an item in JSON: the left side of its line.
-fn name(item: Item) -> String {
-    let arrow = if item.sign() == "->" { "->" } else { "" };
-    format!("{item}{arrow}")
-}
-
-/// The lines for each item, sorted.
-fn listing(held: &BTreeMap<Item, String>, text: &mut String) {
-    let mut system = None;
-    for (item, value) in held {
-        if let Some(own) = item.system()
-            && system != Some(own)
-        {
-            system = Some(own);
-            // Writing to a String cannot fail.
-            let _ = writeln!(text, "&{own}");
-        }
-        item.lines_there(value).iter().for_each(|line| {
-            let _ = writeln!(text, "{line}");
-        });
-    }
-}
-
-/// How many variables of each kind a board has (User Manual p. 148; Turbo User Manual).
-fn variables_of(family: &str) -> u16 {
-    match family.parse() {
-        Ok(Generation::Turbo) => 8192,
-        _ => 1024,
-    }
-}
-
-/// Ends a sequence, and says what it leaves on the board.
-fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
-    let over = sequence.finish()?;
-    over.notes.iter().for_each(|note| complain(format_args!("{note}")));
-    over.failure.map_or(Ok(()), |failure| Err(Failure::Refused(failure.message)))
 }
 
 /// What the board holds of `items`, asked in a sequence of its own.
@@ -475,11 +318,6 @@ impl<'a> Report<'a> {
     }
 }
 
-fn complain(text: std::fmt::Arguments<'_>) {
-    // If stderr is closed, the message is lost.
-    let _ = writeln!(io::stderr(), "{text}");
-}
-
 fn shown(path: &Path) -> String {
     if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
 }
@@ -497,32 +335,4 @@ fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
         return Err(Failure::Request(format!("{file}: longer than {} MiB", LARGEST >> 20)));
     }
     parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_listed_reads_back_the_same() {
-        let q = |system, number| Item::Q { system, number };
-        let held: BTreeMap<Item, String> = [
-            (Item::M(3), "7"),
-            (Item::Definition(3), "*"),
-            (q(2, 1), "5"),
-            (q(1, 1), "4"),
-            (Item::P(0), "-0.5"),
-            (Item::I(125), "$C000"),
-            (Item::I(2), "0"),
-        ]
-        .into_iter()
-        .map(|(item, text)| (item, text.to_owned()))
-        .collect();
-        let mut text = String::new();
-        listing(&held, &mut text);
-        assert_eq!(text, "I2=0\nI125=$C000\nP0=-0.5\n&1\nQ1=4\n&2\nQ1=5\nM3->*\nM3=7\n");
-        let again: BTreeMap<Item, String> =
-            parse("f", &text).unwrap().into_iter().map(|entry| (entry.item, entry.text)).collect();
-        assert_eq!(again, held);
-    }
 }

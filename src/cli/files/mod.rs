@@ -6,5 +6,6 @@ mod listings;
 mod mistakes;
 pub mod preprocess;
 mod prose;
+pub mod saved;
 pub mod sequence;
 pub mod settings_file;

@@ -3,6 +3,7 @@
 pub mod candidates;
 pub mod cpu_latency;
 pub mod descriptors;
+pub mod facts;
 pub mod inherited;
 pub mod kernel;
 pub mod node_owner;

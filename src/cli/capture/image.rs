@@ -1,0 +1,61 @@
+//! Reads an image of the DPRAM through the daemon, a few words at a time. Command lines and responses are left out.
+
+use crate::cli::context::Failure;
+use crate::client::{CommandError, Connection};
+use crate::map::{AsciiPort, Family, HostOffset};
+use crate::protocol::{CallError, READ_MAX};
+
+/// Pieces to read before somebody else has his turn.
+const PIECES_A_STEP: usize = 8;
+
+/// An image under way.
+pub struct ImageReading {
+    port: &'static AsciiPort,
+    words: Vec<u16>,
+    next: usize,
+    t_ns: Option<u64>,
+}
+
+impl ImageReading {
+    /// Of a DPRAM of `bytes`, with command lines and responses where `port` says.
+    pub fn new(port: &'static AsciiPort, bytes: u32) -> Self {
+        Self { port, words: vec![0; bytes as usize / 2], next: 0, t_ns: None }
+    }
+
+    /// Reads some of it; the time of its first word and the words, once all are there.
+    pub fn step(&mut self, connection: &mut Connection) -> Result<Option<(u64, Vec<u16>)>, Failure> {
+        for _ in 0..PIECES_A_STEP {
+            let Some((first, count)) = self.piece() else {
+                return Ok(Some((self.t_ns.unwrap_or_default(), std::mem::take(&mut self.words))));
+            };
+            let (t_ns, words) = connection.read(HostOffset::new(0).plus_words(first), count)?;
+            self.words[first..first + count].copy_from_slice(&words);
+            self.t_ns.get_or_insert(t_ns);
+            self.next = first + count;
+        }
+        Ok(None)
+    }
+
+    /// The next words to read: the first, and how many.
+    fn piece(&self) -> Option<(usize, usize)> {
+        let is_text = |word: &usize| self.port.has_text_in(HostOffset::new(0).plus_words(*word), 1);
+        let first = (self.next..self.words.len()).find(|word| !is_text(word))?;
+        let count = (first..self.words.len()).take(READ_MAX).take_while(|word| !is_text(word)).count();
+        Some((first, count))
+    }
+}
+
+/// The size of the DPRAM of the board behind `connection`, in bytes: the largest that boards of `family` have and that can be read.
+pub fn dpram_bytes(connection: &mut Connection, family: &'static Family) -> Result<u32, Failure> {
+    let mut sizes: Vec<u32> = family.lengths().collect();
+    sizes.sort_unstable();
+    while let Some(bytes) = sizes.pop() {
+        let last = HostOffset::new(bytes - 2);
+        match connection.read(last, 1) {
+            Ok(_) => return Ok(bytes),
+            Err(CommandError::Refused(CallError::OutOfRange)) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(family.length)
+}

@@ -1,0 +1,192 @@
+//! Keeps texts out of a trace that are nobody else's business: command lines can hold programs and passwords, replies listings.
+//!
+//! Only questions for variables and identity are shown, with their replies. Of all other lines the words become 0. Lines are known by
+//! the words that the daemon writes before it sets the flag that a line is there, whichever way its text is packed.
+
+use crate::format::TextOrder;
+use crate::map::functions::response;
+use crate::map::{AsciiPort, HostOffset};
+use crate::recording::{Access, Op};
+
+/// Questions for identity, and for the state of the whole board.
+pub const IDENTITY: [&str; 8] = ["TYPE", "VERSION", "DATE", "SIZE", "???", "CPU", "CID", "VID"];
+/// The most accesses that may come before the flag of a line.
+const HELD: usize = 4096;
+
+/// Whether `line` asks for variables or identity, and does nothing else.
+fn is_question(line: &str) -> bool {
+    let line = line.trim().to_ascii_uppercase();
+    let is_of_question = |letter: char| letter.is_ascii_digit() || " ,.->IPQM".contains(letter);
+    IDENTITY.contains(&line.as_str()) || (!line.is_empty() && line.chars().all(is_of_question))
+}
+
+/// What to show of a trace's texts.
+pub struct TextFilter {
+    port: &'static AsciiPort,
+    /// The accesses since the first word of a line whose flag was not set.
+    held: Vec<Access>,
+    /// The words of that line.
+    line: Vec<u16>,
+    /// The last part of a line has no end.
+    continues: bool,
+    /// The last line is a question.
+    is_shown: bool,
+    /// What lies in the response buffer belongs to it.
+    is_reply: bool,
+}
+
+impl TextFilter {
+    /// For a board with this port. Nothing is shown before the first line.
+    pub fn new(port: &'static AsciiPort) -> Self {
+        Self { port, held: Vec::new(), line: Vec::new(), continues: false, is_shown: false, is_reply: false }
+    }
+
+    /// Takes in the next access; gives those to `kept` that are known to be shown or not.
+    pub fn take(&mut self, access: Access, kept: &mut Vec<Access>) {
+        let Access { op, offset, value, .. } = access;
+        if op == Op::Write && self.is_command(offset) {
+            let at = offset.words_since(self.port.command);
+            self.line.resize(self.line.len().max(at + 1), 0);
+            // A word has 16 bits.
+            self.line[at] = value as u16;
+            self.held.push(access);
+            return;
+        }
+        if offset == self.port.response_control && op == Op::Read && value != 0 {
+            self.is_reply = value == u32::from(response::LINE);
+        }
+        let access = if self.is_hidden(&access) { Access { value: 0, ..access } } else { access };
+        if self.held.is_empty() {
+            return kept.push(access);
+        }
+        self.held.push(access);
+        if op == Op::Write && offset == self.port.command_loaded.word {
+            self.judge();
+            self.release(kept);
+        } else if self.held.len() > HELD {
+            self.is_shown = false;
+            self.release(kept);
+        }
+    }
+
+    /// What is still held, at the end.
+    pub fn end(&mut self, kept: &mut Vec<Access>) {
+        self.is_shown = false;
+        self.release(kept);
+    }
+
+    fn is_command(&self, offset: HostOffset) -> bool {
+        let command = self.port.command;
+        offset >= command && offset < command.plus_words(self.port.command_bytes / 2)
+    }
+
+    /// Whether the text that is read is to be hidden.
+    fn is_hidden(&self, access: &Access) -> bool {
+        let words = usize::from(access.width / 16);
+        let is_text = self.port.has_text_in(access.offset, words);
+        is_text && !(self.is_shown && self.is_reply && !self.is_command(access.offset))
+    }
+
+    /// Finds out what the line is.
+    fn judge(&mut self) {
+        let text =
+            |order: TextOrder| -> Vec<u8> { self.line.iter().flat_map(|&word| order.unpack(word)).collect() };
+        let is_question = |order| {
+            let bytes = text(order);
+            let line = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
+            std::str::from_utf8(line).is_ok_and(is_question)
+        };
+        self.is_shown =
+            !self.continues && [TextOrder::LowFirst, TextOrder::HighFirst].into_iter().any(is_question);
+        self.continues = !text(TextOrder::LowFirst).contains(&0);
+        self.is_reply = false;
+        self.line.clear();
+    }
+
+    fn release(&mut self, kept: &mut Vec<Access>) {
+        for access in std::mem::take(&mut self.held) {
+            let is_hidden = access.op == Op::Write && self.is_command(access.offset) && !self.is_shown;
+            kept.push(if is_hidden { Access { value: 0, ..access } } else { access });
+        }
+        self.line.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+
+    const PORT: AsciiPort = PMAC.ascii;
+
+    fn access(op: Op, offset: HostOffset, value: u16) -> Access {
+        Access { t_ns: 0, op, offset, width: 16, value: value.into() }
+    }
+
+    /// A line, its flag, the control word of a response, and its text.
+    fn exchange(order: TextOrder, line: &str, control: u16, reply: &str) -> Vec<Access> {
+        let words = |text: &str| {
+            let bytes: Vec<u8> = text.bytes().chain([0, 0]).collect();
+            bytes.as_chunks().0.iter().map(|&[first, second]| order.pack(first, second)).collect::<Vec<u16>>()
+        };
+        let texts = |op, start: HostOffset, text: &str| {
+            let words = words(text).into_iter().enumerate();
+            words.map(move |(at, word)| access(op, start.plus_words(at), word)).collect::<Vec<_>>()
+        };
+        let mut all = texts(Op::Write, PORT.command, line);
+        all.push(access(Op::Write, PORT.command_loaded.word, PORT.command_loaded.mask));
+        all.push(access(Op::Read, PORT.response_control, control));
+        all.extend(texts(Op::Read, PORT.response, reply));
+        all
+    }
+
+    fn shown(accesses: &[Access]) -> Vec<Access> {
+        let mut filter = TextFilter::new(&PMAC.ascii);
+        let mut kept = Vec::new();
+        accesses.iter().for_each(|access| filter.take(*access, &mut kept));
+        filter.end(&mut kept);
+        kept
+    }
+
+    fn without_text(accesses: &[Access]) -> Vec<Access> {
+        let hidden = |access: &Access| Access {
+            value: if PORT.has_text_in(access.offset, 1) { 0 } else { access.value },
+            ..*access
+        };
+        accesses.iter().map(hidden).collect()
+    }
+
+    #[test]
+    fn e6_questions_are_shown_and_nothing_else() {
+        for order in [TextOrder::LowFirst, TextOrder::HighFirst] {
+            for line in ["I122 P1..5", "type", "M3-> M5", "???"] {
+                let question = exchange(order, line, response::LINE, "32");
+                assert_eq!(shown(&question), question, "{line}");
+            }
+            for line in ["PASSWORD=SECRET", "LIST PROG 1", "P1=5", "OPEN PROG 7", "X5", "&1"] {
+                let other = exchange(order, line, response::LINE, "X10Y20");
+                assert_eq!(shown(&other), without_text(&other), "{line}");
+            }
+            // A program's own text is not the reply.
+            let message = exchange(order, "I122", response::MESSAGE, "hello");
+            let kept = shown(&message);
+            assert!(
+                kept.iter().filter(|access| access.offset >= PORT.response).all(|access| access.value == 0)
+            );
+        }
+    }
+
+    #[test]
+    fn e6_what_belongs_to_no_question_is_not_shown() {
+        let question = exchange(TextOrder::LowFirst, "I122", response::LINE, "32");
+        // A reply without its line, and a line without its flag.
+        assert_eq!(shown(&question[4..]), without_text(&question[4..]));
+        assert_eq!(shown(&question[..3]), without_text(&question[..3]));
+        // The second part of a line: the first may have been a password.
+        let mut long = exchange(TextOrder::LowFirst, &"P".repeat(PORT.command_bytes), response::LINE, "1");
+        long.retain(|access| access.value != 0);
+        let second = exchange(TextOrder::LowFirst, "12345", response::LINE, "32");
+        let both = [long.clone(), second.clone()].concat();
+        assert_eq!(shown(&both)[long.len()..], without_text(&second));
+    }
+}

@@ -1,0 +1,328 @@
+//! A capture under way. One thread does everything in turn, and the trace first: the daemon's memory for it is small.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::{Map, Value, json};
+
+use super::image::{ImageReading, dpram_bytes};
+use super::latency::Times;
+use super::private::{IDENTITY, TextFilter};
+use crate::cli::args::values::seconds;
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::time::rfc3339_now;
+use crate::cli::context::{Context, Failure};
+use crate::cli::files::saved::{Saved, What};
+use crate::client::{Board, CommandError, Connection};
+use crate::device::machine::facts::facts;
+use crate::device::{BoardSpec, System};
+use crate::map::{AsciiPort, Family, Generation, HostOffset};
+use crate::protocol::{BoardInfo, CallError};
+use crate::recording::{
+    About, Access, Answer, FORMAT, MOST_ACCESSES, MOST_IMAGES, Op, RecordingError, Writer,
+};
+use crate::segment::Counter;
+
+/// From one image to the next.
+const INTERVAL_NS: u64 = 1_000_000_000;
+/// How long the board may take for a question.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long to sleep when there is nothing to do.
+const LOOK: Duration = Duration::from_millis(2);
+/// Replies of the trace in one turn, and how few accesses are worth no other one.
+const REPLIES_A_TURN: usize = 64;
+const FEW: usize = 1000;
+/// Replies that hold what is left at the end; more than the daemon has memory for.
+const LAST_REPLIES: usize = 1000;
+/// Variables and definitions. What machine builders write is left out.
+const VARIABLES: [What; 5] = [What::I, What::P, What::Q, What::M, What::Axes];
+/// What every capture leaves out.
+const LEFT_OUT: [&str; 3] = [
+    "motion, PLC and kinematic programs, which are the machine builder's",
+    "the text of command lines and replies, but for questions for variables and identity: its words are 0 in the trace, and all \
+     text is 0 in the images; so no password is in it",
+    "names of this host, of users and of other processes; of a board that is a file, its path",
+];
+const BEING_WRITTEN: &str = "pmacctl has not finished it: it was killed, or had no room";
+
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
+        Self::request(error)
+    }
+}
+
+/// What the last line and about.json tell.
+pub struct Summary {
+    pub updates: u64,
+    pub accesses: u64,
+    pub dropped: u64,
+    pub cut_short: Option<String>,
+    pub left_out: Vec<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct Capture {
+    /// The directory to make; one that is there must be empty
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// How long to trace the bus accesses, in seconds. A second takes tens of megabytes
+    #[arg(long, value_name = "S", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
+    pub seconds: Duration,
+    /// Leave variables and definitions out
+    #[arg(long)]
+    pub no_variables: bool,
+}
+
+/// What has become of a capture that was begun.
+pub struct Taken {
+    pub summary: Summary,
+    /// Why it ended early, but for a signal.
+    pub failure: Option<Failure>,
+}
+
+/// A capture under way.
+pub struct Taking<'a> {
+    board: &'a Board,
+    connection: &'a mut Connection,
+    stop: Interrupt,
+    options: &'a Capture,
+    family: &'static Family,
+    facts: Value,
+    about: About,
+    writer: Writer,
+    filter: TextFilter,
+    updates_before: u64,
+    questions: Times,
+    reads: Times,
+    wake_ups: Times,
+}
+
+impl<'a> Taking<'a> {
+    /// Makes the directory.
+    pub fn begin(
+        board: &'a Board,
+        connection: &'a mut Connection,
+        stop: Interrupt,
+        options: &'a Capture,
+    ) -> Result<Self, Failure> {
+        let family = Context::family(None, connection)?;
+        let (info, settings) = (connection.info()?, connection.settings()?);
+        let dpram_bytes = dpram_bytes(connection, family)?;
+        let began_ns = board.subscriber().now_ns();
+        let spec: Option<BoardSpec> = info.board.parse().ok();
+        let facts = json!(facts(&System::here(), spec.as_ref()));
+        let about = About {
+            format: FORMAT,
+            program: format!("pmacctl {}", env!("CARGO_PKG_VERSION")),
+            pmacd: info.version.clone(),
+            taken: rfc3339_now(),
+            began_ns,
+            board: without_path(&info),
+            name: info.name,
+            family: info.family,
+            board_type: info.board_type,
+            firmware: info.firmware,
+            dpram_bytes,
+            servo_period_ns: info.servo_period_ns,
+            settings,
+            updates: 0,
+            accesses: 0,
+            dropped: 0,
+            cut_short: Some(BEING_WRITTEN.to_owned()),
+            left_out: LEFT_OUT.map(str::to_owned).to_vec(),
+        };
+        let writer = Writer::create(&options.directory, &about)?;
+        Ok(Self {
+            filter: TextFilter::new(&family.ascii),
+            updates_before: board.subscriber().counter(Counter::Updates),
+            board,
+            connection,
+            stop,
+            options,
+            family,
+            facts,
+            about,
+            writer,
+            questions: Times::default(),
+            reads: Times::default(),
+            wake_ups: Times::default(),
+        })
+    }
+
+    /// Everything, up to the end or a signal.
+    pub fn record(&mut self) -> Result<(), Failure> {
+        self.writer.system(&self.system())?;
+        self.variables()?;
+        self.updates_before = self.board.subscriber().counter(Counter::Updates);
+        // The first call begins the trace, so that the first image shows what it begins with.
+        self.trace(false)?;
+        let (port, bytes): (&'static AsciiPort, u32) = (&self.family.ascii, self.about.dpram_bytes);
+        let began_ns = self.board.subscriber().now_ns();
+        let time_ns = u64::try_from(self.options.seconds.as_nanos()).unwrap_or(u64::MAX);
+        let end_ns = began_ns.saturating_add(time_ns);
+        let mut image = Some(ImageReading::new(port, bytes));
+        let mut next_image_ns = began_ns + INTERVAL_NS;
+        let mut questions = questions(self.family).into_iter();
+        while !self.stop.came() {
+            for _ in 0..REPLIES_A_TURN {
+                if self.trace(false)? < FEW {
+                    break;
+                }
+            }
+            let now_ns = self.board.subscriber().now_ns();
+            let condition = self.board.subscriber().condition();
+            if condition.is_over() {
+                return Err(Failure::Refused("pmacd is gone".to_owned()));
+            }
+            if let Some(reading) = &mut image {
+                let began = Instant::now();
+                let whole = reading.step(self.connection)?;
+                self.reads.note(began.elapsed());
+                if let Some((t_ns, words)) = whole {
+                    self.writer.image(t_ns, &words)?;
+                    image = None;
+                }
+            } else if let Some(line) = questions.next() {
+                self.ask(line)?;
+            } else if now_ns >= end_ns {
+                break;
+            } else if now_ns >= next_image_ns && self.writer.images() < MOST_IMAGES as u64 {
+                next_image_ns = now_ns + INTERVAL_NS;
+                image = Some(ImageReading::new(port, bytes));
+            } else {
+                let began = Instant::now();
+                std::thread::sleep(LOOK);
+                self.wake_ups.note(began.elapsed().saturating_sub(LOOK));
+            }
+        }
+        for _ in 0..LAST_REPLIES {
+            if self.trace(true)? == 0 {
+                break;
+            }
+        }
+        let mut kept = Vec::new();
+        self.filter.end(&mut kept);
+        kept.iter().try_for_each(|access| self.writer.access(access))?;
+        Ok(())
+    }
+
+    /// Writes what is still to be written, and what became of it.
+    pub fn finish(mut self, failure: Option<Failure>) -> Result<Taken, Failure> {
+        let cut_short = match &failure {
+            Some(failure) => Some(failure.to_string()),
+            None => self.stop.came().then(|| "ended by a signal".to_owned()),
+        };
+        let updates = self.board.subscriber().counter(Counter::Updates);
+        self.about.updates = updates.saturating_sub(self.updates_before);
+        self.about.cut_short = cut_short;
+        // Who has no room for this has none for what follows, which tells.
+        let _ = self.writer.system(&self.system());
+        let (updates, dropped, left_out) =
+            (self.about.updates, self.about.dropped, self.about.left_out.clone());
+        let mut cut_short = self.about.cut_short.clone();
+        let finished = self.writer.finish(self.about);
+        let accesses = *finished.as_ref().unwrap_or(&0);
+        let failure = failure.or(finished.err().map(Failure::from));
+        cut_short = cut_short.or(failure.as_ref().map(ToString::to_string));
+        Ok(Taken { summary: Summary { updates, accesses, dropped, cut_short, left_out }, failure })
+    }
+
+    /// The accesses since the last time; how many came.
+    fn trace(&mut self, end: bool) -> Result<usize, Failure> {
+        let reply = self.connection.trace(end)?;
+        self.about.dropped = reply.dropped;
+        let mut kept = Vec::new();
+        let mut t_ns = 0;
+        for numbers in reply.accesses.chunks(4) {
+            let access = access(numbers, t_ns).ok_or_else(|| {
+                CommandError::from(CallError::Protocol(format!("{numbers:?} is no access")))
+            })?;
+            t_ns = access.t_ns;
+            self.filter.take(access, &mut kept);
+        }
+        kept.iter().try_for_each(|access| self.writer.access(access))?;
+        if self.writer.accesses() >= MOST_ACCESSES as u64 {
+            return Err(Failure::Refused(format!("more than {MOST_ACCESSES} accesses; give --seconds less")));
+        }
+        Ok(reply.accesses.len() / 4)
+    }
+
+    /// Writes the variables, or says why there are none.
+    fn variables(&mut self) -> Result<(), Failure> {
+        if self.options.no_variables {
+            self.about.left_out.push("variables and definitions: --no-variables".to_owned());
+            return Ok(());
+        }
+        match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1)) {
+            Ok(saved) => self.writer.variables(&saved.text())?,
+            // A board that cannot be asked is worth a capture all the same.
+            Err(Failure::Refused(why)) => {
+                self.about.left_out.push(format!("variables and definitions: {why}"))
+            }
+            Err(failure) => return Err(failure),
+        }
+        Ok(())
+    }
+
+    /// Asks the board; what it refuses is an answer. A question enters no program buffer.
+    fn ask(&mut self, line: &str) -> Result<(), Failure> {
+        let began = Instant::now();
+        let (reply, refused) = match self.connection.question(line, PATIENCE) {
+            Ok(reply) => (reply, None),
+            Err(CommandError::Refused(
+                error @ (CallError::Board { .. }
+                | CallError::Refused { .. }
+                | CallError::TimedOut { .. }
+                | CallError::Unavailable { .. }
+                | CallError::Busy),
+            )) => (Vec::new(), Some(error.to_string())),
+            Err(error) => return Err(error.into()),
+        };
+        self.questions.note(began.elapsed());
+        self.writer.answer(&Answer { line: line.to_owned(), reply, refused })?;
+        Ok(())
+    }
+
+    /// What is known of the machine, and how long things took.
+    fn system(&self) -> Value {
+        let subscriber = self.board.subscriber();
+        let counters: Map<String, Value> =
+            subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
+        json!({
+            "machine": self.facts,
+            "latencies": { "question": self.questions.document(), "read_of_512_words": self.reads.document(),
+                "wake_up": self.wake_ups.document() },
+            "counters": counters,
+        })
+    }
+}
+
+/// What is asked while the bus accesses are traced.
+fn questions(family: &Family) -> Vec<&'static str> {
+    // Those of the processor and of the board's number are a Turbo's (GRAMMAR 2.7).
+    let is_of_turbo = |line: &str| matches!(line, "CPU" | "CID" | "VID");
+    let is_turbo = family.generation == Generation::Turbo;
+    IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).collect()
+}
+
+/// The access that four numbers of the trace are, after the one at `t_ns`.
+fn access(numbers: &[u64], t_ns: u64) -> Option<Access> {
+    let &[after_ns, kind, offset, value] = numbers else { return None };
+    let (op, width) = match kind {
+        0 => (Op::Read, 16),
+        1 => (Op::Write, 16),
+        2 => (Op::Read, 32),
+        _ => return None,
+    };
+    let offset = HostOffset::checked(u32::try_from(offset).ok()?)?;
+    Some(Access { t_ns: t_ns.checked_add(after_ns)?, op, offset, width, value: u32::try_from(value).ok()? })
+}
+
+/// How the board is reached, without a path of the user's.
+fn without_path(info: &BoardInfo) -> String {
+    match info.board.split_once(':') {
+        Some(("file", _)) => "file".to_owned(),
+        _ => info.board.clone(),
+    }
+}

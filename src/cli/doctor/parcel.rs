@@ -1,0 +1,169 @@
+//! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without names and
+//! paths of the user's.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde_json::{Value, json};
+use tar::{Builder, Header};
+
+use super::report::Report;
+use crate::cli::capture::{self, Capture, Taken};
+use crate::cli::context::{Context, Failure};
+use crate::cli::show::status;
+
+/// How long the bus accesses are traced: a few megabytes.
+const TRACED: Duration = Duration::from_millis(200);
+/// The directory that the file holds.
+const INSIDE: &str = "pmac-report";
+/// Keys of documents that name users.
+const USERS: [&str; 2] = ["owner_uid", "uid"];
+
+/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it.
+pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<(), Failure> {
+    let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
+    let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(format!(".{}.partial", std::process::id()));
+    let directory = Beside(PathBuf::from(beside));
+    let written = fill(context, report, file, &directory.0);
+    let note = written.inspect_err(|_| {
+        // A part of it is of no use.
+        let _ = fs::remove_file(path);
+    })?;
+    context.output.line(&note)?;
+    context.output.line(format_args!("{}: look at it before you send it (tar -xf)", path.display()))?;
+    Ok(())
+}
+
+/// A directory that is gone in the end.
+struct Beside(PathBuf);
+
+impl Drop for Beside {
+    fn drop(&mut self) {
+        // If it cannot be removed, it is told by its name.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Result<String, Failure> {
+    let status = status::look(context)?;
+    let private = Private::of(&status);
+    let options = Capture { directory: directory.to_owned(), seconds: TRACED, no_variables: false };
+    let taken = capture::take(context, &options);
+    let note = note(&taken);
+    let mut tar = Tar::begin(file)?;
+    tar.add("README.txt", note.as_bytes())?;
+    tar.add("doctor.json", &private.text(&json!(report.0))?)?;
+    tar.add("status.json", &private.text(&status)?)?;
+    if taken.is_ok() {
+        tar.add_directory("capture", directory)?;
+    }
+    tar.end()?;
+    Ok(note)
+}
+
+/// What is in the file and what is not.
+fn note(taken: &Result<Taken, Failure>) -> String {
+    let mut note = format!(
+        "What {INSIDE} holds, of pmacctl {}:\n  doctor.json, status.json: what pmacctl doctor and pmacctl status say\n",
+        env!("CARGO_PKG_VERSION")
+    );
+    match taken {
+        Ok(taken) => {
+            note += "  capture: variables, images of the DPRAM and what pmacd read and wrote, for a moment; the machine's kernel and \
+                     the board's device\n";
+            if let Some(why) = &taken.summary.cut_short {
+                note += &format!("  The capture is cut short: {why}\n");
+            }
+            note += "What it does not hold:\n";
+            for sentence in &taken.summary.left_out {
+                note += &format!("  {sentence}\n");
+            }
+        }
+        Err(why) => note += &format!("It holds no capture: {why}\n"),
+    }
+    note + "  paths of the socket and of your home directory, numbers of users"
+}
+
+/// What documents tell of the user: texts to replace, and by what.
+struct Private(Vec<(String, &'static str)>);
+
+impl Private {
+    /// What is known by `status` and by the environment.
+    fn of(status: &Value) -> Self {
+        let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+        let home = std::env::var("HOME").unwrap_or_default();
+        let board = Some(text(&status["socket"]["board"])).filter(|board| board.starts_with("file:"));
+        let all = [
+            (board.unwrap_or_default(), "file"),
+            (text(&status["socket"]["path"]), "SOCKET"),
+            // Of root it is in many names.
+            (if home == "/" { String::new() } else { home }, "~"),
+        ];
+        Self(all.into_iter().filter(|(from, _)| !from.is_empty()).collect())
+    }
+
+    /// The document, without them.
+    fn text(&self, document: &Value) -> Result<Vec<u8>, Failure> {
+        let mut document = document.clone();
+        self.clean(&mut document);
+        serde_json::to_vec_pretty(&document).map_err(Failure::request)
+    }
+
+    fn clean(&self, value: &mut Value) {
+        match value {
+            Value::String(text) => {
+                *text = self.0.iter().fold(std::mem::take(text), |text, (from, to)| text.replace(from, to));
+            }
+            Value::Array(values) => values.iter_mut().for_each(|value| self.clean(value)),
+            Value::Object(fields) => {
+                fields.retain(|key, _| !USERS.contains(&key.as_str()));
+                fields.values_mut().for_each(|value| self.clean(value));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The file.
+struct Tar {
+    builder: Builder<BufWriter<File>>,
+    mtime: u64,
+}
+
+impl Tar {
+    fn begin(file: File) -> Result<Self, Failure> {
+        let mtime = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        Ok(Self { builder: Builder::new(BufWriter::new(file)), mtime })
+    }
+
+    fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
+        let mut header = Header::new_ustar();
+        header.set_mode(0o644);
+        header.set_mtime(self.mtime);
+        header.set_size(bytes.len() as u64);
+        Ok(self.builder.append_data(&mut header, format!("{INSIDE}/{name}"), bytes)?)
+    }
+
+    fn add_directory(&mut self, name: &str, directory: &Path) -> Result<(), Failure> {
+        let mut entries: Vec<_> = fs::read_dir(directory)?.collect::<Result<_, _>>()?;
+        entries.sort_by_key(fs::DirEntry::file_name);
+        for entry in entries {
+            let name = format!("{name}/{}", entry.file_name().to_string_lossy());
+            if entry.file_type()?.is_dir() {
+                self.add_directory(&name, &entry.path())?;
+            } else {
+                self.add(&name, &fs::read(entry.path())?)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn end(self) -> Result<(), Failure> {
+        self.builder.into_inner()?.flush()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,248 @@
+//! What a board holds, asked for in one sequence: variables, definitions and programs, and the lines that set them again.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+
+use clap::ValueEnum;
+use serde_json::json;
+
+use crate::cli::console::time::rfc3339_now;
+use crate::cli::context::Failure;
+use crate::cli::files::listings::read;
+use crate::cli::files::sequence::{ask, begin};
+use crate::cli::files::settings_file::Item;
+use crate::client::Connection;
+use crate::client::command::lines::LineSequence;
+use crate::map::{DEFAULT_FAMILY, Family, Generation};
+use crate::protocol::BoardInfo;
+
+/// PLC programs of any board (Software Reference, `OPEN`).
+const PLCS: u8 = 32;
+
+/// Kinds of settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum What {
+    #[value(name = "I")]
+    I,
+    #[value(name = "P")]
+    P,
+    #[value(name = "Q")]
+    Q,
+    #[value(name = "M")]
+    M,
+    /// Axis definitions.
+    #[value(name = "AXES")]
+    Axes,
+    /// Kinematic programs.
+    #[value(name = "KIN")]
+    Kinematics,
+    /// Motion programs.
+    #[value(name = "PROG")]
+    Programs,
+    /// PLC programs.
+    #[value(name = "PLC")]
+    Plcs,
+}
+
+/// What a board holds, and who it says it is.
+pub struct Saved {
+    info: BoardInfo,
+    board_type: String,
+    firmware: String,
+    date: String,
+    taken: String,
+    held: BTreeMap<Item, String>,
+}
+
+impl Saved {
+    /// Asks the board for `wanted`, in a sequence that others are told is a `kind`; of motion programs, for those of the range
+    /// `programs`.
+    ///
+    /// # Errors
+    /// The board refuses a question or gives an unexpected answer, or cannot be asked.
+    pub fn ask(
+        connection: &mut Connection,
+        kind: &str,
+        wanted: &[What],
+        programs: (u16, u16),
+    ) -> Result<Self, Failure> {
+        let info = connection.info()?;
+        let mut board = begin(connection, kind, true);
+        let items = items(wanted, programs, &info.family);
+        // Ask the board: a daemon that has just started does not know them yet.
+        let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);
+        let held = said.and_then(|said| Ok((said, settings(&mut board, items)?)));
+        // Also after a refusal: who asks next is not to wait until the daemon misses this client.
+        finish(board)?;
+        let (said, held) = held?;
+        let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
+        let (board_type, firmware, date) = (say(0), say(1), say(2));
+        let taken = rfc3339_now().replace(".000000", "");
+        Ok(Self { info, board_type, firmware, date, taken, held })
+    }
+
+    /// As readable lines that can be sent again.
+    pub fn text(&self) -> String {
+        let Self { info, board_type, firmware, date, taken, held } = self;
+        let mut text = format!(
+            "; settings of {}\n; board {board_type} ({})\n; firmware {firmware}, {date}\n; taken {taken}\n",
+            info.name, info.family
+        );
+        listing(held, &mut text);
+        text
+    }
+
+    /// As JSON.
+    ///
+    /// # Errors
+    /// It does not serialise.
+    pub fn document(&self) -> Result<String, Failure> {
+        let variables: Vec<_> =
+            self.held.iter().map(|(item, text)| json!({ "variable": name(*item), "value": text })).collect();
+        let document = json!({ "name": self.info.name, "board_type": self.board_type, "family": self.info.family,
+            "firmware": self.firmware, "firmware_date": self.date, "taken": self.taken, "variables": variables });
+        let mut text = serde_json::to_string_pretty(&document).map_err(Failure::request)?;
+        text.push('\n');
+        Ok(text)
+    }
+}
+
+/// Everything that is `wanted` of a board of `family`.
+fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
+    let count = variables_of(family);
+    let is_wanted = |kind| wanted.contains(&kind);
+    let mut items: Vec<Item> = Vec::new();
+    if is_wanted(What::I) {
+        items.extend((0..count).map(Item::I));
+    }
+    if is_wanted(What::P) {
+        items.extend((0..count).map(Item::P));
+    }
+    if is_wanted(What::Q) {
+        // The Q-variables of the coordinate systems overlap. Those of &1 reach every register.
+        items.extend((0..count).map(|number| Item::Q { system: 1, number }));
+    }
+    if is_wanted(What::M) {
+        items.extend((0..count).map(Item::Definition));
+    }
+    items.extend(others(wanted, programs, Family::by_name(family).unwrap_or(DEFAULT_FAMILY)));
+    items
+}
+
+/// What the board holds of `items`, and the values of the M-variables that point nowhere.
+fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<Item, String>, Failure> {
+    let mut held = read(board, items)?;
+    // What is not there is no setting: it would be deleted nowhere.
+    held.retain(|item, text| match item {
+        Item::Axis { .. } => text != "0",
+        item => !item.is_program() || !text.is_empty(),
+    });
+    let own: Vec<Item> = held
+        .iter()
+        .filter_map(|(item, text)| match item {
+            Item::Definition(number) if text == "*" => Some(Item::M(*number)),
+            _ => None,
+        })
+        .collect();
+    held.extend(read(board, own)?);
+    Ok(held)
+}
+
+/// What is asked for besides variables.
+fn others(wanted: &[What], programs: (u16, u16), family: &Family) -> Vec<Item> {
+    let is_wanted = |kind| wanted.contains(&kind);
+    let systems = || 1..=family.coordinate_systems as u8;
+    let mut items = Vec::new();
+    if is_wanted(What::Axes) {
+        let motors = 1..=family.motors as u8;
+        items.extend(
+            systems().flat_map(|system| motors.clone().map(move |motor| Item::Axis { system, motor })),
+        );
+    }
+    if is_wanted(What::Kinematics) && family.generation == Generation::Turbo {
+        items.extend(
+            systems().flat_map(|system| [false, true].map(|inverse| Item::Kinematics { system, inverse })),
+        );
+    }
+    if is_wanted(What::Programs) {
+        items.extend((programs.0..=programs.1).map(Item::Program));
+    }
+    if is_wanted(What::Plcs) {
+        items.extend((0..PLCS).map(Item::Plc));
+    }
+    items
+}
+
+/// The name of an item in JSON: the left side of its line.
+pub fn name(item: Item) -> String {
+    let arrow = if item.sign() == "->" { "->" } else { "" };
+    format!("{item}{arrow}")
+}
+
+/// The lines for each item, sorted.
+fn listing(held: &BTreeMap<Item, String>, text: &mut String) {
+    let mut system = None;
+    for (item, value) in held {
+        if let Some(own) = item.system()
+            && system != Some(own)
+        {
+            system = Some(own);
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "&{own}");
+        }
+        item.lines_there(value).iter().for_each(|line| {
+            let _ = writeln!(text, "{line}");
+        });
+    }
+}
+
+/// How many variables of each kind a board has (User Manual p. 148; Turbo User Manual).
+fn variables_of(family: &str) -> u16 {
+    match family.parse() {
+        Ok(Generation::Turbo) => 8192,
+        _ => 1024,
+    }
+}
+
+/// Ends a sequence, and says what it leaves on the board.
+pub fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
+    let over = sequence.finish()?;
+    over.notes.iter().for_each(|note| complain(format_args!("{note}")));
+    over.failure.map_or(Ok(()), |failure| Err(Failure::Refused(failure.message)))
+}
+
+/// Tells on stderr.
+pub fn complain(text: std::fmt::Arguments<'_>) {
+    // If stderr is closed, the message is lost.
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::files::settings_file::parse;
+
+    #[test]
+    fn what_is_listed_reads_back_the_same() {
+        let q = |system, number| Item::Q { system, number };
+        let held: BTreeMap<Item, String> = [
+            (Item::M(3), "7"),
+            (Item::Definition(3), "*"),
+            (q(2, 1), "5"),
+            (q(1, 1), "4"),
+            (Item::P(0), "-0.5"),
+            (Item::I(125), "$C000"),
+            (Item::I(2), "0"),
+        ]
+        .into_iter()
+        .map(|(item, text)| (item, text.to_owned()))
+        .collect();
+        let mut text = String::new();
+        listing(&held, &mut text);
+        assert_eq!(text, "I2=0\nI125=$C000\nP0=-0.5\n&1\nQ1=4\n&2\nQ1=5\nM3->*\nM3=7\n");
+        let again: BTreeMap<Item, String> =
+            parse("f", &text).unwrap().into_iter().map(|entry| (entry.item, entry.text)).collect();
+        assert_eq!(again, held);
+    }
+}
