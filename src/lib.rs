@@ -38,7 +38,7 @@
 //! # Invariants
 //! Kept by `tests/it/architecture.rs`, which reads the source:
 //! * The table above is the truth about who uses whom. Besides: of the driver the simulator sees [`mod@format`], [`map`],
-//!   [`rotary::codes`], [`process`] and a mapping, and nobody but its own program sees it; the client sees no device; what
+//!   [`rotary::codes`], [`process`], [`recording`] and a mapping, and nobody but its own program sees it; the client sees no device; what
 //!   mirrors words ([`device`] to [`daemon`]) does not decode them.
 //! * `unsafe` lives in `device/board/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`; besides, a macro of `nix` in
 //!   `daemon/socket/peer_groups.rs` expands to some. Memory that another agent writes is mapped through `memmap2::MmapRaw` only,

@@ -90,7 +90,9 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let inherited = Inherited::take_all();
     let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
-    let early = needs_rights(&settings.board).then(|| Machine::open(settings, &inherited)).transpose()?;
+    let clock = Clock::real();
+    let early =
+        needs_rights(&settings.board).then(|| Machine::open(settings, &inherited, &clock)).transpose()?;
     let usual = socket_places(settings.name.as_str());
     let socket = socket_directory::prepare(settings.socket.as_deref(), &usual, account.as_ref())?;
     if !stays_root {
@@ -100,11 +102,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         // This comes after the change of user, which would undo it.
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
-    let clock = Clock::real();
     let publisher = Publisher::create(&segment_options(settings, &clock)?)?;
     let machine = match early {
         Some(machine) => machine,
-        None => Machine::open(settings, &inherited)?,
+        None => Machine::open(settings, &inherited, &clock)?,
     };
     // Closes the inherited descriptors: /dev/mem would give access to all of physical memory.
     drop(inherited);

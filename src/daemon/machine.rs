@@ -2,6 +2,7 @@
 
 use super::config::settings::Settings;
 use super::exit::Failure;
+use crate::clock::Clock;
 use crate::daemon::bus::board::{self, Board};
 use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
@@ -18,18 +19,18 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Opens everything that `settings` name.
+    /// Opens everything that `settings` name. A replay plays in the time of `clock`.
     ///
     /// # Errors
     /// What could not be opened, why, and what to do.
-    pub fn open(settings: &Settings, inherited: &Inherited) -> Result<Self, Failure> {
+    pub fn open(settings: &Settings, inherited: &Inherited, clock: &Clock) -> Result<Self, Failure> {
         let system = &System::here();
         let failed = |what: &str, error: &(dyn std::error::Error + 'static)| {
             let Failure { status, reason } = Failure::board(error);
             Failure { status, reason: format!("{what}{reason}") }
         };
-        let mut board =
-            board::open(settings, system, inherited).map_err(|error| failed("", error.as_ref()))?;
+        let board = board::open(settings, system, inherited, clock);
+        let mut board = board.map_err(|error| failed("", error.as_ref()))?;
         let mailbox = settings.mailbox.clone();
         // A response in the DPRAM interrupts by this vector, if the board has one.
         if let Some(source) = mailbox.as_ref().and_then(|mailbox| mailbox.dpram.clone()) {

@@ -16,9 +16,9 @@ pub struct Options {
     #[arg(
         long,
         value_name = "SPEC",
-        help = "The board: sim[,family=NAME][,dpram=8k|32k][,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, \
-                uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim with [,irq=uio:/dev/uioN] or \
-                [,irq=unix:PATH], each but sim and vme with [,access=32]"
+        help = "The board: sim[,family=NAME][,dpram=8k|32k][,from=DIR][,reading=NAME=VALUE], replay:DIR, file:PATH, mem:0xADDRESS, \
+                uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim and replay with [,irq=uio:/dev/uioN] or \
+                [,irq=unix:PATH], each but sim, replay and vme with [,access=32]"
     )]
     pub board: Option<String>,
     /// The name of the shared-memory segment and of the socket [default: pmac0]

@@ -28,6 +28,7 @@ use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::device::{Counted, Trace, Traced};
+use crate::map::word_use::m_variables;
 use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
 use crate::protocol::function::NO_FAMILY;
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
@@ -63,7 +64,7 @@ impl Parts {
         clock: Clock,
     ) -> Result<Self, Failure> {
         let Machine { board, mailbox, host_port } = machine;
-        let Board { simulator, bus, open, interrupt } = board;
+        let Board { simulator, bus, open, interrupt, replies } = board;
         let (commands, command_queue) =
             queue(at_once::ALL).map_err(|error| Failure::system("queue", error))?;
         let (events, event_queue) = queue(EVENTS).map_err(|error| Failure::system("queue", error))?;
@@ -72,6 +73,10 @@ impl Parts {
             board_info(settings, &publisher),
             settings.board_settings.settings().clone(),
         );
+        let info = match &replies {
+            Some(replies) => info.of_replay(Arc::clone(replies)),
+            None => info,
+        };
         let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
         let stop =
             EventFd::from_value_and_flags(0, flags).map_err(|error| Failure::system("eventfd", error))?;
@@ -83,7 +88,8 @@ impl Parts {
         if ![Function::Servo, Function::Background].iter().any(|function| reading.functions.has(*function)) {
             identifier = identifier.without_reports();
         }
-        let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables, now);
+        let tells = replies.as_ref().is_none_or(|all| all.has_definitions(m_variables(settings.family)));
+        let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
         let ports = if asks { ports.after_another_host(now) } else { ports.silent_until_used() };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());

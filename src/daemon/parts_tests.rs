@@ -36,7 +36,7 @@ impl World {
         let time = ManualTime::at(BEGIN_NS);
         let mut options = segment_options(&settings, &time.clock()).unwrap();
         directory.path().clone_into(&mut options.directory);
-        let machine = Machine::open(&settings, &Inherited::default()).unwrap();
+        let machine = Machine::open(&settings, &Inherited::default(), &Clock::real()).unwrap();
         let publisher = Publisher::create(&options).unwrap();
         let Parts { board_loop, backend, .. } =
             Parts::new(&settings, machine, publisher, time.clock()).unwrap();

@@ -1,6 +1,7 @@
 //! The bus to the board: accesses of exact width, one word at a time.
 
 use crate::map::HostOffset;
+use crate::protocol::board::Replay;
 
 /// The maximum width of a read of a board's data. Control words are always accessed by 16 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -103,6 +104,11 @@ pub trait Presence {
     fn answers(&mut self) -> bool {
         true
     }
+
+    /// What a replay has come to; `None` for a board.
+    fn replay(&self) -> Option<Replay> {
+        None
+    }
 }
 
 /// An open board: its words, and whether it is still there.
@@ -143,5 +149,8 @@ impl Presence for Box<dyn Board> {
     }
     fn answers(&mut self) -> bool {
         (**self).answers()
+    }
+    fn replay(&self) -> Option<Replay> {
+        (**self).replay()
     }
 }

@@ -14,6 +14,7 @@ pub use board::byte_spec::{ByteSpec, open_bytes, open_host_port};
 pub use board::file::FileBoard;
 pub use board::open::{OpenedBoard, open};
 pub use board::refusal::OpenError;
+pub use board::replay::{OpenedReplay, ReplayBoard};
 pub use board::spec::{BoardSpec, Place, WindowSpec};
 pub use board::window::WindowBoard;
 pub use bus::{Access, Board, Bus, BusError, Presence};

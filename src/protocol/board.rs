@@ -129,6 +129,9 @@ pub struct BoardInfo {
     /// Functions into whose words M-variables of the board point.
     #[serde(default)]
     pub program_words: Vec<ProgramWords>,
+    /// Of a replay, what it has come to; `None` for a board.
+    #[serde(default)]
+    pub replay: Option<Replay>,
 }
 
 impl BoardInfo {
@@ -137,6 +140,30 @@ impl BoardInfo {
     pub fn leaves_free(&self, function: Function) -> bool {
         let is_held = |words: &ProgramWords| words.function == function && !words.used;
         !self.program_words.iter().any(is_held)
+    }
+}
+
+/// What a replay of a recording has come to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Replay {
+    /// Whether it has come to its end: what it shows is stale.
+    pub over: bool,
+    /// Words and lines that the driver asked for and the recording does not know; the log names them at the end.
+    pub differences: u32,
+}
+
+impl fmt::Display for Replay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a recording, no board: nothing can be moved")?;
+        if self.over {
+            f.write_str("; it is over, and its data are stale")?;
+        }
+        match self.differences {
+            0 => Ok(()),
+            count => {
+                write!(f, "; {count} words or lines were asked that it does not know: the log names them")
+            }
+        }
     }
 }
 

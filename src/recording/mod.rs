@@ -15,6 +15,9 @@
 
 mod error;
 mod read;
+mod replies;
+#[cfg(test)]
+pub mod testing;
 #[cfg(test)]
 mod tests;
 mod write;
@@ -28,6 +31,7 @@ use crate::protocol::BoardSettings;
 
 pub use error::RecordingError;
 pub use read::{Accesses, Recording};
+pub use replies::Replies;
 pub use write::Writer;
 
 /// The version of the format.

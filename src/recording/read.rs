@@ -11,6 +11,7 @@ use super::{
     About, Access, Answer, FORMAT, Image, ImageAt, MOST_ACCESSES, MOST_ANSWERS, MOST_IMAGES, RecordingError,
     files,
 };
+use crate::map::Family;
 
 /// The longest line, in bytes.
 const LONGEST_LINE: u64 = 64 << 10;
@@ -61,6 +62,27 @@ impl Recording {
         let path = directory.join(files::SYSTEM);
         let system = whole(&path)?.map_or(Ok(Value::Null), |text| json(&path, &text))?;
         Ok(Self { about, images, accesses, answers, variables, system })
+    }
+}
+
+impl About {
+    /// Reads that of the recording in `directory`.
+    ///
+    /// # Errors
+    /// [`RecordingError`].
+    pub fn read(directory: &Path) -> Result<Self, RecordingError> {
+        about(directory)
+    }
+
+    /// The board's family, with as much DPRAM as it has. The recording is in `directory`.
+    ///
+    /// # Errors
+    /// There is none with such a DPRAM.
+    pub fn family(&self, directory: &Path) -> Result<&'static Family, RecordingError> {
+        let unfit = |what: String| RecordingError::Unfit { path: directory.join(files::ABOUT), what };
+        let family = Family::by_name(&self.family).map_err(|error| unfit(error.to_string()))?;
+        let what = || unfit(format!("no {} has a DPRAM of {} bytes", family.title, self.dpram_bytes));
+        family.with_length(self.dpram_bytes).ok_or_else(what)
     }
 }
 

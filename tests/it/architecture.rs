@@ -19,7 +19,7 @@ const ISLANDS: [&str; 3] =
 const MOST_LINES: usize = 600;
 /// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
 const SEES_ONLY: [(&str, &[&str]); 2] = [
-    ("sim", &["format", "map", "rotary::codes", "device::board::mapping", "process"]),
+    ("sim", &["format", "map", "rotary::codes", "device::board::mapping", "process", "recording"]),
     ("client", &["format", "map", "decode", "gather", "protocol", "segment"]),
 ];
 /// Words are mirrored as the board held them: these do not decode.

@@ -43,6 +43,7 @@ mod program_words;
 mod readings;
 mod readings_functions;
 mod readme;
+mod replay;
 mod replies;
 mod rotary;
 mod rotary_end;

@@ -14,6 +14,7 @@ pub mod raw;
 pub mod rig;
 pub mod sim;
 mod site;
+pub mod tape;
 mod virtual_site;
 mod wait;
 mod weight;

@@ -14,7 +14,7 @@ use pmac_dpram::daemon::parts::{Parts, segment_options};
 use pmac_dpram::daemon::recognise;
 use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::stepper::ServerStepper;
-use pmac_dpram::device::Inherited;
+use pmac_dpram::device::{BoardSpec, Inherited};
 use pmac_dpram::segment::Publisher;
 use pmac_dpram::sim;
 use pmac_dpram::sim::process::Simulator;
@@ -23,6 +23,8 @@ use pmac_dpram::sim::process::Simulator;
 const BEGIN_NS: u64 = 1_000_000_000_000;
 /// The length of a step without a board, whose servo cycle sets it otherwise.
 const STEP: Duration = Duration::from_micros(500);
+/// The same with a replay, which is to be polled more than once an update.
+const REPLAY_STEP: Duration = Duration::from_micros(50);
 /// Time between polls of the simulator's sockets, as in `pmac-sim`.
 const SOCKETS_EVERY_NS: u64 = 1_000_000;
 /// The daemon's time limit for ending.
@@ -44,6 +46,8 @@ pub struct World {
     /// The daemon does not execute, as if its process were stopped.
     pub daemon_stands_still: bool,
     sockets_due_ns: u64,
+    /// The board is a replay.
+    replays: bool,
 }
 
 /// Whether a configuration says something of the questions where M-variables point.
@@ -60,6 +64,7 @@ impl World {
             board_stands_still: false,
             daemon_stands_still: false,
             sockets_due_ns: 0,
+            replays: false,
         }
     }
 
@@ -73,7 +78,8 @@ impl World {
 
     /// The length of the next step.
     pub fn period(&self) -> Duration {
-        self.simulator.as_ref().map_or(STEP, Simulator::period)
+        let step = if self.replays { REPLAY_STEP } else { STEP };
+        self.simulator.as_ref().map_or(step, Simulator::period)
     }
 
     /// Starts the simulator with the options of `pmac-sim`.
@@ -90,11 +96,12 @@ impl World {
         let mut settings = Settings::decide(&options).map_err(|error| error.to_string())?;
         // A thousand questions more: what is not about them goes without.
         settings.ask_m_variables &= options.config.as_deref().is_some_and(names_the_questions);
+        self.replays = matches!(settings.board, BoardSpec::Replay(_));
         let failed = |failure: Failure| failure.to_string();
         let settings = self.look(settings, &options).map_err(failed)?;
         let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;
         let publisher = Publisher::create(&segment).map_err(|error| error.to_string())?;
-        let machine = Machine::open(&settings, &Inherited::default()).map_err(failed)?;
+        let machine = Machine::open(&settings, &Inherited::default(), &self.time.clock()).map_err(failed)?;
         let parts = Parts::new(&settings, machine, publisher, self.time.clock()).map_err(failed)?;
         let serve_options = ServeOptions {
             mode: settings.socket_mode,

@@ -437,9 +437,15 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
 fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
     let who: Vec<_> = who.into_iter().flatten().collect();
+    if let Some(replay) = &info.replay {
+        report.add(Level::Ok, "replay", replay.to_string());
+    }
     match info.state {
         State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
         State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
+        State::Stale if info.replay.is_some_and(|replay| replay.over) => {
+            report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", ")));
+        }
         State::Stale | State::Dead => {
             let text = format!(
                 "{} does not answer; check its power, cable and address; one with I48, I49 and I58 off looks alike",

@@ -191,6 +191,8 @@ fn socket(context: &Context, board: &mut Board) -> Value {
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
             "command_port": info.command_port, "open_buffer": open_buffer(info.open_buffer.as_ref()),
             "open_buffer_unsaid": info.open_buffer_unsaid,
+            "replay": info.replay.map(|replay| json!({ "over": replay.over,
+                "differences": replay.differences, "text": replay.to_string() })),
             "host_port": info.host_port, "unfinished": info.unfinished,
             "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting,
             "program_words": info.program_words.iter().map(program_words).collect::<Vec<_>>() }),
@@ -279,6 +281,9 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
     say("counters", counts.map(|name| format!("{name}={}", counters[name])).join(" "));
     let socket = &document["socket"];
     if socket["reachable"] == true {
+        if let Some(text) = socket["replay"]["text"].as_str() {
+            say("replay", text.to_owned());
+        }
         let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
         say("socket", plain(&socket["path"]));
         say("enabled", enabled.join(" "));

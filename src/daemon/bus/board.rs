@@ -1,19 +1,22 @@
 //! The board of the settings, opened: a simulator's, a file, or a window of the machine's memory, and its interrupt.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use log::{info, warn};
 
+use crate::clock::Clock;
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::config::settings::Settings;
 use crate::daemon::service::simulator::Simulator;
 use crate::device::interrupt::InterruptError;
 use crate::device::interrupt::uio::NoInterrupt;
 use crate::device::{
-    self, Access, BoardSpec, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard, System,
-    Traced, WindowSpec, WordSwapped,
+    self, Access, BoardSpec, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard,
+    OpenedReplay, ReplayBoard, System, Traced, WindowSpec, WordSwapped,
 };
 use crate::format::WordOrder;
+use crate::recording::Replies;
 
 /// The board's words, counted and traced.
 pub type BoardBus = Counted<Traced<Box<dyn device::Board>>>;
@@ -34,24 +37,39 @@ pub struct Board {
     pub open: OpenBus,
     /// Its interrupt, if it may have one.
     pub interrupt: Option<InterruptLink>,
+    /// Of a replay, what the recording answers.
+    pub replies: Option<Arc<Replies>>,
 }
 
-/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened.
+/// Opens what `settings` name. Descriptors handed over by the service manager are used before nodes are opened. A replay plays in
+/// the time of `clock`.
 ///
 /// # Errors
 /// What could not be opened, why, and what to do. A UIO interrupt that was asked for and is not there is one of these;
 /// one that cannot be armed is not: replies are looked for instead.
-pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Result<Board, OpenError> {
+pub fn open(
+    settings: &Settings,
+    system: &System,
+    inherited: &Inherited,
+    clock: &Clock,
+) -> Result<Board, OpenError> {
     let (order, dpram) = (settings.word_order, settings.family.length as usize);
     match &settings.board {
         BoardSpec::Simulator(spec) => {
-            let simulator = Simulator::start(settings.family, settings.firmware.as_deref(), &spec.readings)?;
+            let simulator = Simulator::start(settings.family, settings.firmware.as_deref(), spec)?;
             let source = Some(simulator.interrupt());
             let open = open_file(simulator.memory(), dpram, order, Access::Bits16);
             Ok(Board { simulator: Some(simulator), ..of_file(open, source, system, inherited)? })
         }
         BoardSpec::File { path, interrupt, access } => {
             of_file(open_file(path.clone(), dpram, order, *access), interrupt.clone(), system, inherited)
+        }
+        BoardSpec::Replay(directory) => {
+            let opened = ReplayBoard::open(directory, settings.family, settings.text_order, clock.clone())?;
+            let OpenedReplay { board, replies } = opened;
+            // It never goes away.
+            let open: OpenBus = Box::new(|| Err("a replay is not opened again".into()));
+            Ok(Board { simulator: None, bus: Box::new(board), open, interrupt: None, replies: Some(replies) })
         }
         BoardSpec::Window(spec) => {
             let first = open_window(spec, dpram, order, system, inherited)?;
@@ -62,7 +80,7 @@ pub fn open(settings: &Settings, system: &System, inherited: &Inherited) -> Resu
             let (spec, system) = (spec.clone(), system.clone());
             let open: OpenBus =
                 Box::new(move || open_window(&spec, dpram, order, &system, &Inherited::default()));
-            Ok(Board { simulator: None, bus: first.bus, open, interrupt })
+            Ok(Board { simulator: None, bus: first.bus, open, interrupt, replies: None })
         }
     }
 }
@@ -80,6 +98,7 @@ pub fn open_to_look(
     let order = settings.word_order;
     match &settings.board {
         BoardSpec::Simulator(_) => Err("a simulator is not looked at".into()),
+        BoardSpec::Replay(_) => Err("a replay is not looked at".into()),
         BoardSpec::File { path, .. } => Ok(open_file(path.clone(), bytes, order, Access::Bits16)()?.bus),
         BoardSpec::Window(spec) => Ok(open_window(spec, bytes, order, system, inherited)?.bus),
     }
@@ -93,7 +112,7 @@ fn of_file(
 ) -> Result<Board, OpenError> {
     let bus = open()?.bus;
     let interrupt = source.map(|source| link(source, system, inherited)).transpose()?;
-    Ok(Board { simulator: None, bus, open, interrupt })
+    Ok(Board { simulator: None, bus, open, interrupt, replies: None })
 }
 
 fn open_file(path: PathBuf, dpram: usize, order: WordOrder, access: Access) -> OpenBus {
@@ -173,7 +192,8 @@ mod tests {
         let memory = root.path().join("dev/mem");
         std::fs::create_dir_all(memory.parent().unwrap()).unwrap();
         std::fs::write(&memory, vec![0; 0x8000]).unwrap();
-        let mut board = open(&settings("mem:0x4000"), &system, &Inherited::default()).unwrap();
+        let mut board =
+            open(&settings("mem:0x4000"), &system, &Inherited::default(), &Clock::real()).unwrap();
         assert!(board.interrupt.is_none());
         board.bus.write16(crate::map::HostOffset::new(0), 0x1234).unwrap();
         assert_eq!(std::fs::read(&memory).unwrap()[0x4000..0x4002], [0x34, 0x12]);
@@ -189,10 +209,15 @@ mod tests {
         let system = System::below(root.path());
         std::fs::create_dir_all(root.path().join("dev")).unwrap();
         std::fs::write(root.path().join("dev/mem"), vec![0; 0x4000]).unwrap();
-        let error = open(&settings("mem:0,irq=uio:/dev/uio7"), &system, &Inherited::default()).err().unwrap();
+        let error =
+            open(&settings("mem:0,irq=uio:/dev/uio7"), &system, &Inherited::default(), &Clock::real())
+                .err()
+                .unwrap();
         let error = error.to_string();
         assert!(error.contains("irq=uio:/dev/uio7") & error.contains("no UIO device is there"), "{error}");
-        let board = open(&settings("mem:0,irq=unix:/nonexistent"), &system, &Inherited::default()).unwrap();
+        let board =
+            open(&settings("mem:0,irq=unix:/nonexistent"), &system, &Inherited::default(), &Clock::real())
+                .unwrap();
         assert!(!board.interrupt.unwrap().is_connected(), "a simulator may come later");
     }
 }

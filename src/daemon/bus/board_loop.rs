@@ -29,7 +29,7 @@ use crate::daemon::bus::report::Reporter;
 use crate::daemon::config::board_settings::CheckedSettings;
 use crate::daemon::shared::info::Pulse;
 use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
-use crate::device::{Bus, BusError};
+use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
 use crate::mirror::Transition;
 use crate::protocol::{CommandState, Enabled, Function};
@@ -208,6 +208,7 @@ impl BoardLoop {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
         let queue = ascii.queue();
         let program_buffer = self.functions.program_buffer_open().map(|(open, _)| open);
+        let replay = self.bus.replay();
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, servo.is_live());
         enabled.set(Enabled::BACKGROUND, background.is_live());
@@ -227,6 +228,7 @@ impl BoardLoop {
             status.gathers = self.functions.gathers();
             status.uses = *self.functions.uses_of_all();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
+            status.replay = replay;
         });
         self.reporter.send(self.connections.intake.events(), with_counts);
     }

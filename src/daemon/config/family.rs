@@ -1,5 +1,6 @@
 //! Which family the board is of, as the settings say it.
 
+use super::replay;
 use crate::device::{BoardSpec, Place, WindowSpec};
 use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 
@@ -40,6 +41,9 @@ pub(super) fn candidates(
     let sought = written.is_some_and(|written| written.eq_ignore_ascii_case(AUTO));
     let named = written.filter(|_| !sought).map(Family::by_name).transpose();
     let named = named.map_err(|error| ("family", format!("{error}; or write \"{AUTO}\"")))?;
+    if let Some(directory) = board.recording() {
+        return Ok((vec![replay::family(directory, named)?], FamilyKnown::Assumed));
+    }
     match (board, named, seen) {
         (BoardSpec::Simulator(simulator), ..) => {
             let started = simulator.family.map(Family::by_name).transpose();

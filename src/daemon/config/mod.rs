@@ -6,5 +6,6 @@ pub mod family;
 pub mod mirrored;
 pub mod motors;
 pub mod ports;
+mod replay;
 pub mod settings;
 pub mod span;

@@ -289,7 +289,7 @@ impl Settings {
             }
         }
         let host_port = file.host_port.map(|table| table.decide(family)).transpose()?;
-        let board_settings = BoardSettings {
+        let configured = BoardSettings {
             functions: if unknown { Functions::none() } else { functions },
             shared_functions: shared,
             servo,
@@ -299,6 +299,8 @@ impl Settings {
             readings: needed(file.readings)?,
             rotary: file.rotary,
         };
+        let recorded = board.recording().map(super::replay::settings).transpose();
+        let board_settings = recorded.map_err(Refusal::anywhere)?.unwrap_or(configured);
         if let BoardSpec::Window(window) = board {
             let bytes = window.bytes(family.length as usize);
             bytes.map_err(|reason| refused("board", options.board.is_some(), reason))?;

@@ -9,6 +9,7 @@ use log::{info, warn};
 use nix::sys::signal::Signal;
 
 use crate::device::InterruptSource;
+use crate::device::board::spec::SimulatorSpec;
 use crate::map::Family;
 
 /// Time limit of the simulator's start, long enough for a machine that compiles beside.
@@ -31,15 +32,15 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Starts `pmac-sim` from this program's directory (or the search path) with the shipped start-up file. It takes the
-    /// manual as `readings` say, each NAME=VALUE.
+    /// Starts `pmac-sim` from this program's directory (or the search path) as `spec` says, without a
+    /// recording with the shipped start-up file.
     ///
     /// # Errors
     /// The program does not exist or is not ready in time.
     pub fn start(
         family: &Family,
         firmware: Option<&str>,
-        readings: &[String],
+        spec: &SimulatorSpec,
     ) -> Result<Self, SimulatorError> {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
@@ -49,14 +50,18 @@ impl Simulator {
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
         command.arg("--serial").arg(socket(&directory, "serial"));
         command.arg("--control").arg(socket(&directory, "control"));
-        command.args(["--family", family.name, "--dpram", family.dpram()]);
-        if let Some(firmware) = firmware {
+        if let Some(directory) = &spec.from {
+            command.arg("--from").arg(directory);
+        } else {
+            command.args(["--family", family.name, "--dpram", family.dpram(), "--dpram-startup"]);
+        }
+        if let Some(firmware) = firmware.filter(|_| spec.from.is_none()) {
             command.arg("--firmware").arg(firmware);
         }
-        for reading in readings {
+        for reading in &spec.readings {
             command.arg("--reading").arg(reading);
         }
-        command.arg("--dpram-startup").stdin(Stdio::null()).stdout(Stdio::null());
+        command.stdin(Stdio::null()).stdout(Stdio::null());
         // If this process is killed, the simulator ends too and removes the directory.
         command.arg("--with-parent").arg(std::process::id().to_string());
         // Only the daemon talks to the service manager.

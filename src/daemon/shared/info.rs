@@ -10,9 +10,10 @@ use super::queue::{Event, GivenUp, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
 use crate::map::{Family, Function};
-use crate::protocol::board::Elsewhere;
+use crate::protocol::board::{Elsewhere, Replay};
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
+use crate::recording::Replies;
 
 /// How long no command line is answered until that is told: a single one may be slow.
 const SILENT: Duration = Duration::from_secs(2);
@@ -60,6 +61,8 @@ pub struct Info {
     /// When the board said, asked for a client, that background variables are switched on.
     confirmed: Option<Instant>,
     pulse: Arc<Pulse>,
+    /// Of a replay.
+    replies: Option<Arc<Replies>>,
 }
 
 impl Info {
@@ -67,7 +70,29 @@ impl Info {
     #[must_use]
     pub fn new(family: &'static Family, board: BoardInfo, settings: BoardSettings) -> Self {
         let pulse = Arc::new(Pulse { rounds: AtomicU64::new(0), board: Mutex::new(board.clone()) });
-        Self { family, board, settings, status: BoardStatus::default(), confirmed: None, pulse }
+        Self {
+            family,
+            board,
+            settings,
+            status: BoardStatus::default(),
+            confirmed: None,
+            pulse,
+            replies: None,
+        }
+    }
+
+    /// Of a replay whose recording answers `replies`.
+    #[must_use]
+    pub fn of_replay(mut self, replies: Arc<Replies>) -> Self {
+        self.board.replay = Some(Replay::default());
+        self.replies = Some(replies);
+        self
+    }
+
+    /// Of a replay, what its recording answers.
+    #[must_use]
+    pub fn replies(&self) -> Option<&Replies> {
+        self.replies.as_deref()
     }
 
     /// What the first thread sees.
@@ -196,6 +221,7 @@ impl Info {
         board.reply_end = status.reply_end;
         board.open_buffer = status.buffer.info();
         board.open_buffer_unsaid = status.buffer.is_unsaid;
+        board.replay = status.replay.or(board.replay);
         board.waiting = status.uses.waiting().collect();
         board.program_words = status.uses.program_words(self.family).collect();
         if let Some(host_port) = &mut board.host_port {

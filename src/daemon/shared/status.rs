@@ -8,6 +8,7 @@ use super::origin::GivenUp;
 use crate::format::Text;
 use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
+use crate::protocol::board::Replay;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
 
@@ -75,6 +76,8 @@ pub struct BoardStatus {
     pub uses: FunctionUse,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
+    /// What a replay has come to; `None` for a board.
+    pub replay: Option<Replay>,
     /// Resets of the board seen since the start.
     pub resets: u32,
     /// What the board said, or the configuration says; `None` as long as the bus thread has not told.
@@ -101,6 +104,7 @@ impl BoardStatus {
         gathers: None,
         uses: FunctionUse::UNKNOWN,
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
+        replay: None,
         resets: 0,
         identity: None,
     };

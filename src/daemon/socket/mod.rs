@@ -18,6 +18,7 @@ pub mod options;
 mod panel_jogs;
 mod peer_groups;
 pub mod policy;
+mod replay;
 mod resets;
 mod sent_stops;
 mod sequences;

@@ -10,6 +10,7 @@ pub mod memory;
 pub mod open;
 pub mod pci;
 pub mod refusal;
+pub mod replay;
 pub mod spec;
 pub mod uio;
 pub mod vme;

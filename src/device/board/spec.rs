@@ -1,7 +1,7 @@
 //! Which board: the `--board` specification, parsed.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::device::board::pci::PciAddress;
@@ -16,7 +16,7 @@ const LONGEST: u64 = 0x10_0000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
-    /// `sim[,family=NAME][,dpram=SIZE][,reading=NAME=VALUE]`: start a simulator and use its memory.
+    /// `sim[,family=NAME][,dpram=SIZE][,from=DIR][,reading=NAME=VALUE]`: start a simulator and use its memory.
     Simulator(SimulatorSpec),
     /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
@@ -27,6 +27,8 @@ pub enum BoardSpec {
         /// The maximum width of a read of its data.
         access: Access,
     },
+    /// `replay:DIR`: a recording that `pmacctl capture` wrote.
+    Replay(PathBuf),
     /// A window of the machine's memory: a board in a slot.
     Window(WindowSpec),
 }
@@ -38,6 +40,8 @@ pub struct SimulatorSpec {
     pub family: Option<&'static str>,
     /// The size of its DPRAM by name ([`crate::map::DPRAM_SIZES`]); `None`: what boards of the family come with.
     pub dpram: Option<&'static str>,
+    /// The recording of the board that it shall be.
+    pub from: Option<PathBuf>,
     /// The sentences of the manual that it takes otherwise ([`crate::map::Readings`]), each as NAME=VALUE.
     pub readings: Vec<String>,
 }
@@ -135,8 +139,8 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,reading=NAME=VALUE], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
-    or vme:NODE, each but sim with [,irq=SOURCE], each but sim and vme with [,access=32]"
+    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR][,reading=NAME=VALUE], replay:DIR, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    or vme:NODE, each but sim and replay with [,irq=SOURCE], each but sim, replay and vme with [,access=32]"
 )]
 pub struct SpecError {
     spec: String,
@@ -144,11 +148,21 @@ pub struct SpecError {
 }
 
 impl BoardSpec {
+    /// The recording that it plays, or of which it makes a simulator.
+    #[must_use]
+    pub fn recording(&self) -> Option<&Path> {
+        match self {
+            Self::Replay(directory) => Some(directory),
+            Self::Simulator(simulator) => simulator.from.as_deref(),
+            _ => None,
+        }
+    }
+
     /// The maximum width of a read of its data.
     #[must_use]
     pub const fn access(&self) -> Access {
         match self {
-            Self::Simulator(_) => Access::Bits16,
+            Self::Simulator(_) | Self::Replay(_) => Access::Bits16,
             Self::File { access, .. } | Self::Window(WindowSpec { access, .. }) => *access,
         }
     }
@@ -167,6 +181,9 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
         return simulator(options).map(BoardSpec::Simulator);
     }
     let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
+    if kind == "replay" {
+        return Ok(BoardSpec::Replay(needed(kind, "directory", rest)?.into()));
+    }
     let (subject, mut given) = Given::split(rest)?;
     let board = match Place::parse(kind, subject, &mut given)? {
         Some(place) => BoardSpec::Window(given.window(place)?),
@@ -184,7 +201,9 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
 fn simulator(options: &str) -> Result<SimulatorSpec, String> {
     let mut parts = options.split(',');
     if parts.next() != Some("") {
-        return Err("sim takes only ,family=NAME, ,dpram=SIZE and ,reading=NAME=VALUE after it".to_owned());
+        return Err(
+            "sim takes only ,family=NAME, ,dpram=SIZE, ,from=DIR and ,reading=NAME=VALUE after it".to_owned()
+        );
     }
     let mut simulator = SimulatorSpec::default();
     for option in parts {
@@ -199,6 +218,8 @@ fn simulator(options: &str) -> Result<SimulatorSpec, String> {
                 let (name, _) = known.ok_or_else(|| format!("{option}: write dpram=8k or dpram=32k"))?;
                 simulator.dpram.replace(name).is_some()
             }
+            "from" if value.is_empty() => return Err("the directory after from= is missing".to_owned()),
+            "from" => simulator.from.replace(value.into()).is_some(),
             "reading" => {
                 Readings::default().with(value).map_err(|error| error.to_string())?;
                 simulator.readings.push(value.to_owned());
@@ -209,6 +230,9 @@ fn simulator(options: &str) -> Result<SimulatorSpec, String> {
         if twice {
             return Err(format!("{key}= is given twice"));
         }
+    }
+    if simulator.from.is_some() && (simulator.family.is_some() || simulator.dpram.is_some()) {
+        return Err("from= tells family and DPRAM; leave family= and dpram= out".to_owned());
     }
     Ok(simulator)
 }
@@ -342,7 +366,15 @@ mod tests {
                 BoardSpec::Simulator(SimulatorSpec {
                     family: Some("turbo2"),
                     dpram: Some("8k"),
-                    readings: Vec::new(),
+                    ..SimulatorSpec::default()
+                }),
+            ),
+            ("replay:/captures/a,b", BoardSpec::Replay("/captures/a,b".into())),
+            (
+                "sim,from=captures/x",
+                BoardSpec::Simulator(SimulatorSpec {
+                    from: Some("captures/x".into()),
+                    ..SimulatorSpec::default()
                 }),
             ),
             (

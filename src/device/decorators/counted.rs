@@ -4,6 +4,7 @@
 use crate::device::board::byte::{ByteBus, ByteBusError};
 use crate::device::{Access, Bus, BusError, Presence};
 use crate::map::HostOffset;
+use crate::protocol::board::Replay;
 
 /// Counts reads and writes of words or bytes. A refused access does not count: the bus never saw it.
 pub struct Counted<B> {
@@ -96,6 +97,10 @@ impl<B: Presence> Presence for Counted<B> {
 
     fn answers(&mut self) -> bool {
         self.bus.answers()
+    }
+
+    fn replay(&self) -> Option<Replay> {
+        self.bus.replay()
     }
 }
 

@@ -6,6 +6,7 @@
 
 use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;
+use crate::protocol::board::Replay;
 
 /// Swaps the bytes of every word on its way to and from the inner bus.
 pub struct WordSwapped<B>(pub B);
@@ -47,6 +48,10 @@ impl<B: Presence> Presence for WordSwapped<B> {
 
     fn answers(&mut self) -> bool {
         self.0.answers()
+    }
+
+    fn replay(&self) -> Option<Replay> {
+        self.0.replay()
     }
 }
 

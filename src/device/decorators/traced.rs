@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use crate::clock::Clock;
 use crate::device::{Access, Bus, BusError, Presence};
 use crate::map::HostOffset;
+use crate::protocol::board::Replay;
 
 /// What an access was.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -249,6 +250,10 @@ impl<B: Presence> Presence for Traced<B> {
 
     fn answers(&mut self) -> bool {
         self.bus.answers()
+    }
+
+    fn replay(&self) -> Option<Replay> {
+        self.bus.replay()
     }
 }
 

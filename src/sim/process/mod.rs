@@ -3,6 +3,7 @@
 //! One thread runs the servo. Between cycles, about once a millisecond, it polls the sockets and never waits for them.
 
 mod clock;
+mod from_recording;
 mod interrupt;
 pub mod options;
 mod serial;
@@ -15,6 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::process::end_with_parent;
+use crate::recording::Recording;
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
 use crate::sim::board::memory::Memory;
@@ -114,6 +116,13 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
     }
     if let Some((name, text)) = startup {
         world.load(&name, &text)?;
+    }
+    if let Some(directory) = &options.from {
+        let recording = Recording::read(directory).map_err(NoSuchBoard::from)?;
+        match &recording.variables {
+            Some(text) => from_recording::set(&mut world, text, &recording.accesses),
+            None => world.load("the shipped start-up file", world.board.identity.tables.startup)?,
+        }
     }
     // The board has been powered up for long: what its start-up lines take is over.
     world.board.slow = options.slow;

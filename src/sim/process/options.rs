@@ -7,6 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::map::readings::UnknownReading;
 use crate::map::{DPRAM_SIZES, Family, Firmware, Readings};
+use crate::recording::{About, RecordingError};
 use crate::sim::board::families::{SIMULATED, with_length};
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::identity::Identity;
@@ -72,6 +73,9 @@ pub struct Options {
     /// Send the family's start-up lines, which enable all DPRAM functions
     #[arg(long)]
     pub dpram_startup: bool,
+    /// Start the board that was recorded in DIR, as far as the recording tells: family, DPRAM, firmware, readings, variables
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["family", "dpram", "firmware", "startup", "dpram_startup"])]
+    pub from: Option<PathBuf>,
     /// Take a sentence of the manual that can be read two ways as VALUE says; docs/readings.md lists them
     #[arg(long = "reading", value_name = "NAME=VALUE", value_parser = reading)]
     pub readings: Vec<String>,
@@ -102,6 +106,9 @@ pub enum NoSuchBoard {
     /// A reading that is none.
     #[error(transparent)]
     Reading(#[from] UnknownReading),
+    /// A recording that cannot be read.
+    #[error("--from: {0}")]
+    Recording(#[from] RecordingError),
     /// A DPRAM of a size that the family does not have.
     #[error("--dpram: {0}")]
     Dpram(String),
@@ -137,16 +144,25 @@ impl Options {
     /// # Errors
     /// A reading that is none, or a DPRAM or motors that no board of the family has.
     pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
-        let readings = self.readings.iter().try_fold(Readings::default(), |all, given| all.with(given))?;
-        let tables = match &self.dpram {
-            Some(size) => {
+        let recorded = self.from.as_deref().map(About::read).transpose()?;
+        let read = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
+        let readings = self.readings.iter().try_fold(read, |all, given| all.with(given))?;
+        let family = recorded.as_ref().zip(self.from.as_deref());
+        let family = family.map(|(about, directory)| about.family(directory)).transpose()?;
+        let tables = match (family, &self.dpram) {
+            (Some(family), _) => {
+                let named = SIMULATED.iter().find(|tables| tables.family.name == family.name);
+                named.and_then(|tables| with_length(tables, family.length)).unwrap_or(self.family)
+            }
+            (None, Some(size)) => {
                 let family = self.family.family.with_dpram(size).map_err(NoSuchBoard::Dpram)?;
                 with_length(self.family, family.length).unwrap_or(self.family)
             }
-            None => self.family,
+            (None, None) => self.family,
         };
-        let firmware =
-            self.firmware.map_or_else(|| tables.firmware.to_owned(), |firmware| firmware.to_string());
+        let told = recorded.and_then(|about| about.firmware);
+        let firmware = self.firmware.map(|firmware| firmware.to_string()).or(told);
+        let firmware = firmware.unwrap_or_else(|| tables.firmware.to_owned());
         let identity = Identity::new(tables, &firmware);
         let motors = self.motors.map_or(identity.motors, usize::from);
         if motors > tables.family.motors {

@@ -48,6 +48,11 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// Every line that it may send.
+    pub(in crate::daemon::socket) fn all_lines(&self) -> impl Iterator<Item = &[u8]> {
+        self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| line.as_bytes())
+    }
+
     /// The batch that `call` asks for.
     ///
     /// # Errors

@@ -14,6 +14,7 @@ use crate::daemon::socket::jobs::{self, JobCall};
 use crate::daemon::socket::leases::StopFor;
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
+use crate::daemon::socket::replay;
 use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
@@ -41,6 +42,10 @@ impl Service {
             return;
         }
         let action = parse_call(call, client.role(), self.characters, &self.info);
+        let action = action.and_then(|action| {
+            self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
+            Ok(action)
+        });
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
             Ok(Some(reply)) => reply,

@@ -1,0 +1,42 @@
+//! What can be asked of a replay: what is known of it, what lies in its window, and lines that its recording has an answer to.
+//! Everything else would move, set or stop something, and there is nothing to move.
+
+use super::methods::{Action, Ask};
+use super::sequences::SequenceCall;
+use crate::protocol::{CallError, control};
+use crate::recording::Replies;
+
+/// Whether `action` can be asked of the replay of a recording with these `replies`.
+///
+/// # Errors
+/// It cannot: nothing is done.
+pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError> {
+    let refusal = match action {
+        Action::Reply(_)
+        | Action::Info
+        | Action::Stream
+        | Action::Renew
+        | Action::Trace(_)
+        | Action::Ask(Ask::Read { .. })
+        | Action::Sequence(SequenceCall::Renew) => None,
+        Action::Ask(Ask::Send { line, .. }) => unanswered(line.as_bytes(), replies),
+        Action::Ask(Ask::Control { character, .. }) => {
+            unanswered(control::name(*character).as_bytes(), replies)
+        }
+        Action::Sequence(SequenceCall::Lines(batch)) => {
+            batch.all_lines().find_map(|line| unanswered(line, replies))
+        }
+        _ => Some("nothing can be moved, written or set".to_owned()),
+    };
+    refusal.map_or(Ok(()), |what| {
+        Err(CallError::Refused { reason: format!("this is a replay of a recording, no board: {what}") })
+    })
+}
+
+fn unanswered(line: &[u8], replies: &Replies) -> Option<String> {
+    let line = String::from_utf8_lossy(line);
+    replies
+        .to(&line)
+        .is_none()
+        .then(|| format!("the recording has no answer to `{line}`, and nothing can be moved or set"))
+}

@@ -1,0 +1,139 @@
+//! PMAC's half of the ASCII port, as far as a recording can play it: a line that the recording has an answer to is answered; any
+//! other one is taken, and nothing comes of it.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::differences::Differences;
+use crate::format::TextOrder;
+use crate::map::functions::{RESPONSE_BYTES, response};
+use crate::map::{AsciiPort, HostOffset};
+use crate::protocol::control;
+use crate::recording::{Answer, Replies};
+
+/// `<CTRL-X>`: PMAC empties its queues.
+const CANCEL: u8 = 0x18;
+
+/// The port, as PMAC sees it.
+pub struct AsciiHalf {
+    port: &'static AsciiPort,
+    order: TextOrder,
+    replies: Arc<Replies>,
+    /// The first part of a line of two.
+    part: Vec<u8>,
+    /// What is to be put into the response buffer: a control word, and a text.
+    responses: VecDeque<(u16, String)>,
+}
+
+impl AsciiHalf {
+    /// A port that answers as `replies` have it.
+    pub fn new(port: &'static AsciiPort, order: TextOrder, replies: Arc<Replies>) -> Self {
+        Self { port, order, replies, part: Vec::new(), responses: VecDeque::new() }
+    }
+
+    /// Leaves nothing of what lies in the port.
+    pub fn clear(&self, window: &mut [u16]) {
+        for word in [self.port.command_loaded.word, self.port.control_character, self.port.response_control] {
+            put(window, word, 0);
+        }
+    }
+
+    /// The host has written the word at `offset`. Whether it has asked something.
+    pub fn written(&mut self, window: &mut [u16], offset: HostOffset, differences: &mut Differences) -> bool {
+        let port = self.port;
+        let mut has_asked = true;
+        let value = get(window, offset);
+        if offset == port.command_loaded.word && port.command_loaded.is_set(value) {
+            put(window, offset, value & !port.command_loaded.mask);
+            self.take_line(window, differences);
+        } else if offset == port.control_character && value != 0 {
+            put(window, offset, 0);
+            self.take_character(value.to_le_bytes()[0]);
+        } else if offset == port.response_control && value == 0 {
+            has_asked = false;
+        } else {
+            return false;
+        }
+        self.respond(window);
+        has_asked
+    }
+
+    fn take_line(&mut self, window: &[u16], differences: &mut Differences) {
+        let bytes = self.port.command_bytes;
+        let text: Vec<u8> = (0..bytes / 2)
+            .flat_map(|word| self.order.unpack(get(window, self.port.command.plus_words(word))))
+            .collect();
+        let end = text.iter().position(|byte| *byte == 0);
+        // The last byte of a first part is no character, but not NUL (DPRAM manual p. 28).
+        self.part.extend(&text[..end.unwrap_or(bytes - 1)]);
+        if end.is_none() && self.part.len() <= self.port.line_limit {
+            return;
+        }
+        let line = String::from_utf8_lossy(&std::mem::take(&mut self.part)).into_owned();
+        let answer = if line.trim().is_empty() {
+            Some(Answer { line, reply: Vec::new(), refused: None })
+        } else {
+            self.answer(line.trim(), differences)
+        };
+        let Some(answer) = answer else { return };
+        self.responses.extend(answer.reply.into_iter().map(|line| (response::LINE, line)));
+        let end = answer.refused.map_or(response::ACKNOWLEDGE, |why| response::ERROR | error_digits(&why));
+        self.responses.push_back((end, String::new()));
+    }
+
+    /// At its start the driver asks by `^F` whether the board listens, and a recording begins later. So a character without an answer
+    /// is acknowledged, and is no difference.
+    fn take_character(&mut self, character: u8) {
+        if character == CANCEL {
+            self.part.clear();
+            self.responses.clear();
+            return;
+        }
+        let answer = self.replies.to(&control::name(character));
+        let lines = answer.map_or_else(Vec::new, |answer| answer.reply);
+        self.responses.extend(lines.into_iter().map(|line| (response::LINE, line)));
+        self.responses.push_back((response::ACKNOWLEDGE, String::new()));
+    }
+
+    fn answer(&self, line: &str, differences: &mut Differences) -> Option<Answer> {
+        let answer = self.replies.to(line);
+        if answer.is_none() {
+            differences.asked(line);
+        }
+        answer
+    }
+
+    /// Puts the next response into the buffer if that is empty: data before flag.
+    fn respond(&mut self, window: &mut [u16]) {
+        if get(window, self.port.response_control) != 0 {
+            return;
+        }
+        let Some((control, text)) = self.responses.pop_front() else { return };
+        if control == response::LINE {
+            let mut bytes: Vec<u8> = text.bytes().take(RESPONSE_BYTES - 2).collect();
+            bytes.push(0);
+            put(window, self.port.response_count, bytes.len() as u16);
+            for (word, pair) in bytes.chunks(2).enumerate() {
+                let [first, second] = [pair[0], pair.get(1).copied().unwrap_or(0)];
+                put(window, self.port.response.plus_words(word), self.order.pack(first, second));
+            }
+        }
+        put(window, self.port.response_control, control);
+    }
+}
+
+/// The three digits of `ERRnnn`, as the control word has them; 0 where there are none.
+fn error_digits(why: &str) -> u16 {
+    let digits = why.split_once("ERR").and_then(|(_, rest)| rest.get(..3));
+    digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()).unwrap_or(0)
+}
+
+fn get(window: &[u16], offset: HostOffset) -> u16 {
+    window.get(offset.word()).copied().unwrap_or(0)
+}
+
+fn put(window: &mut [u16], offset: HostOffset, value: u16) {
+    if let Some(word) = window.get_mut(offset.word()) {
+        *word = value;
+    }
+}

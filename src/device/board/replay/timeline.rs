@@ -1,0 +1,404 @@
+//! What PMAC did to its DPRAM while it was recorded, from what the daemon read.
+//!
+//! A report is put into the window as a whole: what was read of it between the first and the last look at which its flag was the
+//! same. So an update is never half old and half new, however the daemon was interrupted. What was read of it otherwise says
+//! nothing, nor does an update that was not read to its end. Other words are put there in bursts, as they were read.
+//!
+//! A word that reads as the host wrote it was not written by PMAC. The words of the ASCII port are left out: the replay answers
+//! there by itself.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use crate::map::{Family, HostOffset, Timer};
+use crate::recording::{Op, Recording};
+
+/// A burst of reads ends when none follows for this long.
+const BURST_NS: u64 = 50_000;
+
+/// Words that change at the same time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// When, from the first access on.
+    pub at_ns: u64,
+    /// The end of its changes among all changes; they begin where those of the step before end.
+    pub end: usize,
+}
+
+/// What happens to the window, and when.
+#[derive(Debug, Default)]
+pub struct Timeline {
+    steps: Vec<Step>,
+    changes: Vec<(u16, u16)>,
+    next: usize,
+    /// When the last thing was read.
+    end_ns: u64,
+}
+
+impl Timeline {
+    /// That of `recording`, a board of `family`, whose window begins as `window`.
+    #[must_use]
+    pub fn of(recording: &Recording, family: &Family, window: &[u16]) -> Self {
+        let mut reader = Reader::new(family, window);
+        let zero = recording.accesses.first().map_or(recording.about.began_ns, |access| access.t_ns);
+        for access in &recording.accesses {
+            let (at_ns, low) = (access.t_ns - zero, access.offset.word() as u16);
+            let halves = [(low, access.value as u16), (low + 1, (access.value >> 16) as u16)];
+            for (word, value) in halves.into_iter().take(usize::from(access.width / 16)) {
+                match access.op {
+                    Op::Read => reader.read(word, value, at_ns),
+                    Op::Write => reader.write(word, value),
+                }
+            }
+        }
+        // What lay there when the trace began is not known if the image was made later. The replay then begins with the first update.
+        let begins_late = recording.images.first().is_none_or(|image| image.t_ns > zero);
+        let mut found = reader.finish(begins_late);
+        // Otherwise nothing that was read is there in the beginning.
+        found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns += 1);
+        found.sort_by_key(|(at_ns, _)| *at_ns);
+        let mut timeline = Self {
+            end_ns: recording.accesses.last().map_or(0, |access| access.t_ns - zero),
+            ..Self::default()
+        };
+        for (at_ns, changes) in found {
+            timeline.changes.extend(changes);
+            timeline.steps.push(Step { at_ns, end: timeline.changes.len() });
+        }
+        timeline
+    }
+
+    /// The changes that are due `at_ns` after the beginning, and were not given yet.
+    pub fn take_due(&mut self, at_ns: u64) -> &[(u16, u16)] {
+        let begin = self.next.checked_sub(1).map_or(0, |last| self.steps[last].end);
+        while self.steps.get(self.next).is_some_and(|step| step.at_ns <= at_ns) {
+            self.next += 1;
+        }
+        let end = self.next.checked_sub(1).map_or(0, |last| self.steps[last].end);
+        &self.changes[begin..end]
+    }
+
+    /// When `word` changes first, from the beginning on; 0 where it does not.
+    #[must_use]
+    pub fn first_ns(&self, word: u16) -> u64 {
+        let mut begin = 0;
+        for step in &self.steps {
+            let changes = &self.changes[begin..step.end];
+            begin = step.end;
+            if step.at_ns > 0 && changes.iter().any(|(changed, _)| *changed == word) {
+                return step.at_ns;
+            }
+        }
+        0
+    }
+
+    /// When the last thing was read, from the beginning on.
+    #[must_use]
+    pub const fn end_ns(&self) -> u64 {
+        self.end_ns
+    }
+}
+
+/// The words of the ASCII port.
+#[must_use]
+pub fn ascii_words(family: &Family) -> Vec<Range<u16>> {
+    let port = &family.ascii;
+    let span = |first: HostOffset, words: usize| first.word() as u16..(first.word() + words) as u16;
+    vec![
+        span(port.command_loaded.word, 1),
+        span(port.control_character, 1),
+        span(port.command, port.command_bytes / 2),
+        span(port.response_control, 1),
+        span(port.response_count, 1),
+        span(port.response, crate::map::functions::RESPONSE_BYTES / 2),
+    ]
+}
+
+/// A report, and what was read of it.
+struct Report {
+    words: Range<u16>,
+    /// The host's words in it.
+    hosts: Vec<u16>,
+    flag: u16,
+    timer: u16,
+    /// What was read since the flag changed to what it is.
+    open: Option<Update>,
+    whole: Vec<Update>,
+}
+
+/// An update of a report.
+struct Update {
+    at_ns: u64,
+    flag: u16,
+    words: Vec<(u16, u16)>,
+    /// How many of them were read before the last look at the flag.
+    sound: usize,
+}
+
+impl Report {
+    fn new(words: Range<HostOffset>, flag: HostOffset, timer: Timer, hosts: &[Option<HostOffset>]) -> Self {
+        let hosts = hosts.iter().flatten().map(|host| host.word() as u16).collect();
+        Self {
+            words: words.start.word() as u16..words.end.word() as u16,
+            hosts,
+            flag: flag.word() as u16,
+            timer: timer.low.word() as u16,
+            open: None,
+            whole: Vec::new(),
+        }
+    }
+
+    /// The flag was read, and is what it was before if `is_old`.
+    fn look(&mut self, flag: u16, is_old: bool, at_ns: u64) {
+        if let Some(open) = self.open.as_mut().filter(|open| open.flag == flag) {
+            open.sound = open.words.len();
+            return;
+        }
+        self.close();
+        self.open = (!is_old).then(|| Update { at_ns, flag, words: Vec::new(), sound: 0 });
+    }
+
+    fn read(&mut self, word: u16, value: u16) {
+        if let Some(open) = self.open.as_mut().filter(|_| !self.hosts.contains(&word)) {
+            open.words.push((word, value));
+        }
+    }
+
+    fn close(&mut self) {
+        if let Some(mut open) = self.open.take() {
+            open.words.truncate(open.sound);
+            self.whole.push(open);
+        }
+    }
+
+    /// The updates that were read to their end: those with every word that most of them have.
+    fn finish(mut self) -> Vec<(u64, Vec<(u16, u16)>)> {
+        self.close();
+        let is_data = |word: u16| word != self.timer;
+        self.whole.retain(|update| update.words.iter().any(|(word, _)| is_data(*word)));
+        let mut counts: HashMap<u16, usize> = HashMap::new();
+        for update in &self.whole {
+            let mut words: Vec<u16> = update.words.iter().map(|(word, _)| *word).collect();
+            words.sort_unstable();
+            words.dedup();
+            words.into_iter().for_each(|word| *counts.entry(word).or_default() += 1);
+        }
+        let most = self.whole.len() / 2;
+        let needed: Vec<u16> =
+            counts.into_iter().filter(|(_, count)| *count > most).map(|(word, _)| word).collect();
+        let is_whole =
+            |update: &Update| needed.iter().all(|needed| update.words.iter().any(|(word, _)| word == needed));
+        let flag = self.flag;
+        let whole = self.whole.into_iter().filter(is_whole);
+        whole
+            .map(|Update { at_ns, flag: value, mut words, .. }| {
+                words.push((flag, value));
+                (at_ns, words)
+            })
+            .collect()
+    }
+}
+
+/// Goes through the accesses.
+struct Reader {
+    ascii: Vec<Range<u16>>,
+    reports: [Report; 2],
+    /// What lies in each word, as far as was read or written.
+    now: Vec<u16>,
+    burst: Vec<(u16, u16)>,
+    burst_at_ns: u64,
+    last_ns: u64,
+    found: Vec<(u64, Vec<(u16, u16)>)>,
+}
+
+impl Reader {
+    fn new(family: &Family, window: &[u16]) -> Self {
+        let (servo, background) = (&family.servo, &family.background);
+        let region = |region: crate::map::Region| region.start..region.end;
+        let second = |mask: HostOffset| mask.plus_words(1);
+        let servo_hosts = [Some(servo.host_busy.word), servo.mask, servo.mask.map(second)];
+        let background_hosts = [background.host_busy.map(|busy| busy.word), background.count];
+        Self {
+            ascii: ascii_words(family),
+            reports: [
+                Report::new(region(servo.region), servo.pmac_status.word, servo.timer, &servo_hosts),
+                Report::new(
+                    region(background.region),
+                    background.ready.word,
+                    background.timer,
+                    &background_hosts,
+                ),
+            ],
+            now: window.to_vec(),
+            burst: Vec::new(),
+            burst_at_ns: 0,
+            last_ns: 0,
+            found: Vec::new(),
+        }
+    }
+
+    fn read(&mut self, word: u16, value: u16, at_ns: u64) {
+        if self.ascii.iter().any(|words| words.contains(&word)) {
+            return;
+        }
+        let Some(now) = self.now.get_mut(usize::from(word)) else { return };
+        let is_old = std::mem::replace(now, value) == value;
+        if let Some(report) = self.reports.iter_mut().find(|report| report.words.contains(&word)) {
+            if word == report.flag {
+                report.look(value, is_old, at_ns)
+            } else {
+                report.read(word, value)
+            }
+            return;
+        }
+        if at_ns > self.last_ns + BURST_NS {
+            self.end_burst();
+        }
+        self.last_ns = at_ns;
+        if !is_old {
+            if self.burst.is_empty() {
+                self.burst_at_ns = at_ns;
+            }
+            self.burst.push((word, value));
+        }
+    }
+
+    fn write(&mut self, word: u16, value: u16) {
+        if let Some(now) = self.now.get_mut(usize::from(word)) {
+            *now = value;
+        }
+        // It is the host's doing that the flag is what it is now.
+        self.reports.iter_mut().filter(|report| report.flag == word).for_each(Report::close);
+    }
+
+    fn end_burst(&mut self) {
+        if !self.burst.is_empty() {
+            self.found.push((self.burst_at_ns, std::mem::take(&mut self.burst)));
+        }
+    }
+
+    fn finish(mut self, begins_late: bool) -> Vec<(u64, Vec<(u16, u16)>)> {
+        self.end_burst();
+        let Self { reports, mut found, .. } = self;
+        for report in reports {
+            let mut updates = report.finish();
+            if let Some((at_ns, _)) = updates.first_mut().filter(|_| begins_late) {
+                *at_ns = 0;
+            }
+            found.extend(updates);
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{PMAC, TURBO2};
+    use crate::recording::testing::recording;
+    use crate::recording::{Access, Image};
+
+    /// Accesses: a time in microseconds, `r` or `w`, a word of the DPRAM, a value.
+    fn steps(family: &Family, accesses: &[(u64, char, HostOffset, u32)]) -> Vec<(u64, Vec<(u16, u16)>)> {
+        let mut recording = recording();
+        recording.accesses = accesses
+            .iter()
+            .map(|(at, op, offset, value)| Access {
+                t_ns: 5_000 + at * 1000,
+                op: if *op == 'r' { Op::Read } else { Op::Write },
+                offset: *offset,
+                width: if *value > 0xFFFF { 32 } else { 16 },
+                value: *value,
+            })
+            .collect();
+        let window = vec![0; family.length as usize / 2];
+        recording.images = vec![Image { t_ns: 0, words: window.clone() }];
+        let mut timeline = Timeline::of(&recording, family, &window);
+        let times: Vec<u64> = timeline.steps.iter().map(|step| step.at_ns).collect();
+        times.into_iter().map(|at| (at / 1000, timeline.take_due(at).to_vec())).collect()
+    }
+
+    fn word(offset: HostOffset) -> u16 {
+        offset.word() as u16
+    }
+
+    #[test]
+    fn e6_an_update_is_put_there_as_a_whole_however_it_was_read() {
+        let servo = &PMAC.servo;
+        let (flag, data) = (servo.pmac_status.word, servo.motors.first);
+        let next = data.plus_words(1);
+        let found = steps(
+            &PMAC,
+            &[
+                // What lay there before: nothing was read of it.
+                (0, 'r', flag, 6),
+                (1, 'r', flag, 7),
+                (2, 'r', data, 70),
+                // The daemon was held up in the middle.
+                (500, 'r', next, 71),
+                (501, 'r', flag, 7),
+                // Read after the last look: of which update it is, nobody knows.
+                (600, 'r', data, 99),
+                // Torn: begun of 8, and read again of 9.
+                (1000, 'r', flag, 8),
+                (1001, 'r', data, 80),
+                (1002, 'r', flag, 9),
+                (1003, 'r', data, 90),
+                (1004, 'r', next, 91),
+                (1005, 'r', flag, 9),
+                // Not read to its end.
+                (2000, 'r', flag, 10),
+                (2001, 'r', data, 100),
+                (2002, 'r', flag, 10),
+            ],
+        );
+        let update = |at, timer, first, second| {
+            (at, vec![(word(data), first), (word(next), second), (word(flag), timer)])
+        };
+        assert_eq!(found, [update(1, 7, 70, 71), update(1002, 9, 90, 91)]);
+    }
+
+    #[test]
+    fn e6_a_flag_that_the_host_clears_comes_again_with_each_update() {
+        let servo = &TURBO2.servo;
+        let (flag, timer, data) = (servo.pmac_status.word, servo.timer.low, servo.motors.first);
+        let set = u32::from(servo.pmac_status.mask);
+        let update = |at: u64, value: u32| {
+            [
+                (at, 'r', flag, set),
+                (at, 'r', timer, value),
+                (at, 'r', data, value << 16 | 5),
+                (at, 'r', flag, set),
+                (at, 'r', timer, value),
+                (at, 'w', flag, 0),
+                (at + 100, 'r', flag, 0),
+            ]
+        };
+        let found = steps(&TURBO2, &[update(10, 1), update(400, 2)].concat());
+        let times: Vec<u64> = found.iter().map(|(at, _)| *at).collect();
+        assert_eq!(times, [0, 390]);
+        for (_, changes) in &found {
+            assert_eq!(changes.last(), Some(&(word(flag), servo.pmac_status.mask)));
+            assert!(changes.contains(&(word(data), 5)), "{changes:?}");
+        }
+    }
+
+    #[test]
+    fn e6_other_words_come_in_bursts_and_the_hosts_own_not_at_all() {
+        let (own, other) = (HostOffset::new(0x2000), HostOffset::new(0x2002));
+        let ascii = PMAC.ascii.response;
+        let found = steps(
+            &PMAC,
+            &[
+                (0, 'r', own, 0),
+                (10, 'w', own, 3),
+                (20, 'r', own, 3),
+                (30, 'r', other, 8),
+                (60, 'r', own, 4),
+                (70, 'r', ascii, 9),
+                (200, 'r', other, 9),
+            ],
+        );
+        assert_eq!(found, [(30, vec![(word(other), 8), (word(own), 4)]), (200, vec![(word(other), 9)])]);
+    }
+}
