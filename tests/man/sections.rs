@@ -178,6 +178,7 @@ pub fn examples(page: &str) -> &'static [Example] {
                 "An ISA board by /dev/mem, started as root, which becomes user pmacd once the board is open:",
                 &["pmacd --board mem:0xD4000 --user pmacd"],
             ),
+            ("A captured board again:", &["pmacd --board replay:/var/tmp/board-7 --socket /tmp/pmac0.sock"]),
             ("What is wrong with a configuration:", &["pmacd --config /etc/pmacd/pmac0.toml --check"]),
         ],
         "pmac-sim" => &[
@@ -310,6 +311,10 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-plot" => &[
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
+        ],
+        "pmacctl-compare" => &[
+            ("What a captured board does otherwise than the simulator:", &["pmacctl compare board-7"]),
+            ("And otherwise than another one:", &["pmacctl compare board-7 board-8"]),
         ],
         "pmacctl-tune" => &[
             ("A step of 200 counts, with a picture:", &["pmacctl tune step 1 --size 200 --plot step.svg"]),

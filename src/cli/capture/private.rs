@@ -117,7 +117,7 @@ mod tests {
     use super::*;
     use crate::map::PMAC;
 
-    const PORT: AsciiPort = PMAC.ascii;
+    const PORT: &AsciiPort = &PMAC.ascii;
 
     fn access(op: Op, offset: HostOffset, value: u16) -> Access {
         Access { t_ns: 0, op, offset, width: 16, value: value.into() }

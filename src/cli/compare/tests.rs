@@ -1,0 +1,89 @@
+//! Differences of recordings.
+
+use super::*;
+use crate::map::functions::response;
+use crate::map::{HostOffset, PMAC};
+use crate::recording::testing::recording;
+use crate::recording::{Access, Answer, Image, Op};
+
+/// A board that updates its servo report each `cycles` servo cycles of 400 us, and acknowledges a line as `order` says.
+fn board(cycles: u64, order: &[(char, HostOffset, u16)]) -> Recording {
+    let mut recording = recording();
+    recording.variables = Some("I10=3713991\nP1=2\nM1->Y:$FFC2,8\n".to_owned());
+    recording.answers =
+        vec![Answer { line: "LIST PC".to_owned(), reply: vec!["P1".to_owned()], refused: None }];
+    let status = PMAC.servo.pmac_status.word;
+    let mut add = |t_ns, op, offset, value: u16| {
+        let op = if op == 'r' { Op::Read } else { Op::Write };
+        recording.accesses.push(Access { t_ns, op, offset, width: 16, value: value.into() });
+    };
+    for update in 1..20 {
+        add(update * cycles * 400_000, 'r', status, (update * cycles) as u16);
+    }
+    for (op, offset, value) in order {
+        add(100_000_000, *op, *offset, *value);
+    }
+    recording
+}
+
+fn found(first: &Recording, second: &Recording) -> Vec<String> {
+    let found = differences(first, Path::new("."), second).unwrap();
+    found
+        .into_iter()
+        .map(|Difference { kind, what, first, second }| format!("{kind} {what}: {first} / {second}"))
+        .collect()
+}
+
+fn acknowledged() -> Vec<(char, HostOffset, u16)> {
+    let port = &PMAC.ascii;
+    vec![
+        ('w', port.command_loaded.word, 1),
+        ('r', port.command_loaded.word, 0),
+        ('r', port.response_control, response::LINE),
+        ('w', port.response_control, 0),
+        ('r', port.response_control, response::LINE),
+        ('w', port.response_control, 0),
+        ('r', port.response_control, response::ACKNOWLEDGE),
+        ('w', port.response_control, 0),
+    ]
+}
+
+#[test]
+fn e6_two_recordings_of_one_board_have_no_difference() {
+    let order = acknowledged();
+    let mut one = board(2, &order);
+    let other = board(2, &order);
+    assert_eq!(found(&one, &other), [""; 0]);
+    one.about.board_type = Some("PMAC1".to_owned());
+    one.about.firmware = Some("1.16B".to_owned());
+    one.answers.push(Answer { line: "TYPE".to_owned(), reply: vec!["PMAC1".to_owned()], refused: None });
+    assert_eq!(found(&one, &other), [""; 0], "who the board is stands apart");
+}
+
+#[test]
+fn e6_each_kind_of_difference_is_told() {
+    let order = acknowledged();
+    let one = board(2, &order);
+    let late: Vec<_> = [0, 2, 1, 3, 6, 7].map(|at| order[at]).to_vec();
+    let mut other = board(1, &late);
+    other.variables = Some("I10=3713991\nP1=2.0\nM1->Y:$FFC2,9\nQ1=1\n".to_owned());
+    other.answers[0].reply = vec!["P2".to_owned()];
+    let image = |t_ns, value| {
+        let mut words = vec![0; PMAC.length as usize / 2];
+        words[PMAC.background.blocks.first.word()] = value;
+        Image { t_ns, words }
+    };
+    other.images = vec![image(0, 0), image(1, 9)];
+    assert_eq!(
+        found(&one, &other),
+        [
+            "answer `LIST PC`: P1 / P2",
+            "variable &1Q1: - / 1",
+            "variable M1->: Y:$FFC2,8 / Y:$FFC2,9",
+            "words background: writes none / writes 1",
+            "update servo cycles from one update to the next: 2 / 1",
+            "handshake line: line, command flag cleared, reply line, <ACK> / not seen",
+            "handshake line: not seen / line, reply line, command flag cleared, <ACK>",
+        ]
+    );
+}
