@@ -8,6 +8,7 @@ mod support;
 mod architecture;
 mod backup;
 mod capture;
+mod captures;
 mod cli;
 mod client;
 mod decode;
