@@ -7,9 +7,12 @@ use pmac_dpram::client::CommandError;
 use pmac_dpram::protocol::CallError;
 
 use crate::support::VirtualSite;
-use crate::support::tape::record;
+use crate::support::tape::{published, record, updates};
 
 const TIME: Duration = Duration::from_millis(200);
+/// What the daemon asks a board.
+const ASKED: [&str; 8] = ["TYPE", "VERSION", "???", "SIZE", "^F", "I0..199", "I200..399", "I400..599"];
+
 /// A daemon on the replay of `directory`, which has come to its end.
 pub fn replayed(directory: &Path) -> VirtualSite {
     let site = VirtualSite::new();
@@ -27,6 +30,44 @@ fn moving(family: &str) -> VirtualSite {
     site.ask("#2J-");
     site.run_for(Duration::from_millis(400));
     site
+}
+
+fn gives_the_board_again(family: &str, asked: &[&str]) {
+    let recorded = moving(family);
+    let (directory, original) = record(&recorded, asked, TIME);
+    assert!(original.len() > 40, "{} updates", original.len());
+    let site = replayed(&directory);
+    let again = updates(&site, 1);
+    // At its start the daemon looks seldom; from its first update on it has every one.
+    assert!(again.len() > original.len() / 2, "{} of {}", again.len(), original.len());
+    let mut rest = original.iter();
+    assert!(again.iter().all(|shown| rest.any(|recorded| recorded == shown)), "an update that was none");
+    assert_eq!(published(&site), again.len() as u64);
+    site.wait_until("the board's type", || site.connection().info().unwrap().board_type.is_some());
+    let info = site.connection().info().unwrap();
+    let replay = info.replay.unwrap();
+    assert!(replay.over, "{}", site.log());
+    let (status, stdout, _) = site.pmacctl(&["status"]);
+    assert!(status == 1 && stdout.contains("a recording, no board: nothing can be moved"), "{stdout}");
+    let doctor = site.pmacctl(&["doctor"]).1;
+    assert!(doctor.contains("it is over, and its data are stale"), "{doctor}");
+    assert_eq!(info.board_type, recorded.connection().info().unwrap().board_type);
+    site.stop_daemon();
+    assert!(site.log().contains("nothing else was asked than was recorded"), "{}", site.log());
+    assert_eq!(replay.differences, 0);
+}
+
+#[test]
+fn e6_a_replay_gives_the_daemon_the_board_again() {
+    gives_the_board_again("pmac", &ASKED);
+}
+
+#[test]
+fn e6_a_replay_gives_the_daemon_a_turbo_board_again() {
+    let motors: Vec<String> = (1..=32).map(|motor| format!("I{motor}00..{motor}99")).collect();
+    let all: Vec<&str> =
+        ASKED[..5].iter().copied().chain(["I0..99"]).chain(motors.iter().map(String::as_str)).collect();
+    gives_the_board_again("turbo2", &all);
 }
 
 #[test]
