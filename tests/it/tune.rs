@@ -1,12 +1,14 @@
 //! `pmacctl tune` on a simulated board: the figures are the motor's, and the board is left as it was, whoever dies.
 
 use std::fs;
+use std::process::{Child, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use pmac_dpram::table::Table;
 
 use crate::support::VirtualSite;
+use crate::support::rig::Ran;
 
 /// What a tuning move sets.
 const SET: &str = "I111 I119 I120 I121 I122";
@@ -107,4 +109,79 @@ fn e3_the_daemon_puts_back_what_a_killed_client_has_set() {
     site.wait_until("the end of the gather", || {
         site.run(&["gather", "--stop"]).stdout.contains("gathers nothing")
     });
+}
+
+/// A slow move that has begun, with a fatal limit of its own: I111 is 8000.
+fn moving(site: &VirtualSite) -> Child {
+    let tune = ["tune", "parabolic", "1", "--time", "4000", "--size", "10000", "--limit", "500", "--yes"];
+    let mut tune = site.command(&tune);
+    let child = tune.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    site.wait_until("the move", || site.log().contains("sends \"#1J="));
+    site.wait_until("its own jog variables", || site.log().matches("sends \"I122=").count() == 2);
+    child
+}
+
+fn end(site: &VirtualSite, child: Child) -> Ran {
+    site.hurried(|| Ran::from(child.wait_with_output().unwrap()))
+}
+
+#[test]
+fn b1_2_what_an_open_buffer_keeps_back_is_told_and_put_back_when_it_is_closed() {
+    let site = site();
+    let before = site.ask(SET);
+    let child = moving(&site);
+    site.ask("OPEN PROG 7 CLEAR");
+    let ran = end(&site, child);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let kept = "I111 is 8000 by a tune that has ended; pmacd sets it to 32000 again when the open program buffer is closed";
+    assert!(ran.stderr.contains(kept), "{ran:?}");
+    let status = site.run(&["status"]).stdout;
+    assert!(status.contains(kept), "{status}");
+    site.ask("CLOSE");
+    site.wait_until("the variables to be put back", || site.ask(SET) == before);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_what_somebody_else_sets_during_a_move_stays() {
+    let site = site();
+    let before = site.ask(SET);
+    let child = moving(&site);
+    site.ask("I111=1600 I119=0.5 I122=5");
+    let ran = end(&site, child);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    for (name, value) in [("I111", "1600"), ("I119", "0.5"), ("I122", "5")] {
+        let stays = format!("somebody else has set {name} to {value} meanwhile; it stays {value}");
+        assert!(ran.stderr.contains(&stays), "{ran:?}");
+    }
+    assert_eq!(site.ask(SET), ["1600", "0.5", &before[2], &before[3], "5"]);
+}
+
+#[test]
+fn e3_each_variable_is_put_back_once() {
+    let site = site();
+    let ran = site.hurried(|| site.run(&["tune", "step", "1", "--stay", "--yes"]));
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for variable in SET.split(' ') {
+        assert_eq!(site.log().matches(&format!("sends \"{variable}=")).count(), 2, "{}", site.log());
+    }
+}
+
+#[test]
+fn e3_a_move_that_does_not_come_to_its_end_has_no_figures() {
+    for stops in ["kill", "interrupt"] {
+        let site = site();
+        let child = moving(&site);
+        match stops {
+            "kill" => assert_eq!(site.run(&["kill"]).code, Some(0)),
+            _ => kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap(),
+        }
+        let ran = end(&site, child);
+        assert_eq!(ran.code, Some(1), "{ran:?}");
+        assert!(!ran.stdout.contains("overshoot") && !ran.stdout.contains("settling"), "{ran:?}");
+        if stops == "interrupt" {
+            assert!(ran.stderr.contains("interrupted; motor 1 was stopped"), "{ran:?}");
+            assert!(!ran.stderr.contains("MAY BE MOVING"), "{ran:?}");
+        }
+    }
 }

@@ -37,6 +37,9 @@ const STANDS: Duration = Duration::from_secs(10);
 /// How much of a recording is drawn: so many times what the motor takes to settle.
 const SHOWN: f64 = 4.0;
 
+/// How far from its end, in counts, the commanded position of a whole move may be: the board rounds it so.
+const NEAR: f64 = 1.0 / 32.0;
+
 /// `tune`.
 #[derive(Debug, Args)]
 pub struct Tune {
@@ -159,6 +162,12 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     if !confirm(&question(wanted, context, number, (start, size), &plan)?, common.yes)? {
         return Ok(Verdict::No);
     }
+    // Somebody may have set another one since the question.
+    let now = ask(&mut connection, number).map_err(not_sent)?;
+    if now != settings {
+        let why = settings.changes(&now, number);
+        return Err(not_sent(Failure::Refused(format!("{why} since the question; begin again"))));
+    }
     let stop = Interrupt::listen()?;
     let options = LinesOptions { kind: "tune", timeout: deadlines::PLAIN, keep_going: false };
     let mut lines = connection.lines(options);
@@ -188,15 +197,23 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     };
     failed.extend(record.failure.clone());
     let goal = if record.interrupted { Goal::Stands } else { Goal::At(start + size) };
+    if record.interrupted {
+        // The same ^C does not end the wait for the stop.
+        watch = Watch::begin(context, recorder.connection())?;
+    }
+    let ends = failed.len();
     failed.extend(
         motors_end(recorder.connection(), &mut watch, &[number], goal, STANDS)
             .unwrap_or_else(|failure| vec![failure.to_string()]),
     );
+    let has_stopped = failed.len() == ends;
     if failed.is_empty() && !record.interrupted && !common.stay {
         let back = back(context, recorder.connection(), number, start);
         failed.extend(back.unwrap_or_else(|failure| vec![failure.to_string()]));
     }
-    let response = record.recording.response(wanted.settles());
+    // Of a move that did not come to its end there is nothing to tell.
+    let is_whole = |response: &Response| (response.size - size).abs() <= NEAR + 0.01 * size.abs();
+    let response = record.recording.response(wanted.settles()).filter(is_whole);
     if context.output.is_json() {
         context.output.json(&json!({
             "motor": number, "kind": wanted.kind(), "start": start, "size": size, "limit": plan.limit,
@@ -221,7 +238,8 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
         plot(&record, response.as_ref(), title, picture)?;
     }
     if record.interrupted {
-        failed.insert(0, format!("interrupted; motor {number} was stopped"));
+        let was = if has_stopped { format!("; motor {number} was stopped") } else { String::new() };
+        failed.insert(0, format!("interrupted{was}"));
     }
     if failed.is_empty() && response.is_none() {
         failed.push("the commanded position did not move".to_owned());

@@ -51,6 +51,16 @@ impl Settings {
         self.value(number).filter(|value| *value > 0.0)
     }
 
+    /// Which variables of motor `motor` are others in `now`.
+    pub fn changes(&self, now: &Self, motor: u8) -> String {
+        let is_other = |number: &&usize| self.text(**number) != now.text(**number);
+        let changed = ASKED.iter().filter(is_other).map(|number| {
+            let name = IVariables::motor(motor.into(), *number);
+            format!("I{name} was {}, and is {} now", self.text(*number), now.text(*number))
+        });
+        changed.collect::<Vec<_>>().join("; ")
+    }
+
     /// The lines that put back what [`Plan::lines`] sets.
     pub fn put_back(&self, motor: u8) -> Vec<String> {
         SET.map(|number| line(motor, number, self.text(number))).into()

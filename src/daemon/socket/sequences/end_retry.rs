@@ -43,6 +43,18 @@ impl EndRetry {
     }
 }
 
+/// What is said of a variable that is not put back, because somebody else has set it to what was found.
+pub(super) fn was_set_meanwhile(name: &str, found: &str) -> String {
+    format!("somebody else has set {name} to {found} meanwhile; it stays {found}")
+}
+
+/// What is said of a variable that an open program buffer keeps as a sequence of this kind has set it.
+pub(super) fn is_kept_back(name: &str, ours: &str, old: &str, kind: &str) -> String {
+    format!(
+        "{name} is {ours} by a {kind} that has ended; pmacd sets it to {old} again when the open program buffer is closed"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -16,7 +16,7 @@ mod end;
 use std::time::{Duration, Instant};
 
 pub use self::call::GatherCall;
-use super::end_retry::EndRetry;
+use super::end_retry::{EndRetry, is_kept_back};
 use super::report_watch::{ReportWatch, Seen};
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
@@ -470,9 +470,9 @@ impl Sequence for Gather {
         let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
         let old = self.period.as_deref().unwrap_or_default();
         Some(match self.phase {
-            Phase::AskPeriodAgain | Phase::PutBack => format!(
-                "I{period} is {ours} by a gather that has ended; pmacd sets it to {old} again when the open program buffer is closed"
-            ),
+            Phase::AskPeriodAgain | Phase::PutBack => {
+                is_kept_back(&format!("I{period}"), &ours.to_string(), old, "gather")
+            }
             _ => format!(
                 "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
                  buffer is closed"

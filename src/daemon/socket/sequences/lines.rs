@@ -11,6 +11,9 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use log::warn;
+
+use super::put_back::PutBack;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
@@ -84,6 +87,11 @@ impl Batch {
             last: last.unwrap_or(true),
         })
     }
+
+    /// Whether it only ends its sequence.
+    pub(in crate::daemon::socket) fn only_ends(&self) -> bool {
+        self.lines.is_empty() && self.last
+    }
 }
 
 /// `lines` as they are sent.
@@ -111,8 +119,10 @@ enum Phase {
     Checking,
     /// The last check is under way.
     LastCheck,
-    /// This line for the end is sent.
-    PuttingBack(Text<LINE_MAX>),
+    /// A variable that the end puts back is asked for.
+    Learning,
+    /// The lines for the end go, or wait.
+    PuttingBack,
 }
 
 /// The sequence.
@@ -152,12 +162,15 @@ pub(in crate::daemon::socket) struct Lines {
     /// Why no line is sent any more, once somebody has stopped all motion.
     dropped: Option<Text<REASON_MAX>>,
     ending: Option<Ending>,
-    notes: Vec<String>,
+    put_back: PutBack,
+    /// When the end goes on.
+    rest: Option<Instant>,
 }
 
 impl Lines {
     /// Begins with this batch.
-    pub(in crate::daemon::socket) fn new(batch: Batch) -> Self {
+    pub(in crate::daemon::socket) fn new(mut batch: Batch) -> Self {
+        let put_back = PutBack::new(batch.at_end.take().unwrap_or_default());
         Self {
             batch,
             phase: Phase::Sending,
@@ -178,7 +191,8 @@ impl Lines {
             buffer_left: None,
             dropped: None,
             ending: None,
-            notes: Vec::new(),
+            put_back,
+            rest: None,
         }
     }
 
@@ -191,6 +205,7 @@ impl Lines {
         let was_open = self.buffer.is_open();
         if !done.outcome.is_unsent() {
             self.buffer.begin(line.as_bytes(), Writer::Question, now);
+            self.put_back.sent(&line);
         }
         match done.outcome {
             Outcome::Done => self.buffer.done(line.as_bytes()),
@@ -255,7 +270,7 @@ impl Lines {
     }
 
     /// What comes when no line is sent any more: `CLOSE`, if a buffer is open, then the end.
-    fn close(&mut self, tries: u32) -> Step {
+    fn close(&mut self, tries: u32, now: Instant) -> Step {
         if self.buffer.is_open() && tries < CLOSE_TRIES {
             self.phase = Phase::Closing(tries + 1);
             return Step::Line { line: Text::from_bytes(b"CLOSE"), timeout: END_STEP };
@@ -266,7 +281,7 @@ impl Lines {
             self.phase = Phase::LastCheck;
             return Step::Check;
         }
-        self.put_back()
+        self.put_back(now)
     }
 
     /// Whether the board is to be asked now if it was reset.
@@ -307,23 +322,34 @@ impl Lines {
     }
 
     /// The lines for the end, if any line has been sent, then the end.
-    fn put_back(&mut self) -> Step {
-        let line = self.batch.at_end.as_mut().and_then(VecDeque::pop_front);
-        if let Some(line) = line.filter(|_| self.number > 0) {
-            self.phase = Phase::PuttingBack(line);
-            return Step::Line { line, timeout: END_STEP };
+    fn put_back(&mut self, now: Instant) -> Step {
+        self.phase = Phase::PuttingBack;
+        if self.put_back.tells_now() {
+            return Step::AnswerEnd(Ok(self.result()));
         }
-        let mut notes = std::mem::take(&mut self.notes);
-        notes.extend(self.buffer_left.take().map(|(_, note)| note));
-        let failure = self.reset.take();
-        Step::Over(Ok(reply(&RunLinesReply {
+        match self.rest {
+            Some(rest) if rest > now => return Step::Wait(rest),
+            _ => self.rest = None,
+        }
+        let step = if self.number > 0 { self.put_back.step() } else { None };
+        step.unwrap_or_else(|| Step::Over(Ok(self.result())))
+    }
+
+    /// What the owner is told in the end.
+    fn result(&self) -> Reply {
+        let mut notes = self.put_back.notes().to_vec();
+        notes.extend(self.unfinished());
+        notes.iter().for_each(|note| warn!("the end of a {}: {note}", self.name()));
+        notes.extend(self.buffer_left.as_ref().map(|(_, note)| note.clone()));
+        let failure = self.reset.clone();
+        reply(&RunLinesReply {
             line: failure.as_ref().map(|_| self.number.saturating_sub(1)),
             failure,
             taken: self.taken,
             notes,
             over: true,
             ..RunLinesReply::default()
-        })))
+        })
     }
 
     /// `CLOSE` has been answered, or not.
@@ -351,7 +377,7 @@ impl Lines {
             ),
             Ok(_) => format!("{name} was left open; it is closed now"),
         });
-        self.close(tries)
+        self.close(tries, now)
     }
 
     /// Its buffer is not open any more, or nothing can be done about it. `note` says so of its name and the lines that entered.
@@ -403,20 +429,29 @@ impl Sequence for Lines {
             }
             (Phase::LastCheck, Some(done)) => {
                 self.check_done(done);
-                return self.put_back();
+                return self.put_back(now);
             }
             (Phase::Closing(tries), Some(done)) => return self.closed(tries, &done, now),
-            (Phase::ClosingAgain(tries), _) => return self.close(tries),
-            (Phase::PuttingBack(line), Some(done)) => {
-                if let Err(error) = done.result {
-                    self.notes.push(format!("{:?}, which puts the board back, failed: {error}", &*line));
+            (Phase::ClosingAgain(tries), _) => return self.close(tries, now),
+            (Phase::Learning, Some(done)) => {
+                self.phase = Phase::Sending;
+                self.put_back.learn(&done);
+            }
+            (Phase::PuttingBack, done) => {
+                let is_last = self.ending == Some(Ending::Stopping);
+                if let Some(done) = done {
+                    self.rest = self.put_back.take(&done, is_last, now);
                 }
-                return self.put_back();
+                return self.put_back(now);
             }
             _ => {}
         }
         if self.failed || self.ending.is_some() {
-            return self.close(0);
+            return self.close(0, now);
+        }
+        if let Some(question) = self.put_back.question() {
+            self.phase = Phase::Learning;
+            return question;
         }
         if let Some(reason) = self.dropped
             && self.batch.lines.pop_front().is_some()
@@ -437,7 +472,7 @@ impl Sequence for Lines {
                 self.phase = Phase::UnderWay(line);
                 Step::Line { line, timeout: deadlines::of_line(&line, self.batch.timeout) }
             }
-            None if self.batch.last => self.close(0),
+            None if self.batch.last => self.close(0, now),
             None => Step::Answer(Ok(reply(&RunLinesReply { taken: self.taken, ..RunLinesReply::default() }))),
         }
     }
@@ -446,11 +481,19 @@ impl Sequence for Lines {
         self.buffer.is_open()
     }
 
+    fn unfinished(&self) -> Option<String> {
+        self.put_back.unfinished(self.name())
+    }
+
     fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
         match call {
-            SequenceCall::Lines(batch) if batch.kind == self.batch.kind => {
-                let at_end = batch.at_end.or(self.batch.at_end.take());
-                self.batch = Batch { at_end, ..batch };
+            SequenceCall::Lines(mut batch)
+                if batch.kind == self.batch.kind && self.phase != Phase::PuttingBack =>
+            {
+                if let Some(lines) = batch.at_end.take() {
+                    self.put_back.renewed(lines);
+                }
+                self.batch = batch;
                 Ok(())
             }
             _ => Err(CallError::Refused {

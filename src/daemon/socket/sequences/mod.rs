@@ -22,6 +22,7 @@ mod end_retry;
 mod end_tests;
 mod gather;
 mod lines;
+mod put_back;
 mod report_watch;
 mod rotary;
 mod table;

@@ -13,8 +13,8 @@ use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{
-    Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
-    Waits,
+    Batch, Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences,
+    Step, Waits,
 };
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
@@ -46,6 +46,7 @@ impl Service {
             },
             SequenceCall::Lines(batch) => match self.sequences.of_client(caller.client, Resource::Lines) {
                 Some(number) => self.ask_sequence(number, caller, SequenceCall::Lines(batch), now),
+                None if batch.only_ends() => self.finish_lines(caller, batch, now),
                 None => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
             },
             SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
@@ -79,6 +80,24 @@ impl Service {
                     },
                 }
             }
+        }
+    }
+
+    /// What became of the caller's sequence of lines, which something else has ended.
+    fn finish_lines(
+        &mut self,
+        caller: Caller,
+        batch: Batch,
+        now: Instant,
+    ) -> Result<Option<Reply>, CallError> {
+        if let Some(result) = self.sequences.take_result(caller.client, Resource::Lines) {
+            return result.map(Some);
+        }
+        match self.sequences.on(Resource::Lines) {
+            Some((number, running)) if running.owner.client == caller.client && !running.is_told => {
+                self.wait_for_end(number, caller)
+            }
+            _ => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
         }
     }
 

@@ -6,6 +6,7 @@ use log::warn;
 
 use super::{Begun, Gather, Phase, first, refused};
 use crate::daemon::shared::queue::Outcome;
+use crate::daemon::socket::sequences::end_retry::was_set_meanwhile;
 use crate::daemon::socket::sequences::{Done, Ending, Sequence};
 use crate::gather::GatherMode;
 use crate::protocol::board::GatherStopReply;
@@ -64,9 +65,7 @@ impl Gather {
                 if self.period_sent && is_other && Some(&found) == ours.as_ref() {
                     (Phase::PutBack, None)
                 } else {
-                    let note = format!(
-                        "somebody else has set I{gather_period} to {found} meanwhile; it stays {found}"
-                    );
+                    let note = was_set_meanwhile(&format!("I{gather_period}"), &found);
                     self.period = Some(found);
                     (Phase::Over, (self.period_sent && is_other).then_some(note))
                 }
