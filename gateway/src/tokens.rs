@@ -97,6 +97,14 @@ const WORDS: [(&str, Kind); 25] = [
     ("VID", Kind::Asks(Needs::Nothing)),
 ];
 
+/// What `LIST` lists, without its number (GRAMMAR 4). No word stands before a longer one that begins with it.
+const LISTED: [&str; 16] = [
+    "PROGRAM", "PROG", "PLCC", "PLC", "ROTARY", "ROT", "GATHER", "BLCOMP", "TCOMP", "COMP", "LINK", "LDS",
+    "FORWARD", "INVERSE", "PC", "PE",
+];
+/// The digits of the longest hexadecimal address, `$07FFFF` on Turbo boards.
+const ADDRESS_DIGITS: usize = 6;
+
 /// The commands of `line`, in their order. Blanks between them belong to none.
 #[must_use]
 pub fn of(line: &str) -> Vec<Token> {
@@ -359,13 +367,12 @@ impl Reader<'_> {
         false
     }
 
-    /// `LIST`, what is listed, and of it which part.
+    /// `LIST`, what is listed, and of it which part. What stands behind it is another command: `LIST LINK HM`.
     fn list(&mut self) -> Kind {
         self.at += "LIST".len();
-        self.peek();
-        self.skip_while(|byte| byte.is_ascii_alphabetic());
+        let _ = LISTED.iter().any(|word| self.takes(word)) && self.takes("DEF");
         let mut end = self.at;
-        while matches!(self.peek(), Some(b'0'..=b'9' | b',' | b'.' | b'S')) {
+        while matches!(self.peek(), Some(b'0'..=b'9' | b',' | b'.')) {
             self.at += 1;
             end = self.at;
         }
@@ -395,12 +402,21 @@ impl Reader<'_> {
         let has_colon = self.takes(":");
         let next = self.peek();
         let is_read = has_space && (next == Some(b'$') || has_colon && matches!(next, Some(b'0'..=b'9')));
-        if is_read {
-            self.skip_while(|byte| byte.is_ascii_hexdigit() || b"$,".contains(&byte));
-        } else {
+        let is_read = is_read && self.register() && (!self.takes(",") || self.number().is_some());
+        if !is_read {
             self.at = start;
         }
         is_read
+    }
+
+    /// An address, `$` and at most as many hexadecimal digits as the longest has, or decimal; goes behind it.
+    fn register(&mut self) -> bool {
+        if !self.takes("$") {
+            return self.number().is_some();
+        }
+        let start = self.at;
+        self.skip_while(|byte| byte.is_ascii_hexdigit());
+        (1..=ADDRESS_DIGITS).contains(&(self.at - start))
     }
 }
 
@@ -421,6 +437,45 @@ mod tests {
 
     fn only_asks(line: &str) -> bool {
         of(line).iter().all(Token::only_asks)
+    }
+
+    #[test]
+    fn d2_what_stands_behind_a_question_is_a_command_of_its_own() {
+        for line in [
+            "#1LISTLINKHM",
+            "#1LISTLINKK",
+            "&1LISTPCR",
+            "&1LISTPCA",
+            "&1LIST PROG1 S",
+            "LISTLINKSAVE",
+            "LISTLINKENAPLC1",
+            "LISTLINKUNDEFINE",
+            "LISTLINKOPENPROG3",
+            "LIST HM",
+            "LISTS",
+            "#1RX$0,1$",
+            "&1RX$0,1B2",
+            "&1RX$0,1A",
+            "&1RX$0,R",
+            "RX$0000000A",
+            "&1RX:1A",
+            "&1R",
+            "&1RXA",
+        ] {
+            assert!(!only_asks(line), "{line}");
+        }
+        for line in [
+            "LIST",
+            "LIST PROG 1,10,5",
+            "LISTPLC3",
+            "LIST TCOMP DEF",
+            "LIST PC,,5",
+            "RX$078000,12",
+            "RHY:$700",
+            "RL$D200,2 P1",
+        ] {
+            assert!(only_asks(line), "{line}");
+        }
     }
 
     #[test]
