@@ -77,10 +77,11 @@ pub fn effect(line: &[u8]) -> Option<Effect> {
     effect
 }
 
-/// The buffer that `word` opens, or `word` together with what stands `behind` it; `None` when it opens none.
+/// The buffer that `word` opens, or `word` together with what stands `behind` it; `None` when it opens none. Letters before
+/// `OPEN` are commands of their own: `#8KOPENPROG3`.
 fn opened_by(word: &[u8], behind: &[u8]) -> Option<Text<NAME_MAX>> {
-    let has_open = word.len() >= OPEN.len() && word[..OPEN.len()].eq_ignore_ascii_case(OPEN.as_bytes());
-    let kind = if has_open { &word[OPEN.len()..] } else { return None };
+    let at = word.windows(OPEN.len()).rposition(|part| part.eq_ignore_ascii_case(OPEN.as_bytes()))?;
+    let kind = &word[at + OPEN.len()..];
     let known =
         |kind: &[u8]| BUFFERS.iter().find(|known| kind.eq_ignore_ascii_case(known.as_bytes())).copied();
     let spaces = |text: &[u8]| text.iter().take_while(|byte| **byte == b' ').count();
@@ -104,6 +105,14 @@ fn opened_by(word: &[u8], behind: &[u8]) -> Option<Text<NAME_MAX>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn b1_2_a_buffer_is_opened_behind_other_letters_too() {
+        for line in ["OPEN PROG 3", "#8KOPENPROG3", "LISTLINKOPENPROG3", "k open prog 3", "#1J/OPEN PROG3"] {
+            let Some(Effect::Opens(name)) = effect(line.as_bytes()) else { panic!("{line}") };
+            assert_eq!(name.as_bytes(), b"PROG 3", "{line}");
+        }
+    }
 
     #[test]
     fn b1_2_what_only_reports_or_stops_enters_no_buffer() {

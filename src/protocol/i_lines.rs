@@ -60,9 +60,11 @@ fn settings_in(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
     })
 }
 
-/// Whether the letter at `at` goes on with a word.
+/// Whether the I at `at` is part of `MI` or `MSI`, which are variables of MACRO. Behind any other letter it is a command of its own:
+/// `KI58=0`, `HMI58=0`.
 fn is_in_word(line: &[u8], at: usize) -> bool {
-    at.checked_sub(1).and_then(|before| line.get(before)).is_some_and(u8::is_ascii_alphabetic)
+    let before = line[..at].to_ascii_uppercase();
+    before.ends_with(b"MS") || before.ends_with(b"M") && !before.ends_with(b"HM")
 }
 
 /// Whether the I behind `before` is a variable of a MACRO station, as in `MS0,I910=7` (GRAMMAR 2.9).
@@ -186,6 +188,9 @@ mod tests {
             ("I58=P1", vec![(One(58), None)]),
             ("I58=1&0 I2=1.0 I3=*", vec![(One(58), None), (One(2), None), (One(3), None)]),
             ("SEND\"I58=0\"I2=3", vec![(One(2), Some(3))]),
+            ("#8KI58=0", vec![(One(58), Some(0))]),
+            ("#1HMI58=0", vec![(One(58), Some(0))]),
+            ("&1SI2=3", vec![(One(2), Some(3))]),
             ("I58 MI58=0 INC IF(I58=0) I100>I=3 I(P1", vec![(One(58), Some(0))]),
         ] {
             assert_eq!(found(line), expected, "{line}");
