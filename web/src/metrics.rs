@@ -5,6 +5,7 @@ use prometheus::{IntCounter, IntGauge};
 
 use pmac_dpram::client::{Board, ClientError, Motor, Snapshot, identity};
 use pmac_dpram::decode::Quantity;
+use pmac_dpram::format::Visible;
 use pmac_dpram::map::DEFAULT_FAMILY;
 
 use crate::board::Place;
@@ -119,8 +120,8 @@ fn info(registry: &Registry, name: &str, snapshot: &Snapshot) -> Result<(), Box<
     let family = identity.family.and_then(|_| identity::family(identity)).map_or("", |family| family.name);
     let text = |text: Option<String>| text.unwrap_or_default();
     let (kind, firmware) = (
-        text(identity.board_type.as_ref().map(ToString::to_string)),
-        text(identity.firmware.as_ref().map(ToString::to_string)),
+        text(identity.board_type.as_ref().map(|text| Visible(text).to_string())),
+        text(identity.firmware.as_ref().map(|text| Visible(text).to_string())),
     );
     let info = gauges(registry, "pmac_board_info", "The board, in labels; always 1.", &labels)?;
     info.with_label_values(&[name, family, &kind, &firmware]).set(1.0);

@@ -229,7 +229,7 @@ fn text(document: &Value) -> String {
 /// Each known fact of the document: what it is about, and what there is to say.
 pub fn lines(document: &Value) -> Vec<(String, String)> {
     let mut lines = Vec::new();
-    let mut say = |what: &str, value: String| lines.push((what.to_owned(), value));
+    let mut say = |what: &str, value: String| lines.push((what.to_owned(), Visible(value).to_string()));
     let plain = |value: &Value| match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
