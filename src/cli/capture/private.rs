@@ -1,7 +1,8 @@
 //! Keeps texts out of a trace that are nobody else's business: command lines can hold programs and passwords, replies listings.
 //!
 //! Only questions for variables and identity are shown, with their replies. Of all other lines the words become 0. Lines are known by
-//! the words that the daemon writes before it sets the flag that a line is there, whichever way its text is packed.
+//! the words that the daemon writes before it sets the flag that a line is there, whichever way its text is packed. Where accesses
+//! were dropped, another line may have come between: no text is shown until a new line begins behind the gap.
 
 use crate::format::TextOrder;
 use crate::map::functions::response;
@@ -33,12 +34,34 @@ pub struct TextFilter {
     is_shown: bool,
     /// What lies in the response buffer belongs to it.
     is_reply: bool,
+    /// Accesses may be missing.
+    has_gaps: bool,
 }
 
 impl TextFilter {
     /// For a board with this port. Nothing is shown before the first line.
     pub fn new(port: &'static AsciiPort) -> Self {
-        Self { port, held: Vec::new(), line: Vec::new(), continues: false, is_shown: false, is_reply: false }
+        Self {
+            port,
+            held: Vec::new(),
+            line: Vec::new(),
+            continues: false,
+            is_shown: false,
+            is_reply: false,
+            has_gaps: false,
+        }
+    }
+
+    /// Accesses are missing somewhere in what comes from now on. Nothing is shown until [`Self::trust`].
+    pub fn distrust(&mut self) {
+        (self.has_gaps, self.is_shown) = (true, false);
+    }
+
+    /// No access is missing from now on. What is next may be the rest of a line.
+    pub fn trust(&mut self) {
+        if std::mem::take(&mut self.has_gaps) {
+            self.continues = true;
+        }
     }
 
     /// Takes in the next access; gives those to `kept` that are known to be shown or not.
@@ -96,8 +119,8 @@ impl TextFilter {
             let line = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
             std::str::from_utf8(line).is_ok_and(is_question)
         };
-        self.is_shown =
-            !self.continues && [TextOrder::LowFirst, TextOrder::HighFirst].into_iter().any(is_question);
+        let is_known = !self.has_gaps && !self.continues;
+        self.is_shown = is_known && [TextOrder::LowFirst, TextOrder::HighFirst].into_iter().any(is_question);
         self.continues = !text(TextOrder::LowFirst).contains(&0);
         self.is_reply = false;
         self.line.clear();
@@ -188,5 +211,26 @@ mod tests {
         let second = exchange(TextOrder::LowFirst, "12345", response::LINE, "32");
         let both = [long.clone(), second.clone()].concat();
         assert_eq!(shown(&both)[long.len()..], without_text(&second));
+    }
+
+    #[test]
+    fn e6_where_accesses_are_missing_no_text_is_shown() {
+        let question = exchange(TextOrder::LowFirst, "I122", response::LINE, "32");
+        let mut filter = TextFilter::new(&PMAC.ascii);
+        let mut show = |step: fn(&mut TextFilter), accesses: &[Access]| {
+            let mut kept = Vec::new();
+            step(&mut filter);
+            accesses.iter().for_each(|access| filter.take(*access, &mut kept));
+            kept
+        };
+        assert_eq!(show(|_| (), &question), question);
+        // The line before the gap is a question; what is read behind it may be a listing.
+        let reply = &question[question.len() - 3..];
+        assert_eq!(show(TextFilter::distrust, reply), without_text(reply));
+        assert_eq!(show(|_| (), &question), without_text(&question));
+        // The first line behind it may be the rest of one.
+        assert_eq!(show(TextFilter::trust, &question), without_text(&question));
+        assert_eq!(show(|_| (), &question), question);
+        assert_eq!(show(TextFilter::trust, &question), question, "there was no gap");
     }
 }

@@ -33,6 +33,8 @@ const LOOK: Duration = Duration::from_millis(2);
 /// Replies of the trace in one turn, and how few accesses are worth no other one.
 const REPLIES_A_TURN: usize = 64;
 const FEW: usize = 1000;
+/// Accesses that are enough. Some are still collected, and one more reply comes: all together a recording takes them.
+const ENOUGH: u64 = MOST_ACCESSES as u64 - (1 << 16);
 /// Replies that hold what is left at the end; more than the daemon has memory for.
 const LAST_REPLIES: usize = 1000;
 /// Variables and definitions. What machine builders write is left out.
@@ -231,7 +233,10 @@ impl<'a> Taking<'a> {
     /// The accesses since the last time; how many came.
     fn trace(&mut self, end: bool) -> Result<usize, Failure> {
         let reply = self.connection.trace(end)?;
-        self.about.dropped = reply.dropped;
+        let is_gap = std::mem::replace(&mut self.about.dropped, reply.dropped) != reply.dropped;
+        if is_gap {
+            self.filter.distrust();
+        }
         let mut kept = Vec::new();
         let mut t_ns = 0;
         for numbers in reply.accesses.chunks(4) {
@@ -242,10 +247,15 @@ impl<'a> Taking<'a> {
             self.filter.take(access, &mut kept);
         }
         kept.iter().try_for_each(|access| self.writer.access(access))?;
-        if self.writer.accesses() >= MOST_ACCESSES as u64 {
-            return Err(Failure::Refused(format!("more than {MOST_ACCESSES} accesses; give --seconds less")));
+        let count = reply.accesses.len() / 4;
+        if !is_gap && count < FEW {
+            // The daemon has no older ones left: what was dropped is behind.
+            self.filter.trust();
         }
-        Ok(reply.accesses.len() / 4)
+        if self.writer.accesses() >= ENOUGH {
+            return Err(Failure::Refused(format!("more than {ENOUGH} accesses; give --seconds less")));
+        }
+        Ok(count)
     }
 
     /// Writes the variables, or says why there are none.
