@@ -11,7 +11,8 @@ use crate::support::tape::{published, record, updates};
 
 const TIME: Duration = Duration::from_millis(200);
 /// What the daemon asks a board.
-const ASKED: [&str; 8] = ["TYPE", "VERSION", "???", "SIZE", "^F", "I0..199", "I200..399", "I400..599"];
+const ASKED: [&str; 9] =
+    ["TYPE", "VERSION", "???", "SIZE", "^F", "I0..199", "I200..399", "I400..599", "I600..899"];
 
 /// A daemon on the replay of `directory`, which has come to its end.
 pub fn replayed(directory: &Path) -> VirtualSite {
