@@ -153,6 +153,7 @@ fn answers(first: &Recording, second: &Recording) -> Vec<Difference> {
     found
 }
 
+/// The variables and definitions that both hold.
 fn variables(first: &Recording, second: &Recording) -> Vec<Difference> {
     let held = |recording: &Recording| -> BTreeMap<Item, String> {
         let text = recording.variables.as_deref().unwrap_or_default();
@@ -160,26 +161,24 @@ fn variables(first: &Recording, second: &Recording) -> Vec<Difference> {
         entries.into_iter().map(|entry| (entry.item, entry.text)).collect()
     };
     let sides = [held(first), held(second)];
-    if sides.iter().any(BTreeMap::is_empty) {
-        return Vec::new();
-    }
-    let items: BTreeSet<Item> = sides.iter().flat_map(|side| side.keys().copied()).collect();
-    let mut found = Vec::new();
-    for item in items.into_iter().filter(|item| !item.is_program()) {
-        let [one, other]: Sides<Option<&String>> = [sides[0].get(&item), sides[1].get(&item)];
-        if one.zip(other).is_some_and(|(one, other)| item.same(one, other)) {
-            continue;
-        }
-        let text = |side: Option<&String>| side.map_or_else(|| "-".to_owned(), Clone::clone);
-        let what = format!("{item}{}", if item.sign() == "->" { "->" } else { "" });
-        found.push(Difference { kind: "variable", what, first: text(one), second: text(other) });
-    }
-    found
+    // A capture may leave kinds of them out: what only one holds says nothing.
+    let both = sides[0].iter().filter_map(|(item, one)| Some((*item, one, sides[1].get(item)?)));
+    let differ = both.filter(|(item, one, other)| !item.is_program() && !item.same(one, other));
+    differ
+        .map(|(item, one, other)| Difference {
+            kind: "variable",
+            what: format!("{item}{}", if item.sign() == "->" { "->" } else { "" }),
+            first: one.clone(),
+            second: other.clone(),
+        })
+        .collect()
 }
 
 /// Functions into whose words one of the boards writes, and the other does not.
 fn words(seen: &Sides<Seen>) -> Vec<Difference> {
-    let names = Function::ALL.iter().map(|function| function.name()).chain(["user"]);
+    // What lies in the ASCII port depends on what was asked meanwhile.
+    let functions = Function::ALL.into_iter().filter(|function| *function != Function::Ascii);
+    let names = functions.map(Function::name).chain(["user"]);
     let mut found = Vec::new();
     for name in names {
         let counts = seen.each_ref().map(|seen| seen.words.get(name).copied().unwrap_or(0));

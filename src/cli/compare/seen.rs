@@ -15,7 +15,7 @@ pub struct Seen {
     pub words: BTreeMap<String, usize>,
     /// Servo cycles from one servo update to the next, the usual number.
     pub update_cycles: Option<u32>,
-    /// The servo period by the timer and the trace's clock, in nanoseconds.
+    /// The servo period by the timer and the trace's clock, in nanoseconds, the usual one.
     pub servo_period_ns: Option<f64>,
     /// Each order in which command lines and control characters were answered, step by step.
     pub orders: BTreeSet<String>,
@@ -179,13 +179,14 @@ impl Watch {
         // The first one was there when the trace began.
         let updates = self.updates.get(1..).unwrap_or_default();
         let mut steps: Vec<u32> = updates.windows(2).map(cycles).collect();
-        let all: u64 = steps.iter().map(|steps| u64::from(*steps)).sum();
-        let took = updates.first().zip(updates.last()).map(|(first, last)| last.0 - first.0);
+        let period = |pair: &[(u64, u32)]| (pair[1].0 - pair[0].0) as f64 / f64::from(cycles(pair).max(1));
+        let mut periods: Vec<f64> = updates.windows(2).map(period).collect();
+        periods.sort_by(f64::total_cmp);
         steps.sort_unstable();
         Seen {
             words,
             update_cycles: steps.get(steps.len() / 2).copied(),
-            servo_period_ns: took.filter(|_| all > 0).map(|took| took as f64 / all as f64),
+            servo_period_ns: periods.get(periods.len() / 2).copied(),
             orders: self.orders,
         }
     }

@@ -78,7 +78,6 @@ fn e6_each_kind_of_difference_is_told() {
         found(&one, &other),
         [
             "answer `LIST PC`: P1 / P2",
-            "variable &1Q1: - / 1",
             "variable M1->: Y:$FFC2,8 / Y:$FFC2,9",
             "words background: writes none / writes 1",
             "update servo cycles from one update to the next: 2 / 1",
