@@ -189,6 +189,17 @@ pub static COMMANDS: &[Command] = &[
         },
     },
     Command {
+        form: "turn MOTOR COUNTS",
+        effect: "turns the shaft by hand; a closed loop turns it back",
+        carry_out: |call| {
+            let &[motor, counts] = call.arguments else { return None };
+            let Ok(counts) = counts.parse::<i32>() else {
+                return Some(Err(format!("turn takes a number of counts, not {counts:?}")));
+            };
+            done(inputs(call.world, motor).map(|inputs| inputs.turned += f64::from(counts)))
+        },
+    },
+    Command {
         form: "poke OFFSET VALUE",
         effect: "puts a word into the DPRAM as if PMAC had: a wild index, a count that is wrong",
         carry_out: poke,
@@ -293,6 +304,7 @@ mod tests {
                 .replace("on|off", "on")
                 .replace("OFFSET VALUE", "0x0A00 5")
                 .replace("STEP", "-3")
+                .replace("COUNTS", "400")
                 .replace(" N", " 2");
             let Answer::Line(answer) = execute(&mut bench.world, &line, true) else { continue };
             assert!(!answer.starts_with("error"), "{line}: {answer}");

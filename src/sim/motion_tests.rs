@@ -2,6 +2,7 @@
 
 use crate::sim::board::axes::AxisDefinition;
 use crate::sim::board::jog::Jog;
+use crate::sim::control::carry_out;
 use crate::sim::testing::{Bench, d, l};
 
 /// Bits of the two words of `?`.
@@ -119,6 +120,19 @@ fn killed_and_open_loops() {
     bench.world.board.jog(0, Jog::Stop, None).unwrap();
     settle(&mut bench, 0);
     assert!((bench.world.board.position(0) - before).abs() < 1.0, "closes where it is");
+}
+
+#[test]
+fn a_hand_turns_an_open_loop_and_a_closed_one_turns_back() {
+    let mut bench = Bench::started();
+    bench.world.board.kill(0).unwrap();
+    for motor in 1..=2 {
+        assert_eq!(carry_out(&mut bench.world, &format!("turn {motor} -40")), "ok");
+    }
+    bench.run(1);
+    assert_eq!(bench.world.board.position(0), -40.0);
+    bench.run(LONG);
+    assert_eq!((bench.world.board.position(0), bench.world.board.position(1)), (-40.0, 0.0));
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! A table as a NumPy file, `.npy` version 1.0: one-dimensional, one structured element a row, with a field `<i8` for whole numbers
-//! and `<f8` for others, by its name.
+//! and `<f8` for others, by its name. The field's title, which NumPy keeps beside the name, has the unit.
 //!
 //! The header says how many elements there are, which nobody knows before the end: it keeps room for any number, and
 //! [`NpyWriter::note`] writes the present one into it, so that a file that was cut off can be read up to there.
@@ -33,9 +33,13 @@ impl<W: Write + Seek> NpyWriter<W> {
         let described: Vec<String> = fields
             .iter()
             .map(|field| {
-                let name = field.name.replace('\\', "\\\\").replace('\'', "\\'");
+                let name = quoted(&field.name);
                 let format = if field.kind == Kind::Integer { "<i8" } else { "<f8" };
-                format!("('{name}', '{format}')")
+                if field.unit.is_empty() {
+                    format!("({name}, '{format}')")
+                } else {
+                    format!("(({}, {name}), '{format}')", quoted(&field.title()))
+                }
             })
             .collect();
         let dictionary = format!("{{'descr': [{}], 'fortran_order': False, 'shape': (", described.join(", "));
@@ -108,6 +112,10 @@ impl<W: Write + Seek> NpyWriter<W> {
     }
 }
 
+fn quoted(text: &str) -> String {
+    format!("'{}'", text.replace('\\', "\\\\").replace('\'', "\\'"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,8 +147,8 @@ mod tests {
         let (text, data) = header(&bytes);
         assert_eq!(
             text.trim_end_matches(' ').trim_end_matches('\n').trim_end(),
-            "{'descr': [('sample', '<i8'), ('time_s', '<f8'), ('X:$0033,u', '<f8')], \
-             'fortran_order': False, 'shape': (2,), }"
+            "{'descr': [('sample', '<i8'), ('time_s', '<f8'), \
+             (('X:$0033,u [count]', 'X:$0033,u'), '<f8')], 'fortran_order': False, 'shape': (2,), }"
         );
         assert!(text.ends_with('\n'));
         let words: Vec<_> = data.as_chunks::<8>().0.iter().map(|bytes| u64::from_le_bytes(*bytes)).collect();

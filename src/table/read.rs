@@ -136,15 +136,21 @@ fn numpy(rest: &[u8]) -> Option<Table> {
         .split("), (")
         .map(|field| {
             let field = field.trim_start_matches('(').trim_end_matches(')');
-            let (name, format) = field.strip_prefix('\'')?.rsplit_once("', '")?;
+            let (names, format) = field.rsplit_once(", '")?;
             let is_integer = match format.strip_suffix('\'')? {
                 "<i8" => true,
                 "<f8" => false,
                 _ => return None,
             };
-            let name = name.replace("\\'", "'").replace("\\\\", "\\");
+            // A field with a unit has a title, which holds its name, too.
+            let title = match names.strip_suffix(')') {
+                Some(both) => both.split_once("', '")?.0,
+                None => names.strip_suffix('\'')?,
+            };
+            let title = title.strip_prefix('\'')?.replace("\\'", "'").replace("\\\\", "\\");
+            let (name, unit) = Field::parts(&title);
             let kind = if is_integer { Kind::Integer } else { Kind::Real };
-            Some((Field::new(name, "", kind), is_integer))
+            Some((Field::new(name, unit, kind), is_integer))
         })
         .collect::<Option<_>>()?;
     let mut columns = vec![Vec::new(); fields.len()];
@@ -192,8 +198,11 @@ mod tests {
             (0..3).map(|field| ROWS.iter().map(|row| row[field]).collect()).collect();
         assert_eq!((&csv.columns, &npy.columns), (&columns, &columns));
         assert_eq!((csv.rows(), csv.column("1.velocity")), (2, Some(&columns[1][..])));
-        assert_eq!(csv.fields[1].unit, "count/s");
-        assert_eq!(npy.index("X:$0033,u"), Some(2));
+        assert_eq!(
+            csv.fields.iter().map(|field| &field.unit[..]).collect::<Vec<_>>(),
+            ["", "count/s", "it's"]
+        );
+        assert_eq!(npy.fields, fields());
     }
 
     #[test]

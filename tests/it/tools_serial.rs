@@ -90,3 +90,16 @@ fn a_board_is_set_up_over_the_serial_line() {
         assert!(ran.stderr.starts_with("done: I19=1, I59=2, I48=1; failed: GATHER; "), "{ran:?}");
     }
 }
+
+#[test]
+fn e7_lines_over_the_serial_line_are_for_the_family_that_the_board_tells() {
+    let site = VirtualSite::new();
+    site.start_simulator(&["--family", "turbo2"]);
+    let wire = Wire::to(&site);
+    let enable = format!("setup enable variables --send --yes --json --port {}", wire.path.display());
+    let refused = pmacctl(&format!("{enable} --family pmac"));
+    assert!(refused.stderr.contains("give --family turbo2") && refused.code == Some(2), "{refused:?}");
+    // The words that PMAC has there are no such words on a Turbo board.
+    let sent = pmacctl(&enable).json()["sent"].to_string();
+    assert!(sent.contains("WY$060412,0") && !sent.contains("WY$D1FB"), "{sent}");
+}

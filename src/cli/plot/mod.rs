@@ -27,7 +27,7 @@ const MOST_BYTES: u64 = 1 << 30;
 /// `plot`.
 #[derive(Debug, Args)]
 pub struct Plot {
-    /// A file that gather or log wrote: .csv or .npy (which has no units)
+    /// A file that gather or log wrote: .csv or .npy
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// The picture, ending in .svg or .png; - is SVG on stdout

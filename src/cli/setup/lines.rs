@@ -36,7 +36,7 @@ pub struct Isa {
     /// Switch the DPRAM off
     #[arg(long)]
     pub disable: bool,
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of pmacd's board, or pmac if no pmacd answers
+    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of the board that pmacd or --port reaches, or pmac if there is none
     #[arg(long, value_name = "FAMILY")]
     pub family: Option<Generation>,
     /// Turbo boards: how many KiB the window shows at a time
@@ -84,7 +84,7 @@ pub struct Vme {
     /// The middle one of the three interrupt vectors, odd
     #[arg(long, value_name = "VECTOR", default_value = "0xA1", value_parser = parse)]
     pub vector: u32,
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of pmacd's board, or pmac if no pmacd answers
+    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of the board that pmacd or --port reaches, or pmac if there is none
     #[arg(long, value_name = "FAMILY")]
     pub family: Option<Generation>,
 }
@@ -136,7 +136,7 @@ pub struct Enable {
     /// Add SAVE, so that the variables survive a reset
     #[arg(long)]
     pub save: bool,
-    /// The board's family; without it that of pmacd's board, or pmac if no pmacd answers
+    /// The board's family; without it that of the board that pmacd or --port reaches, or pmac if there is none
     #[arg(long, value_name = "FAMILY", value_parser = values::family)]
     pub family: Option<&'static Family>,
 }
@@ -150,6 +150,15 @@ impl SetupCommand {
             }
             Self::Enable(Enable { family: family @ None, .. }) => *family = found(),
             Self::Isa(_) | Self::Vme(_) | Self::Enable(_) => {}
+        }
+    }
+
+    /// Whether the family is known.
+    #[must_use]
+    pub fn is_of_a_family(&self) -> bool {
+        match self {
+            Self::Isa(Isa { family, .. }) | Self::Vme(Vme { family, .. }) => family.is_some(),
+            Self::Enable(options) => options.family.is_some(),
         }
     }
 

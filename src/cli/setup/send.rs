@@ -15,7 +15,7 @@ use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
-use crate::map::Generation;
+use crate::map::Family;
 use crate::protocol::line::resets;
 
 /// Time limit of a plain line.
@@ -51,16 +51,21 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     let sending = &options.sending;
     let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
     let mut command = options.command.clone();
-    if sending.port.is_none() {
-        command.is_for(|| Context::family(None, &mut context.connection().ok()?).ok());
+    let mut serial = match &sending.port {
+        Some(port) => Some(Way::serial(port, sending.baud)?),
+        None => None,
+    };
+    match &mut serial {
+        Some(way) => told_over(way, &mut command)?,
+        None => command.is_for(|| Context::family(None, &mut context.connection().ok()?).ok()),
     }
     let answer = setup::answer(&command, servo_runs).map_err(Failure::Request)?;
     if !sending.send {
         return print(context, &answer);
     }
     let commands = setup::commands(&command, servo_runs).map_err(Failure::Request)?;
-    if sending.port.is_none() {
-        is_for(&mut context.connection()?, command.generation())?;
+    if serial.is_none() {
+        is_for(Context::family(None, &mut context.connection()?)?, &command)?;
     }
     // Print the lines before asking. JSON is printed at the end, with the result.
     if !context.output.is_json() {
@@ -74,17 +79,32 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     if !confirm(&question(commands.len(), &place), sending.yes)? {
         return Ok(Verdict::No);
     }
-    let sent = match &sending.port {
-        Some(port) => send_over(&mut Way::serial(port, sending.baud)?, &commands),
+    let sent = match &mut serial {
+        Some(way) => send_over(way, &commands),
         None => send(&mut context.connection()?, &commands),
     };
     report(context, answer.document, &commands, sent)
 }
 
-/// Refuses lines for another generation of boards than the daemon's: their variables have other meanings there.
-fn is_for(connection: &mut Connection, generation: Generation) -> Result<(), Failure> {
-    let board = Context::family(None, connection)?;
-    if board.generation == generation {
+/// Asks the board at the serial line for its family, and refuses lines for another one. A `TYPE` that is not known leaves it
+/// to the user.
+fn told_over(way: &mut Way, command: &mut SetupCommand) -> Result<(), Failure> {
+    let answer = way.send("TYPE", PATIENCE)?.concat();
+    match Family::of_type(&answer) {
+        Some(board) => {
+            command.is_for(|| Some(board));
+            is_for(board, command)
+        }
+        None if command.is_of_a_family() => Ok(()),
+        None => Err(Failure::Request(format!(
+            "TYPE answers {answer:?}, which tells no family: give --family pmac, pmac2, turbo or turbo2"
+        ))),
+    }
+}
+
+/// Refuses lines for another generation than the board's: their variables and addresses have other meanings there.
+fn is_for(board: &'static Family, command: &SetupCommand) -> Result<(), Failure> {
+    if board.generation == command.generation() {
         return Ok(());
     }
     let title = board.title;

@@ -84,6 +84,8 @@ pub struct Inputs {
     pub stalled: bool,
     /// The encoder's index channel is not connected.
     pub no_index: bool,
+    /// Counts by which a hand turns the shaft in the next servo cycle.
+    pub turned: f64,
 }
 
 /// One motor.
@@ -410,6 +412,7 @@ impl Motor {
                 (error * part / ms / COUNTS_PER_BIT).clamp(-most, most)
             }
         };
+        self.shaft += std::mem::take(&mut self.inputs.turned);
         if !self.inputs.stalled {
             self.shaft += self.output * COUNTS_PER_BIT * ms;
         }
