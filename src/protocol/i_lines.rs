@@ -63,8 +63,11 @@ fn settings_in(line: &[u8]) -> impl Iterator<Item = Setting> + '_ {
 /// Whether the I at `at` is part of `MI` or `MSI`, which are variables of MACRO. Behind any other letter it is a command of its own:
 /// `KI58=0`, `HMI58=0`.
 fn is_in_word(line: &[u8], at: usize) -> bool {
-    let before = line[..at].to_ascii_uppercase();
-    before.ends_with(b"MS") || before.ends_with(b"M") && !before.ends_with(b"HM")
+    let ends = |with: &[u8]| {
+        let tail = at.checked_sub(with.len()).and_then(|start| line.get(start..at));
+        tail.is_some_and(|tail| tail.eq_ignore_ascii_case(with))
+    };
+    ends(b"MS") || ends(b"M") && !ends(b"HM")
 }
 
 /// Whether the I behind `before` is a variable of a MACRO station, as in `MS0,I910=7` (GRAMMAR 2.9).
