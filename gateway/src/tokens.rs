@@ -372,8 +372,15 @@ impl Reader<'_> {
         self.at += "LIST".len();
         let _ = LISTED.iter().any(|word| self.takes(word)) && self.takes("DEF");
         let mut end = self.at;
-        while matches!(self.peek(), Some(b'0'..=b'9' | b',' | b'.')) {
-            self.at += 1;
+        loop {
+            // `,S,80`: what tools ask for the next lines by. An S elsewhere is a step.
+            let taken = match self.peek() {
+                Some(b'0'..=b'9' | b'.') => 1,
+                Some(b',') if self.line[self.at..].starts_with(b",S,") => 3,
+                Some(b',') => 1,
+                _ => break,
+            };
+            self.at += taken;
             end = self.at;
         }
         self.at = end;

@@ -25,6 +25,7 @@ fn d2_what_stands_behind_a_question_is_a_command_of_its_own() {
         "LISTLINKOPENPROG3",
         "LIST HM",
         "LISTS",
+        "LIST PROG 1,S",
         "#1RX$0,1$",
         "&1RX$0,1B2",
         "&1RX$0,1A",
