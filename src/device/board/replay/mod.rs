@@ -1,7 +1,7 @@
 //! The `replay:` board: a recording, played back. Nothing can be moved with it.
 //!
-//! The window begins as the first image, and changes as [`timeline`] has it, in the clock's time; what the host writes lies there
-//! until PMAC wrote it over. PMAC's half of the ASCII port is [`ascii`]'s. What the host asks otherwise than was recorded, [`differences`]
+//! The window begins as the first image, and changes as `timeline` has it, in the clock's time; what the host writes lies there
+//! until PMAC wrote it over. PMAC's half of the ASCII port is `ascii`'s. What the host asks otherwise than was recorded, `differences`
 //! tells in the log when the board is closed.
 
 mod ascii;
