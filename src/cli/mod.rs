@@ -33,6 +33,7 @@ mod plot;
 mod rotary;
 mod setup;
 mod show;
+mod stage;
 mod top;
 mod tune;
 
