@@ -134,7 +134,8 @@ pub fn body(data: &[u8]) {
     }
     if way & 0x80 != 0 {
         // In the middle of it all.
-        return scene.server.end(scene.now);
+        scene.server.end(scene.now);
+        return;
     }
     scene.settle();
     scene.leave();

@@ -150,7 +150,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     });
     manager.stopping();
     // End the socket first: it then makes the bus thread stop held jogs.
-    server.stop();
+    let may_move = server.stop();
     let _ = stop.write(1);
     let bus_thread = bus_thread.join();
     if let Some(status) = simulator_ended {
@@ -163,6 +163,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
             exit::SOFTWARE,
             "the bus thread ended by itself, which is a defect; see the log",
         ));
+    }
+    if may_move != 0 {
+        let reason = "ended though a motor whose jog was held may still move; see the log";
+        return Err(Failure::new(exit::MAY_MOVE, reason));
     }
     Ok(())
 }

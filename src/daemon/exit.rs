@@ -19,6 +19,8 @@ pub const UNAVAILABLE: u8 = 69;
 pub const SOFTWARE: u8 = 70;
 /// The system gave no memory, descriptor or thread.
 pub const SYSTEM: u8 = 71;
+/// A motor whose jog was held may still move: the board did not take the stop before the daemon ended.
+pub const MAY_MOVE: u8 = 75;
 /// A right is missing.
 pub const NO_PERMISSION: u8 = 77;
 /// The configuration is wrong.

@@ -370,6 +370,52 @@ fn b2_6_a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
 }
 
 #[test]
+fn b2_6_a_held_jog_is_stopped_before_the_daemon_ends_however_long_the_board_is_busy() {
+    for command in ["SAVE", "$$$"] {
+        let site = running_with(&["--slow", "1"], "");
+        let mut board = site.connection();
+        let _held = holder(&site, &mut board);
+        // Typed on the serial port, so that no line of the daemon's own holds its port up.
+        UnixStream::connect(site.path("serial"))
+            .unwrap()
+            .write_all(format!("{command}\r").as_bytes())
+            .unwrap();
+        site.run_for(Duration::from_millis(20));
+        drop(board);
+        assert_eq!(site.stop_daemon(), 0, "{command}: {}", site.log());
+        assert!(!site.log().contains("MAY STILL MOVE: pmacd ends"), "{command}: {}", site.log());
+        site.run_for(Duration::from_secs(2));
+        site.start_daemon(&[]);
+        site.wait_until("a board that answers", || site.pmacctl(&["send", "#1V"]).0 == 0);
+        until(&mut site.connection(), "#1V", "it stands", |speed| speed.abs() < 0.1);
+    }
+}
+
+#[test]
+fn b2_6_a_daemon_that_ends_says_which_motor_may_still_move() {
+    let site = running("");
+    let mut board = site.connection();
+    let mut held = holder(&site, &mut board);
+    site.board_stands_still(true);
+    let waiter = std::thread::spawn(move || {
+        loop {
+            if let Err(error) = held.panel_renew() {
+                return (error.to_string(), held.panel("jog-stop", &[1]).unwrap_err().to_string());
+            }
+        }
+    });
+    assert_eq!(site.stop_daemon(), 1);
+    let log = site.log();
+    assert!(log.contains("motor 1 MAY STILL MOVE: pmacd ends"), "{log}");
+    let (renewed, stopped) = waiter.join().unwrap();
+    assert!(renewed.contains("pmacd is stopping"), "{renewed}");
+    assert!(
+        stopped.contains("MAY STILL MOVE") || stopped.contains("before the board had answered"),
+        "{stopped}"
+    );
+}
+
+#[test]
 fn b2_6_the_holder_is_told_that_the_motor_moves() {
     let site = running_with(&REFUSES, "stop_all_after_ms = 0\n");
     let mut board = site.connection();

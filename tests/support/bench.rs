@@ -111,7 +111,7 @@ impl Bench {
     }
 
     pub fn stop_server(&mut self) {
-        self.server.take().unwrap().stop();
+        let _ = self.server.take().unwrap().stop();
     }
 
     /// What the bus thread has received so far: lines, and functions as text.

@@ -140,9 +140,9 @@ impl VirtualSite {
         self.pace.log.lock().unwrap().clone()
     }
 
-    /// Stops the daemon gracefully.
-    pub fn stop_daemon(&self) {
-        self.with_world(World::stop_daemon);
+    /// Stops the daemon gracefully. The motors that may still move, as it says; bit 0 is motor 1.
+    pub fn stop_daemon(&self) -> u32 {
+        self.with_world(World::stop_daemon)
     }
 
     /// Turns off the board's power.

@@ -187,22 +187,23 @@ impl World {
         end.is_some_and(|end| end <= self.now() + 2 * self.period())
     }
 
-    /// Stops the daemon gracefully.
-    pub fn stop_daemon(&mut self) {
-        let latest = self.now() + LAST;
+    /// Stops the daemon gracefully. The motors that may still move, as it says.
+    pub fn stop_daemon(&mut self) -> u32 {
+        let begun = self.now();
+        let latest = begun + LAST;
         if let Some(daemon) = &mut self.daemon {
-            daemon.server.begin_end(self.time.clock().now());
+            daemon.server.begin_end(begun);
         }
-        while self.daemon.as_ref().is_some_and(|daemon| daemon.server.has_sequences()) {
-            assert!(self.now() < latest, "a sequence does not end");
+        while self.daemon.as_ref().is_some_and(|daemon| daemon.server.is_ending(begun, self.now())) {
             self.step();
         }
-        let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return };
-        server.end(self.now());
+        let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return 0 };
+        let may_move = server.end(self.now());
         board_loop.stop();
         while board_loop.poll() != u64::MAX {
             assert!(self.now() < latest, "the daemon does not end");
             self.step();
         }
+        may_move
     }
 }

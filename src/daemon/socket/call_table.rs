@@ -329,6 +329,11 @@ impl CallTable {
         self.queue.has_next()
     }
 
+    /// Whether somebody waits for the panel to stop something.
+    pub(super) fn stops(&self) -> bool {
+        self.pending.values().any(|pending| matches!(pending.then, Then::PanelStop { .. }))
+    }
+
     /// Calls that wait for the board.
     pub(super) fn count(&self) -> usize {
         self.pending.len()

@@ -44,6 +44,8 @@ pub(super) enum LeaseEnd {
     Stands(u32),
     /// The board does not read the control panel any more: this client has switched it off, or it is not known who.
     PanelEnded(Option<Account>),
+    /// The daemon ends.
+    DaemonEnds,
 }
 
 impl fmt::Display for LeaseEnd {
@@ -74,6 +76,9 @@ impl fmt::Display for LeaseEnd {
                     )?,
                 }
                 f.write_str("; pmacd stops it by command line")
+            }
+            Self::DaemonEnds => {
+                f.write_str("the held jog is over: pmacd is stopping, and stops it before it ends")
             }
             Self::Stands(motors) => {
                 let target = Target::Motors(*motors);
@@ -316,9 +321,22 @@ impl Leases {
         self.end(now, has_lapsed, send)
     }
 
+    /// The daemon ends: no jog is held any more.
+    pub(super) fn daemon_ends(&mut self, now: Instant) {
+        for lease in self.held.values_mut().filter(|lease| lease.over.is_none()) {
+            (lease.over, lease.until) = (Some(LeaseEnd::DaemonEnds), now);
+        }
+    }
+
+    /// The motors that are held, or whose stop the board has not taken; bit 0 is motor 1.
+    pub(super) fn motors(&self) -> u32 {
+        let held = self.held.values().map(|lease| lease.motors);
+        held.chain(self.stopping.values().copied()).fold(0, |all, motors| all | motors)
+    }
+
     /// As [`Self::end_lapsed`], of every jog that is held.
-    pub(super) fn end_all(&mut self, now: Instant, send: impl FnOnce(u32) -> Option<Ticket>) -> bool {
-        self.end(now, |_, _| true, send).is_some()
+    pub(super) fn end_all(&mut self, now: Instant, send: impl FnOnce(u32) -> Option<Ticket>) {
+        let _ = self.end(now, |_, _| true, send);
     }
 
     fn end(
@@ -439,7 +457,8 @@ mod tests {
         leases.stop_again(stop, now);
         assert_eq!(leases.next_end(), Some(now + STOP_AGAIN), "it comes again");
         assert_eq!(leases.held_by_another(7, stop), Some((None, stop)), "nobody holds it");
-        assert!(leases.end_all(now, |_| Some(Ticket(99))) && leases.next_end().is_none());
+        leases.end_all(now, |_| Some(Ticket(99)));
+        assert!(leases.next_end().is_none());
     }
 
     #[test]

@@ -107,6 +107,29 @@ pub enum Action {
     Sequence(SequenceCall),
 }
 
+impl Action {
+    /// Whether it begins something: moves a machine, or changes what the board holds. What asks, stops or goes on does not.
+    pub(super) fn begins(&self) -> bool {
+        match self {
+            Self::Ask(Ask::Send { question, .. }) => !question,
+            Self::Ask(Ask::Control { character, .. }) => {
+                !matches!(*character, control::ABORT | control::KILL | control::HOLD)
+            }
+            Self::Ask(Ask::Job(call)) => !call.stops,
+            Self::Watch(_) | Self::JogTo(_) => true,
+            Self::Reply(_)
+            | Self::Info
+            | Self::Ask(Ask::Read { .. })
+            | Self::Stream
+            | Self::StopByLine(..)
+            | Self::Renew
+            | Self::Trace(_)
+            | Self::CheckReset
+            | Self::Sequence(_) => false,
+        }
+    }
+}
+
 /// A method of the board's interface.
 struct Method {
     name: &'static str,

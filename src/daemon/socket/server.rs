@@ -7,6 +7,7 @@
 //! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
 
 mod calls;
+mod ending;
 mod first_starts;
 mod jogging;
 mod replies;
@@ -26,7 +27,6 @@ use log::error;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
-use self::sequencing::LAST_STEPS;
 use super::admission::Admission;
 use super::audit::AuditLimit;
 use super::call_table::CallTable;
@@ -69,22 +69,24 @@ pub struct Backend {
 /// The running server. Stops when told to, or when dropped.
 pub struct Server {
     stop: Arc<EventFd>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<JoinHandle<u32>>,
 }
 
 impl Server {
-    /// Ends every connection, removes the socket, and waits for the thread (which waits for nobody).
-    pub fn stop(mut self) {
-        self.end();
+    /// Stops held jogs, ends every connection, removes the socket, and waits for the thread, whose waits are bounded. The motors of
+    /// held jogs that may still move, bit 0 being motor 1.
+    #[must_use]
+    pub fn stop(mut self) -> u32 {
+        self.end()
     }
 
-    fn end(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            let _ = self.stop.write(1);
-            if thread.join().is_err() {
-                error!("the command socket's thread panicked");
-            }
-        }
+    fn end(&mut self) -> u32 {
+        let Some(thread) = self.thread.take() else { return 0 };
+        let _ = self.stop.write(1);
+        thread.join().unwrap_or_else(|_| {
+            error!("the command socket's thread panicked");
+            0
+        })
     }
 }
 
@@ -124,7 +126,7 @@ struct Service {
     audit: AuditLimit,
     events: Receive<Event>,
     info: Info,
-    /// The daemon stops: no call is begun any more.
+    /// The daemon stops: nothing is begun any more.
     stopping: bool,
     /// What operators may send.
     characters: Characters,
@@ -154,7 +156,7 @@ impl Service {
         })
     }
 
-    fn run(mut self, stop: &EventFd) {
+    fn run(mut self, stop: &EventFd) -> u32 {
         loop {
             let ready = match self.wait(stop, self.timeout()) {
                 Ok(ready) => ready,
@@ -169,27 +171,8 @@ impl Service {
             }
             self.round(ready, Instant::now());
         }
-        self.end_leases();
-        self.end_sequences(stop);
-        self.end(Instant::now());
-    }
-
-    /// Serves on until the sequences have come to their end and what was held stands, or they have had their time.
-    fn end_sequences(&mut self, stop: &EventFd) {
-        // It has been heard, and must not end the waits that follow.
-        let _ = stop.read();
-        let latest = Instant::now() + LAST_STEPS;
-        self.stop_sequences(Instant::now());
-        while self.has_sequences() || self.leases.count() + self.stops.count() > 0 {
-            let left = latest.saturating_duration_since(Instant::now());
-            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO).min(self.timeout());
-            match self.wait(stop, timeout) {
-                _ if left.is_zero() => break,
-                Ok(ready) => self.round(ready, Instant::now()),
-                Err(nix::Error::EINTR) => {}
-                Err(_) => break,
-            }
-        }
+        self.come_to_end(stop);
+        self.end(Instant::now())
     }
 
     /// Does all there is to be done now.
@@ -222,26 +205,6 @@ impl Service {
         }
         self.send_watch_table(now);
         self.hand_out(now);
-    }
-
-    fn end(&mut self, now: Instant) {
-        // Nobody will be there to hold a jog; the bus thread still does this before it ends.
-        self.request_end_of_leases(now);
-        self.audit.end();
-        // What has been done already is told so.
-        while let Some(event) = self.events.try_receive() {
-            self.on_event(event, now);
-        }
-        // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
-        // sent.
-        let unsent = Reply::of_error(&CallError::Unavailable { reason: "pmacd is stopping".to_owned() });
-        let reason = "pmacd stopped before the board had answered".to_owned();
-        let uncertain = Reply::of_error(&CallError::Interrupted { reason });
-        let (clients, calls) = (&mut self.clients, &self.calls);
-        let reply = |client, waits_for_board| {
-            if waits_for_board && !calls.is_unsent(client) { &uncertain } else { &unsent }
-        };
-        clients.farewell(reply, |client| calls.is_oneway(client), now);
     }
 
     /// How long nothing need be done unless something happens.

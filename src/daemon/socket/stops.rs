@@ -167,6 +167,11 @@ impl Stops {
         watched.map(moment).min()
     }
 
+    /// The motors that are to be stopped; bit 0 is motor 1.
+    pub(super) fn motors(&self) -> u32 {
+        self.running.values().fold(0, |all, stop| all | stop.target.motors())
+    }
+
     /// How many.
     pub(super) fn count(&self) -> usize {
         self.running.len()

@@ -4,7 +4,9 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::{held_by_another, lease_over, not_sent, outcome_reply, refused, reply_lines};
+use super::replies::{
+    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
+};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, DEFAULT_TIMEOUT, Origin, Outcome, Text, Ticket, dropped_by};
@@ -26,8 +28,6 @@ use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, contro
 
 /// How long a watch may wait for its turn to ask.
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
-/// How long, at the end, the bus thread may take to have room for the last stop.
-const LAST_STOP: Duration = Duration::from_millis(500);
 /// How long the board may take to take a table of registers.
 const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -44,7 +44,7 @@ impl Service {
         let action = parse_call(call, client.role(), self.characters, &self.info);
         let action = action.and_then(|action| {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
-            Ok(action)
+            if self.stopping && action.begins() { Err(is_stopping()) } else { Ok(action) }
         });
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
@@ -567,18 +567,9 @@ impl Service {
         }
     }
 
-    /// Requests the stop of every jog that is held; false when there was no room for the request.
-    pub(super) fn request_end_of_leases(&mut self, now: Instant) -> bool {
+    /// Requests the stop of every jog that is held, if there is room for the request.
+    pub(super) fn request_end_of_leases(&mut self, now: Instant) {
         let calls = &mut self.calls;
-        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES))
-    }
-
-    /// At the end nobody will be there to hold a jog. A full queue empties soon, if the bus thread can tell what it has done.
-    pub(super) fn end_leases(&mut self) {
-        let deadline = Instant::now() + LAST_STOP;
-        while !self.request_end_of_leases(Instant::now()) && Instant::now() < deadline {
-            while self.events.try_receive().is_some() {}
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES));
     }
 }

@@ -82,3 +82,8 @@ pub(super) fn held_by_another(holder: Option<Account>, motors: u32) -> CallError
 pub(super) fn not_sent(end: Option<LeaseEnd>) -> CallError {
     CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
 }
+
+/// What a client is told whose call is not begun any more, or will not be answered.
+pub(super) fn is_stopping() -> CallError {
+    CallError::Unavailable { reason: "pmacd is stopping".to_owned() }
+}

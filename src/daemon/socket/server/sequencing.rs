@@ -13,8 +13,8 @@ use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{
-    Batch, Done, END_STEP, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences,
-    Step, Waits,
+    Batch, Done, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
+    Waits,
 };
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
@@ -23,8 +23,6 @@ use crate::protocol::{CallError, Reply};
 const UNFETCHED: Duration = Duration::from_millis(20);
 /// How long the board may take for a check.
 const CHECK: Duration = Duration::from_secs(2);
-/// How long, at the daemon's end, all ends together may take.
-pub(super) const LAST_STEPS: Duration = END_STEP;
 
 /// The owner's call, and what it is answered.
 type Answer = (Caller, Result<Reply, CallError>);
@@ -434,7 +432,7 @@ impl Service {
         }
     }
 
-    /// The daemon stops: every sequence ends, and no call is begun any more. [`Self::has_sequences`] tells when they have.
+    /// The daemon stops: every sequence ends, and nothing is begun any more. [`Self::has_sequences`] tells when they have.
     pub(super) fn stop_sequences(&mut self, now: Instant) {
         self.stopping = true;
         self.tend_sequences(now);

@@ -107,21 +107,21 @@ impl ServerStepper {
         }
     }
 
-    /// Begins to stop: every sequence is brought to its end. [`Self::end`] may follow when [`Self::has_sequences`] says that none is
-    /// left.
+    /// Begins to stop: held jogs are stopped, and every sequence is brought to its end. [`Self::end`] may follow when
+    /// [`Self::is_ending`] says that none is left.
     pub fn begin_end(&mut self, now: Instant) {
-        self.service.stop_sequences(now);
+        self.service.begin_end(now);
     }
 
-    /// Whether sequences run.
+    /// Whether the end that was `begun` goes on.
     #[must_use]
-    pub fn has_sequences(&self) -> bool {
-        self.service.has_sequences()
+    pub fn is_ending(&self, begun: Instant, now: Instant) -> bool {
+        self.service.time_left(begun, now).is_some()
     }
 
-    /// Stops: jogs that are held are stopped, and those who wait are told.
-    pub fn end(mut self, now: Instant) {
-        self.service.end(now);
+    /// Stops: those who wait are told. The motors of held jogs that may still move, bit 0 being motor 1.
+    pub fn end(mut self, now: Instant) -> u32 {
+        self.service.end(now)
     }
 }
 

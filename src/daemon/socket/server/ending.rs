@@ -1,0 +1,83 @@
+//! The daemon's end: held jogs are stopped, sequences come to their ends, and whoever waits is told.
+
+use std::time::{Duration, Instant};
+
+use log::error;
+use nix::poll::PollTimeout;
+use nix::sys::eventfd::EventFd;
+
+use super::Service;
+use super::replies::is_stopping;
+use crate::daemon::socket::sequences::END_STEP;
+use crate::daemon::socket::stop_target::Target;
+use crate::protocol::{CallError, Reply};
+
+/// How long the ends of all sequences together may take.
+const LAST_STEPS: Duration = END_STEP;
+/// How long held jogs are tried to be stopped, while the board takes nothing: a SAVE or a reset takes seconds. The bus thread needs half
+/// a second after that, and the unit's TimeoutStopSec, 10 s, kills what goes on.
+const LAST_STOPS: Duration = Duration::from_secs(8);
+
+impl Service {
+    /// Serves on until the sequences have come to their end and what was held stands, or they have had their time.
+    pub(super) fn come_to_end(&mut self, stop: &EventFd) {
+        // It has been heard, and must not end the waits that follow.
+        let _ = stop.read();
+        let begun = Instant::now();
+        self.begin_end(begun);
+        while let Some(left) = self.time_left(begun, Instant::now()) {
+            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO).min(self.timeout());
+            match self.wait(stop, timeout) {
+                Ok(ready) => self.round(ready, Instant::now()),
+                Err(nix::Error::EINTR) => {}
+                Err(_) => break,
+            }
+        }
+    }
+
+    /// The daemon stops: held jogs are over, sequences end, and nothing is begun any more.
+    pub(super) fn begin_end(&mut self, now: Instant) {
+        self.leases.daemon_ends(now);
+        self.end_lapsed_leases(now);
+        self.stop_sequences(now);
+    }
+
+    /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time.
+    pub(super) fn time_left(&self, begun: Instant, now: Instant) -> Option<Duration> {
+        let stops = self.leases.count() + self.stops.count() > 0 || self.calls.stops();
+        let steps = self.has_sequences().then_some(begun + LAST_STEPS);
+        let latest = steps.max(stops.then_some(begun + LAST_STOPS))?;
+        Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
+    }
+
+    /// Tells whoever waits. The motors of held jogs that may still move, bit 0 being motor 1.
+    pub(super) fn end(&mut self, now: Instant) -> u32 {
+        // What has been done already is told so.
+        while let Some(event) = self.events.try_receive() {
+            self.on_event(event, now);
+        }
+        let may_move = self.leases.motors() | self.stops.motors();
+        if may_move != 0 {
+            let target = Target::Motors(may_move);
+            error!(
+                target: "audit",
+                "{target} MAY STILL MOVE: pmacd ends, and the board has not taken the stop of its held jog; use the emergency stop, or ^A \
+                 over the serial port"
+            );
+        }
+        // Nobody will be there to hold a jog; the bus thread tries once more before it ends.
+        self.request_end_of_leases(now);
+        self.audit.end();
+        // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
+        // sent.
+        let unsent = Reply::of_error(&is_stopping());
+        let reason = "pmacd stopped before the board had answered".to_owned();
+        let uncertain = Reply::of_error(&CallError::Interrupted { reason });
+        let (clients, calls) = (&mut self.clients, &self.calls);
+        let reply = |client, waits_for_board| {
+            if waits_for_board && !calls.is_unsent(client) { &uncertain } else { &unsent }
+        };
+        clients.farewell(reply, |client| calls.is_oneway(client), now);
+        may_move
+    }
+}
