@@ -441,7 +441,7 @@ impl Board {
             2 => Outcome::Busy,
             3 => Outcome::Error(5),
             4 => Outcome::TimedOut,
-            5 => Outcome::Unavailable,
+            5 => Outcome::Unavailable { page: None },
             6 => Outcome::OutOfRange,
             _ => Outcome::Refused(Text::of(&"no\0t\u{7f} no\"w")),
         };

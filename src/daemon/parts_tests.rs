@@ -122,7 +122,7 @@ fn what_is_begun_and_when_it_is_given_up_goes_by_the_injected_time() {
     assert_eq!(world.ended(), None);
     assert_ne!(world.word(ASCII_OUTPUT_CONTROL), 0, "it waits for the board");
     world.run(Duration::from_secs(2), |_, _| {});
-    assert_eq!(world.ended(), Some((1, Outcome::Unavailable)));
+    assert_eq!(world.ended(), Some((1, Outcome::Unavailable { page: None })));
     assert_eq!(world.word(ASCII_OUTPUT_CONTROL), 0, "and was taken back");
 }
 

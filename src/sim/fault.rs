@@ -71,6 +71,8 @@ pub struct Faults {
     pub all_zeros: bool,
     /// Every word reads all ones, as with a board that has lost its power or its address.
     pub all_ones: bool,
+    /// Without its page the DPRAM shows another one, which the host reads and writes as memory.
+    pub other_page: bool,
 }
 
 impl Faults {
@@ -239,6 +241,9 @@ static FAULTS: &[&[Fault]] = &[
         }),
         switch("all_ones", "every word of the DPRAM reads all ones", |f| &mut f.all_ones),
         switch("all_zeros", "every word of the DPRAM reads zero", |f| &mut f.all_zeros),
+        switch("other_page", "while its page is not selected, the DPRAM shows another one", |f| {
+            &mut f.other_page
+        }),
         switch(
             "host_port_stuck",
             "the interrupt controller takes no end of interrupt and no clearing",

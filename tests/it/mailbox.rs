@@ -21,13 +21,18 @@ fn mailbox_options(site: &VirtualSite, more: &[&str]) -> Vec<String> {
 
 /// A VME board whose start-up lines are `startup`, with a daemon whose mailbox table ends with `keys`.
 fn vme(startup: &str, simulator: &[&str], keys: &str) -> VirtualSite {
+    vme_with("", startup, simulator, keys)
+}
+
+/// The same, with a daemon whose configuration begins with `first`.
+fn vme_with(first: &str, startup: &str, simulator: &[&str], keys: &str) -> VirtualSite {
     let site = VirtualSite::new();
     let path = |name: &str| site.path(name).display().to_string();
     std::fs::write(site.path("startup"), startup).unwrap();
     let startup = ["--startup", &path("startup")];
     let options = mailbox_options(&site, &[&startup, simulator].concat());
     let config = format!(
-        "[mailbox]\nregisters = \"file:{}\"\ntaken = \"unix:{}\"\nreply = \"unix:{}\"\n{keys}",
+        "{first}[mailbox]\nregisters = \"file:{}\"\ntaken = \"unix:{}\"\nreply = \"unix:{}\"\n{keys}",
         path("mailbox"),
         path("taken"),
         path("response")
@@ -303,6 +308,28 @@ fn the_page_is_written_at_the_start_and_after_every_reset() {
         }
         site.assert_no_violations();
     }
+}
+
+#[test]
+fn b1_9_a_page_that_a_reset_took_is_written_again_where_no_report_runs() {
+    // Only lines: nothing else of the board tells of a reset.
+    let keys = "use = \"never\"\npage = 0x3F\n";
+    let site = vme_with("functions = [\"ascii\"]\n", &shipped("SAVE"), &["--dpram-page", "0x3F"], keys);
+    identified(&site);
+    let page = || std::fs::read(site.path("mailbox")).unwrap()[0x121];
+    let mut connection = site.connection();
+    assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["1"]);
+    site.control("fault other_page on");
+    site.control("reset");
+    let begun = site.with_world(|world| world.now());
+    let lost = connection.send("I58", Duration::from_millis(500));
+    assert!(lost.is_err(), "another page shows: {lost:?}");
+    site.wait_until("the page to be written", || page() == 0x3F);
+    site.wait_until("a board that answers", || connection.send("I58", PATIENCE).is_ok());
+    let took = site.with_world(|world| world.now()) - begun;
+    assert!(took < Duration::from_secs(5), "{took:?}");
+    assert_eq!(site.log().matches("writes the DPRAM's page 0x3F again").count(), 1, "{}", site.log());
+    site.assert_no_violations();
 }
 
 #[test]

@@ -231,7 +231,7 @@ impl FakeBus {
                         (0..3).for_each(|_| self.line(ticket, "0"));
                         self.done(ticket, Outcome::Done);
                     }
-                    "OFF" => self.done(ticket, Outcome::Unavailable),
+                    "OFF" => self.done(ticket, Outcome::Unavailable { page: None }),
                     "LONG" => {
                         for _ in 0..2000 {
                             self.line(ticket, &"x".repeat(200));

@@ -122,7 +122,10 @@ pub enum Outcome {
     /// Ended for this reason while the board may have been at it. It may or may not have been carried out.
     Interrupted(Text<REASON_MAX>),
     /// DPRAM ASCII is off (I58=0), or the board is gone. Nothing of it was sent.
-    Unavailable,
+    Unavailable {
+        /// The DPRAM's page, where it has one that is written again.
+        page: Option<u8>,
+    },
     /// Its turn did not come: too much was before it. Nothing of it was sent.
     Busy,
     /// The words lie outside the board's window.
@@ -141,7 +144,7 @@ impl Outcome {
     pub const fn is_unsent(&self) -> bool {
         match self {
             Self::Done | Self::Error(_) | Self::TimedOut | Self::Interrupted(_) => false,
-            Self::Unavailable
+            Self::Unavailable { .. }
             | Self::Busy
             | Self::OutOfRange
             | Self::Barred(_)

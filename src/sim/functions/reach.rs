@@ -13,13 +13,15 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back after it.
+    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back after it. Of another page, which
+    /// the host writes meanwhile, it puts zeros there once.
     pub fn poll(&mut self, board: &mut Board, page_selected: bool, report: &mut ServoReport) {
         let dpram = &mut board.memory.dpram;
         let words = dpram.words();
         board.out_of_reach = board.faults.hides_memory() || !page_selected;
         if board.out_of_reach {
-            let reads = if board.faults.all_zeros { 0 } else { 0xFFFF };
+            let shows_other = board.faults.other_page && !board.faults.hides_memory();
+            let reads = if board.faults.all_zeros || shows_other { 0 } else { 0xFFFF };
             let fresh = self.before.is_none();
             let before =
                 self.before.get_or_insert_with(|| words.clone().map(|offset| dpram.read16(offset)).collect());
@@ -28,7 +30,7 @@ impl Reach {
                 if !fresh && found != reads && found == dpram.shadow(offset) {
                     *before = found;
                 }
-                if found != reads {
+                if found != reads && (fresh || !shows_other) {
                     dpram.disturb(offset, reads);
                 }
             }

@@ -398,10 +398,16 @@ impl CommandPorts {
         &self.enable
     }
 
+    /// The DPRAM's page, where it has one, to be written after every reset.
+    #[must_use]
+    pub fn page(&self) -> Option<u8> {
+        self.mailbox.as_ref().and_then(MailboxDriver::page)
+    }
+
     /// Whether the DPRAM has a page to be written after every reset.
     #[must_use]
     pub fn has_page(&self) -> bool {
-        self.mailbox.as_ref().is_some_and(|mailbox| mailbox.page().is_some())
+        self.page().is_some()
     }
 
     /// Writes the DPRAM's page, where it has one. The page it has already does no harm.

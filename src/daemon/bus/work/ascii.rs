@@ -9,6 +9,7 @@ mod check;
 mod controls;
 mod expiry;
 mod outbox;
+mod page;
 mod wait;
 mod way;
 
@@ -18,6 +19,7 @@ use std::time::{Duration, Instant};
 use buffer::BufferQuestion;
 use check::Check;
 use outbox::Outbox;
+use page::PageAgain;
 use wait::Wait;
 
 use crate::clock::Clock;
@@ -130,6 +132,7 @@ pub struct AsciiQueue {
     next_poll: Instant,
     has_interrupt: bool,
     clock: Clock,
+    page_again: PageAgain,
 }
 
 impl AsciiQueue {
@@ -160,6 +163,7 @@ impl AsciiQueue {
             next_poll: now,
             has_interrupt: false,
             clock,
+            page_again: PageAgain::default(),
         }
     }
 
@@ -335,6 +339,7 @@ impl AsciiQueue {
         if self.ports.is_unheard() {
             self.state = CommandState::Silent;
         }
+        self.keep_page(now)?;
         self.scan.pass(self.others_hold(), now);
         if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
             self.begin_next(bus, events, publisher, now)?;

@@ -223,7 +223,7 @@ fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
                 Outcome::TimedOut,
                 Outcome::Interrupted(Text::of(&"^X")),
                 Outcome::Busy,
-                Outcome::Unavailable,
+                Outcome::Unavailable { page: None },
             ] {
                 let mut board = Board::new(reports, report_runs);
                 let ends = (STEPS, Ending::OwnerGone);

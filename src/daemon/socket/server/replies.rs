@@ -38,10 +38,16 @@ pub(super) fn reply_lines(
             Err(CallError::Board { code, meaning, lines })
         }
         Outcome::TimedOut => Err(CallError::TimedOut { lines }),
-        Outcome::Unavailable => Err(CallError::Unavailable {
-            reason: "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer"
-                .to_owned(),
-        }),
+        Outcome::Unavailable { page } => {
+            let written = page.map_or_else(String::new, |page| {
+                format!("; pmacd has written the DPRAM's page 0x{page:02X} again, so try again")
+            });
+            Err(CallError::Unavailable {
+                reason: format!(
+                    "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer{written}"
+                ),
+            })
+        }
         Outcome::Busy => Err(CallError::Busy),
         Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),

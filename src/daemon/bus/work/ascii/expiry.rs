@@ -181,7 +181,8 @@ impl AsciiQueue {
     ) {
         publisher.counters().add(Counter::AsciiTimeouts, 1);
         self.state = CommandState::Silent;
-        let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable };
+        let outcome =
+            if taken { Outcome::TimedOut } else { Outcome::Unavailable { page: self.ports.page() } };
         self.outbox.tell(events, Event::Done(ticket, outcome));
     }
 }

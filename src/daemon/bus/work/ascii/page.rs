@@ -1,0 +1,44 @@
+//! The DPRAM's page, while the board does not answer.
+//!
+//! A board forgets its page at a reset (UM, DPRAM page of VME boards: to be written after every reset), and the host then sees
+//! nothing, or another page of the same memory. All ones tell of the first; of the second nothing tells where no report runs: the
+//! board just does not answer. So while it does not, the page is written again before anything more is asked. The page that it has
+//! already does no harm.
+
+use std::time::{Duration, Instant};
+
+use log::warn;
+
+use super::AsciiQueue;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::protocol::CommandState;
+
+/// How often it is written.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// When the page is written again.
+#[derive(Debug, Default)]
+pub(super) struct PageAgain {
+    due: Option<Instant>,
+}
+
+impl AsciiQueue {
+    /// Writes the page while the board does not answer.
+    pub(super) fn keep_page(&mut self, now: Instant) -> Result<(), PortError> {
+        if self.state != CommandState::Silent {
+            self.page_again.due = None;
+            return Ok(());
+        }
+        let Some(page) = self.ports.page() else { return Ok(()) };
+        if self.page_again.due.is_some_and(|due| now < due) {
+            return Ok(());
+        }
+        if self.page_again.due.replace(now + AGAIN).is_none() {
+            warn!(
+                "the board does not answer: writes the DPRAM's page 0x{page:02X} again, and each second until it answers; after a reset \
+                 another page may show"
+            );
+        }
+        self.ports.select_page()
+    }
+}
