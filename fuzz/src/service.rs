@@ -351,6 +351,7 @@ const ROTARY: RotaryState = RotaryState {
     ahead_longs: 2,
     ahead_commands: 1,
     ahead_lines: 1,
+    is_inside_line: false,
     sent_lines: 3,
     busy: false,
     error: None,

@@ -136,6 +136,8 @@ pub struct RotaryState {
     pub ahead_commands: u32,
     /// Lines in the ring that PMAC has not taken wholly.
     pub ahead_lines: u64,
+    /// PMAC's index stands inside a line: of the first of these it has taken a part.
+    pub is_inside_line: bool,
     /// Lines put into the ring so far.
     pub sent_lines: u64,
     /// PMAC's internal rotary buffer is full: it takes nothing until motion goes on.
@@ -386,6 +388,7 @@ impl RotaryStream {
             ahead_longs: self.ahead,
             ahead_commands: self.ahead / 2,
             ahead_lines: self.ahead_lines,
+            is_inside_line: self.is_inside_line(),
             sent_lines: self.sent_lines,
             busy: status & rotary_header::BUSY != 0,
             error: (status & rotary_header::ERROR != 0).then_some(status as u8),
@@ -426,6 +429,13 @@ impl RotaryStream {
             self.underruns += 1;
         }
         Ok(())
+    }
+
+    /// Whether the last command that PMAC has taken is not the end of its line.
+    fn is_inside_line(&self) -> bool {
+        let has_taken = u64::from(self.ahead) < self.sent_longs;
+        let last = (self.host + 2 * self.size - self.ahead - 2) % self.size;
+        self.ahead > 0 && has_taken && !self.is_line_end(last)
     }
 
     /// Whether the command at `index`, in longs from the ring's start, is the last of its line.

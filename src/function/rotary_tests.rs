@@ -167,6 +167,11 @@ fn a_line_costs_what_it_says_and_stands_before_the_index_moves() {
         let state = stream.state(&mut bus).unwrap();
         assert_eq!(bus.reads() - reads, 3);
         assert_eq!((state.ahead_longs, state.ahead_commands, state.ahead_lines), (6, 3, 1));
+        let insides = [0, 2, 4, 6].map(|index| {
+            bus.write16(place(family, at::PMAC_INDEX), index).unwrap();
+            stream.state(&mut bus).unwrap().is_inside_line
+        });
+        assert_eq!(insides, [false, true, true, false]);
     }
 }
 

@@ -134,6 +134,7 @@ impl Board {
                     ahead_longs: 0,
                     ahead_commands: 0,
                     ahead_lines: self.ahead,
+                    is_inside_line: false,
                     sent_lines: SENT,
                     busy: false,
                     error: None,
