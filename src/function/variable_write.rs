@@ -13,22 +13,19 @@
 //! variable-read function's. More than 32 records go in several cycles, in their order; each cycle is done in one
 //! background pass, the whole is not.
 //!
-//! PMAC may be at work on records whose count the host has taken back, and clears the count when it is done, whatever the
-//! host has put there meanwhile (p. 24: "when it is finished it will change the value in this register to a 0"; "it sets
-//! register Y:$D1F5 to zero to let the host know that it has completed a cycle"). That must not look as if the next records
-//! were written. So the first record after a job that was given up, or after the start, is a question: it has PMAC write a
-//! number into the record itself, into a word that no record of one word uses. Once the number stands there, PMAC has
-//! finished whatever it was at.
-//!
 //! Needs I55 = 1. Nothing tells that a record was refused; PMAC writes where it is told to. Address 0 is the servo
 //! clock: writing it trips the watchdog, so it is refused.
 
+mod question;
+
 use std::time::{Duration, Instant};
+
+use question::Asks;
 
 use crate::device::{Bus, BusError};
 use crate::format::{fixed48, float48, int24, split32, write48};
 use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
-use crate::map::readings::FieldData;
+use crate::map::readings::{FieldData, WriteLong};
 use crate::map::{
     Family, HostOffset, PmacAddress, PmacRegister, RecordBits, Region, Space, VariableKind, VariableName,
     VariableWrite,
@@ -39,9 +36,6 @@ use crate::protocol::board::VariableRecord;
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// Records that one poll writes at most, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
-/// How often the question is asked again. PMAC clears the count once for what it was at; from then on the record itself is
-/// what it reads otherwise, and each time it may write where nobody looks.
-const ASKED_AGAIN: u8 = 1;
 /// Bits in a PMAC word.
 const WORD_BITS: u8 = 24;
 /// Widths PMAC writes, in bits.
@@ -97,6 +91,7 @@ pub struct WriteRecord {
     /// As in the record: 0 is the whole word.
     width: u16,
     offset: u16,
+    /// As in the record; 48 bits as [`WriteLong::Low32`] has them.
     data: [u32; 2],
 }
 
@@ -218,17 +213,31 @@ impl WriteRecord {
         Ok(Self { register, block: false, width, offset, data })
     }
 
+    /// Whether it writes a register of 48 bits.
+    fn is_long(&self) -> bool {
+        self.register.kind() == VariableKind::Long
+    }
+
     /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first. `field` says
-    /// where some bits' data stand ("starting offset for the read", p. 25, may be the register's offset or the data's, too).
+    /// where some bits' data stand ("starting offset for the read", p. 25, may be the register's offset or the data's, too), `long`
+    /// how 48 bits do.
     #[must_use]
-    pub fn words(&self, bits: RecordBits, field: FieldData) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
+    pub fn words(
+        &self,
+        bits: RecordBits,
+        field: FieldData,
+        long: WriteLong,
+    ) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
         let address = self.register.address().number;
         let block = if self.block { VariableKind::Special.code() } else { 0 };
         let type_word = (self.register.kind().code() | block) << bits.kind
             | self.width << bits.width
             | self.offset << bits.offset
             | ((address >> 16) as u16) << bits.address_high;
-        let [data_1, data_2] = self.data;
+        let [data_1, data_2] = match long {
+            WriteLong::Halves if self.is_long() => write48::unpack(self.data).map(int24::unsigned),
+            _ => self.data,
+        };
         let data_1 = match field {
             FieldData::AtBit0 => data_1,
             FieldData::AtOffset => data_1 << self.offset,
@@ -251,6 +260,8 @@ pub enum WritePoll {
     Done,
     /// PMAC says that it has written and has not: it reads a record otherwise. The job is over; nothing of it was handed over.
     Misread,
+    /// The same of a record of 48 bits.
+    LongMisread,
 }
 
 /// What became of a job that was given up.
@@ -269,8 +280,9 @@ enum State {
     Loading {
         next: usize,
     },
-    /// The count is set; PMAC has the record that asks whether it has finished all else, and has had it so often before.
+    /// The count is set; PMAC has a record that asks, and has had it so often before.
     Asking {
+        what: Asks,
         before: u8,
     },
     /// The count is set; PMAC has the cycle's records.
@@ -290,6 +302,8 @@ pub struct VariableWriter {
     field: FieldData,
     /// How a record's type word is made up.
     bits: RecordBits,
+    /// How a record has 48 bits, as far as known.
+    long: Option<WriteLong>,
     state: State,
     /// PMAC may be at work on records whose count was taken back.
     doubtful: bool,
@@ -311,6 +325,7 @@ impl VariableWriter {
             place,
             field: FieldData::default(),
             bits: family.variable_write.record,
+            long: family.variable_write.long,
             state: State::Idle,
             doubtful: false,
             asked: 0,
@@ -357,7 +372,8 @@ impl VariableWriter {
     /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
     /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
     /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait. The first job after one that
-    /// was given up, or after the start, costs a cycle of one record more, and 1 read.
+    /// was given up, or after the start, costs a cycle of one record more, and 1 read; so does the first one with a register of 48 bits
+    /// where no text says how a record has it, with 1 read and 1 write more.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -387,19 +403,23 @@ impl VariableWriter {
                 Ok(WritePoll::Done)
             }
             State::Loading { .. } if self.doubtful => {
-                self.ask(bus)?;
+                self.ask(bus, Asks::Finished)?;
+                Ok(WritePoll::Waiting)
+            }
+            State::Loading { .. } if self.long.is_none() && self.records.iter().any(WriteRecord::is_long) => {
+                self.ask(bus, Asks::Long)?;
                 Ok(WritePoll::Waiting)
             }
             State::Loading { next } => {
                 self.load(bus, next)?;
                 Ok(WritePoll::Waiting)
             }
-            State::Asking { before } => {
+            State::Asking { what, before } => {
                 if bus.read16(self.write.count)? != 0 {
                     return Ok(WritePoll::Waiting);
                 }
                 bus.order_reads();
-                self.hear(bus, before)
+                self.hear(bus, what, before)
             }
             State::Handed => {
                 if bus.read16(self.write.count)? != 0 {
@@ -453,6 +473,8 @@ impl VariableWriter {
         let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
         self.state = State::Settling { since: now };
         self.doubtful = true;
+        // It may be another board.
+        self.long = self.write.long;
         GivenUp { done: self.done, uncertain }
     }
 
@@ -461,40 +483,6 @@ impl VariableWriter {
         self.state = State::Settling { since: now };
         self.doubtful = true;
         Ok(())
-    }
-
-    /// Has PMAC write a new number into the second data word of the record that asks for it.
-    fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.asked = self.asked.checked_add(1).unwrap_or(1);
-        let answer = PmacAddress::new(Space::Y, self.family.pmac_number(self.answer()));
-        // The DPRAM lies where every family has registers.
-        let Some(register) = PmacRegister::new(answer) else { return Ok(()) };
-        let question =
-            WriteRecord { register, block: false, width: 0, offset: 0, data: [self.asked.into(), 0] };
-        self.put(bus, 0, &question)?;
-        self.hand_over(bus, 1)?;
-        self.state = State::Asking { before: 0 };
-        Ok(())
-    }
-
-    /// The count of the question was cleared: by PMAC's answer, or by what it was at before.
-    fn hear(&mut self, bus: &mut impl Bus, before: u8) -> Result<WritePoll, BusError> {
-        if bus.read16(self.answer())? == self.asked {
-            self.doubtful = false;
-            self.state = State::Loading { next: 0 };
-        } else if before < ASKED_AGAIN {
-            self.hand_over(bus, 1)?;
-            self.state = State::Asking { before: before + 1 };
-        } else {
-            self.state = State::Idle;
-            return Ok(WritePoll::Misread);
-        }
-        Ok(WritePoll::Waiting)
-    }
-
-    /// Where PMAC writes its answer: the low word of the first record's second data long.
-    const fn answer(&self) -> HostOffset {
-        self.place.start.plus_words(VARIABLE_WRITE_RECORD_WORDS - 2)
     }
 
     /// Records of the present cycle.
@@ -521,7 +509,9 @@ impl VariableWriter {
     /// Writes a record to the `index`th place.
     fn put(&self, bus: &mut impl Bus, index: usize, record: &WriteRecord) -> Result<(), BusError> {
         let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
-        for (word, value) in record.words(self.bits, self.field).into_iter().enumerate() {
+        for (word, value) in
+            record.words(self.bits, self.field, self.long.unwrap_or_default()).into_iter().enumerate()
+        {
             bus.write16(first.plus_words(word), value)?;
         }
         Ok(())

@@ -57,7 +57,7 @@ fn register(text: &str) -> PmacRegister {
 
 /// A record as PMAC's DPRAM holds it.
 fn words(record: WriteRecord) -> [u16; 6] {
-    record.words(PMAC.variable_write.record, FieldData::AtBit0)
+    record.words(PMAC.variable_write.record, FieldData::AtBit0, WriteLong::Low32)
 }
 
 fn word(value: i64) -> WriteRecord {
@@ -83,7 +83,7 @@ fn records_are_packed_as_the_manuals_table_says() {
     let record = WriteRecord::word(register("X:$7A205"), 8, 4, 5).unwrap();
     let words = |reading| {
         let bits = TURBO2.variable_write.record_by(reading).unwrap();
-        let words = record.words(bits, FieldData::AtBit0);
+        let words = record.words(bits, FieldData::AtBit0, WriteLong::Low32);
         assert_eq!(bits.address(words[0], words[1]), 0x07_A205);
         words
     };
@@ -101,11 +101,15 @@ fn c1_nothing_is_written_to_a_turbo_board_while_nobody_says_how_it_reads_a_recor
 
 #[test]
 fn b3_some_bits_stand_where_the_setting_says() {
-    let words = |record: WriteRecord| record.words(PMAC.variable_write.record, FieldData::AtOffset);
+    let words =
+        |record: WriteRecord| record.words(PMAC.variable_write.record, FieldData::AtOffset, WriteLong::Low32);
     let record = WriteRecord::word(register("Y:$0700"), 8, 16, 0x85).unwrap();
     assert_eq!(words(record), [0x0700, 0x1040, 0, 0x0085, 0, 0]);
     for whole in [word(-2), WriteRecord::float48(register("L:$1005"), 0.1).unwrap()] {
-        assert_eq!(words(whole), whole.words(PMAC.variable_write.record, FieldData::AtBit0));
+        assert_eq!(
+            words(whole),
+            whole.words(PMAC.variable_write.record, FieldData::AtBit0, WriteLong::Low32)
+        );
     }
 }
 
@@ -163,8 +167,8 @@ fn a_job_is_handed_over_count_last_and_done_when_pmac_says_so() {
         assert_eq!(
             rig.take(),
             [
-                word(1).words(family.variable_write.record, FieldData::AtBit0),
-                word(2).words(family.variable_write.record, FieldData::AtBit0)
+                word(1).words(family.variable_write.record, FieldData::AtBit0, WriteLong::Low32),
+                word(2).words(family.variable_write.record, FieldData::AtBit0, WriteLong::Low32)
             ]
         );
         assert_eq!((rig.poll(), rig.poll()), (WritePoll::Done, WritePoll::Idle));
@@ -199,7 +203,9 @@ fn more_than_a_cycle_holds_goes_in_order() {
                 }
                 assert!(rig.writer.is_idle());
                 let expected: Vec<_> = (1..=total)
-                    .map(|value| word(value).words(family.variable_write.record, FieldData::AtBit0))
+                    .map(|value| {
+                        word(value).words(family.variable_write.record, FieldData::AtBit0, WriteLong::Low32)
+                    })
                     .collect();
                 assert_eq!(taken, expected);
             }
@@ -270,12 +276,18 @@ fn b3_8_a_late_clearing_of_the_count_is_not_taken_for_the_next_job() {
         rig.bus.write16(PLACE.start.plus_words(4), number).unwrap();
         assert_eq!(rig.poll(), WritePoll::Waiting);
         assert_eq!(rig.poll(), WritePoll::Waiting);
-        assert_eq!(rig.take(), [word(2).words(family.variable_write.record, FieldData::AtBit0)]);
+        assert_eq!(
+            rig.take(),
+            [word(2).words(family.variable_write.record, FieldData::AtBit0, WriteLong::Low32)]
+        );
         assert_eq!(rig.poll(), WritePoll::Done);
         // Once PMAC has answered there is no more doubt.
         assert!(rig.begin(vec![word(3)]));
         rig.poll();
-        assert_eq!(rig.take(), [word(3).words(family.variable_write.record, FieldData::AtBit0)]);
+        assert_eq!(
+            rig.take(),
+            [word(3).words(family.variable_write.record, FieldData::AtBit0, WriteLong::Low32)]
+        );
     }
 }
 
@@ -323,4 +335,62 @@ proptest! {
             prop_assert_eq!(WriteRecord::word(register, width, offset, signed).unwrap(), record);
         }
     }
+}
+
+/// A board that does the records of 48 bits in the rig, by `long`.
+fn write_longs(rig: &mut Rig, long: WriteLong) -> Vec<(u32, [u32; 2])> {
+    let bits = rig.family.variable_write.record;
+    let base = rig.family.pmac_number(HostOffset::new(0));
+    let records = rig.take();
+    let longs = records.into_iter().map(|words| {
+        let address = bits.address(words[0], words[1]);
+        let data = [0, 1].map(|long| u32::from(words[2 + 2 * long]) | u32::from(words[3 + 2 * long]) << 16);
+        let [y, x] = match long {
+            WriteLong::Low32 => write48::unpack(data),
+            WriteLong::Halves => data,
+        };
+        // What lies in the DPRAM has 16 bits.
+        if let Some(at) = address.checked_sub(base).map(|longs| HostOffset::new(4 * longs)) {
+            for (word, value) in [y, x].into_iter().enumerate() {
+                rig.bus.write16(at.plus_words(word), value as u16).unwrap();
+            }
+        }
+        (address, [y, x].map(int24::unsigned))
+    });
+    longs.collect()
+}
+
+#[test]
+fn b3_a_turbo_board_tells_how_it_has_48_bits_before_the_first_is_written() {
+    for long in [WriteLong::Low32, WriteLong::Halves] {
+        let mut rig = Rig::new(&TURBO2, PLACE);
+        let [value, again] =
+            [0.1, -3.0].map(|value| WriteRecord::float48(register("L:$1005"), value).unwrap());
+        assert!(rig.begin(vec![value]));
+        rig.poll();
+        assert_eq!(write_longs(&mut rig, long).len(), 1, "the question");
+        rig.poll();
+        rig.poll();
+        assert_eq!(
+            write_longs(&mut rig, long),
+            [(0x1005, float48::encode(0.1).map(int24::unsigned))],
+            "{long:?}"
+        );
+        assert_eq!(rig.poll(), WritePoll::Done);
+        // It is asked once.
+        assert!(rig.begin(vec![again]));
+        rig.poll();
+        assert_eq!(write_longs(&mut rig, long), [(0x1005, float48::encode(-3.0).map(int24::unsigned))]);
+        assert_eq!(rig.poll(), WritePoll::Done);
+    }
+    // One that answers nothing is given nothing.
+    let mut rig = Rig::new(&TURBO2, PLACE);
+    assert!(rig.begin(vec![WriteRecord::fixed48(register("D:$1005"), 7).unwrap()]));
+    rig.poll();
+    for _ in 0..2 {
+        assert_eq!(rig.take()[0][0] as u32, TURBO2.pmac_number(PLACE.start.plus_words(4)) & 0xFFFF);
+        let told = rig.poll();
+        assert!(matches!(told, WritePoll::Waiting | WritePoll::LongMisread), "{told:?}");
+    }
+    assert!(rig.writer.is_idle() && rig.count() == 0);
 }

@@ -62,6 +62,7 @@ pub static READINGS: &[Reading] = &[
     found_out("reply_lines", &["one", "several"]),
     found_out("part_reply", &["at_end", "each"]),
     found_out("buffer_commands", &["executed", "refused"]),
+    found_out("write_long", &["low_32", "halves"]),
 ];
 
 /// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
@@ -354,6 +355,19 @@ pub enum RecordLayout {
     AsPmac,
 }
 
+/// How a record of the background variable write has the 48 bits of a `D:` or `L:` register in its two longs. The DPRAM manual says
+/// it of PMAC ("the lower 32 bits of the total 48 bits in the long 32-bit data 1 word", p. 25); no text at hand does of Turbo boards.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WriteLong {
+    /// The low 32 bits, then the high 16.
+    #[default]
+    #[serde(rename = "low_32")]
+    Low32,
+    /// The Y half, then the X half, as the variable read has them.
+    Halves,
+}
+
 /// What the two words before a Turbo board's gather buffer are (0x113C and 0x113E).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -510,6 +524,8 @@ pub struct Readings {
     pub part_reply: PartReply,
     /// What becomes of letters that stop and report while a program buffer is open.
     pub buffer_commands: BufferCommands,
+    /// Turbo: how a record to write has 48 bits.
+    pub write_long: WriteLong,
 }
 
 /// A name or value that is none.

@@ -20,7 +20,7 @@ const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 /// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 4] = ["report_ready", "read_entry", "write_record", "gather_words"];
+const OF_TURBO: [&str; 5] = ["report_ready", "read_entry", "write_record", "gather_words", "write_long"];
 
 impl Board {
     /// That for which `reading` means something.
@@ -208,6 +208,7 @@ every_function_works_under! {
     b3_every_function_works_under_reply_ack
     b3_every_function_works_under_reply_lines
     b3_every_function_works_under_part_reply
+    b3_every_function_works_under_write_long
     b3_every_function_works_under_buffer_commands
 }
 

@@ -46,7 +46,7 @@ const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
             "background_timer",
         ],
     ),
-    (Generation::Turbo, &["report_ready", "read_entry", "write_record", "gather_words"]),
+    (Generation::Turbo, &["report_ready", "read_entry", "write_record", "gather_words", "write_long"]),
 ];
 
 /// Whether boards of `family` differ by the reading called `name`.

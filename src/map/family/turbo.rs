@@ -325,6 +325,7 @@ pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
     start: VARIABLE_WRITE_START,
     record: RecordBits { kind: 4, width: 6, offset: 11, address: 19, address_high: 0 },
     other_record: Some(RecordBits { kind: 0, width: 3, offset: 8, address: 19, address_high: 13 }),
+    long: None,
     zero_ends: true,
     since: None,
 };

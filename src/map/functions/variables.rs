@@ -2,7 +2,7 @@
 
 use super::Flag;
 use crate::map::HostOffset;
-use crate::map::readings::RecordLayout;
+use crate::map::readings::{RecordLayout, WriteLong};
 
 /// What an entry of the variable tables says of its register. It is not a [`Space`](crate::map::Space): the tables do not tell
 /// `D:` from `L:`, and know function blocks, which are no registers.
@@ -145,6 +145,8 @@ pub struct VariableWrite {
     pub record: RecordBits,
     /// How it may be made up instead, where no text decides: the reading `write_record`.
     pub other_record: Option<RecordBits>,
+    /// How a record has 48 bits, where a text says.
+    pub long: Option<WriteLong>,
     /// A record with the address 0 ends the list; otherwise it is written, and trips the watchdog.
     pub zero_ends: bool,
     /// The first firmware that has the function, where a text says.

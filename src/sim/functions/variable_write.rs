@@ -21,9 +21,9 @@
 
 use std::ops::Range;
 
-use crate::format::{join32, write48};
+use crate::format::{int24, join32, write48};
 use crate::map::functions::{RecordBits, VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
-use crate::map::readings::{Cleared, FieldData};
+use crate::map::readings::{Cleared, FieldData, WriteLong};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::fault::Delay;
@@ -244,7 +244,11 @@ fn write(record: Record, board: &mut Board) {
         SPECIAL_Y => memory.write_y(block, field(memory.read_y(block))),
         SPECIAL_X => memory.write_x(block, field(memory.read_x(block))),
         LONG => {
-            let [y, x] = write48::unpack(data);
+            let long = board.identity.tables.family.variable_write.long;
+            let [y, x] = match long.unwrap_or(board.identity.readings.write_long) {
+                WriteLong::Low32 => write48::unpack(data),
+                WriteLong::Halves => data.map(int24::extend),
+            };
             memory.write_y(address, y);
             memory.write_x(address, x);
         }

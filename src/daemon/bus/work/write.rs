@@ -20,6 +20,9 @@ const OTHERWISE: &str = "the board says that it has written a record and has not
 const MISREAD: &str = "the board says that it has written a record and has not: it reads records otherwise than write_record under [readings] in \
     pmacd's configuration says; nothing of these records was handed over, but a number that asked may be in another register; \
     try the other value, or send a command line instead";
+/// What is told of a board that has done so with a register of 48 bits.
+const LONG_MISREAD: &str = "the board reads the 48 bits of a D: or L: register in a way that pmacd does not know; nothing of these records was \
+    handed over; write its X: and Y: words, or send a command line instead";
 
 struct Batch {
     ticket: Ticket,
@@ -120,9 +123,14 @@ impl WriteQueue {
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
-            if poll == WritePoll::Misread {
+            let misread = match poll {
+                WritePoll::Misread => Some(self.misread),
+                WritePoll::LongMisread => Some(LONG_MISREAD),
+                _ => None,
+            };
+            if let Some(misread) = misread {
                 self.under_way = None;
-                return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&self.misread)))));
+                return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&misread)))));
             }
             if now >= deadline {
                 self.under_way = None;
