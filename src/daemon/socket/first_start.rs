@@ -4,6 +4,7 @@
 //! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (UM
 //! p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
 
+use super::leftovers::start_anyway;
 use super::methods::Ask;
 use super::sequences::lines_left;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
@@ -71,12 +72,14 @@ impl FirstStart {
         }
     }
 
-    /// Why it is not started: the board did not say what is left, for this `reason`.
-    pub(super) fn unknown(&self, reason: &CallError) -> CallError {
+    /// Why it is not started: the board did not say what is left, for this `reason`. It can be started by the panel where it
+    /// `has_panel`.
+    pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
         let cs = self.systems.trailing_zeros() + 1;
         refused(&format!(
             "not started: &{cs}'s rotary buffer may hold lines of a program from before pmacd was started, and the board could not be \
-             asked ({reason}). pmacctl panel start {cs} --continue runs whatever is there, as does pmacctl send --yes"
+             asked ({reason}). {} runs whatever is there",
+            start_anyway(cs, has_panel)
         ))
     }
 }
@@ -119,7 +122,7 @@ mod tests {
             let mut start = FirstStart::new(ask, 1);
             let said = start.take(Outcome::Done, reply(addressed));
             let said = left.map_or(said, |left| start.take(Outcome::Done, reply(left)));
-            let told = start.unknown(&said.unwrap_err()).to_string();
+            let told = start.unknown(&said.unwrap_err(), true).to_string();
             assert!(told.contains("not started: &1's rotary buffer may hold"), "{told}");
         }
     }

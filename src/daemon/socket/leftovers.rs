@@ -59,11 +59,12 @@ impl Leftovers {
         if starts.confirmed { 0 } else { starts.systems & !self.known }
     }
 
-    /// Whether programs may be started; `resets` tells whether the board still has what was left.
+    /// Whether programs may be started; `resets` tells whether the board still has what was left. They can be started by the
+    /// panel where it `has_panel`.
     ///
     /// # Errors
     /// What would run.
-    pub(super) fn check(&mut self, starts: Starts, resets: u64) -> Result<(), CallError> {
+    pub(super) fn check(&mut self, starts: Starts, resets: u64, has_panel: bool) -> Result<(), CallError> {
         self.see(resets);
         if starts.confirmed {
             self.forget(starts.systems);
@@ -83,8 +84,9 @@ impl Leftovers {
                 };
                 Err(CallError::Refused {
                     reason: format!(
-                        "not started: {what}. pmacctl rotary stream --clear takes them away. pmacctl panel start {cs} --continue \
-                         runs them, as does pmacctl send --yes. To run program 5 instead, send '&{cs}B5' first"
+                        "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 \
+                         instead, send '&{cs}B5' first",
+                        start_anyway(cs, has_panel)
                     ),
                 })
             }
@@ -153,6 +155,12 @@ impl LineEffect {
     }
 }
 
+/// The commands that start coordinate system `cs` whatever is left.
+pub(super) fn start_anyway(cs: impl std::fmt::Display, has_panel: bool) -> String {
+    let by_line = format!("pmacctl send --yes '&{cs}R'");
+    if has_panel { format!("pmacctl panel start {cs} --continue, or {by_line},") } else { by_line }
+}
+
 /// The coordinate systems whose programs `character` starts: all of them, or none.
 pub(super) const fn started_by(character: u8) -> u32 {
     if matches!(character, control::RUN | control::STEP) { u32::MAX } else { 0 }
@@ -219,17 +227,23 @@ mod tests {
             left.set(0b10, 7, 1);
             left
         };
-        assert!(left().check(start(0b01, false), 1).is_ok(), "another one");
-        let told = left().check(start(0b11, false), 1).unwrap_err().to_string();
+        assert!(left().check(start(0b01, false), 1, true).is_ok(), "another one");
+        let told = left().check(start(0b11, false), 1, true).unwrap_err().to_string();
         assert!(told.contains("into &2") && told.contains("7 lines of it"), "{told}");
-        assert!(left().check(start(u32::MAX, false), 1).is_err());
-        assert!(left().check(start(0b10, false), 2).is_ok(), "the board was reset");
+        assert!(
+            told.contains("pmacctl panel start 2 --continue, or pmacctl send --yes '&2R', runs them"),
+            "{told}"
+        );
+        let told = left().check(start(0b10, false), 1, false).unwrap_err().to_string();
+        assert!(told.contains("pmacctl send --yes '&2R' runs them") && !told.contains("panel"), "{told}");
+        assert!(left().check(start(u32::MAX, false), 1, true).is_err());
+        assert!(left().check(start(0b10, false), 2, true).is_ok(), "the board was reset");
         let mut confirmed = left();
-        assert!(confirmed.check(start(0b10, true), 1).is_ok());
-        assert!(confirmed.check(start(0b10, false), 1).is_ok(), "they run");
+        assert!(confirmed.check(start(0b10, true), 1, true).is_ok());
+        assert!(confirmed.check(start(0b10, false), 1, true).is_ok(), "they run");
         let mut forgotten = left();
         forgotten.forget(u32::MAX);
-        assert!(forgotten.check(start(0b10, false), 1).is_ok());
+        assert!(forgotten.check(start(0b10, false), 1, true).is_ok());
     }
 
     #[test]
@@ -245,9 +259,9 @@ mod tests {
         left.find(0b10, 7, 0);
         left.forget(0b100);
         assert_eq!(left.unknown(start, 0), 0b1000);
-        let told = left.check(start, 0).unwrap_err().to_string();
+        let told = left.check(start, 0, true).unwrap_err().to_string();
         assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
         assert_eq!(left.unknown(start, 1), 0, "no rotary buffer is kept over a reset");
-        assert!(left.check(start, 1).is_ok());
+        assert!(left.check(start, 1, true).is_ok());
     }
 }

@@ -46,7 +46,7 @@ impl Service {
         let result = match (start.take(outcome, reply), outcome) {
             // Somebody has stopped all motion: what waited is not to be begun either.
             (Err(dropped), Outcome::Dropped(_)) => Err(dropped),
-            (Err(reason), _) => Err(start.unknown(&reason)),
+            (Err(reason), _) => Err(start.unknown(&reason, self.info.why_not(Function::Panel).is_none())),
             (Ok(found), _) => {
                 if let Some((system, left)) = found {
                     self.leftovers.find(system, left, self.resets.count());

@@ -7,7 +7,7 @@ use super::replies::held_by_another;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::socket::leftovers::{LineEffect, Starts};
 use crate::protocol::moved_motors::motors_moved;
-use crate::protocol::{CallError, OpenBufferInfo, control};
+use crate::protocol::{CallError, Function, OpenBufferInfo, control};
 
 impl Service {
     /// Whether `client` may send `line`, by itself or in a sequence, and what it does. `confirmed`: what is left is to run.
@@ -68,7 +68,8 @@ impl Service {
                     .to_owned(),
             });
         }
-        self.leftovers.check(starts, self.resets.count())
+        let has_panel = self.info.why_not(Function::Panel).is_none();
+        self.leftovers.check(starts, self.resets.count(), has_panel)
     }
 }
 
