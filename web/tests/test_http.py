@@ -15,6 +15,7 @@ from board_of_processes import PROGRAMS, until
 from site_of_processes import LOOPBACK
 
 DASHBOARD = pathlib.Path(__file__).parents[1] / "grafana.json"
+CAPTURE = pathlib.Path(__file__).parents[2] / "tests" / "captures" / "simulator-pmac"
 
 
 def connect(own):
@@ -37,6 +38,20 @@ def test_metrics_begin_with_pmac_and_are_well_formed(moving):
     if promtool := shutil.which("promtool"):
         checked = subprocess.run([promtool, "check", "metrics"], input=text, text=True, capture_output=True)
         assert (checked.returncode, checked.stdout, checked.stderr) == (0, "", "")
+
+
+def test_an_escape_sequence_in_the_boards_type_is_seen_in_its_label(board):
+    site = board.site
+    recording = site.directory / "recording"
+    shutil.copytree(CAPTURE, recording)
+    answers = recording / "answers.ndjson"
+    answers.write_text(answers.read_text().replace("PMAC1, ISA", "PMAC1\\u001b[2J, ISA"))
+    site.kill_daemon()
+    place = ("--name", site.name, "--socket", site.socket)
+    site.daemon = site.run(PROGRAMS / "pmacd", "--board", f"replay:{recording}", *place)
+    until(lambda: "[2J" in board.get("/metrics"), "the type of the recording's board")
+    text = board.get("/metrics")
+    assert "\x1b" not in text and r'type="PMAC1\\x1b[2J, ISA' in text
 
 
 def test_every_metric_of_the_dashboard_is_there(moving):
