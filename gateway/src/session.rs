@@ -192,8 +192,6 @@ impl Session {
 
     /// Sends a control character, and returns its reply; nothing for most of them.
     pub(crate) fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
-        /// `^B ^C ^F ^G ^P ^V`: they report, and do nothing else.
-        const REPORTS: [u8; 6] = [0x02, 0x03, 0x06, 0x07, 0x10, 0x16];
         const CANCEL: u8 = 0x18;
         /// `^U ^L` open and close the rotary buffers, for whoever sends lines.
         const OPENS_ROTARY: [u8; 2] = [0x15, 0x0C];
@@ -205,7 +203,7 @@ impl Session {
             let why = "a buffer is a client's own only if he opens it by a line, as OPEN ROT, and closes it by CLOSE";
             return Err(Failure::unsent(board::NOT_NOW, why));
         }
-        let moves = !REPORTS.contains(&character);
+        let moves = !control::only_reports(character);
         if moves && self.rules.read_only {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }

@@ -22,6 +22,13 @@ pub const OPEN_ROTARY: u8 = 0x15;
 /// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
 pub const SERIAL: u8 = 0x1A;
 
+/// Whether `character` reports numbers and status, and does nothing else: `^B ^C ^F ^G ^P ^V` (Software Reference, on-line control
+/// characters).
+#[must_use]
+pub const fn only_reports(character: u8) -> bool {
+    matches!(character, 0x02 | 0x03 | 0x06 | 0x07 | 0x10 | 0x16)
+}
+
 /// The control character (1 to 31) that `text` names: `^A` … `^_`, letters in either case, or the character itself.
 #[must_use]
 pub fn parse(text: &str) -> Option<u8> {

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use nix::unistd::getuid;
 use pmac_dpram::client::Connection;
+use pmac_dpram::protocol::control;
 
 use crate::support::jogs::{ask, until};
 use crate::support::{PATIENCE, VirtualSite};
@@ -532,4 +533,20 @@ fn b2_6_a_held_jog_notices_a_stop_that_came_by_another_way() {
     let told = told.expect("the hold ends").to_string();
     assert!(told.contains("motor 1 stands; somebody stopped it"), "{told}");
     site.assert_no_violations();
+}
+
+#[test]
+fn d7_characters_that_only_report_fill_no_log() {
+    let site = running("");
+    let mut board = site.connection();
+    for character in *b"\x02\x03\x06\x07\x10\x16" {
+        board.control(character).unwrap();
+    }
+    for character in [control::ABORT, 0x04, control::KILL, control::HOLD, control::QUIT, control::RUN] {
+        board.control(character).unwrap();
+    }
+    let log = site.log();
+    let by = format!("uid {} pid {} sends ^", getuid(), std::process::id());
+    let told: String = log.lines().filter_map(|line| line.split_once(&by)?.1.chars().next()).collect();
+    assert_eq!(told, "ADKOQR", "{log}");
 }

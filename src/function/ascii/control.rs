@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use super::response_buffer::Untold;
 use super::{CANCEL, DpramPort, State};
 use crate::device::{Bus, BusError};
-use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP};
+use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP, only_reports};
 
 /// How long the board may take for a character before the flag is set too.
 pub const FLAG_AFTER: Duration = Duration::from_millis(20);
@@ -147,18 +147,8 @@ pub fn goes_over_line(character: u8) -> bool {
 
 /// Whether PMAC answers this control character with data (software reference, on-line control characters).
 #[must_use]
-pub fn control_has_reply(character: u8) -> bool {
-    const fn control(letter: u8) -> u8 {
-        letter - 64
-    }
-    const WITH_DATA: [u8; 7] = [
-        control(b'B'),
-        control(b'C'),
-        control(b'F'),
-        control(b'G'),
-        control(b'P'),
-        control(b'V'),
-        control(b'Y'),
-    ];
-    WITH_DATA.contains(&character)
+pub const fn control_has_reply(character: u8) -> bool {
+    /// `^Y`: the last command line, ready to be sent again.
+    const LAST_LINE: u8 = 0x19;
+    only_reports(character) || character == LAST_LINE
 }

@@ -3,6 +3,8 @@
 
 use std::time::{Duration, Instant};
 
+use log::debug;
+
 use super::Service;
 use super::replies::{
     held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
@@ -172,7 +174,11 @@ impl Service {
                     self.drop_waiting_lines(uid, character, now);
                 }
                 let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
-                let audit = Some(format!("sends {}", control::name(character)));
+                let mut audit = Some(format!("sends {}", control::name(character)));
+                // Who polls would fill the log.
+                if let Some(sends) = audit.take_if(|_| control::only_reports(character)) {
+                    debug!(target: "audit", "{} {sends}", caller.peer.account());
+                }
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
                     uid,
