@@ -14,6 +14,7 @@ pub fn body(data: &[u8]) {
     let rules = Rules {
         place: Place::new(NOWHERE.into(), None),
         read_only: who & 1 != 0,
+        keep_jogs: who & 8 != 0,
         version: (who & 2 != 0).then(|| "1.94".to_owned()),
     };
     let mut session = match who & 4 {

@@ -1,7 +1,7 @@
 //! The board as one client has it: a connection to `pmacd` of his own, made when it is needed first.
 //!
 //! What opens a program buffer, and every line until it is closed, goes as a sequence of `pmacd`: nobody else's lines enter the
-//! buffer, and `pmacd` closes it when the client, or this program, is gone.
+//! buffer, and `pmacd` closes it when the client, or this program, is gone. So `pmacd` ends a jog that has no end.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,6 +15,7 @@ use pmac_dpram::map::HostOffset;
 use pmac_dpram::protocol::board::LineOutcome;
 use pmac_dpram::protocol::buffer_line::{Effect, effect, is_close};
 use pmac_dpram::protocol::line::resets;
+use pmac_dpram::protocol::moved_motors::EndlessJogs;
 use pmac_dpram::protocol::{CallError, READ_MAX, deadlines};
 use pmac_dpram::segment::SegmentName;
 
@@ -135,15 +136,17 @@ impl Place {
 #[derive(Debug)]
 pub struct Board {
     place: Place,
+    /// A jog without an end goes on when the client is gone.
+    keeps_jogs: bool,
     connection: Option<Connection>,
     in_buffer: bool,
 }
 
 impl Board {
-    /// Nothing is connected yet.
+    /// Nothing is connected yet. A jog without an end (`J+`) ends with the client, or with this program, unless it `keeps_jogs`.
     #[must_use]
-    pub fn new(place: Place) -> Self {
-        Self { place, connection: None, in_buffer: false }
+    pub fn new(place: Place, keeps_jogs: bool) -> Self {
+        Self { place, keeps_jogs, connection: None, in_buffer: false }
     }
 
     /// Whether lines enter a program buffer that this client has opened.
@@ -174,7 +177,14 @@ impl Board {
     /// # Errors
     /// [`Failure`].
     pub fn send(&mut self, line: &str) -> Result<Vec<String>, Failure> {
-        let opens = matches!(effect(line.as_bytes()), Some(Effect::Opens(_)));
+        let effect = effect(line.as_bytes());
+        let opens = matches!(effect, Some(Effect::Opens(_)));
+        let has_end = self.keeps_jogs || !EndlessJogs::of(line).any();
+        if !has_end && (opens || self.in_buffer && effect.is_some()) {
+            // The sequence's lines are no jogs that end with the client. Within a program J is a length: `X10 I5 J-5`.
+            let why = "a line that opens or closes a program buffer has no jog in it; send each on a line of its own";
+            return Err(Failure::unsent(NOT_NOW, why));
+        }
         if opens || self.in_buffer {
             return self.send_in_sequence(line, opens);
         }
@@ -186,7 +196,11 @@ impl Board {
         }
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
         let begun = Instant::now();
-        match self.ask(|connection| connection.send(line, timeout)) {
+        let sent = self.ask(|connection| match has_end {
+            true => connection.send(line, timeout),
+            false => connection.send_while_connected(line, timeout),
+        });
+        match sent {
             Err(CommandError::Refused(
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
             )) if resets(line.as_bytes()) => {

@@ -34,6 +34,9 @@ pub struct Options {
     /// Send the board nothing but questions. What a client sets of I3, I4 and I6 is answered as ever
     #[arg(long)]
     read_only: bool,
+    /// A jog without an end (J+, J-) goes on when its client, or this program, is gone, as on a PMAC; otherwise pmacd stops it
+    #[arg(long)]
+    keep_jogs: bool,
     /// Answer VERSION and VER with this text, not with the board's, for clients that insist on a Turbo's. Such a client may
     /// take a classic board's status bits for others
     #[arg(long, value_name = "TEXT", value_parser = version_text)]
@@ -64,6 +67,7 @@ impl Options {
         Ok(Rules {
             place: Place::new(socket, name),
             read_only: self.read_only,
+            keep_jogs: self.keep_jogs,
             version: self.version_as.clone(),
         })
     }

@@ -32,6 +32,8 @@ pub struct Rules {
     pub place: Place,
     /// Nothing is sent but questions.
     pub read_only: bool,
+    /// A jog without an end goes on when its client is gone.
+    pub keep_jogs: bool,
     /// What `VERSION` is answered, if not by the board.
     pub version: Option<String>,
 }
@@ -73,7 +75,7 @@ impl Session {
     /// The client at `peer`. Nothing is connected yet.
     #[must_use]
     pub fn new(peer: String, rules: Rules) -> Self {
-        let board = Board::new(rules.place.clone());
+        let board = Board::new(rules.place.clone(), rules.keep_jogs);
         Self {
             peer,
             rules,

@@ -7,7 +7,7 @@
 use pmac_dpram::protocol::LINE_MAX;
 use pmac_dpram::protocol::buffer_line::{Effect, effect};
 use pmac_dpram::protocol::line::plain;
-use pmac_dpram::protocol::moved_motors::motors_moved;
+use pmac_dpram::protocol::moved_motors::{EndlessJogs, motors_moved};
 
 use crate::board::{self, Failure};
 use crate::reply::Handshake;
@@ -269,6 +269,10 @@ impl Session {
         if self.says_whom && !addressed.suffices(tokens) {
             let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
             return Err(Failure::unsent(board::UNKNOWN, why));
+        }
+        if addressed.motor.is_none() && !self.rules.keep_jogs && EndlessJogs::of(line).unnamed {
+            // Its end has to name the motor.
+            addressed.motor = self.board.send("#")?.first().and_then(|answer| answer.trim().parse().ok());
         }
         let kept = Kept { version: self.rules.version.as_deref(), addresses: self.rules.read_only };
         let pieces = pieces(line, tokens, addressed, kept)?;

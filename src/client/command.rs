@@ -122,6 +122,14 @@ pub struct Connection {
     confirms: bool,
 }
 
+/// What is said of a line besides its text.
+#[derive(Debug, Clone, Copy, Default)]
+struct SendAs {
+    question: Option<bool>,
+    into_buffer: Option<bool>,
+    while_connected: Option<bool>,
+}
+
 #[derive(Debug)]
 struct Link {
     stream: UnixStream,
@@ -207,7 +215,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; [`CallError::Board`] in it when the board refused the line.
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.send_as(line, timeout, None, None)
+        self.send_as(line, timeout, SendAs::default())
     }
 
     /// As [`Connection::send`], for a line that wants to know something by the way: while a program buffer is open, where it
@@ -216,7 +224,7 @@ impl Connection {
     /// # Errors
     /// As [`Connection::send`].
     pub fn question(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.send_as(line, timeout, Some(true), None)
+        self.send_as(line, timeout, SendAs { question: Some(true), ..SendAs::default() })
     }
 
     /// As [`Connection::send`], for a line that belongs into the program buffer that this user has open: when that is closed,
@@ -225,7 +233,20 @@ impl Connection {
     /// # Errors
     /// As [`Connection::send`].
     pub fn send_into_buffer(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.send_as(line, timeout, None, Some(true))
+        self.send_as(line, timeout, SendAs { into_buffer: Some(true), ..SendAs::default() })
+    }
+
+    /// As [`Connection::send`], for a line whose jogs without an end (`#1J+`) end with this connection: the daemon stops the motor
+    /// when this end of it is gone, unless somebody has sent another command to it meanwhile. It has to name its motors.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send_while_connected(
+        &mut self,
+        line: &str,
+        timeout: Duration,
+    ) -> Result<Vec<String>, CommandError> {
+        self.send_as(line, timeout, SendAs { while_connected: Some(true), ..SendAs::default() })
     }
 
     /// Asks the board for its servo counter, which begins again at a reset, and returns how many resets the daemon has found in
@@ -242,12 +263,10 @@ impl Connection {
         &mut self,
         line: &str,
         timeout: Duration,
-        question: Option<bool>,
-        into_buffer: Option<bool>,
+        SendAs { question, into_buffer, while_connected }: SendAs,
     ) -> Result<Vec<String>, CommandError> {
-        let timeout_ms = Some(milliseconds(timeout));
-        let confirmed = self.confirmed();
-        let parameters = calls::Send { line: line.to_owned(), timeout_ms, question, into_buffer, confirmed };
+        let (line, timeout_ms, confirmed) = (line.to_owned(), Some(milliseconds(timeout)), self.confirmed());
+        let parameters = calls::Send { line, timeout_ms, question, into_buffer, while_connected, confirmed };
         let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
         Ok(reply.lines)
     }

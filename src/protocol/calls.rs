@@ -84,6 +84,9 @@ parameters! {
         /// Whether it belongs into the program buffer that its user has open: it is refused if that is closed.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         into_buffer: Option<bool>,
+        /// Whether a jog without an end that it begins ends with the connection; it goes on when not given.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        while_connected: Option<bool>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,

@@ -1,4 +1,4 @@
-//! Which motors a command line moves by name: nobody but its holder moves a motor whose jog is held.
+//! Which motors a command line moves by name, and which of them go on without an end.
 
 use super::line;
 
@@ -13,14 +13,78 @@ pub fn motors_moved(line: &str) -> u32 {
 
 /// Whether `commands`, to one motor, move it.
 fn moves(commands: &str) -> bool {
-    // Of another coordinate system, or a definition.
-    let commands = commands.split('&').next().unwrap_or_default();
     if commands.starts_with("->") {
         return false;
     }
+    // A coordinate system that is addressed in between changes nothing for a motor's commands.
+    let to_motor = behind_addresses(commands);
     let jogs =
-        commands.match_indices('J').any(|(at, _)| commands[at + 1..].starts_with(['+', '-', '=', ':', '^']));
-    jogs || commands.contains("HM") || commands.starts_with(['O', '$'])
+        to_motor.match_indices('J').any(|(at, _)| to_motor[at + 1..].starts_with(['+', '-', '=', ':', '^']));
+    jogs || to_motor.contains("HM") || opens_loop(to_motor) || commands.starts_with('$')
+}
+
+/// What follows the addresses that `commands` begin with.
+fn behind_addresses(commands: &str) -> &str {
+    commands.trim_start_matches(|c: char| c == '&' || c.is_ascii_digit())
+}
+
+/// Whether `commands` begin with `O`, and not with `OPEN`.
+fn opens_loop(commands: &str) -> bool {
+    commands.starts_with('O') && !commands.starts_with("OPEN")
+}
+
+/// The motors that jog on when a line has been carried out, until something stops them: by `J+` or `J-`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct EndlessJogs {
+    /// Those that the line names; bit 0 is motor 1.
+    pub motors: u32,
+    /// It jogs a motor, too, that an earlier line has addressed.
+    pub unnamed: bool,
+}
+
+impl EndlessJogs {
+    /// Of `line`, which the board has carried out.
+    #[must_use]
+    pub fn of(line: &str) -> Self {
+        Self::of_plain(&line::plain(line))
+    }
+
+    /// Of `line`, which the board has refused: what stands before the command that it refused is carried out (boards are known to
+    /// do so, GRAMMAR 1), and its last command is not.
+    #[must_use]
+    pub fn of_refused(line: &str) -> Self {
+        let line = line::plain(line);
+        Self::of_plain(line.strip_suffix("J+").or_else(|| line.strip_suffix("J-")).unwrap_or(&line))
+    }
+
+    fn of_plain(line: &str) -> Self {
+        let unnamed = jogs_on(line.split('#').next().unwrap_or_default()) == Some(true);
+        let motors = line::addressed(line, '#').fold(0, |motors, (bit, commands)| match jogs_on(commands) {
+            Some(true) => motors | bit,
+            Some(false) => motors & !bit,
+            None => motors,
+        });
+        Self { motors, unnamed }
+    }
+
+    /// Whether any motor jogs on.
+    #[must_use]
+    pub const fn any(self) -> bool {
+        self.motors != 0 || self.unnamed
+    }
+}
+
+/// Whether a motor jogs on behind `commands` to it; `None` where they do not say. What is not known to end a jog does not.
+fn jogs_on(commands: &str) -> Option<bool> {
+    let jog = commands.rmatch_indices('J').find_map(|(at, _)| {
+        let behind = &commands[at + 1..];
+        let goes_on = behind.starts_with(['+', '-']);
+        (goes_on || behind.starts_with(['/', '=', ':', '^']))
+            .then(|| (goes_on, behind.get(1..).unwrap_or_default()))
+    });
+    let behind = behind_addresses(jog.map_or(commands, |(_, behind)| behind));
+    let does_otherwise = behind.starts_with('K') || behind.starts_with("HM") || opens_loop(behind);
+    if does_otherwise { Some(false) } else { jog.map(|(goes_on, _)| goes_on) }
 }
 
 #[cfg(test)]
@@ -37,6 +101,9 @@ mod tests {
             ("#32HMZ", 1 << 31),
             ("#2O10", 0b10),
             ("#2$", 0b10),
+            ("#1&2J+", 0b1),
+            ("#2 &1 HM", 0b10),
+            ("#2 OPEN PROG 5", 0),
             ("#1J/", 0),
             ("#1K", 0),
             ("#1P#2V", 0),
@@ -50,6 +117,35 @@ mod tests {
             ("SEND\"#1J+\"", 0),
         ] {
             assert_eq!(motors_moved(line), motors, "{line}");
+        }
+    }
+
+    #[test]
+    fn d7_a_line_tells_which_motors_jog_on() {
+        for (line, motors, unnamed) in [
+            ("#1J+", 0b1, false),
+            ("# 2 j - #4 J+", 0b1010, false),
+            ("#1&2J+", 0b1, false),
+            ("#1J+#1J/", 0, false),
+            ("#1J+J/", 0, false),
+            ("#1J/J-#2J+K", 0b1, false),
+            ("#1J+#1K", 0, false),
+            ("#1J+#1&2O10", 0, false),
+            ("#1J+ OPEN PLC 5", 0b1, false),
+            ("#1J+ P1=5", 0b1, false),
+            ("#1J=500", 0, false),
+            ("#1J^-500", 0, false),
+            ("#1HM", 0, false),
+            ("J+", 0, true),
+            ("J+#2J-", 0b10, true),
+            ("#1->J", 0, false),
+            ("#99J+", 0, false),
+            ("SEND\"#1J+\"", 0, false),
+        ] {
+            assert_eq!(EndlessJogs::of(line), EndlessJogs { motors, unnamed }, "{line}");
+        }
+        for (line, motors) in [("#1J+", 0), ("#1 j -", 0), ("#1J+#2J-", 0b1), ("#1J+ FOO", 0b1)] {
+            assert_eq!(EndlessJogs::of_refused(line).motors, motors, "{line}");
         }
     }
 }

@@ -135,3 +135,80 @@ fn d7_a_gateway_killed_at_any_moment_leaves_no_queue_blocked_and_no_buffer_open(
     assert_eq!(client.line("OPEN PROG 8 CLEAR"), "\x06");
     assert_eq!(client.line("CLOSE"), "\x06");
 }
+
+/// Whether motor 1 jogs on: its speed, after a while.
+fn jogs_on(site: &Site) -> bool {
+    let speed = || site.ask("#1V").concat().parse::<f64>().unwrap().abs();
+    let is_over = || (0..10).all(|_| speed() < 0.5);
+    // pmacd stops it within a second, and then it has to slow down.
+    let end = Instant::now() + Duration::from_secs(3);
+    while Instant::now() < end {
+        if is_over() {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    true
+}
+
+/// Has a client jog motor 1, and waits until it goes.
+fn jog(site: &Site, client: &mut Client, line: &str) {
+    assert_eq!(client.line(line), "\x06");
+    until_it_moves(site);
+}
+
+fn until_it_moves(site: &Site) {
+    wait_until("motion", || site.ask("#1V").concat().parse::<f64>().unwrap().abs() > 1.0);
+}
+
+#[test]
+fn d7_a_gateway_killed_or_a_client_gone_leaves_no_jog_running() {
+    for family in ["pmac", "turbo2"] {
+        let site = Site::of(family, &[]);
+        let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
+        let (mut client, _log) = listening(&mut gateway);
+        // Without a word of which motor it is, too.
+        client.line("#1");
+        jog(&site, &mut client, "J+");
+        gateway.kill().unwrap();
+        gateway.wait().unwrap();
+        assert!(!jogs_on(&site), "{family}: the gateway was killed");
+        let mut client = site.client();
+        jog(&site, &mut client, "#1J-");
+        drop(client);
+        assert!(!jogs_on(&site), "{family}: the client is gone");
+        // What the client has not begun, or others have taken over, goes on.
+        let mut client = site.client();
+        jog(&site, &mut client, "J+");
+        let mut other = site.client();
+        jog(&site, &mut other, "#1J-");
+        drop(client);
+        assert!(jogs_on(&site), "{family}: another client's jog");
+        drop(other);
+        assert!(!jogs_on(&site), "{family}: the other client is gone");
+        site.ask("#1J+");
+        until_it_moves(&site);
+        assert!(jogs_on(&site), "{family}: a jog beside the gateway");
+    }
+}
+
+#[test]
+fn d7_a_gateway_that_keeps_jogs_leaves_them_running() {
+    let site = Site::new(&["--keep-jogs"]);
+    let mut client = site.client();
+    jog(&site, &mut client, "#1J+");
+    drop(client);
+    assert!(jogs_on(&site));
+}
+
+#[test]
+fn d7_a_line_that_opens_or_closes_a_buffer_jogs_nothing_and_a_program_has_its_arcs() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.line("#1J+ OPEN PROG 7"), "\x07ERR001\r");
+    assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06");
+    assert_eq!(client.line("CIRCLE1 X10 Y10 I5 J-5"), "\x06");
+    assert_eq!(client.line("CLOSE #1J+"), "\x07ERR001\r");
+    assert_eq!(client.line("CLOSE"), "\x06");
+    assert!(!jogs_on(&site));
+}

@@ -24,8 +24,8 @@ const NOBODY: u64 = u64::MAX;
 const HOLDERS_STOP: Duration = Duration::from_secs(3);
 /// How long until a stop is requested again.
 const STOP_AGAIN: Duration = Duration::from_secs(1);
-/// How long a held motor must be seen to stand until its jog is over.
-const STANDS: Duration = Duration::from_millis(100);
+/// How long a motor must be seen to stand until its jog is over: one that turns round stands for a moment.
+pub(super) const STANDS: Duration = Duration::from_millis(100);
 /// Stops that the bus thread has at a time. What ends meanwhile waits and becomes one more.
 const STOPS_AT_ONCE: usize = at_once::STOPS;
 
@@ -299,6 +299,11 @@ impl Leases {
     /// Nobody knows that `motors` stand: their stop is requested again in a while.
     pub(super) fn stop_again(&mut self, motors: u32, now: Instant) {
         self.begin(NOBODY, Account { uid: 0, pid: 0 }, motors, now + STOP_AGAIN);
+    }
+
+    /// `motors`, which jog for nobody any more, are stopped `now`, as those that were held.
+    pub(super) fn stop_now(&mut self, motors: u32, now: Instant) {
+        self.begin(NOBODY, Account { uid: 0, pid: 0 }, motors, now);
     }
 
     /// Has `send` request the stop of every jog whose holder is silent or not there (`is_there`), all in one request, and gives

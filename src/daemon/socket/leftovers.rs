@@ -105,7 +105,7 @@ impl Leftovers {
     }
 }
 
-/// What a command line does to the programs of the coordinate systems it names, and to the control panel.
+/// What a command line does to the programs of the coordinate systems it names, to the control panel, and to motors.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct LineEffect {
     /// It starts them.
@@ -114,6 +114,8 @@ pub(super) struct LineEffect {
     pub forgets: u32,
     /// It switches the control panel off.
     pub ends_panel: bool,
+    /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
+    pub jogs: [u32; 2],
 }
 
 impl LineEffect {
@@ -138,7 +140,7 @@ impl LineEffect {
         let all = takes_away(before) || line::resets(line.as_bytes());
         let forgets = if all { u32::MAX } else { 0 };
         line::addressed(&line, '&').fold(
-            Self { starts: 0, forgets, ends_panel },
+            Self { starts: 0, forgets, ends_panel, jogs: [0; 2] },
             |effect, (bit, commands)| {
                 let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
                 let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
@@ -195,11 +197,11 @@ mod tests {
             ("&1A", 0, 0),
             ("#1J+", 0, 0),
         ] {
-            let expected = LineEffect { starts, forgets, ends_panel: false };
+            let expected = LineEffect { starts, forgets, ends_panel: false, jogs: [0; 2] };
             assert_eq!(LineEffect::of(line, false, Some(2)), expected, "{line}");
         }
         for (line, forgets) in [("CLEAR", u32::MAX), ("&3clr", 0b100), ("OPEN PLC 3 CLEAR", 0)] {
-            let expected = LineEffect { starts: 0, forgets, ends_panel: false };
+            let expected = LineEffect { starts: 0, forgets, ends_panel: false, jogs: [0; 2] };
             assert_eq!(LineEffect::of(line, true, Some(2)), expected, "{line}");
         }
     }

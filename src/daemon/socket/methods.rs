@@ -20,6 +20,7 @@ use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset, VariableKind};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::function::UNKNOWN_FAMILY;
+use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
     check_line, control, deadlines, parameters,
@@ -38,6 +39,8 @@ pub enum Ask {
         question: bool,
         /// It belongs into the buffer that its user has open.
         into_buffer: bool,
+        /// A jog without an end that it begins ends with the connection.
+        while_connected: bool,
         /// The caller knows what it does to others, or to the machine.
         confirmed: bool,
     },
@@ -366,11 +369,16 @@ fn service(method: &str, call: &Call) -> Result<Action, CallError> {
 }
 
 fn send(
-    calls::Send { line, timeout_ms, question, into_buffer, confirmed }: calls::Send,
+    calls::Send { line, timeout_ms, question, into_buffer, while_connected, confirmed }: calls::Send,
 ) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
     if line_cuts_off(&line) && confirmed != Some(true) {
         return Err(cut_off::refusal(&line));
+    }
+    let while_connected = while_connected == Some(true);
+    if while_connected && EndlessJogs::of(&line).unnamed {
+        let reason = "the jog does not say which motor it means (#1J+), and would have no end".to_owned();
+        return Err(CallError::InvalidLine { reason });
     }
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
@@ -381,6 +389,7 @@ fn send(
         timeout,
         question: question == Some(true),
         into_buffer: into_buffer == Some(true),
+        while_connected,
         confirmed: confirmed == Some(true),
     }))
 }

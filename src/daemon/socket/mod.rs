@@ -12,6 +12,7 @@ pub mod jobs;
 mod jog_to;
 mod leases;
 mod leftovers;
+mod line_jogs;
 pub mod listener;
 pub mod methods;
 pub mod options;

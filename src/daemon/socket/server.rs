@@ -33,6 +33,7 @@ use super::call_table::CallTable;
 use super::clients::Clients;
 use super::leases::Leases;
 use super::leftovers::Leftovers;
+use super::line_jogs::LineJogs;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::panel_jogs::PanelJogs;
@@ -115,6 +116,7 @@ struct Service {
     clients: Clients,
     calls: CallTable,
     leases: Leases,
+    line_jogs: LineJogs,
     stops: Stops,
     panel_jogs: PanelJogs,
     sequences: Sequences,
@@ -140,6 +142,7 @@ impl Service {
             clients: Clients::new(options.patience),
             calls: CallTable::new(commands),
             leases: Leases::default(),
+            line_jogs: LineJogs::default(),
             stops: Stops::new(options.stop_all_after),
             panel_jogs: PanelJogs::default(),
             sequences: Sequences::default(),
@@ -201,6 +204,7 @@ impl Service {
             self.tracing.forget(*client);
         }
         if !gone.is_empty() {
+            self.end_line_jogs(|client| gone.contains(&client), now);
             self.admission.resume();
         }
         self.send_watch_table(now);
@@ -356,6 +360,7 @@ impl Service {
                 }
                 self.panel_jogs.see(self.info.motion());
                 self.leases.see_motion(self.info.motion(), now);
+                self.line_jogs.see_motion(self.info.motion(), now);
             }
             Event::Unsolicited(text) => self.clients.pass_on(&text, now),
         }

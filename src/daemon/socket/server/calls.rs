@@ -25,6 +25,7 @@ use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
 use crate::protocol::line_ends::RESET;
+use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -136,14 +137,19 @@ impl Service {
             && let Some(line) = self.line_for(character)?
         {
             let (line, timeout) = (Text::from(line), DEFAULT_TIMEOUT);
-            let (question, into_buffer, confirmed) = (false, false, false);
-            return self.ask(caller, Ask::Send { line, timeout, question, into_buffer, confirmed }, now);
+            let (question, into_buffer, while_connected, confirmed) = (false, false, false, false);
+            let ask = Ask::Send { line, timeout, question, into_buffer, while_connected, confirmed };
+            return self.ask(caller, ask, now);
         }
         let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
         let deadline = now + ask.timeout();
         match ask {
-            Ask::Send { line, question, into_buffer, confirmed, .. } => {
-                let effect = self.may_send(caller.client, &line, confirmed)?;
+            Ask::Send { line, question, into_buffer, while_connected, confirmed, .. } => {
+                let mut effect = self.may_send(caller.client, &line, confirmed)?;
+                if while_connected {
+                    effect.jogs =
+                        [EndlessJogs::of(&line), EndlessJogs::of_refused(&line)].map(|jogs| jogs.motors);
+                }
                 let shown = without_password(&line);
                 let audit = Some(format!("sends {shown:?}"));
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
@@ -309,12 +315,13 @@ impl Service {
         }
     }
 
-    /// What `ended` ends counts, if the board may have carried it out.
+    /// What `ended` ends and begins counts, if the board may have carried it out.
     pub(super) fn note_stop(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
         let is_without_effect = outcome.is_unsent() || matches!(outcome, Outcome::Error(_));
         if !is_without_effect {
             self.panel_jogs.begin(ended.jogs);
         }
+        self.note_jogs(ended, outcome);
         if let Some(ends) = ended.ends.take_if(|_| !is_without_effect) {
             if ends.what == RESET {
                 self.resets.was_sent(now);
@@ -451,6 +458,7 @@ impl Service {
     /// What `caller` asked to stop has been stopped: whoever held it holds it no more, and no stream goes on feeding it.
     pub(super) fn panel_has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
         self.panel_jogs.stopped(target.motors());
+        self.line_jogs.over(target.motors());
         self.leases.stopped(caller.client, target.motors());
         self.leases.stopped_by_another(caller.client, caller.peer.account(), target.motors(), now);
         self.end_streams_of(target.aborted(), caller.peer, now);

@@ -35,8 +35,9 @@ impl Service {
         }
     }
 
-    /// The daemon stops: held jogs are over, sequences end, and nothing is begun any more.
+    /// The daemon stops: held jogs are over, and those that end with a connection; sequences end, and nothing is begun any more.
     pub(super) fn begin_end(&mut self, now: Instant) {
+        self.end_line_jogs(|_| true, now);
         self.leases.daemon_ends(now);
         self.end_lapsed_leases(now);
         self.stop_sequences(now);

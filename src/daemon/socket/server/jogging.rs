@@ -1,7 +1,8 @@
-//! Carries out a jog to a position: asks what is addressed, then sends the line that jogs and puts the address back. Neither may
-//! enter a program buffer: while one is open both are refused, whoever has opened it.
+//! Jogs by command line: those that end with the connection they came by, and jogs to a position. And which jogs are without
+//! their panel.
 //!
-//! And says which jogs are without their panel.
+//! A jog to a position asks what is addressed, then sends the line that jogs and puts the address back. Neither may enter a
+//! program buffer: while one is open both are refused, whoever has opened it.
 
 use std::time::Instant;
 
@@ -11,12 +12,45 @@ use super::Service;
 use super::replies::{held_by_another, outcome_reply};
 use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
-use crate::daemon::socket::call_table::{Caller, Then};
+use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::jog_to::JogTo;
+use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::stop_target::Target;
 use crate::protocol::{CallError, Function};
 
 impl Service {
+    /// A motor jogs for the connection that has said so last, until another command to it has been carried out.
+    pub(super) fn note_jogs(&mut self, ended: &Ended, outcome: Outcome) {
+        if outcome == Outcome::Done
+            && let Some(ends) = ended.ends.as_ref().filter(|ends| !ends.unnamed)
+        {
+            self.line_jogs.over(ends.motors);
+        }
+        if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], .. }) = ended.then {
+            let jogs = match outcome {
+                Outcome::Error(_) => refused,
+                outcome if outcome.is_unsent() => 0,
+                _ => carried_out,
+            };
+            self.line_jogs.begin(ended.caller.client, jogs);
+        }
+    }
+
+    /// Stops what jogs for connections that are gone.
+    pub(super) fn end_line_jogs(&mut self, is_gone: impl Fn(u64) -> bool, now: Instant) {
+        let motors = self.line_jogs.take(now, is_gone);
+        if motors == 0 {
+            return;
+        }
+        let target = Target::Motors(motors);
+        warn!(target: "audit", "{target} jogged by command line: who had asked for it is gone; pmacd stops it");
+        if self.info.why_not(Function::Panel).is_none() {
+            self.leases.stop_now(motors, now);
+        } else {
+            self.stop_by_line(target, None, true, now);
+        }
+    }
+
     /// Begins a jog that `caller` asks for.
     ///
     /// # Errors
