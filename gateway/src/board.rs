@@ -27,6 +27,8 @@ pub const NO_RIGHT: u16 = 2;
 pub const UNKNOWN: u16 = 3;
 /// [`Failure::Refused`]: a character is not allowed.
 pub const ILLEGAL: u16 = 4;
+/// [`Failure::Refused`]: it needs an open buffer, and there is none (any more).
+pub const NO_BUFFER: u16 = 5;
 /// [`Failure::Refused`]: the line is too long.
 pub const NO_ROOM: u16 = 6;
 /// [`Failure::Refused`]: somebody else has a buffer open.
@@ -186,7 +188,7 @@ impl Board {
             return Err(Failure::unsent(NOT_NOW, why));
         }
         if opens || self.in_buffer {
-            return self.send_in_sequence(line, opens);
+            return self.send_in_sequence(line);
         }
         if is_close(line.as_bytes())
             && self.ask(Connection::info)?.open_buffer.is_some_and(|open| open.sequence)
@@ -214,7 +216,7 @@ impl Board {
         }
     }
 
-    fn send_in_sequence(&mut self, line: &str, opens: bool) -> Result<Vec<String>, Failure> {
+    fn send_in_sequence(&mut self, line: &str) -> Result<Vec<String>, Failure> {
         // A sequence that has ended must not begin anew in the middle: its lines would be commands.
         self.renew()?;
         let was_open = self.in_buffer;
@@ -248,8 +250,13 @@ impl Board {
                 let code = failure.code.unwrap_or(UNKNOWN);
                 Err(Failure::Refused { code, lines: reply.lines, why: None, is_sent: true })
             }
-            Some(failure) if failure.outcome == LineOutcome::NotSent && opens && !was_open => {
-                Err(Failure::unsent(IN_USE, failure.message))
+            Some(failure) if failure.outcome == LineOutcome::NotSent => {
+                let code = match (was_open, self.in_buffer) {
+                    (false, _) => IN_USE,
+                    (true, true) => NOT_NOW,
+                    (true, false) => NO_BUFFER,
+                };
+                Err(Failure::unsent(code, failure.message))
             }
             Some(failure) => Err(Failure::Gone(failure.message)),
         }
@@ -258,13 +265,15 @@ impl Board {
     /// Says that the client is still there, if it has a buffer open. To be called every second.
     ///
     /// # Errors
-    /// [`Failure::Gone`] when the buffer is not the client's any more.
+    /// [`NO_BUFFER`] when the buffer is not the client's any more.
     pub fn renew(&mut self) -> Result<(), Failure> {
         if !self.in_buffer {
             return Ok(());
         }
-        let renewed = self.ask(Connection::sequence_renew);
-        renewed.map_err(|error| Failure::Gone(format!("the program buffer is open no more: {error}")))
+        self.ask(Connection::sequence_renew).map_err(|error| {
+            self.in_buffer = false;
+            Failure::unsent(NO_BUFFER, format!("the program buffer is open no more: {error}"))
+        })
     }
 
     /// Sends a control character, and returns the lines of its reply.

@@ -53,7 +53,8 @@ pub struct Port {
     pub(crate) handshake: Handshake,
     /// The motor and the coordinate system that he addressed last.
     pub(crate) addressed: Addressed,
-    /// The program buffer that he had open was closed, and he does not know.
+    /// The program buffer that he had open was closed by another, or for his silence. What he sends may be meant for it until he
+    /// closes it, or opens one.
     pub(crate) has_lost_buffer: bool,
 }
 
@@ -113,14 +114,11 @@ impl Session {
         self.board.is_in_buffer()
     }
 
-    /// Says that the client is still there. Why his connection ends, if it does.
-    ///
-    /// # Errors
-    /// The reason.
-    pub fn renew(&mut self) -> Result<(), String> {
-        match self.board.renew() {
-            Err(Failure::Gone(why)) => Err(why),
-            _ => Ok(()),
+    /// Says that the client is still there.
+    pub fn renew(&mut self) {
+        if let Err(Failure::Refused { why: Some(why), .. }) = self.board.renew() {
+            self.port.has_lost_buffer = true;
+            self.tell("lost", &why);
         }
     }
 

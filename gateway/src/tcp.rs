@@ -129,11 +129,7 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Sessio
         if !bytes.is_empty() && half_since.get_or_insert_with(Instant::now).elapsed() >= PATIENCE {
             return Some("he has sent half a request".to_owned());
         }
-        if session.wants_renewal()
-            && let Err(why) = session.renew()
-        {
-            return Some(why);
-        }
+        session.renew();
         let is_looked_after = !bytes.is_empty() || session.wants_renewal();
         if let Err(error) = stream.set_read_timeout(is_looked_after.then_some(LOOK)) {
             return Some(error.to_string());

@@ -215,10 +215,6 @@ impl Session {
 
     /// Carries out one line, and what control characters stand in it.
     pub(crate) fn one_text(&mut self, text: &[u8]) -> Result<(), Failure> {
-        if std::mem::take(&mut self.port.has_lost_buffer) {
-            let why = "the program buffer that was open is closed, as nothing was heard for too long; send it again";
-            return Err(Failure::unsent(board::NOT_NOW, why));
-        }
         if self.pending.is_full() {
             return Err(Failure::Gone("the client does not fetch what he is answered".to_owned()));
         }
@@ -239,7 +235,20 @@ impl Session {
             let lines = self.control(character)?;
             self.pending.lines(&lines, self.port.handshake);
         }
-        self.line(line.trim())?;
+        let line = line.trim();
+        let effect = effect(line.as_bytes());
+        // What ends what he sends for the buffer, or begins another, is no line of it.
+        self.port.has_lost_buffer &= effect.is_none();
+        if self.port.has_lost_buffer && !line.is_empty() {
+            let why =
+                "the program buffer that was open is closed; nothing is sent before CLOSE, or another OPEN";
+            return Err(Failure::unsent(board::NO_BUFFER, why));
+        }
+        let had_buffer = self.board.is_in_buffer();
+        let done = self.line(line);
+        let has_lost = had_buffer && !self.board.is_in_buffer() && done.is_err();
+        self.port.has_lost_buffer = has_lost && effect != Some(Effect::Closes);
+        done?;
         self.pending.end(self.port.handshake);
         Ok(())
     }

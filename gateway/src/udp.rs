@@ -140,11 +140,7 @@ fn attend(
             }
             Err(RecvTimeoutError::Disconnected) => return None,
             Err(RecvTimeoutError::Timeout) if last.elapsed() >= KEPT => return None,
-            Err(RecvTimeoutError::Timeout) => {
-                if let Err(why) = session.renew() {
-                    return Some(why);
-                }
-            }
+            Err(RecvTimeoutError::Timeout) => session.renew(),
         }
     }
 }

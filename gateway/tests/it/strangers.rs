@@ -76,17 +76,46 @@ fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
 }
 
 #[test]
-fn d2_who_has_lost_his_buffer_by_silence_hears_it_once() {
+fn d2_who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
     let site = Site::new(&[]);
     let one = site.udp();
     assert_eq!(datagram(&one, "OPEN PROG 7 CLEAR"), "\x06");
     assert_eq!(datagram(&one, "P1=9"), "\x06");
     one.send(&packet(0xC0, 0xB4, 0, 0, 0, &[])).unwrap();
     wait_until("his buffer to be closed", || site.connection().send("P1", PATIENCE).is_ok());
-    assert_eq!(datagram(&one, "P1=8"), "\x07ERR001\r", "it was meant for the program");
+    for _ in 0..2 {
+        assert_eq!(datagram(&one, "P1=8"), "\x07ERR005\r", "it was meant for the program");
+    }
     assert_eq!(site.ask("P1"), ["0"]);
+    assert_eq!(datagram(&one, "CLOSE"), "\x06");
     assert_eq!(datagram(&one, "P1=8"), "\x06");
     assert_eq!(site.ask("P1"), ["8"]);
+}
+
+#[test]
+fn d2_who_has_lost_his_buffer_to_another_hears_it_and_stays() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06");
+    assert_eq!(client.line("P1=9"), "\x06");
+    site.ask("CLOSE");
+    for line in ["P1=8", "X10", "P1"] {
+        assert_eq!(client.line(line), "\x07ERR005\r");
+    }
+    assert_eq!(client.line("\x0b"), "\x06", "a stop is none of it");
+    assert_eq!(client.line("CLOSE"), "\x06");
+    assert_eq!(client.line("P1"), "0\r\x06");
+    assert_eq!(client.line("LIST PROG 7"), "P1=9\r\x06");
+    assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06");
+    site.ask("CLOSE");
+    std::thread::sleep(std::time::Duration::from_millis(2500));
+    assert_eq!(client.line("P1=8"), "\x07ERR005\r");
+    assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06", "another one");
+    assert_eq!(client.line("P1=7"), "\x06");
+    site.ask("CLOSE");
+    // What closes the buffer is the end of it, whoever was first; that its end was another's is told.
+    assert_eq!(client.line("CLOSE"), "\x07ERR005\r");
+    assert_eq!(client.line("P1"), "0\r\x06");
 }
 
 #[test]
