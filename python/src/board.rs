@@ -14,6 +14,7 @@ use pyo3::prelude::*;
 use crate::data::Snapshot;
 use crate::errors::{of_client, of_command, refused, stale};
 use crate::gather::{Gathered, gather};
+use crate::identity::Identity;
 use crate::rotary::{Streamed, Wish, stream};
 use crate::updates::Updates;
 
@@ -162,6 +163,12 @@ impl Board {
         let units = found.units.iter().zip(1..);
         let told = |unit: &UserUnit| (unit.name.to_string(), unit.counts_per_unit);
         Ok(units.filter_map(|(unit, motor)| Some((motor, told(unit.as_ref()?)))).collect())
+    }
+
+    /// What the board is, as it has told `pmacd`.
+    fn identity(&self, py: Python<'_>) -> PyResult<Identity> {
+        let told = py.detach(|| self.client().identity()).map_err(of_client)?;
+        Ok(Identity::of(&told))
     }
 
     /// Every servo report from now on; see [`Updates`].

@@ -4,6 +4,7 @@ mod board;
 mod data;
 mod errors;
 mod gather;
+mod identity;
 mod rotary;
 mod updates;
 
@@ -18,6 +19,8 @@ mod _native {
     use crate::data::{Motor, Motors, Snapshot, Status, System, Systems};
     #[pymodule_export]
     use crate::gather::Gathered;
+    #[pymodule_export]
+    use crate::identity::Identity;
     #[pymodule_export]
     use crate::rotary::Streamed;
     #[pymodule_export]

@@ -29,6 +29,12 @@ def test_a_snapshot_has_every_motor_in_counts(site):
     assert snapshot.system[1].status.running_program is False
 
 
+def test_a_board_tells_what_it_is(site):
+    identity = site.connect().identity()
+    assert (identity.family, identity.firmware) == ("pmac", "1.16D") and identity.type.startswith("PMAC1, ISA")
+    assert identity.servo_period_ns == pytest.approx(442708.373) and identity.servo_report_cycles == 1
+
+
 def test_a_motor_tells_its_coordinate_system(site):
     board = site.connect()
     assert board.snapshot().motor[3].coordinate_system is None

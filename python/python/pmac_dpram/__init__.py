@@ -21,13 +21,14 @@ from collections.abc import AsyncIterator, Iterable, Iterator
 from pathlib import Path
 
 from . import _native
-from ._native import Gathered, Jog, Motor, Motors, Snapshot, Status, Streamed, System, Systems
+from ._native import Gathered, Identity, Jog, Motor, Motors, Snapshot, Status, Streamed, System, Systems
 from .errors import DaemonGone, PmacError, StaleData
 
 __all__ = [
     "Board",
     "DaemonGone",
     "Gathered",
+    "Identity",
     "Jog",
     "Motor",
     "Motors",

@@ -5,7 +5,33 @@ from typing import Any, final
 
 from typing_extensions import disjoint_base
 
-__all__ = ["Board", "Gathered", "Jog", "Motor", "Motors", "Snapshot", "Status", "Streamed", "System", "Systems", "Updates"]
+__all__ = [
+    "Board",
+    "Gathered",
+    "Identity",
+    "Jog",
+    "Motor",
+    "Motors",
+    "Snapshot",
+    "Status",
+    "Streamed",
+    "System",
+    "Systems",
+    "Updates",
+]
+
+@final
+class Identity:
+    @property
+    def family(self) -> str | None: ...
+    @property
+    def type(self) -> str | None: ...
+    @property
+    def firmware(self) -> str | None: ...
+    @property
+    def servo_period_ns(self) -> float | None: ...
+    @property
+    def servo_report_cycles(self) -> int | None: ...
 
 @final
 class Snapshot:
@@ -88,6 +114,7 @@ class Board:
     def socket(self) -> Path: ...
     def names(self) -> dict[int, str]: ...
     def units(self) -> dict[int, tuple[str, float]]: ...
+    def identity(self) -> Identity: ...
     def snapshot(self, *, stale_ok: bool = False) -> Snapshot: ...
     def wait(self, timeout: float = 1.0, *, after: int | None = None) -> bool: ...
     def history(self, since: int = 1, most: int = 65536) -> tuple[list[Snapshot], int]: ...
