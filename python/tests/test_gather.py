@@ -3,6 +3,7 @@
 import struct
 import threading
 
+import numpy
 import pmac_dpram
 import pytest
 
@@ -24,7 +25,6 @@ def test_samples_come_whole_with_their_times(site):
 
 
 def test_numpy_reads_the_samples(site):
-    numpy = pytest.importorskip("numpy")
     gathered = site.connect().gather(["servo_timer"], 0.2, period=2)
     table = numpy.frombuffer(gathered.data).reshape(-1, len(gathered.columns))
     assert (numpy.diff(table[:, 0]) == 2).all()
