@@ -147,7 +147,8 @@ impl Board {
     #[pyo3(signature = (since = 1, most = 65536))]
     fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
         let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
-        Ok((history.samples.into_iter().map(Snapshot::of_update).collect(), history.lost))
+        let samples = history.samples.into_iter().map(|update| Snapshot::of_update(update, None));
+        Ok((samples.collect(), history.lost))
     }
 
     /// The name of each motor that `pmacd`'s configuration gives one.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pmac_dpram::client::{Snapshot as Found, View};
+use pmac_dpram::client::{Gap, Snapshot as Found, View};
 use pmac_dpram::decode::{
     BackgroundData, BackgroundMotor, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor,
 };
@@ -17,6 +17,8 @@ use pyo3::types::PyDict;
 struct Moment {
     servo: View<ServoData>,
     background: Option<View<BackgroundData>>,
+    /// What is missing between the update before and this one.
+    gap: Option<Gap>,
 }
 
 impl Moment {
@@ -40,12 +42,12 @@ impl Snapshot {
     pub fn of(found: Found, stale_ok: bool) -> Option<Self> {
         let Found { servo, background, .. } = found;
         let background = background.filter(|view| stale_ok || view.stale.is_none());
-        Some(Self(Arc::new(Moment { servo: servo?, background })))
+        Some(Self(Arc::new(Moment { servo: servo?, background, gap: None })))
     }
 
-    /// One servo report.
-    pub fn of_update(servo: View<ServoData>) -> Self {
-        Self(Arc::new(Moment { servo, background: None }))
+    /// One servo report, behind `gap`.
+    pub fn of_update(servo: View<ServoData>, gap: Option<Gap>) -> Self {
+        Self(Arc::new(Moment { servo, background: None, gap }))
     }
 
     /// Why the servo data are not live.
@@ -78,6 +80,13 @@ impl Snapshot {
     #[getter]
     fn servo_timer(&self) -> u64 {
         self.0.servo.servo_timer
+    }
+
+    /// Of an update: how many are missing between the one before and this one, as (missed, lost), or `None`. (0, 0) is a pause:
+    /// the board made no updates, or `pmacd` was started again.
+    #[getter]
+    fn gap(&self) -> Option<(u64, u64)> {
+        self.0.gap.map(|gap| (gap.missed, gap.lost))
     }
 
     /// Why the data are not live, or `None`.

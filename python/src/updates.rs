@@ -4,8 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::{Board as Client, ClientError, Staleness, View};
-use pmac_dpram::decode::ServoData;
+use pmac_dpram::client::{Board as Client, ClientError, Follower, Staleness, Step};
 use pmac_dpram::segment::Counter;
 use pyo3::prelude::*;
 
@@ -13,29 +12,25 @@ use crate::board::SLICE;
 use crate::data::Snapshot;
 use crate::errors::{of_client, stale};
 
-/// Reports taken from the segment at once.
-const BATCH: usize = 256;
-
-struct Follower {
+struct Taking {
     client: Client,
-    generation: u64,
-    /// The number of the next report to take.
-    next: u64,
-    taken: VecDeque<View<ServoData>>,
+    follower: Follower,
+    taken: VecDeque<Snapshot>,
     lost: u64,
     /// How many updates the daemons had missed by now, and the present one at the last look.
     missed: u64,
     missed_before: u64,
+    generation: u64,
 }
 
 /// Servo reports from now on, of the present daemon and of those that follow it.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Updates {
-    follower: Mutex<Follower>,
+    taking: Mutex<Taking>,
     timeout: Duration,
 }
 
-impl Follower {
+impl Taking {
     /// Takes what has come. Whether there is any.
     fn take(&mut self) -> Result<bool, ClientError> {
         if !self.taken.is_empty() {
@@ -45,35 +40,42 @@ impl Follower {
         let subscriber = self.client.subscriber();
         let missed = subscriber.counter(Counter::Missed);
         if subscriber.generation() != self.generation {
-            (self.generation, self.next, self.missed_before) = (subscriber.generation(), 1, 0);
+            (self.generation, self.missed_before) = (subscriber.generation(), 0);
         }
         self.missed += missed.saturating_sub(self.missed_before);
         self.missed_before = missed;
-        let history = self.client.history(self.next, BATCH)?;
-        self.next = history.next;
-        self.lost += history.lost;
-        self.taken.extend(history.samples);
-        Ok(!self.taken.is_empty())
+        let Self { client, follower, taken, lost, .. } = self;
+        let mut before = None;
+        follower.advance_some(client, |step| {
+            match step {
+                Step::Gap(gap) => {
+                    *lost += gap.lost;
+                    before = Some(gap);
+                }
+                Step::Update(update) => taken.push_back(Snapshot::of_update(update, before.take())),
+            }
+            Ok::<_, ClientError>(())
+        })
     }
 
     fn wait(&mut self, time: Duration) -> Result<bool, ClientError> {
-        Ok(self.take()? || self.client.wait(self.next - 1, time)? && self.take()?)
+        Ok(self.take()? || self.client.wait(self.follower.next() - 1, time)? && self.take()?)
     }
 }
 
 impl Updates {
     /// From the next report on.
-    pub fn begin(client: Client, timeout: Duration) -> PyResult<Self> {
-        let next = client.servo_sequence().map_err(of_client)? + 1;
+    pub fn begin(mut client: Client, timeout: Duration) -> PyResult<Self> {
+        let follower = Follower::new(&mut client).map_err(of_client)?;
         let subscriber = client.subscriber();
         let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
         let (taken, lost, missed) = (VecDeque::new(), 0, 0);
-        let follower = Follower { client, generation, next, taken, lost, missed, missed_before };
-        Ok(Self { follower: Mutex::new(follower), timeout })
+        let taking = Taking { client, follower, taken, lost, missed, missed_before, generation };
+        Ok(Self { taking: Mutex::new(taking), timeout })
     }
 
-    fn follower(&self) -> MutexGuard<'_, Follower> {
-        self.follower.lock().unwrap_or_else(PoisonError::into_inner)
+    fn taking(&self) -> MutexGuard<'_, Taking> {
+        self.taking.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -82,22 +84,22 @@ impl Updates {
     /// The next report, if there is one already.
     fn take(&self, py: Python<'_>) -> PyResult<Option<Snapshot>> {
         let update = py.detach(|| {
-            let mut follower = self.follower();
-            follower.take().map(|_| follower.taken.pop_front())
+            let mut taking = self.taking();
+            taking.take().map(|_| taking.taken.pop_front())
         });
-        Ok(update.map_err(of_client)?.map(Snapshot::of_update))
+        update.map_err(of_client)
     }
 
     /// The reports that have come already, at most `most`. Does not wait.
     #[pyo3(signature = (most = 65536))]
     fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
         let taken = py.detach(|| {
-            let mut follower = self.follower();
+            let mut taking = self.taking();
             let mut taken = Vec::new();
-            while taken.len() < most && follower.take()? {
+            while taken.len() < most && taking.take()? {
                 let left = most - taken.len();
-                let count = left.min(follower.taken.len());
-                taken.extend(follower.taken.drain(..count).map(Snapshot::of_update));
+                let count = left.min(taking.taken.len());
+                taken.extend(taking.taken.drain(..count));
             }
             Ok(taken)
         });
@@ -113,12 +115,12 @@ impl Updates {
             }
             let left = end.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                let found = py.detach(|| self.follower().client.snapshot()).map_err(of_client)?;
+                let found = py.detach(|| self.taking().client.snapshot()).map_err(of_client)?;
                 let servo = found.servo.and_then(|servo| servo.stale);
                 let silent = Staleness::NoUpdates { age_ns: self.timeout.as_nanos() as u64 };
                 return Err(stale(found.stale.or(servo).unwrap_or(silent)));
             }
-            py.detach(|| self.follower().wait(left.min(SLICE))).map_err(of_client)?;
+            py.detach(|| self.taking().wait(left.min(SLICE))).map_err(of_client)?;
             py.check_signals()?;
         }
     }
@@ -126,12 +128,12 @@ impl Updates {
     /// How many reports were overwritten before they were taken here. Exact.
     #[getter]
     fn lost(&self, py: Python<'_>) -> u64 {
-        py.detach(|| self.follower().lost)
+        py.detach(|| self.taking().lost)
     }
 
     /// How many updates of the board the daemon did not read in time, since this began. Exact.
     #[getter]
     fn missed(&self, py: Python<'_>) -> u64 {
-        py.detach(|| self.follower().missed)
+        py.detach(|| self.taking().missed)
     }
 }

@@ -176,7 +176,13 @@ def test_sigterm_ends_a_recording_with_all_that_came(site, tmp_path):
         told = child.communicate()[0].decode()
         found, recording = rows(path)
         assert child.returncode == status and recording["ended"] == ended
-        assert told.startswith(f"samples={len(found)} lost=0 ")
+        assert told == f"samples={len(found)} lost=0 missed={recording['missed']}\n"
+        with h5py.File(path) as file:
+            steps = numpy.diff(file["entry/servo_timer/servo_timer"])
+            gaps = file["entry/gaps"]
+            assert list(gaps["index"]) == list(numpy.flatnonzero(steps > 1) + 1)
+            # A pause counts nothing.
+            assert all(missed in (step - 1, 0) for missed, step in zip(gaps["missed"], steps[steps > 1], strict=True))
 
 
 def test_what_was_flushed_outlives_a_kill(site, tmp_path):

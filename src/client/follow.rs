@@ -1,6 +1,6 @@
 //! Follows every servo update, and says what is missing between two.
 
-use crate::client::{Board, ClientError, Staleness, View, identity};
+use super::{Board, ClientError, Staleness, View, identity};
 use crate::decode::ServoData;
 use crate::segment::RegionId;
 
@@ -28,7 +28,6 @@ pub struct Gap {
 /// What is kept of the update before.
 #[derive(Debug, Clone, Copy)]
 struct Last {
-    sequence: u64,
     servo_timer: u64,
     time_ns: u64,
 }
@@ -42,11 +41,14 @@ struct Pace {
     pause_ns: u64,
 }
 
-/// A reader of every servo update.
+/// A reader of every servo update, of the present daemon and of those that come after it.
+#[derive(Debug)]
 pub struct Follower {
     generation: u64,
     next: u64,
     last: Option<Last>,
+    /// Whether another daemon has come since the last update.
+    restarted: bool,
 }
 
 impl Follower {
@@ -57,7 +59,13 @@ impl Follower {
     pub fn new(board: &mut Board) -> Result<Self, ClientError> {
         board.refresh()?;
         let next = board.servo_sequence()? + 1;
-        Ok(Self { generation: board.subscriber().generation(), next, last: None })
+        Ok(Self { generation: board.subscriber().generation(), next, last: None, restarted: false })
+    }
+
+    /// The number of the next update.
+    #[must_use]
+    pub fn next(&self) -> u64 {
+        self.next
     }
 
     /// Hands the updates that have come to `take`, and returns why there is nothing live after them.
@@ -69,33 +77,43 @@ impl Follower {
         board: &mut Board,
         mut take: impl FnMut(Step) -> Result<(), E>,
     ) -> Result<Option<Staleness>, E> {
-        loop {
-            board.refresh()?;
-            let generation = board.subscriber().generation();
-            let restarted = generation != self.generation;
-            if restarted {
-                (self.generation, self.next) = (generation, 1);
-            }
-            let pace = pace(board)?;
-            let history = board.history(self.next, BATCH)?;
-            if history.samples.is_empty() {
-                return Ok(board.snapshot()?.servo.and_then(|servo| servo.stale));
-            }
-            let was_last = if restarted { None } else { self.last };
-            if restarted && self.last.is_some() {
-                take(Step::Gap(Gap::default()))?;
-            }
-            self.last = was_last;
-            for view in history.samples {
-                if let Some(gap) = self.last.and_then(|last| gap(last, &view, pace)) {
-                    take(Step::Gap(gap))?;
-                }
-                let View { sequence, servo_timer, time_ns, .. } = view;
-                self.last = Some(Last { sequence, servo_timer, time_ns });
-                take(Step::Update(view))?;
-            }
-            self.next = history.next;
+        while self.advance_some(board, &mut take)? {}
+        Ok(board.snapshot()?.servo.and_then(|servo| servo.stale))
+    }
+
+    /// Hands some of the updates that have come to `take`, each behind what is missing before it. Whether there were any.
+    ///
+    /// # Errors
+    /// As [`Follower::advance`].
+    pub fn advance_some<E: From<ClientError>>(
+        &mut self,
+        board: &mut Board,
+        mut take: impl FnMut(Step) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        board.refresh()?;
+        let generation = board.subscriber().generation();
+        if generation != self.generation {
+            (self.generation, self.next) = (generation, 1);
+            self.restarted |= self.last.take().is_some();
         }
+        let pace = pace(board)?;
+        let history = board.history(self.next, BATCH)?;
+        let came = !history.samples.is_empty();
+        for view in history.samples {
+            let View { sequence, servo_timer, time_ns, .. } = view;
+            let lost = sequence.saturating_sub(self.next);
+            let gap = match self.last {
+                Some(last) => between(last, (servo_timer, time_ns), lost, pace),
+                None => (std::mem::take(&mut self.restarted) || lost > 0).then_some(Gap { missed: 0, lost }),
+            };
+            self.last = Some(Last { servo_timer, time_ns });
+            self.next = sequence + 1;
+            if let Some(gap) = gap {
+                take(Step::Gap(gap))?;
+            }
+            take(Step::Update(view))?;
+        }
+        Ok(came)
     }
 }
 
@@ -107,13 +125,8 @@ fn pace(board: &mut Board) -> Result<Pace, ClientError> {
     Ok(Pace { cycles: cycles.filter(|cycles| *cycles > 0), pause_ns: region.stale_after_ns })
 }
 
-/// What is missing between the update `last` and `view`.
-fn gap(last: Last, view: &View<ServoData>, pace: Pace) -> Option<Gap> {
-    between(last, (view.sequence, view.servo_timer, view.time_ns), pace)
-}
-
-fn between(last: Last, (sequence, servo_timer, time_ns): (u64, u64, u64), pace: Pace) -> Option<Gap> {
-    let lost = sequence.saturating_sub(last.sequence).saturating_sub(1);
+/// What is missing between the update `last` and the next one taken, if `lost` are missing in their numbers.
+fn between(last: Last, (servo_timer, time_ns): (u64, u64), lost: u64, pace: Pace) -> Option<Gap> {
     let silence_ns = time_ns.saturating_sub(last.time_ns);
     let is_pause = servo_timer <= last.servo_timer || (lost == 0 && silence_ns >= pace.pause_ns);
     let passed = servo_timer.saturating_sub(last.servo_timer);
@@ -128,18 +141,18 @@ mod tests {
 
     #[test]
     fn what_is_missing_between_two_updates_is_counted() {
-        let last = Last { sequence: 7, servo_timer: 1000, time_ns: 0 };
+        let last = Last { servo_timer: 1000, time_ns: 0 };
         let pace = Pace { cycles: Some(2), pause_ns: 100_000 };
-        let gap = |at| between(last, at, pace).map(|gap| (gap.missed, gap.lost));
-        assert_eq!(gap((8, 1002, 900)), None);
-        assert_eq!(gap((8, 1010, 4500)), Some((4, 0)), "the daemon did not see four");
-        assert_eq!(gap((11, 1010, 4500)), Some((1, 3)), "three of four were seen by the daemon");
-        assert_eq!(gap((12, 1010, 4500)), Some((0, 4)));
-        assert_eq!(gap((8, 9000, 200_000)), Some((0, 0)), "the board made no report");
-        assert_eq!(gap((8, 4, 900)), Some((0, 0)), "the board was reset");
-        assert_eq!(gap((5000, 11_000, 200_000)), Some((7, 4992)), "this program was stopped");
+        let gap = |lost, at| between(last, at, lost, pace).map(|gap| (gap.missed, gap.lost));
+        assert_eq!(gap(0, (1002, 900)), None);
+        assert_eq!(gap(0, (1010, 4500)), Some((4, 0)), "the daemon did not see four");
+        assert_eq!(gap(3, (1010, 4500)), Some((1, 3)), "three of four were seen by the daemon");
+        assert_eq!(gap(4, (1010, 4500)), Some((0, 4)));
+        assert_eq!(gap(0, (9000, 200_000)), Some((0, 0)), "the board made no report");
+        assert_eq!(gap(0, (4, 900)), Some((0, 0)), "the board was reset");
+        assert_eq!(gap(4992, (11_000, 200_000)), Some((7, 4992)), "this program was stopped");
         assert_eq!(
-            between(last, (8, 1013, 900), Pace { cycles: None, ..pace }),
+            between(last, (1013, 900), 0, Pace { cycles: None, ..pace }),
             None,
             "a report without a period"
         );

@@ -203,7 +203,7 @@ def _rows(
     cycle = period_ns / 1e9 if period_ns else 1.0
     before: Snapshot | None = None
     row: list[float] = []
-    zero = missed = lost = 0
+    zero = 0
     is_silent = False
     while True:
         try:
@@ -220,13 +220,13 @@ def _rows(
         timer = update.servo_timer
         if before is None:
             zero = timer
-        elif is_silent or timer <= before.servo_timer or (updates.missed, updates.lost) != (missed, lost):
-            yield [*row[:3], updates.missed - missed, updates.lost - lost, *[math.nan] * (width - 5)]
+        elif update.gap is not None:
+            yield [*row[:3], *update.gap, *[math.nan] * (width - 5)]
             if timer <= before.servo_timer:
                 # It began anew. The host's clock says how long ago the update before was.
                 passed = round((update.time_ns - before.time_ns) / 1e9 / cycle) if period_ns else 1
                 zero = timer - (before.servo_timer - zero) - passed
-        missed, lost, is_silent, before = updates.missed, updates.lost, False, update
+        is_silent, before = False, update
         row = [update.sequence, (timer - zero) * cycle, update.realtime_ns / 1e9, 0, 0, timer]
         for number in motors:
             motor = update.motor[number]

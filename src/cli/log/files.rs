@@ -11,9 +11,8 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::Failure;
+use crate::client::Gap;
 use crate::table::Field;
-
-use super::follow::Gap;
 
 /// How long until a full disk is tried again.
 const TRY_AGAIN: Duration = Duration::from_secs(1);

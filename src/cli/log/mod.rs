@@ -1,7 +1,6 @@
 //! `pmacctl log`: writes every servo update to a file, for as long as it is asked to.
 
 mod files;
-mod follow;
 mod row;
 mod trigger;
 
@@ -13,7 +12,6 @@ use clap::Args;
 use serde_json::json;
 
 use self::files::{Files, Meaning, Rotation, Tally};
-use self::follow::{Follower, Step};
 use self::row::{Rows, TIME};
 use self::trigger::{Before, Condition};
 use crate::cli::args::values::{bytes, number, seconds};
@@ -21,7 +19,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
-use crate::client::{Board, Staleness, View, identity};
+use crate::client::{Board, Follower, Staleness, Step, View, identity};
 use crate::decode::ServoData;
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.

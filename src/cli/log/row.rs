@@ -1,12 +1,10 @@
 //! What stands in a row: which update, when, what is missing before the next, and the motors' values.
 
 use crate::cli::context::Failure;
-use crate::client::View;
+use crate::client::{Gap, View};
 use crate::decode::{Quantity, ServoData};
 use crate::gather::SampleClock;
 use crate::table::{Field, Kind};
-
-use super::follow::Gap;
 
 /// The fields of a motor that are logged unless others are named.
 pub const DEFAULT_FIELDS: &[&str] =
