@@ -122,7 +122,7 @@ impl Board {
         }
     }
 
-    /// Sleeps until there is a servo report newer than number `after` (0: any; None: than the latest), at most `timeout` seconds;
+    /// Sleeps until there is a servo update newer than number `after` (0: any; None: than the latest), at most `timeout` seconds;
     /// false when there is none.
     #[pyo3(signature = (timeout = 1.0, *, after = None))]
     fn wait(&self, py: Python<'_>, timeout: f64, after: Option<u64>) -> PyResult<bool> {
@@ -143,7 +143,7 @@ impl Board {
         }
     }
 
-    /// Servo reports from number `since` on, at most `most`, and how many of that stretch were lost.
+    /// Servo updates from number `since` on, at most `most`, and how many of that stretch were lost.
     #[pyo3(signature = (since = 1, most = 65536))]
     fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
         let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
@@ -172,7 +172,7 @@ impl Board {
         Ok(Identity::of(&told))
     }
 
-    /// Every servo report from now on; see [`Updates`].
+    /// Every servo update from now on; see [`Updates`].
     fn _updates(&self, py: Python<'_>, timeout: f64) -> PyResult<Updates> {
         let client = py.detach(|| Client::attach(self.name.as_str())).map_err(of_client)?;
         Updates::begin(client, duration(timeout)?)

@@ -38,14 +38,14 @@ impl Moment {
 pub struct Snapshot(Arc<Moment>);
 
 impl Snapshot {
-    /// What `found` has; `None` before the first servo report. Background data that are old are left out, unless `stale_ok`.
+    /// What `found` has; `None` before the first servo update. Background data that are old are left out, unless `stale_ok`.
     pub fn of(found: Found, stale_ok: bool) -> Option<Self> {
         let Found { servo, background, .. } = found;
         let background = background.filter(|view| stale_ok || view.stale.is_none());
         Some(Self(Arc::new(Moment { servo: servo?, background, gap: None })))
     }
 
-    /// One servo report, behind `gap`.
+    /// One servo update, behind `gap`.
     pub fn of_update(servo: View<ServoData>, gap: Option<Gap>) -> Self {
         Self(Arc::new(Moment { servo, background: None, gap }))
     }
@@ -58,7 +58,7 @@ impl Snapshot {
 
 #[pymethods]
 impl Snapshot {
-    /// The number of the servo report, from 1; it begins anew with each daemon.
+    /// The number of the servo update, from 1; it begins anew with each daemon.
     #[getter]
     fn sequence(&self) -> u64 {
         self.0.servo.sequence

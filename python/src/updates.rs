@@ -1,4 +1,4 @@
-//! Every servo report in turn, none twice, and exactly how many were lost or missed.
+//! Every servo update in turn, none twice, and exactly how many were lost or missed.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -23,7 +23,7 @@ struct Taking {
     generation: u64,
 }
 
-/// Servo reports from now on, of the present daemon and of those that follow it.
+/// Servo updates from now on, of the present daemon and of those that follow it.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Updates {
     taking: Mutex<Taking>,
@@ -64,7 +64,7 @@ impl Taking {
 }
 
 impl Updates {
-    /// From the next report on.
+    /// From the next update on.
     pub fn begin(mut client: Client, timeout: Duration) -> PyResult<Self> {
         let follower = Follower::new(&mut client).map_err(of_client)?;
         let subscriber = client.subscriber();
@@ -81,7 +81,7 @@ impl Updates {
 
 #[pymethods]
 impl Updates {
-    /// The next report, if there is one already.
+    /// The next update, if there is one already.
     fn take(&self, py: Python<'_>) -> PyResult<Option<Snapshot>> {
         let update = py.detach(|| {
             let mut taking = self.taking();
@@ -90,7 +90,7 @@ impl Updates {
         update.map_err(of_client)
     }
 
-    /// The reports that have come already, at most `most`. Does not wait.
+    /// The updates that have come already, at most `most`. Does not wait.
     #[pyo3(signature = (most = 65536))]
     fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
         let taken = py.detach(|| {
@@ -106,7 +106,7 @@ impl Updates {
         taken.map_err(of_client)
     }
 
-    /// The next report. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.
+    /// The next update. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.
     fn next(&self, py: Python<'_>) -> PyResult<Snapshot> {
         let end = Instant::now() + self.timeout;
         loop {
@@ -125,7 +125,7 @@ impl Updates {
         }
     }
 
-    /// How many reports were overwritten before they were taken here. Exact.
+    /// How many updates were overwritten before they were taken here. Exact.
     #[getter]
     fn lost(&self, py: Python<'_>) -> u64 {
         py.detach(|| self.taking().lost)

@@ -5,7 +5,7 @@
     board = pmac_dpram.connect()
     print(board.snapshot().motor[1].position)  # counts
     print(board.command("#1P"))
-    for update in board.updates():  # every servo report
+    for update in board.updates():  # every servo update
         print(update.sequence, update.motor[1].following_error)
     with board.jog(1, "+"):  # stops at the end of the block, and if this process dies
         ...
@@ -45,9 +45,9 @@ __all__ = [
 
 
 class Updates:
-    """Every servo report in turn, none twice. ``for`` and ``async for`` both work.
+    """Every servo update in turn, none twice. ``for`` and ``async for`` both work.
 
-    ``lost`` counts reports that were overwritten before they were taken here, ``missed`` the board's updates that the
+    ``lost`` counts updates that were overwritten before they were taken here, ``missed`` the board's updates that the
     daemon did not read in time. Both are exact.
     """
 
@@ -70,12 +70,12 @@ class Updates:
         return update
 
     def take(self, most: int = 65536) -> list[Snapshot]:
-        """The reports that have come already, at most ``most``. Does not wait, and does not mind a daemon that is gone."""
+        """The updates that have come already, at most ``most``. Does not wait, and does not mind a daemon that is gone."""
         return self._native.take_all(most)
 
     @property
     def lost(self) -> int:
-        """Reports that were overwritten before they were taken here."""
+        """Updates that were overwritten before they were taken here."""
         return self._native.lost
 
     @property
@@ -88,7 +88,7 @@ class Board(_native.Board):
     """A board of a running ``pmacd``; see :func:`connect`."""
 
     def updates(self, timeout: float = 2.0) -> Updates:
-        """Every servo report from now on. After ``timeout`` seconds without one, StaleData or DaemonGone is raised."""
+        """Every servo update from now on. After ``timeout`` seconds without one, StaleData or DaemonGone is raised."""
         return Updates(self._updates(timeout))
 
     def rotary(
