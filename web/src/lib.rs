@@ -10,9 +10,11 @@
 
 pub mod board;
 pub mod feed;
+pub mod hosts;
 pub mod metrics;
 pub mod options;
 pub mod pages;
+pub mod places;
 pub mod scope;
 pub mod server;
 pub mod state;

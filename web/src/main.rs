@@ -53,7 +53,7 @@ fn run(options: &Options) -> Result<(), String> {
         }
         info!("listening on http://{address}");
         tokio::select! {
-            () = server::serve(listener, server::routes(feed, place)) => {}
+            () = server::serve(listener, server::routes(feed, place, options.hosts())) => {}
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
         }

@@ -7,6 +7,7 @@ use clap::Parser;
 use pmac_dpram::segment::{SegmentError, SegmentName};
 
 use crate::board::Place;
+use crate::hosts::Hosts;
 
 /// The board that is meant where none is named.
 const DEFAULT_NAME: &str = "pmac0";
@@ -30,6 +31,10 @@ pub struct Options {
     /// The address to listen on
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8025")]
     listen: SocketAddr,
+    /// A name by which browsers and Prometheus ask, without the port; may be given several times. Addresses and localhost need
+    /// no naming; by any other name nothing is answered, for that may be a page that has its own name lead here
+    #[arg(long, value_name = "NAME")]
+    host: Vec<String>,
 }
 
 impl Options {
@@ -37,6 +42,12 @@ impl Options {
     #[must_use]
     pub fn listen(&self) -> SocketAddr {
         self.listen
+    }
+
+    /// By which names the page is asked for.
+    #[must_use]
+    pub fn hosts(&self) -> Hosts {
+        Hosts::new(&self.host)
     }
 
     /// Which board to show.

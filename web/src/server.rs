@@ -1,6 +1,7 @@
 //! HTTP, bounded: so many connections, so long for a request, so long for a client that does not read.
 
 use std::convert::Infallible;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,31 +9,39 @@ use axum::Router;
 use axum::extract::{Query, State};
 use axum::http::StatusCode;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::middleware::from_fn_with_state;
 use axum::response::sse::{Event, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use futures_util::{Stream, StreamExt, stream};
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use log::warn;
 use serde::Deserialize;
 use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_io_timeout::TimeoutStream;
 
 use crate::board::Place;
 use crate::feed::Feed;
+use crate::hosts::{self, Hosts};
+use crate::places::{Place as Held, Places};
 use crate::scope::Traces;
 use crate::{metrics, pages};
 
-/// Connections at a time. More wait until one ends.
+/// Connections at a time. When there are so many, an idle one ends for who comes; where none is, who comes waits.
 pub const CONNECTIONS: usize = 64;
 /// Streams at a time, of state or of traces: less than the connections, so that others get in.
 pub const STREAMS: usize = 48;
 /// How long a client may take for a request, and stay without one.
 const REQUEST: Duration = Duration::from_secs(10);
+/// How long a client may stay without a request when all places are taken.
+const IDLE_WHEN_FULL: Duration = Duration::from_secs(1);
+/// How long he may still fetch his last answer then.
+const LAST_ANSWER: Duration = Duration::from_secs(1);
 /// How long a client may not read.
 const UNREAD: Duration = Duration::from_secs(10);
 /// The most of a request that is kept.
@@ -47,25 +56,23 @@ struct Site {
     streams: Arc<Semaphore>,
 }
 
-/// Everything that is answered.
-pub fn routes(feed: Feed, place: Place) -> Router {
+/// Everything that is answered to who asks by one of the `hosts`.
+pub fn routes(feed: Feed, place: Place, hosts: Hosts) -> Router {
     let site = Site { feed, place: Arc::new(place), streams: Arc::new(Semaphore::new(STREAMS)) };
     let own = Router::new()
         .route("/state", get(state))
         .route("/events", get(events))
         .route("/scope", get(scope))
         .route("/metrics", get(numbers));
-    own.merge(pages::routes()).with_state(site)
+    own.merge(pages::routes()).with_state(site).layer(from_fn_with_state(hosts, hosts::check))
 }
 
 /// Serves until the program ends.
 pub async fn serve(listener: TcpListener, routes: Router) {
-    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let places = Places::new(CONNECTIONS, IDLE_WHEN_FULL);
     loop {
-        // The semaphore is never closed.
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
         match listener.accept().await {
-            Ok((stream, _)) => drop(tokio::spawn(connection(stream, routes.clone(), place))),
+            Ok((stream, _)) => drop(tokio::spawn(connection(stream, routes.clone(), places.take().await))),
             Err(why) => {
                 warn!("a connection: {why}");
                 tokio::time::sleep(REFUSED).await;
@@ -74,16 +81,39 @@ pub async fn serve(listener: TcpListener, routes: Router) {
     }
 }
 
-async fn connection(stream: TcpStream, routes: Router, _place: OwnedSemaphorePermit) {
+async fn connection(stream: TcpStream, routes: Router, place: Held) {
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(UNREAD));
+    let (routes, place) = (TowerToHyperService::new(routes), Arc::new(place));
+    let asked = Arc::clone(&place);
+    let service = service_fn(move |request| {
+        asked.asks();
+        let (response, asked) = (routes.call(request), Arc::clone(&asked));
+        async move {
+            let response = response.await;
+            // A stream has no end, and is never idle.
+            let is_stream = |response: &Response| {
+                response.headers().get(CONTENT_TYPE).is_some_and(|kind| kind == "text/event-stream")
+            };
+            if !response.as_ref().is_ok_and(is_stream) {
+                asked.is_answered();
+            }
+            response
+        }
+    });
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(REQUEST)
         .max_buf_size(REQUEST_MAX)
-        .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(routes));
-    // A client that goes is no fault of ours.
-    let _ = served.await;
+        .serve_connection(TokioIo::new(Box::pin(stream)), service);
+    let mut served = pin!(served);
+    tokio::select! {
+        // A client that goes is no fault of ours.
+        _ = served.as_mut() => return,
+        () = place.is_lost() => {}
+    }
+    served.as_mut().graceful_shutdown();
+    let _ = tokio::time::timeout(LAST_ANSWER, served).await;
 }
 
 async fn state(State(site): State<Site>) -> Response {

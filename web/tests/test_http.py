@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import time
 import urllib.error
 import urllib.parse
 
@@ -81,8 +82,38 @@ def test_what_is_not_there_is_refused(moving, path):
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
 def test_nothing_can_be_written(moving, method):
     with connect(moving) as client:
-        client.sendall(f"{method} /state HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n".encode())
+        client.sendall(f"{method} /state HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n\r\n".encode())
         assert client.recv(100).startswith(b"HTTP/1.1 405")
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "localhost@evil.example"])
+def test_by_a_name_that_others_can_have_nothing_is_told(moving, host):
+    for path in ("/", "/state", "/events", "/metrics", "/nothing"):
+        with connect(moving) as client:
+            client.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+            assert client.recv(100).startswith(b"HTTP/1.1 421"), path
+
+
+def test_those_who_keep_idle_connections_keep_nobody_out(moving):
+    def ask(client):
+        client.sendall(b"GET /page.css HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        answer = b""
+        while b"\r\n\r\n" not in answer:
+            answer += client.recv(65536)
+        return answer
+    idle = []
+    try:
+        for _ in range(60):
+            idle.append(connect(moving))
+            assert ask(idle[-1]).startswith(b"HTTP/1.1 200")
+        idle += [connect(moving) for _ in range(40)]
+        # Well before the ten seconds that each of them may stay.
+        begun = time.monotonic()
+        assert json.loads(moving.get("/state", 8))["condition"] == "live"
+        assert time.monotonic() - begun < 8
+    finally:
+        for client in idle:
+            client.close()
 
 
 def test_another_boards_socket_is_refused(moving):
@@ -113,7 +144,7 @@ def test_many_who_do_not_read_hold_nobody_up(board):
     for _ in range(60):
         client = connect(board)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        client.sendall(f"GET /scope?traces=1.{fields} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        client.sendall(f"GET /scope?traces=1.{fields} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
         streams.append(client)
     # Those who do not read are sent away, and then everybody is served again.
     until(lambda: served(board), "a state")
@@ -135,7 +166,7 @@ def served(board):
 def test_a_stream_tells_what_it_left_out(moving):
     got = []
     with connect(moving) as client:
-        client.sendall(b"GET /scope?traces=1.actual_position HTTP/1.1\r\nHost: x\r\n\r\n")
+        client.sendall(b"GET /scope?traces=1.actual_position HTTP/1.1\r\nHost: localhost\r\n\r\n")
         reader = client.makefile("rb")
         thread = threading.Thread(target=lambda: got.extend(line for line, _ in zip(reader, range(200))))
         thread.start()
