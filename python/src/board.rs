@@ -82,6 +82,19 @@ impl Board {
         result.map_err(of_command)
     }
 
+    /// As [`Self::send`]; where it is `confirmed`, also what ends command lines for everybody.
+    fn send_confirmed<R: Send>(
+        &self,
+        py: Python<'_>,
+        confirmed: bool,
+        action: impl Fn(&mut Connection) -> Result<R, CommandError> + Send + Sync,
+    ) -> PyResult<R> {
+        if !confirmed {
+            return self.send(py, action);
+        }
+        py.detach(|| action(&mut self.connect()?.confirming(true))).map_err(of_command)
+    }
+
     fn connect(&self) -> Result<Connection, CommandError> {
         Connection::open(&self.socket)?.of_board(&self.name)
     }
@@ -182,18 +195,17 @@ impl Board {
     #[pyo3(signature = (line, timeout = 5.0, *, confirmed = false))]
     fn command(&self, py: Python<'_>, line: &str, timeout: f64, confirmed: bool) -> PyResult<Vec<String>> {
         let timeout = duration(timeout)?;
-        if confirmed {
-            let send = || self.connect()?.confirming(true).send(line, timeout);
-            return py.detach(send).map_err(of_command);
-        }
-        self.send(py, |connection| connection.send(line, timeout))
+        self.send_confirmed(py, confirmed, |connection| connection.send(line, timeout))
     }
 
-    /// Sends a control character, `^F` or `F`, and returns the lines of its reply.
-    fn control(&self, py: Python<'_>, character: &str) -> PyResult<Vec<String>> {
+    /// Sends a control character (`^K`, or the character itself), as `pmacctl send` does, and returns the lines of its reply. Which
+    /// ones you may send, `pmacd` knows by your role. `confirmed`: also `^Z`, which ends command lines for everybody, and `^R` and `^S`
+    /// where they run lines that a rotary stream has left.
+    #[pyo3(signature = (character, *, confirmed = false))]
+    fn control(&self, py: Python<'_>, character: &str, confirmed: bool) -> PyResult<Vec<String>> {
         let character = parse(character)
             .ok_or_else(|| refused(&format!("{character:?} is no control character; write ^A to ^Z")))?;
-        self.send(py, |connection| connection.control(character))
+        self.send_confirmed(py, confirmed, |connection| connection.control(character))
     }
 
     /// A request to the control panel: `jog+`, `jog-`, `jog-stop`, `pre-jog`, `home`, `start`, `step`, `stop` or `hold`.

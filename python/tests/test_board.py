@@ -59,6 +59,11 @@ def test_errors_carry_the_boards_number(site):
         board.control("nonsense")
     assert error.value.code == 0
     assert len(board.control("^F")) >= 1
+    for character in ("^K", "^k", "\x0b", "^A", "^D"):
+        assert board.control(character) == []
+    with pytest.raises(pmac_dpram.PmacError, match="confirm|--yes"):
+        board.control("^Z")
+    assert board.control("^Z", confirmed=True) == []
     with pytest.raises(pmac_dpram.PmacError, match="no time"):
         board.wait(-1)
 
