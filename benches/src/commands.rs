@@ -4,13 +4,10 @@ use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
-use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
 use pmac_dpram::map::PMAC;
 use pmac_dpram::segment::Counter;
 
+use crate::bare_board::{BareBoard, Pauses};
 use crate::clock::{Figures, Series};
 use crate::process::{Child, Shared};
 use crate::rig::{Rig, Setup, program};
@@ -47,17 +44,6 @@ pub fn run(rounds: usize) {
     );
 }
 
-/// Pauses so spread that questions come at any moment of the board's cycle: asked one right after the other, they would all keep
-/// step with it, and a microsecond more or less would count as nothing or as a whole cycle.
-struct Pauses(u64);
-
-impl Pauses {
-    fn pause(&mut self) {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        std::thread::sleep(Duration::from_nanos((self.0 >> 33) % 500_000));
-    }
-}
-
 /// The same question to the same board: directly on the DPRAM by the library, and through socket and daemon.
 fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
     const QUESTIONS: usize = 1500;
@@ -73,7 +59,7 @@ fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
     // Not while the daemon still asks the board who it is, which takes the port for some ms at a time.
     std::thread::sleep(Duration::from_millis(2500));
     let mut connection = rig.connection();
-    let mut pauses = Pauses(1);
+    let mut pauses = Pauses::default();
     let through: Series = (0..QUESTIONS)
         .map(|_| {
             pauses.pause();
@@ -101,41 +87,15 @@ fn round_trips(table: &mut Table, row: &'static str, setup: &Setup) {
     }
 }
 
-/// The handshake alone, in this process: sleeps until the board's interrupt, as the daemon does.
+/// The handshake alone.
 fn direct(rig: &Rig, questions: usize) -> Figures {
-    let mut bus = FileBoard::open(&rig.memory(), PMAC.length as usize).expect("the board's memory");
-    let mut interrupt = Interrupt::connect(&InterruptSource::Unix(rig.interrupt())).expect("its interrupt");
-    let mut port = DpramPort::new(&PMAC.ascii, TextOrder::default(), Instant::now());
-    port.release(&mut bus).expect("the bus");
-    std::thread::sleep(Duration::from_millis(100));
-    let mut ask = || {
-        let start = Instant::now();
-        let mut answered = false;
-        while !port.begin(&mut bus, LINE.as_bytes()).expect("the bus") {
-            port.poll(&mut bus, Instant::now()).expect("the bus");
-            assert!(start.elapsed() < Duration::from_secs(5), "the port is never idle");
-        }
-        loop {
-            match port.poll(&mut bus, Instant::now()).expect("the bus") {
-                Some(AsciiEvent::Done(done)) => {
-                    assert!(done.is_ok() && answered);
-                    return start.elapsed().as_nanos() as f64;
-                }
-                Some(AsciiEvent::Line(text)) => answered |= text.as_bytes() == ANSWER.as_bytes(),
-                Some(_) => {}
-                None => {
-                    let mut watched = [PollFd::new(interrupt.descriptor(), PollFlags::POLLIN)];
-                    poll(&mut watched, PollTimeout::from(20_u8)).expect("a wait");
-                    interrupt.take();
-                }
-            }
-            assert!(start.elapsed() < Duration::from_secs(5), "no answer");
-        }
-    };
-    let mut pauses = Pauses(1);
+    let mut board = BareBoard::open(rig, &PMAC);
+    let mut pauses = Pauses::default();
     let asked = (0..questions).map(|_| {
         pauses.pause();
-        crate::clock::ticks(ask())
+        let start = Instant::now();
+        assert_eq!(board.ask(LINE), [ANSWER]);
+        crate::clock::ticks(start.elapsed().as_nanos() as f64)
     });
     let series: Series = asked.collect();
     series.figures()
@@ -151,7 +111,7 @@ fn echo(table: &mut Table) {
             other.write_all(&line[..REPLY_BYTES]).expect("sent");
         }
     });
-    let (mut pauses, mut reply) = (Pauses(1), [0; REPLY_BYTES]);
+    let (mut pauses, mut reply) = (Pauses::default(), [0; REPLY_BYTES]);
     let times: Series = (0..QUESTIONS)
         .map(|_| {
             pauses.pause();

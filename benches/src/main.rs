@@ -3,11 +3,13 @@
 
 mod allocation;
 mod bare;
+mod bare_board;
 mod clock;
 mod commands;
 mod daemon;
 mod growth;
 mod machine;
+mod poll;
 mod process;
 mod rig;
 mod segment;
@@ -19,6 +21,7 @@ const USAGE: &str =
        pmac-dpram-bench daemon [ROUNDS [SECONDS]]
        pmac-dpram-bench bare [ROUNDS [SECONDS]]
        pmac-dpram-bench commands [ROUNDS]
+       pmac-dpram-bench poll [ROUNDS]
        pmac-dpram-bench turbo [SECONDS]
        pmac-dpram-bench allocation [SECONDS]
        pmac-dpram-bench growth [SECONDS-PER-LINE]";
@@ -37,6 +40,7 @@ fn main() {
         Some("growth") => growth::run(number(1, 4)),
         Some("commands") => commands::run(number(1, 5) as usize),
         Some("bare") => exit(bare::run(number(1, 5) as usize, number(2, 5))),
+        Some("poll") => exit(poll::run(number(1, 5) as usize)),
         Some("turbo") => exit(turbo::run(number(1, 60))),
         Some("allocation") => exit(allocation::run(number(1, 10))),
         _ => {

@@ -179,7 +179,8 @@ impl Rig {
 pub struct Program(Child);
 
 impl Program {
-    fn start(command: &mut Command) -> Self {
+    /// What `command` runs.
+    pub fn start(command: &mut Command) -> Self {
         let shown = format!("{command:?}");
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         Self(child.unwrap_or_else(|error| panic!("{shown}: {error}")))
