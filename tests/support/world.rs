@@ -187,6 +187,11 @@ impl World {
         end.is_some_and(|end| end <= self.now() + 2 * self.period())
     }
 
+    fn is_ending(&mut self, begun: Instant) -> bool {
+        let now = self.now();
+        self.daemon.as_mut().is_some_and(|daemon| daemon.server.is_ending(begun, now))
+    }
+
     /// Stops the daemon gracefully. The motors that may still move, as it says.
     pub fn stop_daemon(&mut self) -> u32 {
         let begun = self.now();
@@ -194,7 +199,7 @@ impl World {
         if let Some(daemon) = &mut self.daemon {
             daemon.server.begin_end(begun);
         }
-        while self.daemon.as_ref().is_some_and(|daemon| daemon.server.is_ending(begun, self.now())) {
+        while self.is_ending(begun) {
             self.step();
         }
         let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return 0 };

@@ -78,7 +78,7 @@ impl fmt::Display for LeaseEnd {
                 f.write_str("; pmacd stops it by command line")
             }
             Self::DaemonEnds => {
-                f.write_str("the held jog is over: pmacd is stopping, and stops it before it ends")
+                f.write_str("the held jog is over: pmacd is stopping, and every held jog with it")
             }
             Self::Stands(motors) => {
                 let target = Target::Motors(*motors);
@@ -324,6 +324,11 @@ impl Leases {
             lease.until <= now || client != NOBODY && may_be_gone(lease) && !is_there(client)
         };
         self.end(now, has_lapsed, send)
+    }
+
+    /// Whether somebody whose jog ended with the daemon has not heard so.
+    pub(super) fn has_untold(&self) -> bool {
+        self.ended.values().any(|(end, _)| *end == LeaseEnd::DaemonEnds)
     }
 
     /// The daemon ends: no jog is held any more.

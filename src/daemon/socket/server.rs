@@ -130,6 +130,8 @@ struct Service {
     info: Info,
     /// The daemon stops: nothing is begun any more.
     stopping: bool,
+    /// Since when, at the end, nothing is left to be stopped.
+    stood_since: Option<Instant>,
     /// What operators may send.
     characters: Characters,
 }
@@ -155,6 +157,7 @@ impl Service {
             events,
             info,
             stopping: false,
+            stood_since: None,
             characters: options.roles.operate_characters,
         })
     }

@@ -15,7 +15,7 @@ use crate::daemon::shared::queue::{Command, DEFAULT_TIMEOUT, Origin, Outcome, Te
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
-use crate::daemon::socket::leases::StopFor;
+use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
@@ -120,7 +120,14 @@ impl Service {
                 self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
             }
             Action::Renew => {
+                if self.stopping && self.may_move() != 0 {
+                    // Its holder is to hear how that ends.
+                    return Ok(Some(Reply::done()));
+                }
                 let renewed = self.leases.renew(caller.client, now);
+                if renewed == Err(Some(LeaseEnd::DaemonEnds)) {
+                    self.leases.forget(caller.client);
+                }
                 return renewed.map(|()| Some(Reply::done())).map_err(lease_over);
             }
         }

@@ -8,6 +8,7 @@ use nix::sys::eventfd::EventFd;
 
 use super::Service;
 use super::replies::is_stopping;
+use crate::daemon::socket::leases::LEASE;
 use crate::daemon::socket::sequences::END_STEP;
 use crate::daemon::socket::stop_target::Target;
 use crate::protocol::{CallError, Reply};
@@ -43,12 +44,20 @@ impl Service {
         self.stop_sequences(now);
     }
 
-    /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time.
-    pub(super) fn time_left(&self, begun: Instant, now: Instant) -> Option<Duration> {
+    /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time. Who held
+    /// a jog renews it until it has been stopped, and hears of that then.
+    pub(super) fn time_left(&mut self, begun: Instant, now: Instant) -> Option<Duration> {
         let stops = self.leases.count() + self.stops.count() > 0 || self.calls.stops();
+        self.stood_since = if stops { None } else { self.stood_since.or(Some(now)) };
         let steps = self.has_sequences().then_some(begun + LAST_STEPS);
-        let latest = steps.max(stops.then_some(begun + LAST_STOPS))?;
+        let told = self.stood_since.filter(|_| self.leases.has_untold()).map(|since| since + LEASE);
+        let latest = steps.max(stops.then_some(begun + LAST_STOPS)).max(told)?;
         Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
+    }
+
+    /// The motors of held jogs that may still move; bit 0 is motor 1.
+    pub(super) fn may_move(&self) -> u32 {
+        self.leases.motors() | self.stops.motors()
     }
 
     /// Tells whoever waits. The motors of held jogs that may still move, bit 0 being motor 1.
@@ -57,9 +66,11 @@ impl Service {
         while let Some(event) = self.events.try_receive() {
             self.on_event(event, now);
         }
-        let may_move = self.leases.motors() | self.stops.motors();
+        let may_move = self.may_move();
+        let mut reason = "pmacd stopped before the board had answered".to_owned();
         if may_move != 0 {
             let target = Target::Motors(may_move);
+            reason += &format!("; {target} MAY STILL MOVE");
             error!(
                 target: "audit",
                 "{target} MAY STILL MOVE: pmacd ends, and the board has not taken the stop of its held jog; use the emergency stop, or ^A \
@@ -72,7 +83,6 @@ impl Service {
         // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
         // sent.
         let unsent = Reply::of_error(&is_stopping());
-        let reason = "pmacd stopped before the board had answered".to_owned();
         let uncertain = Reply::of_error(&CallError::Interrupted { reason });
         let (clients, calls) = (&mut self.clients, &self.calls);
         let reply = |client, waits_for_board| {

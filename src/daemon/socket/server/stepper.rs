@@ -115,7 +115,7 @@ impl ServerStepper {
 
     /// Whether the end that was `begun` goes on.
     #[must_use]
-    pub fn is_ending(&self, begun: Instant, now: Instant) -> bool {
+    pub fn is_ending(&mut self, begun: Instant, now: Instant) -> bool {
         self.service.time_left(begun, now).is_some()
     }
 
