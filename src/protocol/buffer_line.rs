@@ -18,10 +18,14 @@ pub enum Effect {
     Closes,
 }
 
-/// Whether `line` is `CLOSE` and nothing else.
+/// Whether `line` is `CLOSE`, or `CLOSE ALL` (Turbo Software Reference p. 381), and nothing else.
 #[must_use]
 pub fn is_close(line: &[u8]) -> bool {
-    CLOSES.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()))
+    let is_closes = |line: &[u8]| CLOSES.iter().any(|word| line.eq_ignore_ascii_case(word.as_bytes()));
+    let line = line.trim_ascii();
+    let before_all =
+        line.split_last_chunk().filter(|(_, all): &(_, &[u8; 3])| all.eq_ignore_ascii_case(b"ALL"));
+    is_closes(line) || before_all.is_some_and(|(before, _)| is_closes(before.trim_ascii_end()))
 }
 
 /// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`, `#`. The board carries such letters out while a

@@ -71,6 +71,8 @@ pub struct Faults {
     pub all_zeros: bool,
     /// Every word reads all ones, as with a board that has lost its power or its address.
     pub all_ones: bool,
+    /// `CLOSE` of a Turbo board closes nothing, as where each port closes its own; `CLOSE ALL` does.
+    pub close_ignored: bool,
     /// Without its page the DPRAM shows another one, which the host reads and writes as memory.
     pub other_page: bool,
 }
@@ -239,6 +241,11 @@ static FAULTS: &[&[Fault]] = &[
         count("spurious_interrupt", "so many interrupts come with nothing behind them", 1, |f| {
             &mut f.spurious_interrupts
         }),
+        switch(
+            "close_ignored",
+            "CLOSE of a Turbo board is acknowledged and closes nothing; CLOSE ALL does",
+            |f| &mut f.close_ignored,
+        ),
         switch("all_ones", "every word of the DPRAM reads all ones", |f| &mut f.all_ones),
         switch("all_zeros", "every word of the DPRAM reads zero", |f| &mut f.all_zeros),
         switch("other_page", "while its page is not selected, the DPRAM shows another one", |f| {

@@ -10,9 +10,9 @@ use pmac_dpram::daemon::socket::policy::{Peer, Role};
 use pmac_dpram::protocol::control;
 use serde_json::{Value, json};
 
-use crate::support::VirtualSite;
 use crate::support::raw::{Raw, error_name};
 use crate::support::rig::Ran;
+use crate::support::{PATIENCE, VirtualSite};
 
 const STRANGER: u32 = 4711;
 
@@ -111,6 +111,25 @@ fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
         assert_refused(&site, arguments, "opened by somebody else (the serial port");
     }
     assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_close_that_closes_nothing_lets_no_line_enter() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.control("fault close_ignored on");
+    let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+    serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
+    site.run_for(Duration::from_millis(500));
+    let mut board = site.connection();
+    board.send("CLOSE", PATIENCE).unwrap();
+    let refused = board.send("P5=7", PATIENCE).unwrap_err().to_string();
+    assert!(refused.contains("opened by somebody else (the serial port"), "{refused}");
+    board.send("CLOSE ALL", PATIENCE).unwrap();
+    assert_eq!(board.send("P5", PATIENCE).unwrap(), ["0"]);
     assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
     site.assert_no_violations();
 }

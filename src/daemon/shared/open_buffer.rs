@@ -317,7 +317,12 @@ impl OpenBuffer {
         }
     }
 
+    /// On Turbo boards `CLOSE` may close what this port has opened and nothing else (FACTS-TURBO 14, K): of somebody else's buffer the
+    /// board has to say whether it is closed.
     fn close(&mut self) {
+        if self.seen && self.opened.is_none() {
+            (self.in_doubt, self.believed_until) = (true, None);
+        }
         self.opened = None;
         self.seen = false;
         self.distrust();
@@ -359,7 +364,7 @@ impl Barred {
             }
             Self::Open(None) => "not sent, it would have become a program line: the board says that a program buffer is open, \
                                  opened by somebody else (the serial port, another host, or before pmacd started); \
-                                 CLOSE by an engineer closes it"
+                                 CLOSE by an engineer closes it, on a Turbo board maybe only CLOSE ALL"
                 .to_owned(),
             Self::Closed => "not sent, it would have been carried out at once: somebody closed the program buffer that it belongs \
                              into, or the board was reset"

@@ -27,7 +27,7 @@ fn b1_2_only_who_opened_a_buffer_writes_into_it() {
         let Some(Barred::Open(Some(opened))) = buffer.bars(b"X1", writer) else { panic!("{writer:?}") };
         assert_eq!((&*opened.name, opened.by), ("PROG 77", ANNE));
     }
-    assert_eq!(buffer.bars(b" close ", BOB), None);
+    assert_eq!([&b" close "[..], b"CLOSE  all", b"cls all"].map(|line| buffer.bars(line, BOB)), [None; 3]);
     assert!(buffer.bars(b"CLOSE", sequence(1, false)).is_some() && buffer.bars(b"CLOSE X1", BOB).is_some());
     sent(&mut buffer, "CLOSE", BOB);
     sent(&mut buffer, "OPEN PLC 3", sequence(1, false));
@@ -64,6 +64,24 @@ fn b1_2_the_boards_reports_tell_what_others_open_and_close() {
     assert_eq!(buffer.bars(b"X1", ANNE), None);
     buffer.learn(Some(41301), Instant::now());
     assert!(!buffer.is_open());
+}
+
+#[test]
+fn b1_2_after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
+    let now = Instant::now();
+    let mut buffer = OpenBuffer::default();
+    buffer.see(true, 1);
+    sent(&mut buffer, "CLOSE", ANNE);
+    assert!(buffer.must_ask(b"P1=5", ANNE, now), "it may be open still");
+    buffer.learn(Some(-41301), now);
+    assert_eq!(buffer.bars(b"P1=5", ANNE), Some(Barred::Open(None)));
+    buffer.learn(Some(41301), now);
+    assert!(buffer.bars(b"P1=5", ANNE).is_none() && !buffer.must_ask(b"P1=5", ANNE, now));
+    // One's own is closed.
+    buffer.see(false, 60);
+    sent(&mut buffer, "OPEN PROG 1", ANNE);
+    sent(&mut buffer, "CLOSE", ANNE);
+    assert!(!buffer.must_ask(b"P1=5", ANNE, now));
 }
 
 #[test]

@@ -66,8 +66,9 @@ impl Line<'_, '_> {
         match command {
             BufferCommand::Open => self.open(),
             BufferCommand::CloseAll => {
-                self.scanner.take_text(b"ALL");
-                self.programs.store.close();
+                if self.scanner.take_text(b"ALL") || !self.board.faults.close_ignored {
+                    self.programs.store.close();
+                }
                 Ok(())
             }
             BufferCommand::Close => {
