@@ -33,6 +33,30 @@ fn moving(family: &str) -> VirtualSite {
     site
 }
 
+#[test]
+fn b4_5_an_escape_sequence_in_the_boards_type_is_seen_and_does_nothing() {
+    let recorded = moving("pmac");
+    let (directory, _) = record(&recorded, &ASKED, TIME);
+    let answers = directory.join("answers.ndjson");
+    let text = std::fs::read_to_string(&answers).unwrap();
+    std::fs::write(&answers, text.replace("PMAC1, ISA", "PMAC1\\u001b[2J, ISA")).unwrap();
+    let site = replayed(&directory);
+    let board_type = || site.connection().info().unwrap().board_type;
+    site.wait_until("the board's type", || board_type().is_some());
+    assert!(board_type().unwrap().contains("PMAC1\u{1b}[2J"), "as the board has it: {:?}", board_type());
+    for arguments in [&["status"][..], &["doctor"]] {
+        let (_, stdout, stderr) = site.pmacctl(arguments);
+        assert!(
+            !stdout.contains('\u{1b}') && !stderr.contains('\u{1b}'),
+            "{arguments:?}: {stdout:?} {stderr:?}"
+        );
+    }
+    let shown = site.pmacctl(&["status"]).1;
+    assert!(shown.contains("PMAC1\\x1b[2J"), "{shown:?}");
+    let document = site.pmacctl(&["status", "--json"]).1;
+    assert!(!document.contains('\u{1b}') && document.contains("PMAC1\\u001b[2J"), "{document:?}");
+}
+
 fn gives_the_board_again(family: &str, asked: &[&str]) {
     let recorded = moving(family);
     let (directory, original) = record(&recorded, asked, TIME);
