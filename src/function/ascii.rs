@@ -28,6 +28,7 @@ mod late_mark;
 mod line_cut;
 mod part_answer;
 mod response_buffer;
+pub mod stop;
 
 use std::time::{Duration, Instant};
 
@@ -122,6 +123,8 @@ pub struct DpramPort {
     part_answer: Follows,
     /// Another host may have left the first part of a line, without the second; the board was not told yet to forget it.
     half_left: bool,
+    /// The stop that goes once more before the next line is begun.
+    stop_again: Option<u8>,
 }
 
 impl DpramPort {
@@ -146,6 +149,7 @@ impl DpramPort {
             late_marks: LateMarks::default(),
             part_answer: Follows::default(),
             half_left: false,
+            stop_again: None,
         }
     }
 
@@ -167,10 +171,10 @@ impl DpramPort {
         self.settle_next(now);
     }
 
-    /// Whether a line of ours lies before the board, as far as was seen.
+    /// Whether a line of ours lies before the board, or it has the first part of one and the second is to follow, as far as was seen.
     #[must_use]
     pub const fn line_lies(&self) -> bool {
-        matches!(self.state, State::Loaded { .. })
+        matches!(self.state, State::Loaded { .. } | State::FirstTaken { .. })
     }
 
     /// How the board shows the end of a reply. A mark that comes is believed in any case.

@@ -13,6 +13,8 @@ use crate::protocol::control::ABORT;
 mod control;
 #[path = "ascii/part_tests.rs"]
 mod part;
+#[path = "ascii/stop_tests.rs"]
+mod stop;
 
 struct Rig {
     bus: FileBoard,

@@ -157,8 +157,17 @@ impl Outcome {
 /// Why lines are [`Outcome::Dropped`] when the user `uid` stops all motion by `character`.
 #[must_use]
 pub fn dropped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
-    let how = if character == control::KILL { "killed" } else { "aborted" };
-    Text::of(&format_args!("not sent: {how} by uid {uid}"))
+    Text::of(&format_args!("not sent: {}", stopped_by(uid, character)))
+}
+
+/// Why a line is [`Outcome::Interrupted`] when the user `uid` sends `character` over it.
+#[must_use]
+pub fn stopped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
+    match character {
+        control::ABORT => Text::of(&format_args!("aborted by uid {uid}")),
+        control::KILL => Text::of(&format_args!("killed by uid {uid}")),
+        other => Text::of(&format_args!("cancelled by ^{} of uid {uid}", char::from((other & 0x1F) + 64))),
+    }
 }
 
 /// What the bus thread tells the socket.

@@ -5,6 +5,9 @@
 //! too. So the register is written first. If the board has not taken the character [`FLAG_AFTER`] later and no line of
 //! ours lies untaken, the command buffer is emptied (a NUL) and the flag set. A board that needs only the register and was
 //! slow then finds an empty line, which does nothing; it may acknowledge it, so a silence follows before the next line.
+//!
+//! Where the board has the first part of a line, an empty one would end that, and the board carry it out. So it gets more time,
+//! and then the buffer is filled with blanks, without a NUL: the board has no end of a line.
 
 use std::time::{Duration, Instant};
 
@@ -15,6 +18,8 @@ use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP, only_reports};
 
 /// How long the board may take for a character before the flag is set too.
 pub const FLAG_AFTER: Duration = Duration::from_millis(20);
+/// The same, where the board has the first part of a line.
+pub const FLAG_BEHIND_HALF_AFTER: Duration = Duration::from_millis(100);
 
 /// A control character in its word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,11 +97,15 @@ impl DpramPort {
             self.put_control(bus, lying.character, false, now)?;
             return Ok(true);
         }
-        let line_lies = matches!(self.state, State::Loaded { .. }) || self.has_half_a_line();
-        let is_late = now >= lying.since + FLAG_AFTER && !lying.flagged;
-        if is_late && !line_lies && word != u16::MAX && !self.is_loaded(bus)? {
+        let has_half = self.has_half_a_line();
+        let patience = if has_half { FLAG_BEHIND_HALF_AFTER } else { FLAG_AFTER };
+        let is_late = now >= lying.since + patience && !lying.flagged;
+        if is_late && !self.line_lies() && word != u16::MAX && !self.is_loaded(bus)? {
             self.lying = Some(Lying { flagged: true, ..lying });
-            bus.write16(self.words.command, 0)?;
+            let (words, fill) = if has_half { (self.words.command_bytes / 2, b' ') } else { (1, 0) };
+            for word in 0..words {
+                bus.write16(self.words.command.plus_words(word), self.order.pack(fill, fill))?;
+            }
             bus.order_writes();
             bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
             bus.order_writes();

@@ -56,13 +56,38 @@ pub(super) enum After {
     ControlReply,
 }
 
+/// What is handed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum What {
+    /// `^X`, as the board has the first half of a line; then the question.
+    Cancel,
+    /// The question.
+    Question,
+    /// A stop, once more ([`super::stop`]), when the question was answered.
+    Stop(u8),
+}
+
+impl What {
+    const fn character(self) -> u8 {
+        match self {
+            Self::Cancel => CANCEL,
+            Self::Question => QUESTION,
+            Self::Stop(character) => character,
+        }
+    }
+
+    const fn first(cancels: bool) -> Self {
+        if cancels { Self::Cancel } else { Self::Question }
+    }
+}
+
 /// Where the question is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asking {
-    /// To be asked from then on. The board has the first half of a line if a `^X` has to go before.
-    Due { from: Instant, cancels: bool },
+    /// To be handed over from then on.
+    Due { from: Instant, what: What },
     /// In its word.
-    Lies { since: Instant, cancels: bool },
+    Lies { since: Instant, what: What },
     /// The board has taken it.
     Taken { since: Instant },
     /// It need not be asked (any more).
@@ -77,9 +102,16 @@ impl Hold {
         Self { quiet_since: now, texts: 0, asking: Asking::Over, in_vain: false }
     }
 
+    /// A stop goes once more.
+    pub(super) const fn stopping(now: Instant, character: u8) -> Self {
+        let asking = Asking::Due { from: now, what: What::Stop(character) };
+        Self { quiet_since: now, texts: 0, asking, in_vain: false }
+    }
+
     /// The board is asked; with `cancels`, to forget the first half of a line before.
     pub(super) const fn asking(now: Instant, cancels: bool) -> Self {
-        Self { quiet_since: now, texts: 0, asking: Asking::Due { from: now, cancels }, in_vain: false }
+        let asking = Asking::Due { from: now, what: What::first(cancels) };
+        Self { quiet_since: now, texts: 0, asking, in_vain: false }
     }
 
     /// Until then an `<ACK>` may come.
@@ -126,7 +158,7 @@ impl DpramPort {
         matches!(
             self.state,
             State::Held(Hold {
-                asking: Asking::Due { cancels: true, .. } | Asking::Lies { cancels: true, .. },
+                asking: Asking::Due { what: What::Cancel, .. } | Asking::Lies { what: What::Cancel, .. },
                 ..
             })
         )
@@ -142,8 +174,10 @@ impl DpramPort {
     pub fn look_for_half_a_line(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         let last_word = bus.read16(self.words.command.plus_words(self.words.command_bytes / 2 - 1))?;
         self.half_left = self.order.unpack(last_word)[1] != 0 && !self.is_out_of_reach(bus)?;
-        if let State::Held(Hold { asking: Asking::Due { cancels, .. }, .. }) = &mut self.state {
-            *cancels |= self.half_left;
+        if let State::Held(Hold { asking: Asking::Due { what, .. }, .. }) = &mut self.state
+            && self.half_left
+        {
+            *what = What::Cancel;
         }
         Ok(())
     }
@@ -156,9 +190,9 @@ impl DpramPort {
     /// A control character goes over the question, which is asked again later.
     pub(super) fn ask_later(&mut self, now: Instant) {
         if let State::Held(hold) = &mut self.state
-            && let Asking::Lies { cancels, .. } = hold.asking
+            && let Asking::Lies { what, .. } = hold.asking
         {
-            hold.asking = Asking::Due { from: now + ASK_AGAIN, cancels };
+            hold.asking = Asking::Due { from: now + ASK_AGAIN, what };
         }
     }
 
@@ -173,6 +207,10 @@ impl DpramPort {
     /// The command under way is over.
     pub(super) fn rest(&mut self, now: Instant) {
         let settles = std::mem::take(&mut self.settles);
+        if let Some(character) = self.stop_again.take() {
+            self.state = State::Held(Hold::stopping(now, character));
+            return;
+        }
         self.state = if settles { State::Held(Hold::silence(now)) } else { State::Idle };
     }
 
@@ -183,10 +221,11 @@ impl DpramPort {
     pub fn withdraw(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.withdraw_control(bus)?;
         self.withdraw_line(bus)?;
+        self.stop_again = None;
         if let State::Held(hold) = &mut self.state
-            && let Asking::Lies { cancels, .. } = hold.asking
+            && let Asking::Lies { what, .. } = hold.asking
         {
-            hold.asking = Asking::Due { from: now, cancels };
+            hold.asking = Asking::Due { from: now, what };
         }
         Ok(())
     }
@@ -199,32 +238,32 @@ impl DpramPort {
         now: Instant,
     ) -> Result<(), BusError> {
         match hold.asking {
-            Asking::Due { from, cancels } => {
+            Asking::Due { from, what } => {
                 if now >= from && self.lying.is_none() && bus.read16(self.words.control_character)? == 0 {
-                    let character = if cancels { CANCEL } else { QUESTION };
-                    self.put_control(bus, character, false, now)?;
-                    hold.asking = Asking::Lies { since: now, cancels };
+                    self.put_control(bus, what.character(), false, now)?;
+                    hold.asking = Asking::Lies { since: now, what };
                 }
             }
-            Asking::Lies { since, cancels } => {
+            Asking::Lies { since, what } => {
                 if !self.control_pending(bus, now)? {
                     hold.in_vain = false;
                     self.half_left = false;
-                    hold.asking = if cancels {
-                        Asking::Due { from: now, cancels: false }
-                    } else {
-                        Asking::Taken { since: now }
+                    hold.asking = match what {
+                        What::Cancel => Asking::Due { from: now, what: What::Question },
+                        What::Question => Asking::Taken { since: now },
+                        What::Stop(_) => Asking::Over,
                     };
                 } else if now >= since + ASK_LIMIT {
                     let looks_at_flag = !self.is_loaded(bus)?;
                     self.withdraw_control(bus)?;
                     self.withdraw_line(bus)?;
                     hold.in_vain = true;
-                    hold.asking = if looks_at_flag && !self.takes_characters && !cancels {
+                    hold.asking = if looks_at_flag && !self.takes_characters && what != What::Cancel {
                         Asking::Over
                     } else {
-                        let cancels = cancels && !std::mem::take(&mut self.half_left);
-                        Asking::Due { from: now + ASK_AGAIN, cancels }
+                        let gives_up = what == What::Cancel && std::mem::take(&mut self.half_left);
+                        let what = if gives_up { What::Question } else { what };
+                        Asking::Due { from: now + ASK_AGAIN, what }
                     };
                 }
             }
@@ -234,7 +273,7 @@ impl DpramPort {
             Asking::Over if self.is_loaded(bus)? => hold.quiet_since = now,
             Asking::Over if now >= hold.quiet_since + SETTLE => {
                 self.settles = false;
-                self.state = State::Idle;
+                self.rest(now);
                 return Ok(());
             }
             Asking::Over => {}

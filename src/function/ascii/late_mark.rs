@@ -97,6 +97,6 @@ impl DpramPort {
         *follows = if *follows == Follows::Yes { Follows::Unknown } else { Follows::No };
         // It was silent long enough for whatever else the next line waits for.
         self.settles = false;
-        self.state = State::Idle;
+        self.rest(now);
     }
 }

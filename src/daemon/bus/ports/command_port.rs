@@ -11,6 +11,7 @@ use crate::daemon::config::ports::Use;
 use crate::daemon::shared::open_buffer;
 use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::TextOrder;
+use crate::function::ascii::stop::Stopped;
 use crate::function::ascii::{AsciiEvent, DpramPort};
 use crate::map::Family;
 use crate::protocol::{CommandPort, answer};
@@ -306,6 +307,18 @@ impl CommandPorts {
         match self.in_use {
             CommandPort::Mailbox => Ok(()),
             CommandPort::Dpram => Ok(self.dpram.withdraw_line(bus)?),
+        }
+    }
+
+    /// Ends the line under way before a control character that goes over it. See [`DpramPort::stop`]; from a mailbox nothing can be
+    /// taken back.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn stop(&mut self, bus: &mut impl Bus, character: u8, now: Instant) -> Result<Stopped, PortError> {
+        match self.in_use {
+            CommandPort::Mailbox => Ok(Stopped::Nothing),
+            CommandPort::Dpram => Ok(self.dpram.stop(bus, character, now)?),
         }
     }
 

@@ -94,8 +94,18 @@ struct UnderWay {
     since: Instant,
     /// The board has shown that it works on it.
     taken: bool,
-    /// This user's `^X` has cancelled it.
-    cancelled_by: Option<u32>,
+    /// This control character has ended it.
+    ended_by: Option<EndedBy>,
+}
+
+/// What ended a command before the board had answered it.
+#[derive(Clone, Copy)]
+struct EndedBy {
+    uid: u32,
+    /// `^X`, which the board has taken, or a stop.
+    character: u8,
+    /// The board was not given all of the line, and does nothing before that.
+    unsent: bool,
 }
 
 /// The lines that wait, and the command under way.
@@ -475,7 +485,7 @@ impl AsciiQueue {
     }
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
-        self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, cancelled_by: None });
+        self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, ended_by: None });
         self.line_is_next = matches!(command, InFlight::Control(_));
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use super::{AsciiQueue, InFlight, WaitingControl};
+use super::{AsciiQueue, EndedBy, InFlight, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
 use crate::function::ascii::CANCEL;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
+use crate::function::ascii::stop::Stopped;
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
@@ -58,6 +59,7 @@ impl AsciiQueue {
             return Ok(());
         };
         let Some(&first) = self.controls.get(index) else { return Ok(()) };
+        self.stop_line(bus, &first, now)?;
         let has_reply = control_has_reply(first.character);
         if self.ports.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
@@ -75,6 +77,29 @@ impl AsciiQueue {
                     under_way.deadline = now;
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Ends the line under way where `control` goes over it. What ends a sequence stays.
+    fn stop_line(
+        &mut self,
+        bus: &mut impl Bus,
+        control: &WaitingControl,
+        now: Instant,
+    ) -> Result<(), PortError> {
+        let WaitingControl { uid, character, .. } = *control;
+        let Some(under_way) = &mut self.under_way else { return Ok(()) };
+        let InFlight::Line(WaitingLine { origin, .. }) = under_way.command else { return Ok(()) };
+        if origin.stays || !goes_over_line(character) {
+            return Ok(());
+        }
+        let stopped = self.ports.stop(bus, character, now)?;
+        // Behind `^X` it ends when the board has taken that.
+        if stopped != Stopped::Nothing && character != CANCEL {
+            // Where lines of a reply came the board carries out parts.
+            let unsent = stopped == Stopped::Unsent && !under_way.taken;
+            under_way.ended_by = Some(EndedBy { uid, character, unsent });
         }
         Ok(())
     }

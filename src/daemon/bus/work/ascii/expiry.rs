@@ -5,10 +5,13 @@ use std::time::Instant;
 use log::warn;
 
 use super::wait::Wait;
-use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
+use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by};
+use crate::daemon::shared::queue::{
+    Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
+};
 use crate::device::Bus;
+use crate::function::ascii::CANCEL;
 use crate::protocol::CommandState;
 use crate::segment::{Counter, Publisher};
 
@@ -22,7 +25,7 @@ impl AsciiQueue {
         now: Instant,
     ) -> Result<(), PortError> {
         if let Some(under_way) = self.under_way
-            && (now >= under_way.deadline || under_way.cancelled_by.is_some())
+            && (now >= under_way.deadline || under_way.ended_by.is_some())
         {
             self.under_way = None;
             self.give_up(bus, events, publisher, &under_way, now)?;
@@ -57,20 +60,24 @@ impl AsciiQueue {
         under_way: &UnderWay,
         now: Instant,
     ) -> Result<(), PortError> {
-        let UnderWay { command, since, cancelled_by, .. } = *under_way;
+        let UnderWay { command, since, ended_by, .. } = *under_way;
         self.ports.give_up(bus, now)?;
-        if cancelled_by.is_some() {
+        if ended_by.is_some_and(|ended| ended.character == CANCEL) {
             // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
             self.ports.withdraw(bus, now)?;
         }
         let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
-            self.give_up_own(command, cancelled_by.is_some(), now);
+            self.give_up_own(command, ended_by.is_some(), now);
             return Ok(());
         };
-        match cancelled_by {
-            Some(uid) => {
-                let reason = Text::of(&format_args!("cancelled by ^X of uid {uid}"));
-                self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(reason)));
+        match ended_by {
+            Some(EndedBy { uid, character, unsent }) => {
+                let outcome = if unsent {
+                    Outcome::Dropped(dropped_by(uid, character))
+                } else {
+                    Outcome::Interrupted(stopped_by(uid, character))
+                };
+                self.outbox.tell(events, Event::Done(ticket, outcome));
             }
             None => {
                 self.check.give_up(GivenUp { by: origin, since });
@@ -141,7 +148,7 @@ impl AsciiQueue {
         self.check.reset();
         self.ports.follow_cancel(now);
         if let Some(under_way) = &mut self.under_way {
-            under_way.cancelled_by = Some(uid);
+            under_way.ended_by = Some(EndedBy { uid, character: CANCEL, unsent: false });
         }
     }
 

@@ -1,0 +1,60 @@
+//! What the caller of a line is told that a stop has ended.
+
+use super::*;
+
+/// Its first part fills the buffer.
+fn long_line() -> String {
+    format!("{:<160} #2J+", "#1J+")
+}
+
+#[test]
+fn b2_a_line_that_a_stop_ends_half_way_is_told_as_not_sent_only_where_that_is_certain() {
+    const BY_7: &str = "aborted by uid 7";
+    for is_known in [false, true] {
+        let mut rig = Rig::new();
+        if is_known {
+            rig.send(1, &long_line(), Duration::from_secs(600));
+            rig.poll();
+            rig.take();
+            rig.poll();
+            rig.now += Duration::from_millis(300);
+            rig.poll();
+            assert_eq!(rig.take().trim(), "#2J+", "no answer to the first part came");
+            rig.poll();
+            rig.respond(response::ACKNOWLEDGE);
+            assert_eq!(rig.ended(), [(1, Outcome::Done)]);
+        }
+        rig.send(2, &long_line(), Duration::from_secs(600));
+        rig.poll();
+        rig.take();
+        rig.control(3, control::ABORT);
+        rig.poll();
+        assert!(!rig.loaded());
+        let outcome = if is_known {
+            Outcome::Dropped(Text::from_bytes(format!("not sent: {BY_7}").as_bytes()))
+        } else {
+            Outcome::Interrupted(Text::from_bytes(BY_7.as_bytes()))
+        };
+        assert_eq!(rig.ended(), [(2, outcome)]);
+        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        rig.poll();
+        assert_eq!(rig.ended(), [(3, Outcome::Done)]);
+    }
+}
+
+#[test]
+fn b2_a_cancel_is_handed_over_that_ends_a_line_half_way() {
+    let mut rig = Rig::new();
+    rig.send(1, &long_line(), Duration::from_secs(600));
+    rig.poll();
+    rig.take();
+    rig.control(2, CANCEL);
+    rig.poll();
+    assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(CANCEL));
+    assert_eq!(rig.ended(), []);
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+    rig.poll();
+    let ended = rig.ended();
+    assert_eq!(ended[0], (2, Outcome::Done));
+    assert!(matches!(ended[1], (1, Outcome::Interrupted(_))), "{ended:?}");
+}
