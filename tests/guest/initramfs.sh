@@ -11,7 +11,7 @@ chmod 755 "$tree"
 mkdir -p "$tree/bin" "$tree/guest" "$tree/etc"
 cp /bin/busybox "$tree/bin/busybox"
 cp "$here/inside/init" "$tree/init"
-cp "$here"/inside/*.sh "$here/functions.sh" "$tree/guest/"
+cp "$here"/inside/*.sh "$here/functions.sh" "$root/docs/first-board.md" "$tree/guest/"
 
 for program in "$programs/pmacd" "$programs/pmacctl" "$cache/latency"; do
 	[ -e "$program" ] || continue
@@ -21,7 +21,7 @@ for program in "$programs/pmacd" "$programs/pmacctl" "$cache/latency"; do
 	done
 done
 
-"$here/modules.sh" "$tree" uio_pci_generic virtio_blk virtio_pci
+"$here/modules.sh" "$tree" uio_pci_generic virtio_blk virtio_console virtio_pci
 
 (cd "$tree" && find . | cpio --quiet -o -H newc -R 0:0) | gzip -1 >"$image.new"
 mv "$image.new" "$image"
