@@ -22,5 +22,4 @@ pub mod reply;
 pub mod session;
 pub mod tcp;
 pub mod text;
-pub mod tokens;
 pub mod udp;

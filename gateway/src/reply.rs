@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use pmac_dpram::protocol::tokens::covers;
+
 use crate::packet::REPLY_MAX;
 
 const STX: u8 = 0x02;
@@ -27,6 +29,12 @@ impl Default for Handshake {
 impl Handshake {
     /// The variables that are a client's own.
     pub const VARIABLES: [u32; 3] = [3, 4, 6];
+
+    /// Whether one of them is among `first`, `first + step` … `last`.
+    #[must_use]
+    pub fn has_among(first: u32, last: u32, step: u32) -> bool {
+        Self::VARIABLES.iter().any(|own| covers(first, last, step, *own))
+    }
 
     /// Sets variable `number`. Whether it takes the value: I4 has none but 0, as no check sums are made here.
     pub fn set(&mut self, number: u32, value: u32) -> bool {

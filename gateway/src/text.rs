@@ -8,11 +8,11 @@ use pmac_dpram::protocol::LINE_MAX;
 use pmac_dpram::protocol::buffer_line::{Effect, effect};
 use pmac_dpram::protocol::line::plain;
 use pmac_dpram::protocol::moved_motors::{EndlessJogs, motors_moved};
+use pmac_dpram::protocol::tokens::{self, Kind, Needs, Token};
 
 use crate::board::{self, Failure};
 use crate::reply::Handshake;
 use crate::session::{READ_ONLY, Session};
-use crate::tokens::{self, Kind, Needs, Token, covers};
 
 /// A piece of a line, and what becomes of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -139,14 +139,14 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
     let Some((token, behind)) = tokens.split_first() else { return Ok(None) };
     let text = line[token.span.clone()].trim();
     match token.kind {
-        Kind::SetsOwn(number, Some(value)) => Ok(Some(Piece::Set(number, value))),
-        Kind::SetsOwn(_, None) => {
+        Kind::SetsI(number, _, _, value) if sets_own(token) => {
+            if let Some(value) = value {
+                return Ok(Some(Piece::Set(number, value)));
+            }
             let why = format!("{text:?}: I3, I4 and I6 are the client's own; set each to a plain number");
             Err(Failure::unsent(board::UNKNOWN, why))
         }
-        Kind::Variables(first, last, step)
-            if Handshake::VARIABLES.iter().any(|own| covers(first, last, step, *own)) =>
-        {
+        Kind::Variables(first, last, step) if Handshake::has_among(first, last, step) => {
             Ok(Some(Piece::Own(text.to_owned(), first, step)))
         }
         Kind::Version => Ok(kept.version.map(|version| Piece::Version(version.to_owned()))),
@@ -155,6 +155,11 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
             _ => None,
         }),
     }
+}
+
+/// Whether `token` sets variables that are a client's own.
+fn sets_own(token: &Token) -> bool {
+    matches!(token.kind, Kind::SetsI(first, last, step, _) if Handshake::has_among(first, last, step))
 }
 
 /// What `token` addresses, if it does nothing else.
@@ -261,7 +266,7 @@ impl Session {
             return self.whole_line(line);
         }
         let tokens = tokens::of(line);
-        let is_harmless = |token: &Token| token.only_asks() || matches!(token.kind, Kind::SetsOwn(..));
+        let is_harmless = |token: &Token| token.only_asks() || sets_own(token);
         if self.rules.read_only && !tokens.iter().all(is_harmless) {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }

@@ -24,6 +24,7 @@ pub mod password;
 pub mod program_words;
 pub mod settings;
 pub mod socket_place;
+pub mod tokens;
 pub mod transport;
 
 pub use crate::map::Function;

@@ -1,11 +1,9 @@
-//! What a command line consists of, as far as that has to be known here: which commands only ask, which variables are a client's own,
-//! which motor and coordinate system are addressed, and who needs one that is.
+//! The commands of a command line: which only ask, which move something, and whom each addresses.
 //!
-//! Only what is known for certain to ask counts as asking. What is not known at all takes the rest of the line with it.
+//! PMAC needs no blanks between commands (GRAMMAR 1). Only what is known for certain to ask counts as asking. A command that is not
+//! known takes the rest of the line with it.
 
 use std::ops::Range;
-
-use crate::reply::Handshake;
 
 /// What a command needs to be addressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,8 +31,8 @@ pub enum Kind {
     Variables(u32, u32, u32),
     /// It asks for the firmware's version.
     Version,
-    /// It sets a variable that is a client's own; to what, where that is a plain number.
-    SetsOwn(u32, Option<u32>),
+    /// It sets I-variables: the first, the last, and the step between them; to what, where it is one and a plain number.
+    SetsI(u32, u32, u32, Option<u32>),
     /// It moves or stops something.
     Moves(Needs),
     /// It changes something else.
@@ -68,8 +66,10 @@ impl Token {
     }
 }
 
-/// Commands that are words. The longest that fits is it.
-const WORDS: [(&str, Kind); 25] = [
+/// Commands that are words, and those that begin as others do. The longest that fits is it.
+const WORDS: [(&str, Kind); 35] = [
+    ("ABR", Kind::Moves(Needs::System)),
+    ("ABS", Kind::Changes),
     ("CHECKSUM", Kind::Asks(Needs::Nothing)),
     ("CHKS", Kind::Asks(Needs::Nothing)),
     ("CID", Kind::Asks(Needs::Nothing)),
@@ -83,12 +83,20 @@ const WORDS: [(&str, Kind); 25] = [
     ("HMZ", Kind::Moves(Needs::Motor)),
     ("HOME", Kind::Moves(Needs::Motor)),
     ("HOMEZ", Kind::Moves(Needs::Motor)),
+    ("PASSWORD", Kind::Unknown),
+    ("PAUSE", Kind::Unknown),
     ("PC", Kind::Asks(Needs::System)),
     ("PE", Kind::Asks(Needs::System)),
+    ("PMATCH", Kind::Changes),
     ("PR", Kind::Asks(Needs::System)),
+    ("PSET", Kind::Unknown),
+    ("RESUME", Kind::Unknown),
     ("SAVE", Kind::Changes),
+    ("SEND", Kind::Unknown),
+    ("SETPHASE", Kind::Unknown),
     ("SID", Kind::Asks(Needs::Nothing)),
     ("SIZE", Kind::Asks(Needs::Nothing)),
+    ("STN", Kind::Unknown),
     ("TIME", Kind::Asks(Needs::Nothing)),
     ("TODAY", Kind::Asks(Needs::Nothing)),
     ("TYPE", Kind::Asks(Needs::Nothing)),
@@ -108,6 +116,20 @@ const ADDRESS_DIGITS: usize = 6;
 /// The commands of `line`, in their order. Blanks between them belong to none.
 #[must_use]
 pub fn of(line: &str) -> Vec<Token> {
+    read(line, |_| line.len())
+}
+
+/// As [`of`], of a line that the board may know better: behind a command that is not known they go on at the next address.
+#[must_use]
+pub fn of_known(line: &str) -> Vec<Token> {
+    read(line, |start| {
+        let mut behind = line.as_bytes().iter().skip(start + 1);
+        behind.position(|byte| b"#&".contains(byte)).map_or(line.len(), |at| start + 1 + at)
+    })
+}
+
+/// The commands of `line`; one that begins at a byte and is not known goes as far as `unknown_end` says.
+fn read(line: &str, unknown_end: impl Fn(usize) -> usize) -> Vec<Token> {
     let upper = line.to_ascii_uppercase();
     let mut reader = Reader { line: upper.as_bytes(), at: 0 };
     let mut tokens = Vec::new();
@@ -115,10 +137,11 @@ pub fn of(line: &str) -> Vec<Token> {
         let start = reader.at;
         let kind = reader.command();
         if kind == Kind::Unknown || reader.at == start {
-            tokens.push(Token { span: start..line.len(), kind: Kind::Unknown });
-            break;
+            reader.at = unknown_end(start);
+            tokens.push(Token { span: start..reader.at, kind: Kind::Unknown });
+        } else {
+            tokens.push(Token { span: start..reader.at, kind });
         }
-        tokens.push(Token { span: start..reader.at, kind });
     }
     tokens
 }
@@ -296,12 +319,8 @@ impl Reader<'_> {
             if !self.expression() {
                 return Kind::Unknown;
             }
-            let own =
-                letter == b'I' && Handshake::VARIABLES.iter().any(|own| covers(first, last, step, *own));
-            return match plain.filter(|_| is_plain && first == last) {
-                _ if !own => Kind::Changes,
-                value => Kind::SetsOwn(first, value),
-            };
+            let value = plain.filter(|_| is_plain && first == last);
+            return if letter == b'I' { Kind::SetsI(first, last, step, value) } else { Kind::Changes };
         }
         match letter {
             b'I' => Kind::Variables(first, last, step),

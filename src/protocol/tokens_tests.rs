@@ -134,16 +134,19 @@ fn what_does_anything_else_does_not() {
 
 #[test]
 fn a_clients_own_variables_are_found_with_their_values() {
-    use Kind::{Changes, SetsOwn, Variables, Version};
-    assert_eq!(kinds("i6=1 i3=2 ver"), [SetsOwn(6, Some(1)), SetsOwn(3, Some(2)), Version]);
-    assert_eq!(kinds("I3=I3|2"), [SetsOwn(3, None)]);
-    assert_eq!(kinds("I0..9=0"), [SetsOwn(0, None)]);
-    assert_eq!(kinds("I 3 = 2I4=0"), [SetsOwn(3, Some(2)), SetsOwn(4, Some(0))]);
+    use Kind::{Changes, SetsI, Variables, Version};
+    assert_eq!(kinds("i6=1 i3=2 ver"), [SetsI(6, 6, 1, Some(1)), SetsI(3, 3, 1, Some(2)), Version]);
+    assert_eq!(kinds("I3=I3|2"), [SetsI(3, 3, 1, None)]);
+    assert_eq!(kinds("I0..9=0"), [SetsI(0, 9, 1, None)]);
+    assert_eq!(kinds("I 3 = 2I4=0"), [SetsI(3, 3, 1, Some(2)), SetsI(4, 4, 1, Some(0))]);
     assert_eq!(kinds("P1=I3*2 I3"), [Changes, Variables(3, 3, 1)]);
     assert_eq!(kinds("P1=SIN(I3)+3 I0..9 I1,3,2"), [Changes, Variables(0, 9, 1), Variables(1, 5, 2)]);
-    assert_eq!(kinds("I30=3 I13=4 I5=3"), [Changes; 3]);
-    assert_eq!(kinds("SEND\"I3=1\""), [Kind::Moves(Needs::System), Kind::Unknown]);
-    assert_eq!(kinds("I122=I122&$FD1 #1J=5"), [Changes, Kind::Motor(1), Kind::Moves(Needs::Motor)]);
+    assert_eq!(kinds("P30=3 M13=4 Q5=3"), [Changes; 3]);
+    assert_eq!(kinds("SEND\"I3=1\""), [Kind::Unknown]);
+    assert_eq!(
+        kinds("I122=I122&$FD1 #1J=5"),
+        [SetsI(122, 122, 1, None), Kind::Motor(1), Kind::Moves(Needs::Motor)]
+    );
 }
 
 #[test]
@@ -174,4 +177,13 @@ proptest! {
         }
         prop_assert!(line[end..].trim().is_empty());
     }
+}
+
+#[test]
+fn behind_an_unknown_command_the_board_may_go_on() {
+    let known =
+        |line| of_known(line).into_iter().map(|token| line[token.span].to_owned()).collect::<Vec<_>>();
+    assert_eq!(known("#1->2000X &3R#2"), ["#1->2000X ", "&3", "R", "#2"]);
+    assert_eq!(known("PSET X5 Q"), ["PSET X5 Q"]);
+    assert_eq!(kinds("#1->2000X &3R"), [Kind::Unknown]);
 }
