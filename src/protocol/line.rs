@@ -29,9 +29,14 @@ pub fn addressed(plain: &str, sign: char) -> impl Iterator<Item = (u32, &str)> {
     plain.split(sign).skip(1).map(|part| {
         let digits = part.find(|c: char| !c.is_ascii_digit()).unwrap_or(part.len());
         let (number, commands) = part.split_at(digits);
-        let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
-        (bit.unwrap_or_default(), commands)
+        (number.parse().map_or(0, bit), commands)
     })
+}
+
+/// The bit of motor or coordinate system `number`, bit 0 being number 1. A number that no family has gives none.
+#[must_use]
+pub fn bit(number: u32) -> u32 {
+    number.checked_sub(1).and_then(|place| 1_u32.checked_shl(place)).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::line;
 use super::moved_motors::motors_moved;
+use super::tokens::{self, Kind, Needs};
 
 /// What resets the board, and so ends everything.
 pub const RESET: &str = "$$$";
@@ -53,14 +54,7 @@ impl LineEnds {
             ends.rotary = if named == 0 { u32::MAX } else { named };
             ends.add("DELETE ROT");
         }
-        let mut rest = commands.as_str();
-        while !rest.is_empty() {
-            let next = rest.char_indices().skip(1).find(|(_, c)| ['#', '&'].contains(c));
-            let next = next.map_or(rest.len(), |(at, _)| at);
-            let (part, behind) = rest.split_at(next);
-            ends.add_part(part);
-            rest = behind;
-        }
+        ends.add_commands(&commands);
         (!ends.what.is_empty()).then_some(ends)
     }
 
@@ -72,34 +66,45 @@ impl LineEnds {
         Self { what, unnamed: false, systems: all, motors: all, rotary: all, gather: true, buffer: true }
     }
 
-    /// Of what follows one address, or stands before the first.
-    fn add_part(&mut self, part: &str) {
-        let sign = part.chars().next().filter(|sign| ['#', '&'].contains(sign));
-        let said = part.trim_start_matches(['#', '&', ' ']);
-        let (number, commands) =
-            said.split_at(said.find(|c: char| !c.is_ascii_digit()).unwrap_or(said.len()));
-        let bit = number.parse().ok().and_then(|number: u32| 1_u32.checked_shl(number.checked_sub(1)?));
-        let of = |wanted| if sign == Some(wanted) { bit.unwrap_or_default() } else { u32::MAX };
-        let address = sign.map_or_else(String::new, |sign| format!("{sign}{number}"));
-        for command in commands.split_ascii_whitespace() {
-            let (systems, motors, address) = match command {
-                "A" | "Q" | "S" | "/" | "\\" => (of('&'), 0, if sign == Some('&') { &*address } else { "" }),
-                "J/" | "K" => (0, of('#'), if sign == Some('#') { &*address } else { "" }),
-                _ => {
-                    let elsewhere = motors_moved(&format!("{address}{command}"));
-                    (0, elsewhere, &*address)
+    /// Of `commands`, in capitals, one by one.
+    fn add_commands(&mut self, commands: &str) {
+        let (mut motor, mut system) = (None, None);
+        for token in tokens::of_known(commands) {
+            let said: String = commands[token.span].split_ascii_whitespace().collect();
+            match (token.kind, said.as_str()) {
+                (Kind::Motor(number), _) => motor = Some(number),
+                (Kind::System(number), _) => system = Some(number),
+                (Kind::Moves(Needs::System), "A" | "Q" | "S" | "/" | "\\") => {
+                    self.systems |= self.add_ended('&', system, &said);
                 }
-            };
-            if matches!(command, "CLOSE" | "CLS") {
-                self.buffer = true;
-                self.add(command);
-            } else if systems | motors != 0 {
-                self.unnamed |= [systems, motors].contains(&u32::MAX);
-                self.systems |= systems;
-                self.motors |= motors;
-                self.add(&format!("{address}{command}"));
+                (Kind::Moves(Needs::Motor), "J/" | "K") => self.motors |= self.add_ended('#', motor, &said),
+                // Of a move that names no motor nobody knows whose it is.
+                (Kind::Moves(Needs::Motor), _)
+                    if motor.is_some_and(|number| motors_moved(&format!("#{number}{said}")) != 0) =>
+                {
+                    self.motors |= self.add_ended('#', motor, &said);
+                }
+                (Kind::Changes, "CLOSE" | "CLS") => {
+                    self.buffer = true;
+                    self.add(&said);
+                }
+                _ => {}
             }
         }
+    }
+
+    /// Adds `command`, to whom `sign` and `number` address; gives the bit, or all bits where nobody is.
+    fn add_ended(&mut self, sign: char, number: Option<u32>, command: &str) -> u32 {
+        let Some(number) = number else {
+            self.unnamed = true;
+            self.add(command);
+            return u32::MAX;
+        };
+        let bit = line::bit(number);
+        if bit != 0 {
+            self.add(&format!("{sign}{number}{command}"));
+        }
+        bit
     }
 
     fn add(&mut self, command: &str) {
@@ -126,7 +131,12 @@ mod tests {
             ("#3 J/ M340=1", "#3J/", 0, 0b100),
             ("J/", "J/", 0, all),
             ("#1J=5000", "#1J=5000", 0, 0b1),
-            ("P1=5 &2\\", "&2\\", 0b10, 0),
+            ("P1 &2\\", "&2\\", 0b10, 0),
+            ("P1=5 &2\\", "\\", all, 0),
+            ("#1J/P1", "#1J/", 0, 0b1),
+            ("#1KP1", "#1K", 0, 0b1),
+            ("&2#1Q", "&2Q", 0b10, 0),
+            ("&1PRA", "&1A", 0b1, 0),
             ("&9999Q", "&9999Q", 0, 0),
         ] {
             let ends = LineEnds::of(line).unwrap_or_default();
@@ -143,7 +153,7 @@ mod tests {
             ("&2 DELETE ROTARY", "DELETE ROT", 0b10, false, false),
             ("DELETE ROT", "DELETE ROT", all, false, false),
             ("CLOSE", "CLOSE", 0, false, true),
-            ("P1=PASSWORD CLS", "CLS", 0, false, true),
+            ("P1=5CLS", "CLS", 0, false, true),
         ] {
             let ends = LineEnds::of(line).unwrap();
             assert_eq!(

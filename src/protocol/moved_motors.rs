@@ -2,7 +2,7 @@
 
 use super::line;
 
-/// The motors that `line` names (`#n`) and moves: by `J+ J- J= J: J^`, `HM`, `O` or `$`; bit 0 is motor 1. What stops a motor,
+/// The motors that `line` names (`#n`) and moves: by `J+ J- J= J: J^`, `HM`, `HOME`, `O` or `$`; bit 0 is motor 1. What stops a motor,
 /// `J/` or `K`, does not count. Of a motor that is addressed already, by an earlier line, nothing is known.
 #[must_use]
 pub fn motors_moved(line: &str) -> u32 {
@@ -16,11 +16,19 @@ fn moves(commands: &str) -> bool {
     if commands.starts_with("->") {
         return false;
     }
-    // A coordinate system that is addressed in between changes nothing for a motor's commands.
-    let to_motor = behind_addresses(commands);
-    let jogs =
-        to_motor.match_indices('J').any(|(at, _)| to_motor[at + 1..].starts_with(['+', '-', '=', ':', '^']));
-    jogs || to_motor.contains("HM") || opens_loop(to_motor) || commands.starts_with('$')
+    let has = |sign, wanted: fn(&str, &str) -> bool| {
+        commands.match_indices(sign).any(|(at, _)| wanted(&commands[..at], &commands[at..]))
+    };
+    has('J', |_, from| from[1..].starts_with(['+', '-', '=', ':', '^']))
+        || ["HM", "HOME"].iter().any(|word| commands.contains(word))
+        || has('O', |_, from| opens_loop(from))
+        || has('$', |before, _| !before.ends_with(is_before_number))
+}
+
+/// Whether `c` stands before the `$` of a hexadecimal number or address, and not before the `$` that phases a motor. `P$` and `F$`
+/// report and phase; `RF$`, `DP:$` are addresses, and count for a command here.
+fn is_before_number(c: char) -> bool {
+    "=+-*/%&|^(,:XYLD".contains(c)
 }
 
 /// What follows the addresses that `commands` begin with.
@@ -28,9 +36,11 @@ fn behind_addresses(commands: &str) -> &str {
     commands.trim_start_matches(|c: char| c == '&' || c.is_ascii_digit())
 }
 
-/// Whether `commands` begin with `O`, and not with `OPEN`.
+/// Whether `commands` begin with `O` and an output: neither `OPEN` nor a word with an O in it.
 fn opens_loop(commands: &str) -> bool {
-    commands.starts_with('O') && !commands.starts_with("OPEN")
+    commands
+        .strip_prefix('O')
+        .is_some_and(|output| output.starts_with(|c: char| c.is_ascii_digit() || "-.$(".contains(c)))
 }
 
 /// The motors that jog on when a line has been carried out, until something stops them: by `J+` or `J-`.
@@ -103,6 +113,15 @@ mod tests {
             ("#2$", 0b10),
             ("#1&2J+", 0b1),
             ("#2 &1 HM", 0b10),
+            ("#3 HOME", 0b100),
+            ("#3HOMEZ", 0b100),
+            ("#1KO10", 0b1),
+            ("#1 K O-5", 0b1),
+            ("#1P$", 0b1),
+            ("#1 F $ #2", 0b1),
+            ("#1 RX$700", 0),
+            ("#1 I122=$20", 0),
+            ("#1 DEFINE ROT 5", 0),
             ("#2 OPEN PROG 5", 0),
             ("#1J/", 0),
             ("#1K", 0),

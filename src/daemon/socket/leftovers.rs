@@ -9,6 +9,7 @@
 //! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
 //! line takes it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
 
+use crate::protocol::tokens::{self, Kind, Needs};
 use crate::protocol::{CallError, control, i_lines, line};
 
 /// The programs that a call starts, and whether its caller means what is left too.
@@ -126,34 +127,47 @@ impl LineEffect {
             panel.is_some_and(|panel| setting.numbers.has(panel.into())) && setting.value != Some(3)
         };
         let ends_panel = i_lines::settings(line.as_bytes()).any(is_off);
-        let line = line::plain(line);
+        let plain = line::plain(line);
         // CLEAR empties what is open (GRAMMAR 2.7), which this line may have opened itself.
-        let clears = match line.find("OPEN") {
-            Some(at) => line[at..].starts_with("OPENROT"),
+        let clears = match plain.find("OPEN") {
+            Some(at) => plain[at..].starts_with("OPENROT"),
             None => rotary_is_open,
         };
         let takes_away = |commands: &str| {
             let is_cleared = clears && ["CLEAR", "CLR"].iter().any(|word| commands.contains(word));
             is_cleared || ["DELETEROT", "DELROT"].iter().any(|word| commands.contains(word))
         };
-        let before = line.split('&').next().unwrap_or_default();
+        let before = plain.split('&').next().unwrap_or_default();
         let all = takes_away(before) || line::resets(line.as_bytes());
-        let forgets = if all { u32::MAX } else { 0 };
-        line::addressed(&line, '&').fold(
-            Self { starts: 0, forgets, ends_panel, jogs: [0; 2] },
-            |effect, (bit, commands)| {
-                let runs = matches!(commands.strip_prefix("B0").unwrap_or(commands), "R" | "S");
-                let points_elsewhere = commands.strip_prefix('B').is_some_and(|program| {
-                    program.trim_start_matches('0').starts_with(|c: char| c.is_ascii_digit())
-                });
-                let is_gone = points_elsewhere || takes_away(commands);
-                Self {
-                    starts: effect.starts | if runs { bit } else { 0 },
-                    forgets: effect.forgets | if is_gone { bit } else { 0 },
-                    ..effect
+        let mut effect = Self { forgets: if all { u32::MAX } else { 0 }, ends_panel, ..Self::default() };
+        let text = line::commands(line).collect::<Vec<_>>().join(" ").to_ascii_uppercase();
+        for ((bit, commands), spaced) in line::addressed(&plain, '&').zip(text.split('&').skip(1)) {
+            effect.forgets |= if takes_away(commands) { bit } else { 0 };
+            effect.add_starts(bit, commands);
+            effect.add_starts(
+                bit,
+                spaced.trim_start_matches(|c: char| c.is_ascii_digit() || c.is_whitespace()),
+            );
+        }
+        effect
+    }
+
+    /// Adds whether `commands` start the coordinate system that is addressed, or point it elsewhere. An `&` may be an operator, and
+    /// `P R` one word or two: a start that is asked about once too often harms nobody.
+    fn add_starts(&mut self, bit: u32, commands: &str) {
+        let mut elsewhere = false;
+        for token in tokens::of_known(commands) {
+            let said = &commands[token.span];
+            match (token.kind, said.as_bytes().first()) {
+                (Kind::Moves(Needs::System), Some(b'B')) => {
+                    let program = said[1..].trim_start_matches('0');
+                    elsewhere = program.starts_with(|c: char| c.is_ascii_digit());
+                    self.forgets |= if elsewhere { bit } else { 0 };
                 }
-            },
-        )
+                (Kind::Moves(Needs::System), Some(b'R' | b'S')) if !elsewhere => self.starts |= bit,
+                _ => {}
+            }
+        }
     }
 }
 
@@ -181,6 +195,15 @@ mod tests {
             ("R", 0, 0),
             ("&1PR", 0, 0),
             ("&1B5R", 0, 0b1),
+            ("&1R#1P", 0b1, 0),
+            ("&1 R P1", 0b1, 0),
+            ("&1#1P R", 0b1, 0),
+            ("P1=5 &1R", 0b1, 0),
+            ("#1->X &3R", 0b100, 0),
+            ("&1B0P1=3S", 0b1, 0),
+            ("&1B5B0R", 0b1, 0b1),
+            ("&1RX$700", 0, 0),
+            ("&1SAVE", 0, 0),
             ("&1B0", 0, 0),
             ("&1B0.5", 0, 0),
             ("&3DELETE ROT", 0, 0b100),
