@@ -114,6 +114,11 @@ impl DpramPort {
         Ok(true)
     }
 
+    /// Whether the flag was set for a control character.
+    pub(super) fn flag_is_characters(&self) -> bool {
+        self.lying.is_some_and(|lying| lying.flagged)
+    }
+
     /// Whether a response came before the board took the control character whose reply it would end. It is an earlier
     /// command's: nobody would look after the character any more, and no other one could be sent.
     pub(super) fn precedes_its_character(
@@ -136,10 +141,11 @@ impl DpramPort {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        if self.lying.take().is_some_and(|lying| lying.flagged) {
+        if self.flag_is_characters() {
             bus.write16(self.words.command_loaded.word, 0)?;
             bus.order_writes();
         }
+        self.lying = None;
         bus.write16(self.words.control_character, 0)?;
         bus.order_writes();
         Ok(())

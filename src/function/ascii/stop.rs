@@ -1,12 +1,17 @@
 //! A stop goes over the line under way.
 //!
-//! Who aborts or kills means what was sent before, too: a line whose rest is handed over after the stop would move the machine again.
-//! So no more of it is handed over, and a part that the board has not taken is taken back.
+//! Who aborts or kills means what was sent before, too: what the board carries out behind the stop moves the machine again. So no
+//! more of a line is handed over, and what the board has not taken is taken back. "Control characters act immediately" (FACTS 7)
+//! says nothing of a line that lies there: a board may look at the character before the line.
+//!
+//! A line of one part is made empty where it lies: its first byte becomes the NUL that ends it. That is one byte, so the board finds
+//! the line or none, and the flag goes on telling when the board is done, with the line if it was at that already.
 //!
 //! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28). It is told by `^X` to forget it ([`super::hold`]).
-//! Until then nothing with a NUL may lie under the flag: an empty line would end that line, and the board carry it out.
+//! Until then nothing with a NUL may lie under the flag: an empty line would end that line, and the board carry it out. So a part
+//! loses its flag.
 //!
-//! The board may have taken the part in just this moment, and carry the line out behind the stop. So the stop goes once more
+//! The board may have taken the line in just this moment, and carry it out behind the stop. So the stop goes once more
 //! when the board has shown that it is free.
 
 use std::time::Instant;
@@ -33,26 +38,41 @@ const fn may_come_twice(character: u8) -> bool {
 }
 
 impl DpramPort {
-    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over. The port is
-    /// held then, as after [`DpramPort::give_up`].
+    /// Ends the line under way, or one that was given up and lies there yet, before `character`, which
+    /// [goes over it](super::control::goes_over_line), is handed over. The port is held then, as after [`DpramPort::give_up`].
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn stop(&mut self, bus: &mut impl Bus, character: u8, now: Instant) -> Result<Stopped, BusError> {
+        let has_parts = self.length > self.first_part() || self.has_half_a_line();
+        let is_held = matches!(self.state, State::Held(_));
         let lacks_end = match self.state {
             State::FirstTaken { .. } => true,
-            State::Loaded { sent } => sent < self.length,
+            State::Loaded { sent } if sent < self.length => true,
+            State::Loaded { .. } if self.is_loaded(bus)? => false,
+            // One that was given up, unless the flag is a control character's.
+            State::Held(_) if !self.flag_is_characters() && self.is_loaded(bus)? => false,
             _ => return Ok(Stopped::Nothing),
         };
-        let has_parts = self.length > self.first_part();
-        if !lacks_end && !(has_parts && self.is_loaded(bus)?) {
-            return Ok(Stopped::Nothing);
+        if has_parts {
+            self.withdraw_line(bus)?;
+        } else {
+            self.empty_line(bus)?;
         }
-        self.withdraw_line(bus)?;
-        self.abandon(now, has_parts);
+        if !is_held {
+            self.abandon(now, has_parts);
+        }
         self.stop_again = may_come_twice(character).then_some(character);
         // A board that answers a first part may carry it out.
         let is_unsent = lacks_end && self.part_answer == Follows::No;
         Ok(if is_unsent { Stopped::Unsent } else { Stopped::Uncertain })
+    }
+
+    /// Makes a line of one part empty that lies before the board.
+    fn empty_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+        let second = if self.length > 1 { self.line[1] } else { 0 };
+        bus.write16(self.words.command, self.order.pack(0, second))?;
+        bus.order_writes();
+        Ok(())
     }
 }

@@ -39,6 +39,11 @@ impl Rig {
         assert_eq!(self.take_character(), CANCEL);
         assert_eq!(self.poll(), None);
         self.answer_question();
+        self.stop_again(character);
+    }
+
+    /// Nothing comes any more: the board gets the stop once more.
+    fn stop_again(&mut self, character: u8) {
         self.be_silent(SETTLE);
         assert_eq!(self.poll(), None);
         assert!(!self.begin("P1"), "the stop goes first");
@@ -153,5 +158,68 @@ fn b2_a_line_that_the_board_has_is_not_touched_by_a_stop() {
         rig.respond(response::ACKNOWLEDGE, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         assert!(rig.begin("P2"), "and the stop goes once");
+    }
+}
+
+#[test]
+fn b2_a_line_that_lies_untaken_when_everything_stops_is_made_empty() {
+    for family in FAMILIES {
+        for order in [TextOrder::LowFirst, TextOrder::HighFirst] {
+            for character in [ABORT, KILL] {
+                let mut rig = Rig::with_order(family, order);
+                assert!(rig.begin("#1J+"));
+                assert_eq!(rig.stop(character), Stopped::Uncertain, "the board may be at it");
+                assert!(rig.is_loaded(), "the flag tells when it is done with it");
+                assert_eq!(rig.take_character(), character, "before the line");
+                assert_eq!(&rig.take()[..4], b"\x001J+", "the one byte that makes the line empty");
+                // Which the board may acknowledge.
+                rig.respond(response::ACKNOWLEDGE, "");
+                assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
+                rig.answer_question();
+                rig.stop_again(character);
+            }
+        }
+    }
+}
+
+#[test]
+fn b2_a_line_that_the_board_was_at_when_everything_stopped_is_waited_for() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("#1J+"));
+        rig.stop(ABORT);
+        assert_eq!(rig.take_character(), ABORT);
+        assert_eq!(rig.poll(), None);
+        // A board that clears the flag late answers the question beside the line.
+        rig.answer_question();
+        rig.be_silent(10 * SETTLE);
+        assert_eq!(rig.control_word(), 0, "the stop goes once more behind the line");
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
+        rig.stop_again(ABORT);
+    }
+}
+
+#[test]
+fn b2_a_line_that_was_given_up_and_lies_untaken_is_made_empty_too() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("#1J+"));
+        rig.give_up();
+        rig.stop(ABORT);
+        assert_eq!(rig.take_character(), ABORT);
+        assert_eq!(&rig.take()[..4], b"\x001J+");
+        rig.answer_question();
+        rig.stop_again(ABORT);
+        // What another host has left half done gets no end.
+        let mut rig = Rig::new(family);
+        rig.write(family.ascii.command.plus_words(family.ascii.command_bytes / 2 - 1), 0x2020);
+        rig.port.look_for_half_a_line(&mut rig.bus).unwrap();
+        rig.port.hold(rig.now);
+        rig.write(family.ascii.command_loaded.word, family.ascii.command_loaded.mask);
+        rig.write(family.ascii.command, 0x2020);
+        rig.stop(ABORT);
+        assert!(!rig.is_loaded());
     }
 }

@@ -67,6 +67,12 @@ struct Work {
 }
 
 impl AsciiPort {
+    /// Whether PMAC keeps the first part of a line, and waits for the second.
+    #[must_use]
+    pub const fn has_first_part(&self) -> bool {
+        self.first_part.is_some()
+    }
+
     /// One background pass: takes a control character, then a line, then writes a response.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         self.follow_cancel(board);
@@ -136,7 +142,8 @@ impl AsciiPort {
             self.seen = Some(text);
             return;
         };
-        if before_nul(&seen) != before_nul(&text) {
+        // A host that stops the machine may make its line empty.
+        if before_nul(&seen) != before_nul(&text) && text[0] != 0 {
             let cycle = board.stats.servo_cycles;
             board.judge.record(cycle, "the command text changed after its flag was set");
         }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{AsciiQueue, EndedBy, InFlight, WaitingControl, WaitingLine};
+use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
@@ -81,7 +81,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Ends the line under way where `control` goes over it. What ends a sequence stays.
+    /// Ends the line under way, or given up, where `control` goes over it. What ends a sequence stays.
     fn stop_line(
         &mut self,
         bus: &mut impl Bus,
@@ -89,12 +89,16 @@ impl AsciiQueue {
         now: Instant,
     ) -> Result<(), PortError> {
         let WaitingControl { uid, character, .. } = *control;
-        let Some(under_way) = &mut self.under_way else { return Ok(()) };
-        let InFlight::Line(WaitingLine { origin, .. }) = under_way.command else { return Ok(()) };
-        if origin.stays || !goes_over_line(character) {
+        let origin = match &self.under_way {
+            Some(UnderWay { command: InFlight::Line(line), .. }) => Some(line.origin),
+            Some(_) => None,
+            None => self.check.given_up().map(|given_up| given_up.by),
+        };
+        if !goes_over_line(character) || origin.is_none_or(|origin| origin.stays) {
             return Ok(());
         }
         let stopped = self.ports.stop(bus, character, now)?;
+        let Some(under_way) = &mut self.under_way else { return Ok(()) };
         // Behind `^X` it ends when the board has taken that.
         if stopped != Stopped::Nothing && character != CANCEL {
             // Where lines of a reply came the board carries out parts.

@@ -58,3 +58,41 @@ fn b2_a_cancel_is_handed_over_that_ends_a_line_half_way() {
     assert_eq!(ended[0], (2, Outcome::Done));
     assert!(matches!(ended[1], (1, Outcome::Interrupted(_))), "{ended:?}");
 }
+
+#[test]
+fn b2_a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out() {
+    for stop in [control::ABORT, control::KILL] {
+        let mut rig = Rig::new();
+        rig.send(1, "#1J+", Duration::from_secs(600));
+        rig.poll();
+        rig.control(2, stop);
+        rig.poll();
+        let how = if stop == control::KILL { "killed" } else { "aborted" };
+        assert_eq!(rig.ended(), [(1, Outcome::Interrupted(Text::of(&format_args!("{how} by uid 7"))))]);
+        assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(stop));
+        assert_eq!(rig.take(), "", "a board that looks at the character first finds no line");
+        // It goes once more before the next line, which is our own.
+        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        rig.poll();
+        rig.free_port();
+        assert_eq!(rig.ended(), [(2, Outcome::Done)]);
+        rig.poll();
+        assert!(!rig.loaded());
+        assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(stop));
+    }
+}
+
+#[test]
+fn b1_6_what_ends_a_sequence_is_not_taken_back_by_a_stop() {
+    let mut rig = Rig::new();
+    let deadline = rig.now + Duration::from_secs(600);
+    let line = Text::new(b"CLOSE").unwrap();
+    let origin = Origin { uid: 1000, shown: Text::from_bytes(b"CLOSE"), stays: true };
+    let command = Command::Send { ticket: Ticket(1), line, origin, deadline, writer: Writer::Stop };
+    rig.queue.submit(&command, rig.now);
+    rig.poll();
+    rig.control(2, control::ABORT);
+    rig.poll();
+    assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(control::ABORT));
+    assert_eq!(rig.take(), "CLOSE");
+}
