@@ -72,6 +72,10 @@ pub enum AsciiEvent {
     Stale(u16),
     /// The command under way ended by this control word, which no manual has: what became of the command is not known.
     Unknown(u16),
+    /// An error came while the command was under way. Whether it is the command's own shows what follows.
+    Error(u16),
+    /// The command under way ended: this error came, and then a reply. Which of them is the command's is not known.
+    Doubtful(u16),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,6 +129,10 @@ pub struct DpramPort {
     half_left: bool,
     /// The stop that goes once more before the next line is begun.
     stop_again: Option<u8>,
+    /// The error that came while the line was under way, until it shows whether it is the line's own.
+    error: Option<u16>,
+    /// How long the board took for its last answer.
+    answer_time: Duration,
 }
 
 impl DpramPort {
@@ -150,11 +158,14 @@ impl DpramPort {
             part_answer: Follows::default(),
             half_left: false,
             stop_again: None,
+            error: None,
+            answer_time: Duration::ZERO,
         }
     }
 
     /// Begins held: a host that died may have left the board at a line, and the rest of a reply to come.
     pub fn hold(&mut self, now: Instant) {
+        self.error = None;
         self.state = State::Held(Hold::asking(now, self.half_left));
     }
 
@@ -235,6 +246,7 @@ impl DpramPort {
         self.length = line.len();
         self.untold = Untold::default();
         self.open_ended = false;
+        self.error = None;
         self.load(bus, 0)?;
         Ok(true)
     }
@@ -365,7 +377,8 @@ impl DpramPort {
     /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
-        matches!(self.state, State::Replying { .. } | State::ControlReply { taken: true, .. })
+        self.error.is_some()
+            || matches!(self.state, State::Replying { .. } | State::ControlReply { taken: true, .. })
     }
 
     /// Gives up on the command under way: the port is held until the board shows that it is free. Whether the board has done
@@ -376,6 +389,7 @@ impl DpramPort {
     /// When the bus cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         let cancels = match self.state {
+            State::Held(_) if self.error.is_some() => false,
             State::Idle | State::Held(_) => return Ok(()),
             // The board may hold its first part, before which it would put the next line.
             State::Loaded { .. } => self.length > self.first_part(),
@@ -394,6 +408,7 @@ impl DpramPort {
     fn abandon(&mut self, now: Instant, cancels: bool) {
         self.untold = Untold::default();
         self.open_ended = false;
+        self.error = None;
         self.doubt_until = now + DOUBT;
         self.gave_up = true;
         self.state = State::Held(Hold::asking(now, cancels));
@@ -490,7 +505,7 @@ impl DpramPort {
         Ok(match self.state {
             State::Held(hold) => {
                 self.go_on_holding(bus, hold, now)?;
-                None
+                self.error_alone()
             }
             State::Replying { quiet_since: Some(since) }
                 if self.reply_end == ReplyEnd::Silence && now >= since + REPLY_END =>
@@ -524,13 +539,20 @@ impl DpramPort {
         match &mut self.state {
             State::Loaded { .. } => {}
             State::FirstTaken { .. } => return self.answer_to_first_part(control, text, now),
-            State::Replying { quiet_since } => *quiet_since = Some(now),
+            State::Replying { quiet_since } => {
+                if let Some(since) = quiet_since.replace(now).filter(|_| control & response::ERROR == 0) {
+                    self.answer_time = now.duration_since(since);
+                }
+            }
             State::ControlReply { answered, quiet_since, .. } => {
                 *answered = true;
                 *quiet_since = now;
             }
             State::Held(hold) => {
                 hold.response_came(now);
+                if let Some(event) = self.answer_behind_error(control, now) {
+                    return event;
+                }
                 if control == response::ACKNOWLEDGE {
                     self.mark_came(now);
                 }
@@ -555,10 +577,7 @@ impl DpramPort {
                 AsciiEvent::Done(Ok(()))
             }
             _ => match errors::from_control(control) {
-                Some(number) => {
-                    self.end_with_error(now);
-                    AsciiEvent::Done(Err(number))
-                }
+                Some(number) => self.end_with_error(number, now),
                 // Nothing is there.
                 None if control == u16::MAX => AsciiEvent::Stale(control),
                 None => {

@@ -11,6 +11,8 @@ use crate::protocol::control::ABORT;
 
 #[path = "ascii/control_tests.rs"]
 mod control;
+#[path = "ascii/error_tests.rs"]
+mod error;
 #[path = "ascii/part_tests.rs"]
 mod part;
 #[path = "ascii/stop_tests.rs"]
@@ -101,6 +103,13 @@ impl Rig {
         self.bus.write16(self.port.words.response_control, control).unwrap();
     }
 
+    /// The board has put out an error, which nothing follows.
+    fn expect_error(&mut self, number: u16) {
+        assert_eq!(self.poll(), Some(AsciiEvent::Error(number)));
+        self.now += FIRST;
+        assert_eq!(self.poll(), Some(AsciiEvent::Done(Err(number))));
+    }
+
     fn expect_line(&mut self, text: &str) {
         match self.poll() {
             Some(AsciiEvent::Line(line)) => assert_eq!(line.as_bytes(), text.as_bytes()),
@@ -162,9 +171,7 @@ fn text_left_beside_an_acknowledgement_is_no_second_line() {
         assert!(rig.begin("UUU"));
         rig.take();
         rig.respond(0x8003, "ERR003");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
-        rig.now += FIRST;
-        assert_eq!(rig.poll(), None);
+        rig.expect_error(3);
         rig.respond(response::MESSAGE, "DOOR OPEN");
         assert!(matches!(rig.poll(), Some(AsciiEvent::ProgramMessage(_))));
         assert!(rig.begin("P1=27"));
@@ -260,7 +267,7 @@ fn errors_are_three_bcd_digits() {
             assert!(rig.begin("UUU"));
             rig.take();
             rig.respond(control, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(number))));
+            rig.expect_error(number);
             assert_eq!(rig.bus.read16(family.ascii.response_control).unwrap(), 0);
         }
     }
@@ -517,7 +524,7 @@ fn b3_3_a_reply_without_an_end_mark_ends_by_a_silence() {
         assert!(rig.begin("UUU"));
         rig.take();
         rig.respond(0x8003, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
+        rig.expect_error(3);
     }
 }
 

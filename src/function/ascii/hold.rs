@@ -277,6 +277,8 @@ impl DpramPort {
                 return Ok(());
             }
             Asking::Over => {}
+            // The error came before the board had taken the line.
+            Asking::Mark { .. } if self.error.is_some() && self.is_loaded(bus)? => hold.quiet_since = now,
             Asking::Mark { after, until } if now >= until && now >= hold.quiet_since + SETTLE => {
                 self.no_mark_came(after, now);
                 return Ok(());

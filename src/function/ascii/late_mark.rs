@@ -11,7 +11,8 @@
 use std::time::{Duration, Instant};
 
 use super::hold::{After, Hold};
-use super::{DOUBT, DpramPort, State};
+use super::{AsciiEvent, DOUBT, DpramPort, State};
+use crate::map::functions::response;
 
 /// How long the first `<ACK>` is waited for.
 pub(super) const FIRST: Duration = Duration::from_millis(300);
@@ -59,13 +60,40 @@ impl DpramPort {
         matches!(self.state, State::Held(hold) if hold.is_for_mark())
     }
 
-    /// A reply has ended by an error.
-    pub(super) fn end_with_error(&mut self, now: Instant) {
+    /// An error came. With I6=1 the firmware reports errors of a program's `CMD` in the same way (Software Reference, I6), so a line's
+    /// error is told when nothing but an `<ACK>` has followed.
+    pub(super) fn end_with_error(&mut self, number: u16, now: Instant) -> AsciiEvent {
         match self.state {
             _ if self.open_ended => self.end_reply(now),
             State::ControlReply { .. } => self.await_mark(After::ControlReply, now),
-            _ => self.await_mark(After::Error, now),
+            _ => {
+                self.await_mark(After::Error, now);
+                self.error = Some(number);
+                return AsciiEvent::Error(number);
+            }
         }
+        AsciiEvent::Done(Err(number))
+    }
+
+    /// What a response says of the error before it.
+    pub(super) fn answer_behind_error(&mut self, control: u16, now: Instant) -> Option<AsciiEvent> {
+        let is_mark = control == response::ACKNOWLEDGE && self.late_marks.after_error != Follows::No;
+        let is_answer = control == response::ACKNOWLEDGE || control == response::LINE;
+        let number = self.error.take_if(|_| is_answer)?;
+        if is_mark {
+            self.mark_came(now);
+            return Some(AsciiEvent::Done(Err(number)));
+        }
+        // Should it be the `<ACK>` of the error after all, the next one is waited for.
+        self.late_marks.after_error = Follows::Unknown;
+        self.abandon(now, false);
+        Some(AsciiEvent::Doubtful(number))
+    }
+
+    /// The error that nothing has followed.
+    pub(super) fn error_alone(&mut self) -> Option<AsciiEvent> {
+        let is_over = !self.awaits_mark();
+        self.error.take_if(|_| is_over).map(|number| AsciiEvent::Done(Err(number)))
     }
 
     /// Has the next line wait for the `<ACK>`.
@@ -75,6 +103,9 @@ impl DpramPort {
             Follows::Yes => EXPECTED,
             Follows::No => Duration::ZERO,
         };
+        // What comes later than the board's answers do is no answer.
+        let answer = (2 * self.answer_time).min(EXPECTED);
+        let patience = if after == After::Error { patience.max(answer) } else { patience };
         self.late_marks.last = Some(after);
         self.state = State::Held(Hold::mark(now, after, now + patience));
     }

@@ -386,7 +386,9 @@ impl CommandPorts {
                 AsciiEvent::ProgramResponse(_)
                 | AsciiEvent::ProgramMessage(_)
                 | AsciiEvent::Stale(_)
-                | AsciiEvent::Unknown(_),
+                | AsciiEvent::Unknown(_)
+                | AsciiEvent::Error(_)
+                | AsciiEvent::Doubtful(_),
             ) => return Ok(event),
             None if now >= question.until => {
                 mailbox.port.give_up(&mut mailbox.registers, now)?;

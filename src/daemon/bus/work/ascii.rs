@@ -553,6 +553,11 @@ impl AsciiQueue {
             AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
             AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
             AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
+            AsciiEvent::Error(_) => {}
+            AsciiEvent::Doubtful(number) => {
+                counters.add(Counter::AsciiErrors, 1);
+                self.end_doubtful(events, number, now);
+            }
         }
     }
 

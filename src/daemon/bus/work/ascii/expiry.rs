@@ -121,6 +121,19 @@ impl AsciiQueue {
         self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
     }
 
+    /// An error came and then a reply, and nobody knows which of them is the command's.
+    pub(super) fn end_doubtful(&mut self, events: &Sender<Event>, number: u16, now: Instant) {
+        let Some(UnderWay { command, since, .. }) = self.under_way.take() else { return };
+        self.ports.doubt();
+        let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
+            return self.give_up_own(command, true, now);
+        };
+        self.check.give_up(GivenUp { by: origin, since });
+        let reason =
+            format_args!("the board reported ERR{number:03}, of the line or of a program, and then answered");
+        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
+    }
+
     /// Ends a line of our own.
     fn give_up_own(&mut self, command: InFlight, is_cancelled: bool, now: Instant) {
         match command {
