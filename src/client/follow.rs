@@ -7,6 +7,9 @@ use crate::segment::RegionId;
 /// The most updates to take at once: a fraction of what the segment keeps.
 const BATCH: usize = 512;
 
+/// Servo cycles that an update may seem early: the daemon was held up between clock and board.
+const SLACK: f64 = 64.0;
+
 /// What comes next.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
@@ -37,6 +40,8 @@ struct Last {
 struct Pace {
     /// Servo cycles from update to update; `None` where there is no period.
     cycles: Option<u64>,
+    /// The length of a servo cycle; `None` while it is not known.
+    cycle_ns: Option<f64>,
     /// A longer silence is a pause of the board: what it did meanwhile is no update that could have been missed.
     pause_ns: u64,
 }
@@ -122,17 +127,24 @@ fn pace(board: &mut Board) -> Result<Pace, ClientError> {
     let region = board.subscriber().region(RegionId::Servo)?;
     let cycle_ns = identity::scales(&identity).servo_period_ns();
     let cycles = cycle_ns.map(|cycle_ns| (region.period_ns as f64 / cycle_ns).round() as u64);
-    Ok(Pace { cycles: cycles.filter(|cycles| *cycles > 0), pause_ns: region.stale_after_ns })
+    Ok(Pace { cycles: cycles.filter(|cycles| *cycles > 0), cycle_ns, pause_ns: region.stale_after_ns })
 }
 
 /// What is missing between the update `last` and the next one taken, if `lost` are missing in their numbers.
 fn between(last: Last, (servo_timer, time_ns): (u64, u64), lost: u64, pace: Pace) -> Option<Gap> {
     let silence_ns = time_ns.saturating_sub(last.time_ns);
-    let is_pause = servo_timer <= last.servo_timer || (lost == 0 && silence_ns >= pace.pause_ns);
     let passed = servo_timer.saturating_sub(last.servo_timer);
+    let is_pause = passed == 0
+        || lost == 0 && silence_ns >= pace.pause_ns
+        || pace.cycle_ns.is_some_and(|cycle_ns| passed as f64 > fitting(silence_ns, cycle_ns));
     let made = pace.cycles.filter(|cycles| !is_pause && passed.is_multiple_of(*cycles)).map(|c| passed / c);
     let missed = made.map_or(0, |made| made.saturating_sub(1 + lost));
     (is_pause || lost > 0 || missed > 0).then_some(Gap { missed, lost })
+}
+
+/// The most servo cycles that can pass in a time. A timer that shows more began anew, by a reset.
+fn fitting(time_ns: u64, cycle_ns: f64) -> f64 {
+    1.25 * time_ns as f64 / cycle_ns + SLACK
 }
 
 #[cfg(test)]
@@ -142,7 +154,7 @@ mod tests {
     #[test]
     fn what_is_missing_between_two_updates_is_counted() {
         let last = Last { servo_timer: 1000, time_ns: 0 };
-        let pace = Pace { cycles: Some(2), pause_ns: 100_000 };
+        let pace = Pace { cycles: Some(2), cycle_ns: Some(450.0), pause_ns: 100_000 };
         let gap = |lost, at| between(last, at, lost, pace).map(|gap| (gap.missed, gap.lost));
         assert_eq!(gap(0, (1002, 900)), None);
         assert_eq!(gap(0, (1010, 4500)), Some((4, 0)), "the daemon did not see four");
@@ -150,7 +162,8 @@ mod tests {
         assert_eq!(gap(4, (1010, 4500)), Some((0, 4)));
         assert_eq!(gap(0, (9000, 200_000)), Some((0, 0)), "the board made no report");
         assert_eq!(gap(0, (4, 900)), Some((0, 0)), "the board was reset");
-        assert_eq!(gap(4992, (11_000, 200_000)), Some((7, 4992)), "this program was stopped");
+        assert_eq!(gap(0, (21_000, 900)), Some((0, 0)), "the same, and its timer was carried on");
+        assert_eq!(gap(4992, (11_000, 4_500_000)), Some((7, 4992)), "this program was stopped");
         assert_eq!(
             between(last, (1013, 900), 0, Pace { cycles: None, ..pace }),
             None,

@@ -2,13 +2,14 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Stdio};
+use std::time::Duration;
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use pmac_dpram::segment::Counter;
 use pmac_dpram::table::Table;
 
-use crate::support::VirtualSite;
+use crate::support::{PATIENCE, VirtualSite};
 
 /// Servo cycles at a time: what the segment keeps is four times as much.
 const PIECE: u64 = 1000;
@@ -123,6 +124,51 @@ fn what_the_daemon_missed_is_a_row_of_its_own() {
     let period = 3_713_707.0 / 8_388_608_000.0;
     let span = times[times.len() - 1] - times[0];
     assert!((span - period * ((updates - 1) as f64 + missed as f64)).abs() < 1e-6, "{span}");
+}
+
+#[test]
+fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.wait_until("the board's scales", || site.has_scales());
+    let mut child = site.command(&["log", "-o", "-", "--motors", "1"]);
+    let mut child = child.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let stdout = child.stdout.take().unwrap();
+    let text = std::thread::spawn(move || std::io::read_to_string(stdout).unwrap());
+    site.run_for(Duration::from_secs(1));
+    // A reset: the board's timer begins anew, and the report comes again with a GATHER.
+    let seconds = || site.with_world(|world| world.now_ns()) as f64 / 1e9;
+    let reset = seconds();
+    site.control("reset");
+    site.run_for(Duration::from_secs(2));
+    let mut board = site.connection();
+    site.wait_until("a board that takes commands", || board.send("P1", PATIENCE).is_ok());
+    let least = seconds() - reset;
+    board.send("GATHER", PATIENCE).unwrap();
+    let most = seconds() - reset;
+    site.run_for(Duration::from_secs(1));
+    // Another daemon, which does not know the scales.
+    site.stop_daemon();
+    site.start_daemon(&["--config", &site.file("silent.toml", "ask_board = false\n")]);
+    site.wait_for_live_servo();
+    site.run_for(Duration::from_millis(500));
+    kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGTERM).unwrap();
+    let table = Table::parse(text.join().unwrap().as_bytes()).unwrap();
+    let said = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+    assert!(child.wait().unwrap().success(), "{said}");
+    let column = |name: &str| table.column(name).unwrap();
+    let (positions, missed) = (column("1.actual_position"), column("missed"));
+    let known = positions.iter().filter(|position| !position.is_nan()).count();
+    assert!(said.contains(&format!("updates={known} lost=0 missed=")), "{known}: {said}");
+    let unknown = positions.iter().zip(column("1.servo_status")).zip(missed);
+    let unknown: Vec<_> =
+        unknown.filter(|((position, status), _)| position.is_nan() && !status.is_nan()).collect();
+    assert!(!unknown.is_empty() && unknown.iter().all(|(_, missed)| **missed == 1.0), "{}", unknown.len());
+    let (times, updates) = (column("time_s"), column("update"));
+    let firsts = 1 + updates.windows(2).position(|pair| pair[1] < pair[0]).unwrap();
+    let pauses = times[..firsts].windows(2).map(|pair| pair[1] - pair[0]);
+    let pause = pauses.fold(0.0, f64::max);
+    assert!((least - 0.05..most + 0.05).contains(&pause), "{pause} s, not {least} to {most}");
 }
 
 #[test]

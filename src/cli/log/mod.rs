@@ -19,7 +19,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
-use crate::client::{Board, Follower, Staleness, Step, View, identity};
+use crate::client::{Board, Follower, Gap, Staleness, Step, View, identity};
 use crate::decode::ServoData;
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.
@@ -140,9 +140,13 @@ impl Run<'_> {
             Step::Update(update) => self.update(&update),
             Step::Gap(gap) => {
                 // Before the first update, and before the trigger, nothing is missing.
-                let (Some(Output { rows, files }), None) = (&mut self.output, &self.before) else {
+                let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
+                if gap == Gap::default() {
+                    rows.pause();
+                }
+                if self.before.is_some() {
                     return Ok(());
-                };
+                }
                 files.row(rows.gap(gap), Meaning::Gap(gap))
             }
         }
@@ -153,15 +157,20 @@ impl Run<'_> {
             Some(output) => output,
             none => none.insert(begin(self.options, update, self.servo_period_ns, &self.stop)?),
         };
+        if rows.lacks_scales(&update.data) {
+            let gap = Gap { missed: 1, lost: 0 };
+            let row = rows.update(update, gap.missed);
+            return if self.before.is_some() { Ok(()) } else { files.row(row, Meaning::Gap(gap)) };
+        }
         let Some(before) = &mut self.before else {
-            return files.row(rows.update(update), Meaning::Update);
+            return files.row(rows.update(update, 0), Meaning::Update);
         };
         if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
-            before.keep(update.time_ns, rows.update(update));
+            before.keep(update.time_ns, rows.update(update, 0));
             return Ok(());
         }
         let _ = writeln!(io::stderr(), "triggered at update {}", update.sequence);
-        rows.update(update);
+        rows.update(update, 0);
         let trigger = rows.zero();
         for mut row in before.take() {
             row[TIME] -= trigger;
@@ -169,7 +178,7 @@ impl Run<'_> {
         }
         self.before = None;
         self.end_ns = self.options.seconds.map(|time| update.time_ns.saturating_add(time.as_nanos() as u64));
-        files.row(rows.update(update), Meaning::Update)
+        files.row(rows.update(update, 0), Meaning::Update)
     }
 }
 

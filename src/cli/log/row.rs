@@ -31,6 +31,8 @@ pub struct Rows {
     last: Option<(u64, f64)>,
     /// The servo timer of the update before.
     last_timer: u64,
+    /// Board or daemon paused since then, or began anew: the servo timer does not say for how long.
+    has_paused: bool,
     row: Vec<f64>,
 }
 
@@ -56,7 +58,15 @@ impl Rows {
         let columns: Vec<Column> = columns.collect::<Result<Vec<_>, _>>()?.concat();
         let clock = SampleClock { period: 1, servo_period_ns };
         let zero = (first.servo_timer, first.time_ns);
-        Ok(Self { clock, columns, zero, last: None, last_timer: first.servo_timer, row: Vec::new() })
+        Ok(Self {
+            clock,
+            columns,
+            zero,
+            last: None,
+            last_timer: first.servo_timer,
+            has_paused: false,
+            row: Vec::new(),
+        })
     }
 
     /// The fields of the table.
@@ -78,12 +88,19 @@ impl Rows {
         self.columns.iter().filter(|column| !has(column)).map(|column| &*column.field.name).collect()
     }
 
-    /// The row of an update.
-    pub fn update(&mut self, update: &View<ServoData>) -> &[f64] {
+    /// Whether `update` has none of the scaled values that the first one had: a daemon that was started again does not know
+    /// the scales at first.
+    pub fn lacks_scales(&self, update: &ServoData) -> bool {
+        let mut scaled = self.columns.iter().filter(|column| column.is_scaled).peekable();
+        scaled.peek().is_some() && scaled.all(|column| column.number(update).is_nan())
+    }
+
+    /// The row of an update; `missed` is 1 where it lacks what makes it one.
+    pub fn update(&mut self, update: &View<ServoData>, missed: u64) -> &[f64] {
         let unix_s = update.realtime_ns as f64 / 1e9;
         let time = self.time(update);
         self.row.clear();
-        self.row.extend([update.sequence as f64, time, unix_s, 0.0, 0.0]);
+        self.row.extend([update.sequence as f64, time, unix_s, missed as f64, 0.0]);
         let Self { row, columns, .. } = self;
         row.extend(columns.iter().map(|column| column.number(&update.data)));
         row
@@ -104,12 +121,17 @@ impl Rows {
         &self.row
     }
 
-    /// By the board's servo timer. Where that begins anew, after a reset or with another daemon, the host's clock says how long it
-    /// has been since the update before.
+    /// Before the next update board or daemon paused, or began anew.
+    pub fn pause(&mut self) {
+        self.has_paused = true;
+    }
+
+    /// By the board's servo timer. Over a pause, where that may begin anew, the host's clock says how long it has been since the
+    /// update before.
     fn time(&mut self, update: &View<ServoData>) -> f64 {
         let View { servo_timer, time_ns, .. } = *update;
         if let Some((last_ns, last)) = self.last
-            && servo_timer < self.last_timer
+            && (std::mem::take(&mut self.has_paused) || servo_timer < self.last_timer)
         {
             let cycle_ns = self.clock.servo_period_ns.unwrap_or(1e9);
             let cycles = last / self.clock.at(1) + time_ns.saturating_sub(last_ns) as f64 / cycle_ns;
