@@ -1,6 +1,7 @@
 //! `pmacctl tune` on a simulated board: the figures are the motor's, and the board is left as it was, whoever dies.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{Read, Write};
 use std::process::{Child, Stdio};
 
 use nix::sys::signal::{Signal, kill};
@@ -8,7 +9,7 @@ use nix::unistd::Pid;
 use pmac_dpram::table::Table;
 
 use crate::support::VirtualSite;
-use crate::support::rig::Ran;
+use crate::support::rig::{Ran, pty};
 
 /// What a tuning move sets.
 const SET: &str = "I111 I119 I120 I121 I122";
@@ -77,6 +78,50 @@ fn e3_what_a_motor_must_not_do_is_not_begun() {
     }
     assert_eq!(site.ask(SET), before);
     assert!(!site.log().contains("sends \"#1J="), "{}", site.log());
+}
+
+/// A step that is asked for on a terminal, where somebody sends `meanwhile` between the question and the answer yes.
+fn step_with_a_question(site: &VirtualSite, meanwhile: Option<&str>) -> Ran {
+    let pty = pty(None);
+    let mut tune = site.command(&["tune", "step", "1", "--size", "200"]);
+    tune.stdin(Stdio::from(pty.slave)).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = tune.spawn().unwrap();
+    let (mut stderr, mut question) = (child.stderr.take().unwrap(), String::new());
+    while !question.ends_with("Move it? [y/N] ") {
+        let mut next = [0];
+        assert_eq!(stderr.read(&mut next).unwrap(), 1, "{question}");
+        question.push(next[0].into());
+    }
+    meanwhile.map(|line| site.ask(line));
+    let mut keyboard = File::from(pty.master);
+    keyboard.write_all(b"y\n").unwrap();
+    site.hurried(|| {
+        let said = std::io::read_to_string(stderr).unwrap();
+        Ran { stderr: said, ..Ran::from(child.wait_with_output().unwrap()) }
+    })
+}
+
+#[test]
+fn e3_nothing_moves_by_variables_that_somebody_set_after_the_question() {
+    let site = site();
+    for (line, said) in
+        [("I120=3", "I120 was 200, and is 3 now"), ("I111=1000", "I111 was 32000, and is 1000 now")]
+    {
+        let before = site.ask(SET);
+        let ran = step_with_a_question(&site, Some(line));
+        assert_eq!(ran.code, Some(1), "{ran:?}");
+        assert!(
+            ran.stderr.contains(said) && ran.stderr.contains("since the question; begin again"),
+            "{ran:?}"
+        );
+        assert_ne!(site.ask(SET), before, "what somebody has set stays");
+        assert!(!site.log().contains("sends \"#1J="), "{}", site.log());
+    }
+    site.ask("I111=32000");
+    let before = site.ask(SET);
+    let ran = step_with_a_question(&site, None);
+    assert_eq!((ran.code, site.ask(SET)), (Some(0), before), "{ran:?}");
+    site.assert_no_violations();
 }
 
 #[test]
