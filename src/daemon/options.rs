@@ -9,7 +9,8 @@ use clap::Parser;
 #[command(name = "pmacd", version, max_term_width = 100)]
 #[command(
     after_help = "Exit status: 0 asked to end; 64 the command line; 69 board, name or socket unavailable; \
-    70 a defect; 71 the system refused memory, a descriptor or a thread; 77 a right is missing; 78 the configuration."
+    70 a defect; 71 the system refused memory, a descriptor or a thread; \
+    75 a motor may still move; 77 a right is missing; 78 the configuration."
 )]
 pub struct Options {
     /// The board, and how it is reached.

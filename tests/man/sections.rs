@@ -377,6 +377,10 @@ pub fn statuses(page: &str) -> &'static [(&'static str, &'static str)] {
             ("69", "The board, its name or its socket is unavailable. The service is started again."),
             ("70", "A defect of pmacd. The service is started again."),
             ("71", "The system refused memory, a descriptor or a thread. The service is started again."),
+            (
+                "75",
+                "The board has not taken the stop of a held jog: a motor may still move. The log names it.",
+            ),
             ("77", "A right is missing."),
             ("78", "The configuration is wrong."),
         ],
