@@ -115,6 +115,9 @@ def test_what_is_no_recording_leaves_no_file(log, tmp_path):
     numpy.save(tmp_path / "plain.npy", numpy.zeros(3))
     with pytest.raises(ValueError, match="named fields"):
         nexus.write(path, tmp_path / "plain.npy")
+    (tmp_path / "text.npy").write_text("no array")
+    with pytest.raises(ValueError, match="text.npy is no .npy file"):
+        nexus.write(path, tmp_path / "text.npy")
     assert not path.exists()
 
 

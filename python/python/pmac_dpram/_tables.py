@@ -68,10 +68,14 @@ def read(paths: Iterable[Path]) -> Table:
 
 
 def _numpy(path: Path) -> Table:
-    rows = numpy.load(path, mmap_mode="r")
+    strange = f"{path} is no .npy file with named fields, as pmacctl log and gather write them"
+    try:
+        rows = numpy.load(path, mmap_mode="r")
+    except ValueError as error:
+        raise ValueError(f"{strange}: {error}") from None
     names, fields = rows.dtype.names, rows.dtype.fields
     if not names:
-        raise ValueError(f"{path} is no .npy file with named fields, as pmacctl log and gather write them")
+        raise ValueError(strange)
     columns = [Column.of(fields[name][2]) if len(fields[name]) > 2 else Column(name) for name in names]
 
     def blocks() -> Blocks:

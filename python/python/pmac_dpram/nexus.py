@@ -279,7 +279,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("output", type=Path, help="the NeXus file, .nxs or .h5; it must not exist yet")
     parser.add_argument("--live", action="store_true", help="every update of the board, instead of a source")
     parser.add_argument("--seconds", type=float, metavar="S", help="with --live: how long; without it until ^C")
-    parser.add_argument("--motors", metavar="N,N", help="with --live: only these motors")
+    parser.add_argument("--motors", type=_numbers, metavar="N,N", help="with --live: only these motors")
     parser.add_argument("--name", help="the board; of a source: whose identity goes into the file")
     parser.add_argument("--socket", help="the socket of its pmacd")
     options = parser.parse_args(arguments)
@@ -292,8 +292,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         wants_board = options.live or options.name or options.socket
         board = connect(options.name, options.socket) if wants_board else None
         if options.live and board is not None:
-            motors = [int(number) for number in options.motors.split(",")] if options.motors else None
-            table = _live(board, options.seconds, motors)
+            table = _live(board, options.seconds, options.motors)
         else:
             table = read(Path(source) for source in options.source)
         blocks = _Interruptible(table.blocks, "-" in options.source)
@@ -304,6 +303,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(f"{options.output}: cut short: {error}" if counts.samples else str(error), counts)
     print(_summary(counts))
     return 0
+
+
+def _numbers(text: str) -> list[int]:
+    try:
+        return [int(number) for number in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of motors, such as 1,2") from None
 
 
 def _summary(counts: Counts) -> str:
