@@ -16,6 +16,9 @@ SETTLING_S = 0.25
 # So long a move waits for a report that tells whether the loop is closed.
 REPORT_S = 2.0
 
+# A report tells what a motor does for so long, if no other one comes.
+KNOWN_NS = 1_000_000_000
+
 STATES = [
     ("Disabled", alarm.MINOR_ALARM),
     ("Open loop", alarm.MINOR_ALARM),
@@ -153,8 +156,9 @@ class Motor:
         return reported is not None and reported.status.open_loop
 
     def _halt(self):
-        # J/ closes the loop of a motor that is killed. A stop must not do that.
-        if self._is_open_loop(self._acting.stopping.snapshot(stale_ok=True)):
+        # J/ closes the loop of a motor that is killed. A stop must not do that. Where nothing is known, a stop is better sent.
+        snapshot = self._acting.stopping.snapshot(stale_ok=True)
+        if time.monotonic_ns() - snapshot.time_ns <= KNOWN_NS and self._is_open_loop(snapshot):
             raise pmac_dpram.PmacError(
                 f"motor {self.number} is in open loop: J/ was not sent, it would close the loop; "
                 f"#{self.number}K kills the motor"

@@ -1,22 +1,26 @@
-"""A stop that comes while a move is on its way to the board."""
+"""Stops: one that comes while a move is on its way to the board, and those of motors in open loop."""
 
 import asyncio
+import time
 import types
 
-from pmac_epics.motors import Acting, Motor
+import pytest
+from pmac_epics.motors import KNOWN_NS, Acting, Motor
 
 
 class Pmacd:
     """Takes lines, and tells ``on_jog`` while it carries out a jog."""
 
-    def __init__(self, lines, on_jog):
+    def __init__(self, lines, on_jog, *, open_loop=False, age_ns=0):
         self._lines, self._on_jog = lines, on_jog
+        self._open_loop, self._age_ns = open_loop, age_ns
 
     def wait(self, _):
         return True
 
     def snapshot(self, **_):
-        return types.SimpleNamespace(motor={1: types.SimpleNamespace(status=types.SimpleNamespace(open_loop=False))})
+        motor = types.SimpleNamespace(status=types.SimpleNamespace(open_loop=self._open_loop))
+        return types.SimpleNamespace(motor={1: motor}, time_ns=time.monotonic_ns() - self._age_ns)
 
     def jog_to(self, motor, position):
         self._on_jog()
@@ -41,3 +45,12 @@ def test_a_stop_that_overtakes_a_move_is_sent_again():
 
     asyncio.run(both())
     assert lines == ["#1J/", "#1J=500", "#1J/"]
+
+
+@pytest.mark.parametrize(("name", "age_ns", "sent"), [("RECENT:", 0, []), ("OLD:", 10 * KNOWN_NS, ["#1J/"])])
+def test_a_stop_leaves_a_motor_alone_that_is_known_to_be_in_open_loop(name, age_ns, sent):
+    lines = []
+    acting = Acting(lambda: Pmacd(lines, None, open_loop=True, age_ns=age_ns), {"moves": None, "stops": None})
+    motor = Motor(name, 1, "motor 1", "counts", 1.0, acting, True)
+    asyncio.run(motor._stop(1))
+    assert lines == sent
