@@ -65,6 +65,11 @@ fn e6_every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
     site.run_for(SILENT);
     let mut third = site.connection();
     assert_eq!(third.trace(false).unwrap().accesses, [0; 0], "the client before was silent too long");
+    drop(third);
+    site.step(10);
+    // That one hears of it, once: what is missing is no part of a trace.
+    assert!(refusal(&mut connection).contains("nothing was asked for 5 s"));
+    assert_eq!(connection.trace(false).unwrap().accesses, [0; 0]);
 }
 
 #[test]

@@ -18,6 +18,8 @@ const ACCESSES_A_REPLY: usize = 4096;
 pub(super) struct Tracing {
     trace: Arc<Trace>,
     owner: Option<Owner>,
+    /// The client whose trace ended because it called nothing, until it has heard so.
+    silent: Option<u64>,
 }
 
 struct Owner {
@@ -31,7 +33,7 @@ struct Owner {
 impl Tracing {
     /// Nobody has it.
     pub(super) fn new(trace: Arc<Trace>) -> Self {
-        Self { trace, owner: None }
+        Self { trace, owner: None, silent: None }
     }
 
     /// Whether a call of `caller` would begin one.
@@ -43,8 +45,16 @@ impl Tracing {
     /// an empty reply is the last.
     ///
     /// # Errors
-    /// Somebody else has it.
+    /// Somebody else has it, or the caller's own has ended meanwhile.
     pub(super) fn take(&mut self, caller: Caller, end: bool, now: Instant) -> Result<TraceReply, CallError> {
+        if self.silent.take_if(|client| *client == caller.client).is_some() {
+            // One that began silently again would hide how much is missing between.
+            let reason = format!(
+                "the trace has ended: nothing was asked for {} s, and the accesses since are not in it",
+                LEASE.as_secs()
+            );
+            return Err(CallError::Refused { reason });
+        }
         let owner = match &mut self.owner {
             Some(owner) if owner.client != caller.client => {
                 let Peer { uid, pid, .. } = owner.peer;
@@ -86,18 +96,19 @@ impl Tracing {
 
     /// `client` is gone.
     pub(super) fn forget(&mut self, client: u64) {
+        self.silent.take_if(|silent| *silent == client);
         self.end_if(|owner| owner.client == client);
     }
 
     /// Ends the trace of a client that takes nothing any more.
     pub(super) fn expire(&mut self, now: Instant) {
-        self.end_if(|owner| owner.until <= now);
+        if let Some(owner) = self.end_if(|owner| owner.until <= now) {
+            self.silent = Some(owner.client);
+        }
     }
 
-    fn end_if(&mut self, is_over: impl FnOnce(&mut Owner) -> bool) {
-        if self.owner.take_if(is_over).is_some() {
-            self.trace.end();
-        }
+    fn end_if(&mut self, is_over: impl FnOnce(&mut Owner) -> bool) -> Option<Owner> {
+        self.owner.take_if(is_over).inspect(|_| self.trace.end())
     }
 
     /// When it ends if nobody calls.
