@@ -6,6 +6,7 @@
 
 mod ascii;
 mod differences;
+mod images;
 mod timeline;
 
 use std::path::Path;

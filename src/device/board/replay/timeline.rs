@@ -5,11 +5,13 @@
 //! nothing, nor does an update that was not read to its end. Other words are put there in bursts, as they were read.
 //!
 //! A word that reads as the host wrote it was not written by PMAC. The words of the ASCII port are left out: the replay answers
-//! there by itself.
+//! there by itself. What the trace does not tell, later images do ([`super::images`]).
 
 use std::collections::HashMap;
 use std::ops::Range;
 
+use super::images::{LaterImage, later_images};
+use crate::map::functions::Flag;
 use crate::map::{Family, HostOffset, Timer};
 use crate::recording::{Op, Recording};
 
@@ -41,7 +43,11 @@ impl Timeline {
     pub fn of(recording: &Recording, family: &Family, window: &[u16]) -> Self {
         let mut reader = Reader::new(family, window);
         let zero = recording.accesses.first().map_or(recording.about.began_ns, |access| access.t_ns);
+        let mut images = later_images(recording, zero).peekable();
         for access in &recording.accesses {
+            while let Some(image) = images.next_if(|image| image.at_ns <= access.t_ns - zero) {
+                reader.see_image(image);
+            }
             let (at_ns, low) = (access.t_ns - zero, access.offset.word() as u16);
             let halves = [(low, access.value as u16), (low + 1, (access.value >> 16) as u16)];
             for (word, value) in halves.into_iter().take(usize::from(access.width / 16)) {
@@ -51,16 +57,17 @@ impl Timeline {
                 }
             }
         }
+        images.for_each(|image| reader.see_image(image));
         // What lay there when the trace began is not known if the image was made later. The replay then begins with the first update.
-        let begins_late = recording.images.first().is_none_or(|image| image.t_ns > zero);
+        let begins_late =
+            !recording.accesses.is_empty() && recording.images.first().is_none_or(|image| image.t_ns > zero);
         let mut found = reader.finish(begins_late);
         // Otherwise nothing that was read is there in the beginning.
         found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns += 1);
         found.sort_by_key(|(at_ns, _)| *at_ns);
-        let mut timeline = Self {
-            end_ns: recording.accesses.last().map_or(0, |access| access.t_ns - zero),
-            ..Self::default()
-        };
+        let last_access = recording.accesses.last().map_or(0, |access| access.t_ns);
+        let end_ns = recording.images.last().map_or(0, |image| image.t_ns).max(last_access);
+        let mut timeline = Self { end_ns: end_ns.saturating_sub(zero), ..Self::default() };
         for (at_ns, changes) in found {
             timeline.changes.extend(changes);
             timeline.steps.push(Step { at_ns, end: timeline.changes.len() });
@@ -120,6 +127,8 @@ struct Report {
     /// The host's words in it.
     hosts: Vec<u16>,
     flag: u16,
+    /// Bits of the flag that are set, and cleared, when the report is whole.
+    when_whole: (u16, u16),
     timer: u16,
     /// What was read since the flag changed to what it is.
     open: Option<Update>,
@@ -136,12 +145,20 @@ struct Update {
 }
 
 impl Report {
-    fn new(words: Range<HostOffset>, flag: HostOffset, timer: Timer, hosts: &[Option<HostOffset>]) -> Self {
+    /// `is_set`: the flag, when the report is whole.
+    fn new(
+        words: Range<HostOffset>,
+        flag: Flag,
+        is_set: bool,
+        timer: Timer,
+        hosts: &[Option<HostOffset>],
+    ) -> Self {
         let hosts = hosts.iter().flatten().map(|host| host.word() as u16).collect();
         Self {
             words: words.start.word() as u16..words.end.word() as u16,
             hosts,
-            flag: flag.word() as u16,
+            flag: flag.word.word() as u16,
+            when_whole: if is_set { (flag.mask, 0) } else { (0, flag.mask) },
             timer: timer.low.word() as u16,
             open: None,
             whole: Vec::new(),
@@ -171,8 +188,33 @@ impl Report {
         }
     }
 
-    /// The updates that were read to their end: those with every word that most of them have.
-    fn finish(mut self) -> Vec<(u64, Vec<(u16, u16)>)> {
+    /// The update that an image shows, with its flag as it was when PMAC had made it; the host may have changed that since.
+    fn of_image(&self, image: &LaterImage<'_>) -> Option<(u64, Vec<(u16, u16)>)> {
+        let mut words = image.report(&self.words, &self.hosts)?;
+        let (set, cleared) = self.when_whole;
+        let at = words.iter().position(|(word, _)| *word == self.flag)?;
+        let (flag, value) = words.remove(at);
+        words.push((flag, (value | set) & !cleared));
+        Some((image.at_ns, words))
+    }
+
+    /// The updates that were read to their end: those with every word that most of them have; and those of `images` where there are none.
+    /// The first one of the trace lay there in the beginning, if it `begins_late`.
+    fn finish(mut self, images: &[LaterImage<'_>], begins_late: bool) -> Vec<(u64, Vec<(u16, u16)>)> {
+        let shown: Vec<_> =
+            images.iter().filter_map(|image| Some((&image.around, self.of_image(image)?))).collect();
+        let mut updates = self.finish_trace();
+        let is_told = |around: &Range<u64>| updates.iter().any(|(at_ns, _)| around.contains(at_ns));
+        let untold: Vec<_> =
+            shown.into_iter().filter(|(around, _)| !is_told(around)).map(|(_, update)| update).collect();
+        if let Some((at_ns, _)) = updates.first_mut().filter(|_| begins_late) {
+            *at_ns = 0;
+        }
+        updates.extend(untold);
+        updates
+    }
+
+    fn finish_trace(&mut self) -> Vec<(u64, Vec<(u16, u16)>)> {
         self.close();
         let is_data = |word: u16| word != self.timer;
         self.whole.retain(|update| update.words.iter().any(|(word, _)| is_data(*word)));
@@ -189,7 +231,7 @@ impl Report {
         let is_whole =
             |update: &Update| needed.iter().all(|needed| update.words.iter().any(|(word, _)| word == needed));
         let flag = self.flag;
-        let whole = self.whole.into_iter().filter(is_whole);
+        let whole = std::mem::take(&mut self.whole).into_iter().filter(is_whole);
         whole
             .map(|Update { at_ns, flag: value, mut words, .. }| {
                 words.push((flag, value));
@@ -200,7 +242,7 @@ impl Report {
 }
 
 /// Goes through the accesses.
-struct Reader {
+struct Reader<'a> {
     ascii: Vec<Range<u16>>,
     reports: [Report; 2],
     /// What lies in each word, as far as was read or written.
@@ -209,9 +251,10 @@ struct Reader {
     burst_at_ns: u64,
     last_ns: u64,
     found: Vec<(u64, Vec<(u16, u16)>)>,
+    images: Vec<LaterImage<'a>>,
 }
 
-impl Reader {
+impl<'a> Reader<'a> {
     fn new(family: &Family, window: &[u16]) -> Self {
         let (servo, background) = (&family.servo, &family.background);
         let region = |region: crate::map::Region| region.start..region.end;
@@ -221,10 +264,17 @@ impl Reader {
         Self {
             ascii: ascii_words(family),
             reports: [
-                Report::new(region(servo.region), servo.pmac_status.word, servo.timer, &servo_hosts),
+                Report::new(
+                    region(servo.region),
+                    servo.pmac_status,
+                    servo.busy.flag(false),
+                    servo.timer,
+                    &servo_hosts,
+                ),
                 Report::new(
                     region(background.region),
-                    background.ready.word,
+                    background.ready,
+                    true,
                     background.timer,
                     &background_hosts,
                 ),
@@ -234,6 +284,7 @@ impl Reader {
             burst_at_ns: 0,
             last_ns: 0,
             found: Vec::new(),
+            images: Vec::new(),
         }
     }
 
@@ -271,6 +322,30 @@ impl Reader {
         self.reports.iter_mut().filter(|report| report.flag == word).for_each(Report::close);
     }
 
+    /// What an image tells of words that are in no report; what it tells of reports is looked at in the end.
+    fn see_image(&mut self, image: LaterImage<'a>) {
+        self.end_burst();
+        let is_mine = |word: &u16| {
+            !self
+                .ascii
+                .iter()
+                .chain(self.reports.iter().map(|report| &report.words))
+                .any(|words| words.contains(word))
+        };
+        let told: Vec<_> = image.untraced().filter(|(word, _)| is_mine(word)).collect();
+        let mut changes = Vec::new();
+        for (word, value) in told {
+            if let Some(now) = self.now.get_mut(usize::from(word)).filter(|now| **now != value) {
+                *now = value;
+                changes.push((word, value));
+            }
+        }
+        if !changes.is_empty() {
+            self.found.push((image.at_ns, changes));
+        }
+        self.images.push(image);
+    }
+
     fn end_burst(&mut self) {
         if !self.burst.is_empty() {
             self.found.push((self.burst_at_ns, std::mem::take(&mut self.burst)));
@@ -279,13 +354,9 @@ impl Reader {
 
     fn finish(mut self, begins_late: bool) -> Vec<(u64, Vec<(u16, u16)>)> {
         self.end_burst();
-        let Self { reports, mut found, .. } = self;
+        let Self { reports, mut found, images, .. } = self;
         for report in reports {
-            let mut updates = report.finish();
-            if let Some((at_ns, _)) = updates.first_mut().filter(|_| begins_late) {
-                *at_ns = 0;
-            }
-            found.extend(updates);
+            found.extend(report.finish(&images, begins_late));
         }
         found
     }
@@ -298,8 +369,16 @@ mod tests {
     use crate::recording::testing::recording;
     use crate::recording::{Access, Image};
 
-    /// Accesses: a time in microseconds, `r` or `w`, a word of the DPRAM, a value.
     fn steps(family: &Family, accesses: &[(u64, char, HostOffset, u32)]) -> Vec<(u64, Vec<(u16, u16)>)> {
+        steps_with(family, accesses, &[])
+    }
+
+    /// Accesses: a time in microseconds, `r` or `w`, a word of the DPRAM, a value. Later images: a time, and words that are not 0.
+    fn steps_with(
+        family: &Family,
+        accesses: &[(u64, char, HostOffset, u32)],
+        images: &[(u64, Vec<(HostOffset, u16)>)],
+    ) -> Vec<(u64, Vec<(u16, u16)>)> {
         let mut recording = recording();
         recording.accesses = accesses
             .iter()
@@ -313,6 +392,11 @@ mod tests {
             .collect();
         let window = vec![0; family.length as usize / 2];
         recording.images = vec![Image { t_ns: 0, words: window.clone() }];
+        recording.images.extend(images.iter().map(|(at, words)| {
+            let mut image = window.clone();
+            words.iter().for_each(|(offset, value)| image[offset.word()] = *value);
+            Image { t_ns: 5_000 + at * 1000, words: image }
+        }));
         let mut timeline = Timeline::of(&recording, family, &window);
         let times: Vec<u64> = timeline.steps.iter().map(|step| step.at_ns).collect();
         times.into_iter().map(|at| (at / 1000, timeline.take_due(at).to_vec())).collect()
@@ -400,5 +484,54 @@ mod tests {
             ],
         );
         assert_eq!(found, [(30, vec![(word(other), 8), (word(own), 4)]), (200, vec![(word(other), 9)])]);
+    }
+
+    #[test]
+    fn e6_without_a_trace_the_images_are_played_and_a_report_comes_whole() {
+        let servo = &TURBO2.servo;
+        let (flag, timer, data) = (servo.pmac_status, servo.timer.low, servo.motors.first);
+        let free = HostOffset::new(0x2000);
+        let first =
+            vec![(timer, 7), (data, 5), (free, 1), (servo.mask.unwrap(), 3), (TURBO2.ascii.response, 9)];
+        let second = vec![(timer, 7), (data, 5), (free, 2)];
+        let found = steps_with(&TURBO2, &[], &[(1000, first), (2000, second)]);
+        let times: Vec<u64> = found.iter().map(|(at, _)| *at).collect();
+        assert_eq!(times, [1005, 1005, 2005], "the board made no update between the images");
+        // What is due at once is given at once.
+        let (others, report) = found[0].1.split_at(1);
+        assert_eq!(others, [(word(free), 1)]);
+        assert!(report.contains(&(word(timer), 7)) && report.contains(&(word(data), 5)), "{report:?}");
+        assert_eq!(report.last(), Some(&(word(flag.word), flag.mask)), "the host has cleared it since");
+        assert!(!report.iter().any(|(at, _)| *at == word(servo.mask.unwrap())), "the host's own");
+        assert_eq!(found[2].1, [(word(free), 2)]);
+    }
+
+    #[test]
+    fn e6_what_the_trace_tells_the_images_do_not() {
+        let servo = &PMAC.servo;
+        let (flag, data) = (servo.pmac_status.word, servo.motors.first);
+        let (told, untold) = (HostOffset::new(0x2000), HostOffset::new(0x2100));
+        let update = |at: u64, timer: u32| {
+            [(at, 'r', flag, timer), (at + 1, 'r', data, timer), (at + 2, 'r', flag, timer)]
+        };
+        let accesses =
+            [&update(0, 1)[..], &update(1000, 2), &[(2100, 'r', told, 4)], &update(9000, 3)].concat();
+        let image = |timer, value| vec![(flag, timer), (data, timer), (told, value), (untold, value)];
+        // The trace has a gap from 2100 on.
+        let images = [(2000, image(2, 4)), (4000, image(20, 5)), (6000, image(30, 6)), (9500, image(3, 7))];
+        let found = steps_with(&PMAC, &accesses, &images);
+        let servo_timers: Vec<_> = found
+            .iter()
+            .flat_map(|(at, changes)| changes.iter().map(move |change| (*at, *change)))
+            .filter(|(_, (at, _))| *at == word(flag))
+            .map(|(at, (_, timer))| (at, timer))
+            .collect();
+        assert_eq!(servo_timers, [(0, 1), (1000, 2), (4000, 20), (9000, 3)], "{found:?}");
+        let of = |offset| -> Vec<(u64, u16)> {
+            let all = found.iter().flat_map(|(at, changes)| changes.iter().map(move |change| (*at, *change)));
+            all.filter(|(_, (at, _))| *at == word(offset)).map(|(at, (_, value))| (at, value)).collect()
+        };
+        assert_eq!(of(told), [(2100, 4), (4000, 5), (6000, 6), (9500, 7)]);
+        assert_eq!(of(untold), [(2000, 4), (4000, 5), (6000, 6), (9500, 7)]);
     }
 }
