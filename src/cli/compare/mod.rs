@@ -17,7 +17,7 @@ use crate::map::Function;
 use crate::recording::{Recording, Replies};
 use seen::Seen;
 
-/// Servo periods that differ by less are the same, parts of a thousand: clocks differ, and a daemon looks late.
+/// Servo periods that differ by less are the same, parts of a thousand: clocks differ.
 const PERIOD_PER_MILLE: f64 = 20.0;
 /// Lines whose answers are no difference: who the board is, when it was made, and what moves.
 const APART: [&str; 12] =
@@ -205,9 +205,11 @@ fn updates(seen: &Sides<Seen>) -> Vec<Difference> {
         add("servo cycles from one update to the next", cycles.map(told));
     }
     if let (Some(one), Some(other)) = (seen[0].servo_period_ns, seen[1].servo_period_ns)
-        && (one - other).abs() * 1000.0 > one.max(other) * PERIOD_PER_MILLE
+        && (one.0.max(other.0) - one.1.min(other.1)) * 1000.0 > one.1.max(other.1) * PERIOD_PER_MILLE
     {
-        add("servo period", [one, other].map(|ns| format!("{:.2} us", ns / 1000.0)));
+        // Where they overlap, lateness may be all that there is.
+        let told = |(from, to)| format!("{:.2} to {:.2} us", from / 1000.0, to / 1000.0);
+        add("servo period", [one, other].map(told));
     }
     found
 }

@@ -8,6 +8,11 @@ use crate::map::word_use::function_of;
 use crate::map::{BufferLayout, Family, HostOffset};
 use crate::recording::{Access, Op, Recording};
 
+/// A stretch over which a servo period is measured. A look that is late by a tenth of a millisecond then makes a hundredth of it.
+const STRETCH_NS: u64 = 10_000_000;
+/// One of so many stretches is left out at each end.
+const OUTLIERS: usize = 20;
+
 /// What was seen of a board.
 #[derive(Debug, Default, PartialEq)]
 pub struct Seen {
@@ -15,8 +20,8 @@ pub struct Seen {
     pub words: BTreeMap<String, usize>,
     /// Servo cycles from one servo update to the next, the usual number.
     pub update_cycles: Option<u32>,
-    /// The servo period by the timer and the trace's clock, in nanoseconds, the usual one.
-    pub servo_period_ns: Option<f64>,
+    /// From where to where the servo period may be by the timer and the trace's clock, in nanoseconds.
+    pub servo_period_ns: Option<(f64, f64)>,
     /// Each order in which command lines and control characters were answered, step by step.
     pub orders: BTreeSet<String>,
 }
@@ -179,17 +184,40 @@ impl Watch {
         // The first one was there when the trace began.
         let updates = self.updates.get(1..).unwrap_or_default();
         let mut steps: Vec<u32> = updates.windows(2).map(cycles).collect();
-        let period = |pair: &[(u64, u32)]| (pair[1].0 - pair[0].0) as f64 / f64::from(cycles(pair).max(1));
-        let mut periods: Vec<f64> = updates.windows(2).map(period).collect();
-        periods.sort_by(f64::total_cmp);
         steps.sort_unstable();
         Seen {
             words,
             update_cycles: steps.get(steps.len() / 2).copied(),
-            servo_period_ns: periods.get(periods.len() / 2).copied(),
+            servo_period_ns: periods(updates, range),
             orders: self.orders,
         }
     }
+}
+
+/// What the servo period may be: the usual one from update to update, and the shortest and the longest of stretches but for outliers.
+/// When the machine does other things, the daemon looks late, and a simulator's updates come late, so these differ.
+fn periods(updates: &[(u64, u32)], range: u32) -> Option<(f64, f64)> {
+    let sorted = |least_ns: u64| {
+        let mut begin = *updates.first()?;
+        let mut periods = Vec::new();
+        for update in &updates[1..] {
+            let time_ns = update.0 - begin.0;
+            if time_ns >= least_ns {
+                let cycles = update.1.wrapping_sub(begin.1) % range;
+                periods.push(time_ns as f64 / f64::from(cycles.max(1)));
+                begin = *update;
+            }
+        }
+        periods.sort_by(f64::total_cmp);
+        Some(periods)
+    };
+    let single = sorted(0)?;
+    let usual = *single.get(single.len() / 2)?;
+    let stretches = sorted(STRETCH_NS)?;
+    let mut kept = stretches.iter().skip(stretches.len() / OUTLIERS);
+    let shortest = kept.next().map_or(usual, |shortest| shortest.min(usual));
+    let longest = kept.rev().nth(stretches.len() / OUTLIERS).map_or(usual, |longest| longest.max(usual));
+    Some((shortest, longest))
 }
 
 fn response_name(control: u16) -> &'static str {

@@ -86,3 +86,26 @@ fn e6_each_kind_of_difference_is_told() {
         ]
     );
 }
+
+/// A board whose servo cycle takes 400 us, whose updates are seen as late as `late_ns` tells by their number.
+fn seen_late(cycle_ns: u64, late_ns: impl Fn(u64) -> u64) -> Recording {
+    let mut recording = recording();
+    for update in 1..500 {
+        let t_ns = update * cycle_ns + late_ns(update);
+        let value = update as u32;
+        let offset = PMAC.servo.pmac_status.word;
+        recording.accesses.push(Access { t_ns, op: Op::Read, offset, width: 16, value });
+    }
+    recording
+}
+
+#[test]
+fn e6_a_machine_that_looks_late_is_no_difference_in_the_servo_period() {
+    let on_time = seen_late(400_000, |_| 0);
+    // Held up for 5 ms at each tenth update: most periods are longer than they should be.
+    let late = seen_late(400_000, |update| update / 10 * 5_000_000 / 2 + u64::from(update % 3 == 0) * 90_000);
+    assert_eq!(found(&on_time, &late), [""; 0]);
+    let slower = seen_late(440_000, |update| u64::from(update % 3 == 0) * 90_000);
+    let told = found(&on_time, &slower).join("\n");
+    assert!(told.starts_with("update servo period: 400.00 to 400.00 us / 43"), "{told}");
+}
