@@ -58,7 +58,13 @@ impl<'a> Log<'a> {
     }
 
     /// Ends it as a service manager does: its table, and its last words.
-    fn end(mut self) -> (Table, String) {
+    fn end(self) -> (Table, String) {
+        let (text, said) = self.stop();
+        (Table::parse(text.as_bytes()).unwrap(), said)
+    }
+
+    /// The same, with its rows as text.
+    fn stop(mut self) -> (String, String) {
         kill(Pid::from_raw(self.child.id().cast_signed()), Signal::SIGTERM).unwrap();
         for line in self.stdout.lines() {
             self.text += &line.unwrap();
@@ -67,7 +73,7 @@ impl<'a> Log<'a> {
         let said = std::io::read_to_string(self.child.stderr.take().unwrap()).unwrap();
         assert!(self.child.wait().unwrap().success(), "{said}");
         self.site.go_on();
-        (Table::parse(self.text.as_bytes()).unwrap(), said)
+        (self.text, said)
     }
 }
 
@@ -94,6 +100,42 @@ fn every_update_stands_in_the_file() {
     assert!(positions.windows(2).skip(PIECE as usize).all(|pair| pair[1] > pair[0]), "the motor jogs");
     let index = table.index("1.velocity").unwrap();
     assert_eq!(table.fields[index].unit, "count/s");
+}
+
+/// Seconds of the board's time that the long log takes, unless `PMAC_LOG_SECONDS` says otherwise.
+const LONG_SECONDS: u64 = 3600;
+
+#[test]
+#[ignore = "an hour of the board's time, as fast as it goes"]
+fn e1_an_hour_of_updates_stands_in_the_file() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.ask("#1J+");
+    let seconds = std::env::var("PMAC_LOG_SECONDS").map_or(LONG_SECONDS, |text| text.parse().unwrap());
+    let began = std::time::Instant::now();
+    let mut log = Log::begin(&site, &[]);
+    let first = site.attach().counter(Counter::Updates);
+    let (mut rows, mut last) = (0_u64, None);
+    let mut count = |text: &str| {
+        // What is no number is the table's head.
+        for number in text.lines().filter_map(|line| line.split(',').next()?.parse::<u64>().ok()) {
+            assert!(last.is_none_or(|last| number == last + 1), "{number} after {last:?}");
+            (last, rows) = (Some(number), rows + 1);
+        }
+    };
+    let end = first + seconds * 2258;
+    for piece in (first..end).step_by(PIECE as usize) {
+        log.follow_until(piece + PIECE);
+        count(&std::mem::take(&mut log.text));
+    }
+    let (rest, said) = log.stop();
+    count(&rest);
+    assert!(rows >= end - first && said.ends_with(&format!("updates={rows} lost=0 missed=0\n")), "{said}");
+    println!(
+        "{seconds} s of the board's time in {:.0} s: {}",
+        began.elapsed().as_secs_f64(),
+        said.trim_end()
+    );
 }
 
 #[test]
