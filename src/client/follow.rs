@@ -126,8 +126,15 @@ fn pace(board: &mut Board) -> Result<Pace, ClientError> {
     let identity = board.identity()?;
     let region = board.subscriber().region(RegionId::Servo)?;
     let cycle_ns = identity::scales(&identity).servo_period_ns();
-    let cycles = cycle_ns.map(|cycle_ns| (region.period_ns as f64 / cycle_ns).round() as u64);
-    Ok(Pace { cycles: cycles.filter(|cycles| *cycles > 0), cycle_ns, pause_ns: region.stale_after_ns })
+    let cycles = cycles(identity.servo_report_cycles, cycle_ns, region.period_ns);
+    Ok(Pace { cycles, cycle_ns, pause_ns: region.stale_after_ns })
+}
+
+/// Servo cycles from update to update, as the board has told them. Else by the period that `pmacd` measures, which grows when
+/// many updates are missed.
+fn cycles(told: Option<u32>, cycle_ns: Option<f64>, period_ns: u64) -> Option<u64> {
+    let measured = || cycle_ns.map(|cycle_ns| (period_ns as f64 / cycle_ns).round() as u64);
+    told.map(u64::from).or_else(measured).filter(|cycles| *cycles > 0)
 }
 
 /// What is missing between the update `last` and the next one taken, if `lost` are missing in their numbers.
@@ -169,5 +176,14 @@ mod tests {
             None,
             "a report without a period"
         );
+    }
+
+    #[test]
+    fn what_the_board_told_counts_and_not_how_often_updates_came() {
+        let (cycle_ns, every_second_missed) = (Some(442_708.0), 885_416);
+        assert_eq!(cycles(Some(1), cycle_ns, every_second_missed), Some(1));
+        assert_eq!(cycles(None, cycle_ns, every_second_missed), Some(2));
+        assert_eq!(cycles(Some(0), cycle_ns, every_second_missed), None, "a report without a period");
+        assert_eq!(cycles(None, None, every_second_missed), None);
     }
 }
