@@ -122,7 +122,7 @@ fn differences(first: &Recording, directory: &Path, second: &Recording) -> Resul
         )));
     }
     let mut found = answers(first, second);
-    found.extend(variables(first, second));
+    found.extend(variables(first, second)?);
     let seen = [first, second].map(|recording| Seen::of(recording, family));
     found.extend(words(&seen));
     found.extend(updates(&seen));
@@ -154,24 +154,26 @@ fn answers(first: &Recording, second: &Recording) -> Vec<Difference> {
 }
 
 /// The variables and definitions that both hold.
-fn variables(first: &Recording, second: &Recording) -> Vec<Difference> {
-    let held = |recording: &Recording| -> BTreeMap<Item, String> {
+fn variables(first: &Recording, second: &Recording) -> Result<Vec<Difference>, Failure> {
+    let held = |recording: &Recording| -> Result<BTreeMap<Item, String>, Failure> {
         let text = recording.variables.as_deref().unwrap_or_default();
-        let entries = parse("variables.pmc", text).unwrap_or_default();
-        entries.into_iter().map(|entry| (entry.item, entry.text)).collect()
+        let entries = parse("variables.pmc", text).map_err(|mistakes| {
+            let first = mistakes.first().map(ToString::to_string).unwrap_or_default();
+            Failure::Request(format!("{first}; of such a capture no variable can be compared"))
+        })?;
+        Ok(entries.into_iter().map(|entry| (entry.item, entry.text)).collect())
     };
-    let sides = [held(first), held(second)];
+    let sides = [held(first)?, held(second)?];
     // A capture may leave kinds of them out: what only one holds says nothing.
     let both = sides[0].iter().filter_map(|(item, one)| Some((*item, one, sides[1].get(item)?)));
     let differ = both.filter(|(item, one, other)| !item.is_program() && !item.same(one, other));
-    differ
-        .map(|(item, one, other)| Difference {
-            kind: "variable",
-            what: format!("{item}{}", if item.sign() == "->" { "->" } else { "" }),
-            first: one.clone(),
-            second: other.clone(),
-        })
-        .collect()
+    let found = differ.map(|(item, one, other)| Difference {
+        kind: "variable",
+        what: format!("{item}{}", if item.sign() == "->" { "->" } else { "" }),
+        first: one.clone(),
+        second: other.clone(),
+    });
+    Ok(found.collect())
 }
 
 /// Functions into whose words one of the boards writes, and the other does not.

@@ -109,3 +109,13 @@ fn e6_a_machine_that_looks_late_is_no_difference_in_the_servo_period() {
     let told = found(&on_time, &slower).join("\n");
     assert!(told.starts_with("update servo period: 400.00 to 400.00 us / 43"), "{told}");
 }
+
+#[test]
+fn e6_variables_that_cannot_be_read_are_no_agreement() {
+    let (one, mut other) = (board(2, &acknowledged()), board(2, &acknowledged()));
+    other.variables = Some("I10=3713991\nP1=\n".to_owned());
+    let Err(Failure::Request(why)) = differences(&one, Path::new("."), &other) else {
+        panic!("told as equal");
+    };
+    assert!(why.starts_with("variables.pmc:2: ") && why.ends_with("no variable can be compared"), "{why}");
+}
