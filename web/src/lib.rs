@@ -6,7 +6,8 @@
 //! segment → metrics           → text                     ⇒ /metrics        → Prometheus       (⇒ = network)
 //! ```
 //!
-//! However many clients there are, and whatever they do, the segment is read once, and the daemon is asked nothing.
+//! However many clients there are, and whatever they do, the segment is read once for all pages, and once more for each scrape of
+//! `/metrics`. The board is asked nothing.
 
 pub mod board;
 pub mod feed;
