@@ -40,10 +40,11 @@ const LAST_REPLIES: usize = 1000;
 /// Variables and definitions. What machine builders write is left out.
 const VARIABLES: [What; 5] = [What::I, What::P, What::Q, What::M, What::Axes];
 /// What every capture leaves out.
-const LEFT_OUT: [&str; 3] = [
+const LEFT_OUT: [&str; 4] = [
     "motion, PLC and kinematic programs, which are the machine builder's",
     "the text of command lines and replies, but for questions for variables and identity: its words are 0 in the trace, and all \
      text is 0 in the images; so no password is in it",
+    "accesses to the host port and to the mailboxes of a VME board, which are not in the DPRAM",
     "names of this host, of users and of other processes; of a board that is a file, its path",
 ];
 const BEING_WRITTEN: &str = "pmacctl has not finished it: it was killed, or had no room";
