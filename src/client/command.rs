@@ -24,7 +24,7 @@ use crate::map::HostOffset;
 use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
-use crate::protocol::program_words::waits_for;
+use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::transport::connect;
 use crate::protocol::{
     BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
@@ -37,7 +37,7 @@ pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) const MARGIN: Duration = Duration::from_secs(2);
 
 /// How long to wait for the daemon to use a function: a large board has many M-variables. And how often to ask.
-const USED: Duration = Duration::from_secs(60);
+const USED: Duration = Duration::from_secs(15);
 const USED_LOOK: Duration = Duration::from_millis(50);
 
 /// A command failed.
@@ -386,7 +386,7 @@ fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, 
     loop {
         match call() {
             Err(CommandError::Refused(CallError::Refused { reason }))
-                if reason.contains(waits_for(false)) && Instant::now() < deadline =>
+                if reason.contains(ASKS_FIRST) && Instant::now() < deadline =>
             {
                 std::thread::sleep(USED_LOOK);
             }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::ProgramWords;
+use super::program_words::{DefinitionsRead, ProgramWords};
 use crate::map::Function;
 use crate::map::readings::ReplyEnd;
 use serde::{Deserialize, Serialize};
@@ -126,6 +126,9 @@ pub struct BoardInfo {
     /// Functions that are not used yet: the board is asked where its M-variables point.
     #[serde(default)]
     pub waiting: Vec<Function>,
+    /// How far that is.
+    #[serde(default)]
+    pub definitions: DefinitionsRead,
     /// Functions into whose words M-variables of the board point.
     #[serde(default)]
     pub program_words: Vec<ProgramWords>,

@@ -6,15 +6,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::map::Function;
 
+/// How what [`waits_for`] says begins.
+pub const ASKS_FIRST: &str = "pmacd asks the board first where its M-variables point";
+
+/// How far `pmacd` is with asking the board where its M-variables point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct DefinitionsRead {
+    /// How many definitions the board has told.
+    pub read: u32,
+    /// How many it has.
+    pub of: u32,
+    /// How long the others take if it goes on as fast as until now, in seconds; `None` until the first came.
+    pub seconds_left: Option<u32>,
+}
+
 /// What functions wait for that are not used yet, right after the daemon's start. While a program buffer is open the board cannot
 /// be asked: the question would be a program line.
 #[must_use]
-pub const fn waits_for(buffer_is_open: bool) -> &'static str {
-    if buffer_is_open {
-        "pmacd asks the board first where its M-variables point, and cannot while a program buffer is open: CLOSE by an engineer \
-         closes it; stops go as command lines meanwhile"
-    } else {
-        "pmacd asks the board first where its M-variables point; try again in a few seconds"
+pub fn waits_for(buffer_is_open: bool, definitions: &DefinitionsRead) -> String {
+    let DefinitionsRead { read, of, seconds_left } = definitions;
+    let far = format!("{ASKS_FIRST} ({read} of {of} read)");
+    match seconds_left {
+        _ if buffer_is_open => format!(
+            "{far}, and cannot while a program buffer is open: CLOSE by an engineer closes it; stops go as command lines meanwhile"
+        ),
+        Some(seconds @ 5..) => format!(
+            "{far}; try again in about {seconds} s, or name the function in shared_functions of its configuration"
+        ),
+        _ => format!("{far}; try again in a few seconds"),
     }
 }
 

@@ -24,6 +24,7 @@ use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, ReportStart};
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
+use crate::protocol::program_words::waits_for;
 use crate::protocol::{
     BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
     ServoSettings, State,
@@ -462,6 +463,11 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     {
         let level = if other.is_laid_out_otherwise() { Level::Fail } else { Level::Ok };
         report.add(level, "family", other.to_string());
+    }
+    if !info.waiting.is_empty() {
+        let names: Vec<_> = info.waiting.iter().map(|function| function.name()).collect();
+        let why = waits_for(info.open_buffer.is_some(), &info.definitions);
+        report.add(Level::Warn, "functions", format!("not used yet: {}: {why}", names.join(", ")));
     }
     for words in &info.program_words {
         report.add(if words.used { Level::Ok } else { Level::Warn }, "functions", words.to_string());

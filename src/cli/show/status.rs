@@ -194,7 +194,7 @@ fn socket(context: &Context, board: &mut Board) -> Value {
             "replay": info.replay.map(|replay| json!({ "over": replay.over,
                 "differences": replay.differences, "text": replay.to_string() })),
             "host_port": info.host_port, "unfinished": info.unfinished,
-            "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting,
+            "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting, "definitions": info.definitions,
             "program_words": info.program_words.iter().map(program_words).collect::<Vec<_>>() }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
     }
@@ -318,7 +318,8 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
         }
         let waiting: Vec<_> = socket["waiting"].as_array().into_iter().flatten().map(plain).collect();
         if !waiting.is_empty() {
-            let why = waits_for(!socket["open_buffer"].is_null());
+            let definitions = serde_json::from_value(socket["definitions"].clone()).unwrap_or_default();
+            let why = waits_for(!socket["open_buffer"].is_null(), &definitions);
             say("not used yet", format!("{}: {why}", waiting.join(", ")));
         }
         for words in socket["program_words"].as_array().into_iter().flatten() {

@@ -227,6 +227,7 @@ impl BoardLoop {
             status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();
             status.uses = *self.functions.uses_of_all();
+            status.definitions = queue.scan.progress();
             status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
             status.replay = replay;
         });

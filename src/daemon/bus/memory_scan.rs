@@ -10,9 +10,13 @@ use crate::format::Text;
 use crate::map::word_use::{Definition, definition, m_variables};
 use crate::map::{Family, HostOffset};
 use crate::protocol::LINE_MAX;
+use crate::protocol::program_words::DefinitionsRead;
 
-/// Definitions asked for by one line: a longer reply would hold up other callers' lines.
-const A_QUESTION: u16 = 25;
+/// Definitions asked for by one line: a longer reply would hold up other callers' lines, and a shorter one cost a slow board a
+/// question more.
+const A_QUESTION: u16 = 50;
+/// So many at least, where the board has not answered a longer question in time.
+const LEAST: u16 = 6;
 /// How long the board may take for one question.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How long to wait before a question is asked again that was not answered, or otherwise.
@@ -55,6 +59,8 @@ pub struct MemoryScan {
     family: &'static Family,
     /// The M-variable to ask for next; all are asked for when it is past the last.
     next: u16,
+    /// Definitions that one question asks for.
+    size: u16,
     /// Of each word of the DPRAM: the first M-variable that points to it, and 1; 0 where none does.
     pointers: Box<[u16]>,
     /// Some were added since the last outcome.
@@ -67,6 +73,10 @@ pub struct MemoryScan {
     /// Whether to begin again when the reply has come.
     again: bool,
     not_before: Instant,
+    /// When the first question was sent.
+    begun: Option<Instant>,
+    /// How long what has been read took.
+    took: Duration,
     /// When a question was sent last, or the first could be.
     sent: Instant,
     /// When the board answered a question of ours last, or the first could be asked; later, by the time that others held the
@@ -90,6 +100,7 @@ impl MemoryScan {
         Self {
             family,
             next: 0,
+            size: A_QUESTION,
             pointers: vec![0; if wanted { family.length as usize / 2 } else { 0 }].into(),
             has_more: false,
             unclear: None,
@@ -97,6 +108,8 @@ impl MemoryScan {
             under_way: false,
             again: false,
             not_before: now,
+            begun: None,
+            took: Duration::ZERO,
             sent: now,
             progress: now,
             seen: now,
@@ -129,6 +142,14 @@ impl MemoryScan {
         self.due_in(now).is_zero() && now >= self.not_before.max(self.sent) + LONGEST
     }
 
+    /// How far the questions are.
+    #[must_use]
+    pub fn progress(&self) -> DefinitionsRead {
+        let (read, of) = (u32::from(self.next), u32::from(m_variables(self.family)));
+        let left = (read > 0).then(|| self.took.as_secs_f64() * f64::from(of - read) / f64::from(read));
+        DefinitionsRead { read, of, seconds_left: left.map(|seconds| seconds.ceil() as u32) }
+    }
+
     fn is_over(&self) -> bool {
         self.next >= m_variables(self.family)
     }
@@ -144,12 +165,13 @@ impl MemoryScan {
 
     /// The last M-variable of the present question.
     fn last(&self) -> u16 {
-        (self.next + A_QUESTION).min(m_variables(self.family)) - 1
+        (self.next + self.size).min(m_variables(self.family)) - 1
     }
 
     /// The line was sent.
-    pub const fn sent(&mut self, now: Instant) {
+    pub fn sent(&mut self, now: Instant) {
         self.under_way = true;
+        self.begun.get_or_insert(now);
         self.sent = now;
     }
 
@@ -197,7 +219,11 @@ impl MemoryScan {
         }
         self.under_way = false;
         self.progress = now;
+        self.took = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
         self.next = self.last() + 1;
+        if now < self.sent + PATIENCE / 2 {
+            self.size = (2 * self.size).min(A_QUESTION);
+        }
         if self.is_over() {
             self.tell(self.unclear.map_or(Outcome::Known, Outcome::Unclear));
         } else {
@@ -205,13 +231,14 @@ impl MemoryScan {
         }
     }
 
-    /// The board did not answer, or not so. What it has told stands, and it is asked again.
+    /// The board did not answer, or not so. What it has told stands, and it is asked again, for fewer.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
         if self.again {
             return self.restart();
         }
         self.tell_more();
+        self.size = (self.size / 2).max(LEAST);
         self.not_before = now + if self.is_awaited { AGAIN } else { LATER };
     }
 
@@ -246,6 +273,7 @@ impl MemoryScan {
         if self.again && !self.under_way {
             self.again = false;
             self.next = 0;
+            self.begun = None;
             self.pointers.fill(0);
             self.has_more = false;
             self.unclear = None;
@@ -309,7 +337,7 @@ mod tests {
     #[test]
     fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
         let now = Instant::now();
-        for (family, asked) in [(&PMAC, 41), (&TURBO2, 328)] {
+        for (family, asked) in [(&PMAC, 21), (&TURBO2, 164)] {
             let base = family.base;
             let definitions = [
                 (211, format!("DP:${:X}", base + 0x80)),
@@ -361,7 +389,7 @@ mod tests {
             }
             assert_eq!(scan.take_outcome(time), Some(Outcome::Unknown));
             assert_eq!(scan.take_outcome(time + LATER), None, "told once");
-            assert_eq!(answer(&mut scan, &[], time + LATER), 41, "it is asked again");
+            assert_eq!(answer(&mut scan, &[], time + LATER), 23, "it is asked again, at first for fewer");
             assert_eq!(scan.take_outcome(time + LATER), Some(Outcome::Known));
         }
         let mut scan = MemoryScan::new(&PMAC, false, now);
@@ -385,7 +413,8 @@ mod tests {
         let (mut time, mut told) = (now, Vec::new());
         for answer in 0..8 {
             let (line, _) = scan.next_line(time).unwrap();
-            assert_eq!(line.as_bytes(), b"M75..99->", "the same is asked again");
+            let lines: [&[u8]; 4] = [b"M150..199->", b"M150..174->", b"M150..161->", b"M150..155->"];
+            assert_eq!(line.as_bytes(), lines[answer.min(3)], "they are asked again, fewer");
             scan.sent(time);
             if answer == 0 {
                 scan.line(b"Y:$D000");
@@ -399,8 +428,41 @@ mod tests {
         assert_eq!(told, [Outcome::More]);
         assert_eq!(scan.take_outcome(now + NO_PROGRESS), Some(Outcome::Unknown));
         let numbers: Vec<_> = scan.words().map(|(_, number)| number).collect();
-        assert_eq!(numbers, [75, 30, 30]);
-        assert_eq!(answer(&mut scan, &[], now + NO_PROGRESS + LATER), 38, "the others are not asked again");
+        assert_eq!(numbers, [150, 55, 55]);
+        assert_eq!(answer(&mut scan, &[], now + NO_PROGRESS + LATER), 20, "the others are not asked again");
+    }
+
+    /// A question costs a slow board 0.4 s, or each definition 0.15 s: all of them are read, and it is told how long that takes.
+    #[test]
+    fn c3_a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
+        for (a_question, a_line, most) in [(400, 0, 66), (0, 150, 1500)] {
+            let began = Instant::now();
+            let mut scan = MemoryScan::new(&TURBO2, true, began);
+            assert_eq!(scan.progress(), DefinitionsRead { read: 0, of: 8192, seconds_left: None });
+            let (mut now, mut half) = (began, None);
+            while !scan.is_over() {
+                now += scan.due_in(now);
+                let (_, patience) = scan.next_line(now).unwrap();
+                scan.sent(now);
+                let lines = scan.last() - scan.next + 1;
+                let takes = Duration::from_millis(a_question + a_line * u64::from(lines));
+                now += takes.min(patience);
+                if takes > patience {
+                    scan.failed(now);
+                } else {
+                    (0..lines).for_each(|_| scan.line(b"*"));
+                    scan.done(false, now);
+                }
+                assert_ne!(scan.take_outcome(now), Some(Outcome::Unknown));
+                if scan.next >= 4096 {
+                    half.get_or_insert((now, scan.progress().seconds_left.unwrap()));
+                }
+            }
+            let ((half, told), all) = (half.unwrap(), now.duration_since(began));
+            assert!(all < Duration::from_secs(most), "{all:?}");
+            let left = now.duration_since(half).as_secs_f64();
+            assert!((f64::from(told) - left).abs() < 0.1 * left, "{told} s were told, {left} s were left");
+        }
     }
 
     #[test]
@@ -423,11 +485,11 @@ mod tests {
     fn c3_an_answer_that_is_no_definition_does_not_say_that_none_points() {
         let now = Instant::now();
         let mut scan = MemoryScan::new(&PMAC, true, now);
-        assert_eq!(answer(&mut scan, &[(7, "M8->DP:$D012"), (9, "?")], now), 41);
+        assert_eq!(answer(&mut scan, &[(7, "M8->DP:$D012"), (9, "?")], now), 21);
         let unclear = Unclear { variable: 7, text: Text::from_bytes(b"M8->DP:$D012") };
         assert_eq!(scan.take_outcome(now), Some(Outcome::Unclear(unclear)));
         scan.begin_anew(now);
-        assert_eq!(answer(&mut scan, &[(8, "M8->DP:$D012")], now), 41);
+        assert_eq!(answer(&mut scan, &[(8, "M8->DP:$D012")], now), 21);
         assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
         assert_eq!(scan.words().count(), 2);
     }
@@ -441,7 +503,7 @@ mod tests {
         scan.line_goes(b"M5->Y:$D000", now);
         (0..A_QUESTION).for_each(|_| scan.line(b"*"));
         scan.done(false, now);
-        assert_eq!(answer(&mut scan, &[(5, "Y:$D000,0,16")], now + SETTLE), 41);
+        assert_eq!(answer(&mut scan, &[(5, "Y:$D000,0,16")], now + SETTLE), 21);
         assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
         assert_eq!(scan.words().count(), 1);
     }

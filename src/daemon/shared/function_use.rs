@@ -40,12 +40,15 @@ impl FunctionUse {
     /// Before the bus thread has told: whatever the configuration has is used.
     pub const UNKNOWN: Self = Self { uses: [Use::On; COUNT], pointers: [None; COUNT] };
 
-    /// As `settings` say. If the board `is_asked` first where its M-variables point, all but command lines wait for that.
+    /// As `settings` say. If the board `is_asked` first where its M-variables point, all wait for that but command lines and those
+    /// that are used wherever these point.
     #[must_use]
     pub fn new(settings: &BoardSettings, is_asked: bool) -> Self {
         let uses = Function::ALL.map(|function| match settings.functions.has(function) {
             false => Use::Off,
-            true if is_asked && function != Function::Ascii => Use::Waits,
+            true if is_asked && function != Function::Ascii && !settings.shared_functions.has(function) => {
+                Use::Waits
+            }
             true => Use::On,
         });
         Self { uses, ..Self::UNKNOWN }
@@ -148,5 +151,9 @@ mod tests {
         uses.begin(Function::Servo);
         assert_eq!(uses.of(Function::Servo), Use::Held, "whatever else begins");
         assert_eq!(FunctionUse::new(&settings, false).of(Function::Servo), Use::On);
+        let others = Function::ALL.into_iter().filter(|function| *function != Function::Rotary);
+        let shared_functions = others.fold(Functions::all(&PMAC), Functions::without);
+        let uses = FunctionUse::new(&BoardSettings { shared_functions, ..settings }, true);
+        assert_eq!((uses.of(Function::Rotary), uses.of(Function::Servo)), (Use::On, Use::Waits));
     }
 }

@@ -34,8 +34,8 @@ impl InfoReport {
     /// Reports what has changed since the last report, in one event; counts alone only `with_counts`. A full queue is tried
     /// again by the next call.
     pub fn poll(&mut self, events: &Sender<Event>, with_counts: bool) {
-        let counts = if with_counts { self.now.host_port } else { self.reported.host_port };
-        let status = BoardStatus { host_port: counts, ..self.now };
+        let BoardStatus { host_port, definitions, .. } = if with_counts { self.now } else { self.reported };
+        let status = BoardStatus { host_port, definitions, ..self.now };
         if status != self.reported && events.try_send(Event::Info(status)).is_ok() {
             self.reported = status;
         }
@@ -131,7 +131,7 @@ impl Info {
             Use::Waits => Some(format!(
                 "the function `{}` is not used yet: {}",
                 function.name(),
-                waits_for(self.status.buffer.is_open)
+                waits_for(self.status.buffer.is_open, &self.status.definitions)
             )),
             Use::Held => {
                 let all = &self.board.program_words;
@@ -223,6 +223,7 @@ impl Info {
         board.open_buffer_unsaid = status.buffer.is_unsaid;
         board.replay = status.replay.or(board.replay);
         board.waiting = status.uses.waiting().collect();
+        board.definitions = status.definitions;
         board.program_words = status.uses.program_words(self.family).collect();
         if let Some(host_port) = &mut board.host_port {
             let HostPortCounts { served, old, unannounced } = status.host_port;

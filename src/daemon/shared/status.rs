@@ -9,6 +9,7 @@ use crate::format::Text;
 use crate::function::servo::Motion;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::board::Replay;
+use crate::protocol::program_words::DefinitionsRead;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
 use crate::segment::identity::{BOARD_TYPE_BYTES, FIRMWARE_BYTES};
 
@@ -74,6 +75,8 @@ pub struct BoardStatus {
     pub gathers: Option<bool>,
     /// Which functions are used.
     pub uses: FunctionUse,
+    /// How far the board is asked where its M-variables point.
+    pub definitions: DefinitionsRead,
     /// What the host port's interrupts have come to.
     pub host_port: HostPortCounts,
     /// What a replay has come to; `None` for a board.
@@ -103,6 +106,7 @@ impl BoardStatus {
         program_buffer: None,
         gathers: None,
         uses: FunctionUse::UNKNOWN,
+        definitions: DefinitionsRead { read: 0, of: 0, seconds_left: None },
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },
         replay: None,
         resets: 0,
