@@ -389,10 +389,10 @@ impl DpramPort {
     /// When the bus cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         let cancels = match self.state {
-            State::Held(_) if self.error.is_some() => false,
-            State::Idle | State::Held(_) => return Ok(()),
+            State::Held(_) if self.error.is_none() => return Ok(()),
+            State::Idle => return Ok(()),
             // The board may hold its first part, before which it would put the next line.
-            State::Loaded { .. } => self.length > self.first_part(),
+            State::Loaded { .. } | State::Held(_) => self.length > self.first_part(),
             State::FirstTaken { .. } => true,
             State::ControlReply { taken: false, .. } => {
                 self.withdraw_control(bus)?;

@@ -2,11 +2,12 @@
 
 use std::fs::OpenOptions;
 use std::os::unix::fs::FileExt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use pmac_dpram::client::CommandError;
 use pmac_dpram::map::{PMAC, TURBO2};
 use pmac_dpram::protocol::CallError;
+use pmac_dpram::sim::board::error::CommandError as BoardError;
 use serde_json::{Value, json};
 
 use crate::support::raw::{Raw, call, error_name};
@@ -324,6 +325,130 @@ fn a_line_that_a_dead_host_left_half_done_is_forgotten() {
         site.start_daemon(&["--config", &config]);
         site.wait_for_identity();
         assert_eq!(site.ask("P7 P8"), ["0", "0"], "{}: half a line was carried out", family.name);
+        site.assert_no_violations();
+    }
+}
+
+/// Lets time pass cycle by cycle until `condition` is true.
+fn step_until(site: &VirtualSite, what: &str, mut condition: impl FnMut() -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    while !condition() {
+        assert!(Instant::now() < deadline, "waited in vain for {what}");
+        site.step(1);
+    }
+}
+
+/// A line of whose two parts the board has taken the first.
+fn half_way(site: &VirtualSite) -> Raw {
+    let settings: Vec<String> = (100..125).map(|number| format!("P{number}=1")).collect();
+    let client = waiting(site, &format!("#1J+ #2J+ {}", settings.join(" ")));
+    step_until(site, "the first part to be taken", || site.with_board(|sim| sim.ascii.has_first_part()));
+    client
+}
+
+/// Sends `stop` while time stands, and lets it pass again. How long the answer took.
+fn stop_at_once(site: &VirtualSite, stopping: &mut Raw, stop: &str) -> f64 {
+    seconds(site, || {
+        stopping.call("SendControl", json!({ "character": stop }));
+        while !site.log().contains(&format!("sends {stop}")) {
+            std::thread::yield_now();
+        }
+        site.go_on();
+        let reply = stopping.receive().unwrap();
+        assert_eq!(error_name(&reply), "", "{stop}: {reply}");
+    })
+}
+
+#[test]
+fn b2_a_line_that_is_half_way_when_everything_stops_is_not_finished() {
+    for family in [&PMAC, &TURBO2] {
+        for reading in ["control_flag=own", "control_flag=line", "part_reply=each", "line_flag=done"] {
+            for stop in ["^A", "^K"] {
+                let site = VirtualSite::configured(
+                    &["--family", family.name, "--reading", reading],
+                    &format!("family = \"{}\"\n", family.name),
+                );
+                site.wait_for_live_servo();
+                site.wait_for_identity();
+                let what = format!("{} {reading} {stop}", family.name);
+                let mut stopping = Raw::at(&site.socket());
+                site.hold();
+                let mut client = half_way(&site);
+                let taken = stop_at_once(&site, &mut stopping, stop);
+                assert!(taken < 0.2, "{what}: {taken} s");
+                let reply = client.receive().unwrap();
+                assert!(["Refused", "Interrupted"].contains(&error_name(&reply)), "{what}: {reply}");
+                assert_eq!(site.ask("P100 P124 #1V #2V"), ["0"; 4], "{what}: {reply}");
+                site.assert_no_violations();
+            }
+        }
+    }
+}
+
+#[test]
+fn b2_a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
+    for (family, reading) in [
+        (&PMAC, "line_flag=taken"),
+        (&PMAC, "line_flag=done"),
+        (&PMAC, "control_flag=line"),
+        (&TURBO2, "line_flag=taken"),
+    ] {
+        for stop in ["^A", "^K"] {
+            let site = VirtualSite::configured(
+                &["--family", family.name, "--reading", reading],
+                &format!("family = \"{}\"\n", family.name),
+            );
+            site.wait_for_live_servo();
+            site.wait_for_identity();
+            let mut stopping = Raw::at(&site.socket());
+            site.hold();
+            let mut client = waiting(&site, "#1J+ P5=1");
+            let flag = family.ascii.command_loaded;
+            step_until(&site, "the line to lie there", || {
+                site.with_board(move |sim| sim.board.memory.dpram.is_set(flag))
+            });
+            // The simulator looks at the character first.
+            let taken = stop_at_once(&site, &mut stopping, stop);
+            let what = format!("{} {reading} {stop}", family.name);
+            assert!(taken < 0.2, "{what}: {taken} s");
+            let reply = client.receive().unwrap();
+            assert_eq!(error_name(&reply), "Interrupted", "{what}: {reply}");
+            site.wait_until("the port to be free", || site.ask("P1") == ["0"]);
+            assert_eq!(site.ask("#1V"), ["0"], "{what}");
+            site.assert_no_violations();
+        }
+    }
+}
+
+#[test]
+fn b2_a_programs_error_while_a_line_is_at_work_shifts_no_reply() {
+    for family in [&PMAC, &TURBO2] {
+        let site =
+            VirtualSite::configured(&["--family", family.name], &format!("family = \"{}\"\n", family.name));
+        site.wait_for_live_servo();
+        site.wait_for_identity();
+        // No <ACK> follows an error here.
+        assert_eq!(site.run(&["send", "XYZZY"]).code, Some(1));
+        site.control("fault ascii_slow 80ms");
+        assert_eq!(site.ask("P20=20 P21=21 P22=22"), [""; 0]);
+        site.hold();
+        let mut client = waiting(&site, "P777=1");
+        let ascii = &family.ascii;
+        step_until(&site, "the line to be taken", || {
+            site.with_board(move |sim| {
+                let dpram = &sim.board.memory.dpram;
+                dpram.read16(ascii.command).to_le_bytes() == *b"P7" && !dpram.is_set(ascii.command_loaded)
+            })
+        });
+        // As I6=1 has an error of a program's CMD reported.
+        site.with_board(|sim| sim.board.output.respond_error(BoardError(5)));
+        site.go_on();
+        let reply = client.receive().unwrap();
+        assert_eq!(error_name(&reply), "Interrupted", "{}: {reply}", family.name);
+        for number in [20, 21, 22] {
+            assert_eq!(site.ask(&format!("P{number}")), [number.to_string()], "{}", family.name);
+        }
+        assert_eq!(site.ask("P777"), ["1"], "it was carried out");
         site.assert_no_violations();
     }
 }

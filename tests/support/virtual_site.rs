@@ -160,6 +160,14 @@ impl VirtualSite {
         self.with_world(move |world| world.daemon_stands_still = still);
     }
 
+    /// Looks into the simulated board.
+    pub fn with_board<R: Send + 'static>(
+        &self,
+        action: impl FnOnce(&mut pmac_dpram::sim::world::World) -> R + Send + 'static,
+    ) -> R {
+        self.with_world(|world| action(world.simulator.as_mut().unwrap().board()))
+    }
+
     /// Has the simulator execute a line of its control socket.
     #[track_caller]
     pub fn control(&self, line: &str) -> String {

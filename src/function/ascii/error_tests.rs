@@ -105,3 +105,20 @@ fn b2_a_line_that_is_given_up_behind_an_error_holds_the_port() {
         assert!(!rig.begin("P20"), "it lies there yet");
     }
 }
+
+#[test]
+fn b2_an_error_before_the_board_has_a_first_part_ends_the_line() {
+    for family in FAMILIES {
+        let mut rig = at_a_line(family);
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        assert!(rig.begin(&format!("{:<1$} #2J+", "#1J+", family.ascii.command_bytes)));
+        rig.respond(0x8005, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(5))));
+        rig.take();
+        assert_eq!(rig.poll(), None);
+        assert!(!rig.is_loaded(), "the second part");
+        assert_eq!(rig.control_word(), u16::from(CANCEL));
+    }
+}

@@ -66,6 +66,8 @@ impl DpramPort {
         match self.state {
             _ if self.open_ended => self.end_reply(now),
             State::ControlReply { .. } => self.await_mark(After::ControlReply, now),
+            // Without its second part the line is not carried out, whosever the error is.
+            State::Loaded { sent } if sent < self.length => self.abandon(now, true),
             _ => {
                 self.await_mark(After::Error, now);
                 self.error = Some(number);

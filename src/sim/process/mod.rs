@@ -193,6 +193,11 @@ impl Simulator {
         Self::with(options, Arc::default())
     }
 
+    /// The simulated board, for who steps it and looks into it.
+    pub const fn board(&mut self) -> &mut World {
+        &mut self.world
+    }
+
     fn with(options: &Options, stop: Arc<AtomicBool>) -> Result<Self, SimError> {
         let world = power_up(options)?;
         let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
