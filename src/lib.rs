@@ -1,6 +1,6 @@
 //! A Linux driver for the dual-ported RAM (DPRAM) of Delta Tau PMAC motion controllers.
 //!
-//! A PMAC board shares 8K x 16 bit of memory with its host. One daemon (`pmacd`) owns the board; every other process
+//! A PMAC board shares 8K or 32K x 16 bit of memory with its host. One daemon (`pmacd`) owns the board; every other process
 //! reads coherent live data from a POSIX shared-memory segment and sends commands through a socket.
 //!
 //! ```text
@@ -60,7 +60,7 @@
 //!   ring with a sequence number a slot ([`segment::ring`], model-checked in `tests/it/segment_loom.rs`).
 //! * No failure returns zeros, or old data as if they were new ([`client::View`] carries age and [`client::Staleness`];
 //!   `tests/realtime/processes.rs` kills, stops and restarts both sides).
-//! * The bus thread asks for no memory once everything has been used (`tests/allocation.rs`, an allocator that counts).
+//! * On a board, the bus thread asks for no memory once everything has been used (`tests/allocation.rs`, an allocator that counts).
 //! * Three counts that are never mixed: *skipped* (the board held off an update because Host-Busy was set), *missed* (the
 //!   board made an update that was not read in time; known from its timer), *lost* (a reader was overrun in the ring).
 //! * The host writes only its own bits, data before flag, and clears them at start and on the way out; the simulator's

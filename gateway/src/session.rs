@@ -66,7 +66,7 @@ pub struct Session {
     pub(crate) board: Board,
     pub(crate) port: Port,
     pub(crate) pending: Pending,
-    /// Each of his lines has to say whom it addresses, if he has not said it before: he may be one who was forgotten.
+    /// What this client addressed before may have been forgotten: a line has to say whom it addresses, until one has.
     pub(crate) says_whom: bool,
     has_moved: bool,
     write_error: [u8; 4],

@@ -125,6 +125,7 @@ fn e6_a_capture_holds_the_board_and_changes_nothing() {
     let answer =
         |line: &str| recording.answers.iter().find(|answer| answer.line == line).unwrap().reply.clone();
     assert_eq!(answer("TYPE"), site.ask("TYPE"));
+    assert_eq!(answer("^F").len(), 1, "the daemon asks it at its start");
     // The question was asked while the bus was traced: its words are there, and nobody else's.
     let image = &recording.images[0];
     assert!(!recording.images.is_empty() && image.words.len() == 0x2000);
@@ -171,6 +172,7 @@ fn e6_passwords_and_programs_are_in_no_capture() {
     for secret in [b"SESA", b"PASS", b"LIST", b"1234"] {
         assert!(!bytes.windows(4).any(|bytes| bytes == secret), "{secret:?}");
     }
+    assert!(bytes.windows(4).any(|bytes| bytes == b"TYPE"), "a question for identity is shown");
 }
 
 #[test]

@@ -149,6 +149,38 @@ fn c3_a_board_that_is_slow_or_silent_for_a_while_keeps_its_words() {
 }
 
 #[test]
+fn c3_how_far_a_slow_board_has_told_its_definitions_is_told() {
+    let site = VirtualSite::new();
+    site.start_simulator(&["--family", "turbo2"]);
+    site.control("fault ascii_slow 400ms");
+    let config = format!("family = \"turbo2\"\n{ASKS}shared_functions = [\"rotary\"]\n");
+    let config = site.file("slow.toml", &config);
+    site.start_daemon(&["--config", &config]);
+    site.control("send I58=1");
+    let read = || socket_of(&site)["definitions"]["read"].as_u64().unwrap();
+    site.wait_until("half of the definitions", || read() > 4000);
+    let socket = socket_of(&site);
+    assert_eq!(socket["definitions"]["of"], 8192, "{socket}");
+    let waiting = &socket["waiting"];
+    assert!(waiting.to_string().contains("gather"), "{socket}");
+    assert!(!waiting.to_string().contains("rotary"), "it does not wait: {socket}");
+    let left = socket["definitions"]["seconds_left"].as_u64().unwrap();
+    assert!((25..45).contains(&left), "164 questions of 0.4 s, half of them asked: {socket}");
+    for command in ["status", "doctor"] {
+        let (_, text, error) = site.pmacctl(&[command]);
+        let told = text
+            .lines()
+            .find(|line| line.contains("of 8192 read"))
+            .unwrap_or_else(|| panic!("{text}{error}"));
+        assert!(told.contains("try again in about ") && told.contains("shared_functions"), "{told}");
+    }
+    site.control("fault ascii_slow off");
+    wait_until_known(&site);
+    let (_, text, _) = site.pmacctl(&["status"]);
+    assert!(!text.contains("of 8192 read"), "{text}");
+}
+
+#[test]
 fn c3_words_that_turn_out_to_be_a_programs_are_put_back() {
     let site = site_with_data_in_the_hosts_words();
     site.control("fault ascii_no_reply on");

@@ -96,6 +96,22 @@ fn e6_a_replay_gives_the_daemon_a_turbo_board_again() {
 }
 
 #[test]
+fn e6_what_pmacctl_captured_is_played_again() {
+    let recorded = moving("pmac");
+    let directory = recorded.path("captured");
+    let ran = recorded.run(&["capture", directory.to_str().unwrap(), "--seconds", "0.2"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let site = replayed(&directory);
+    assert!(!updates(&site, 1).is_empty(), "{}", site.log());
+    site.wait_until("the board's type", || site.connection().info().unwrap().board_type.is_some());
+    assert_eq!(
+        site.connection().info().unwrap().board_type,
+        recorded.connection().info().unwrap().board_type
+    );
+    assert_eq!(site.ask("I122"), recorded.ask("I122"));
+}
+
+#[test]
 fn e6_nothing_can_be_moved_in_a_replay_and_every_difference_is_told() {
     let recorded = moving("pmac");
     // Of what the daemon asks for, a part.

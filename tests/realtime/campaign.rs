@@ -351,6 +351,14 @@ impl<'a> Campaign<'a> {
                 .is_ok_and(|subscriber| is_live(&subscriber, RegionId::Background))
         });
         let mut connection = site.connection();
+        // A slow board takes long to tell where its M-variables point; as long as it tells more of them all is well.
+        let look = || {
+            let info = site.connection().info();
+            info.map(|info| (info.waiting.is_empty(), info.definitions.read))
+        };
+        while let Ok((false, read)) = look() {
+            wait_until("more definitions", || look().is_ok_and(|(is_over, now)| is_over || now != read));
+        }
         // A gather that was left running goes first, then the servo report, which is started again.
         wait_until("a reply", || {
             let closed = connection.send("CLOSE", TIMEOUT).is_ok();

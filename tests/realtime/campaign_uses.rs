@@ -284,8 +284,14 @@ fn rotary(mut connection: Connection, run: u64, keeps: bool) -> Result<(), Comma
         std::thread::sleep(Duration::from_millis(2));
     }
     let stop = feed.stop()?;
-    assert!(!keeps || stop.left_lines == Some(1), "a line was taken, and the board has {stop:?}");
-    Ok(())
+    match stop.left_lines {
+        // A board that listens no more cannot be asked: then the end says so.
+        None if !stop.notes.is_empty() => Err(CallError::Protocol(stop.notes.join(" ")).into()),
+        left => {
+            assert!(!keeps || left == Some(1), "a line was taken, and the board has {stop:?}");
+            Ok(())
+        }
+    }
 }
 
 fn board(site: &Site) -> Result<Board, CommandError> {

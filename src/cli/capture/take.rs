@@ -18,7 +18,7 @@ use crate::client::{Board, CommandError, Connection};
 use crate::device::machine::facts::facts;
 use crate::device::{BoardSpec, System};
 use crate::map::{AsciiPort, Family, Generation, HostOffset};
-use crate::protocol::{BoardInfo, CallError};
+use crate::protocol::{BoardInfo, CallError, control};
 use crate::recording::{
     About, Access, Answer, FORMAT, MOST_ACCESSES, MOST_IMAGES, Op, RecordingError, Writer,
 };
@@ -178,7 +178,9 @@ impl<'a> Taking<'a> {
             if condition.is_over() {
                 return Err(Failure::Refused("pmacd is gone".to_owned()));
             }
-            if let Some(reading) = &mut image {
+            // Of a later image, what is there when the time is over is left out.
+            let is_wanted = now_ns < end_ns || self.writer.images() == 0;
+            if let Some(reading) = image.as_mut().filter(|_| is_wanted) {
                 let began = Instant::now();
                 let whole = reading.step(self.connection)?;
                 self.reads.note(began.elapsed());
@@ -279,7 +281,11 @@ impl<'a> Taking<'a> {
     /// Asks the board; what it refuses is an answer. A question enters no program buffer.
     fn ask(&mut self, line: &str) -> Result<(), Failure> {
         let began = Instant::now();
-        let (reply, refused) = match self.connection.question(line, PATIENCE) {
+        let reply = match control::parse(line) {
+            Some(character) => self.connection.control(character),
+            None => self.connection.question(line, PATIENCE),
+        };
+        let (reply, refused) = match reply {
             Ok(reply) => (reply, None),
             Err(CommandError::Refused(
                 error @ (CallError::Board { .. }
@@ -314,7 +320,8 @@ fn questions(family: &Family) -> Vec<&'static str> {
     // Those of the processor and of the board's number are a Turbo's (GRAMMAR 2.7).
     let is_of_turbo = |line: &str| matches!(line, "CPU" | "CID" | "VID");
     let is_turbo = family.generation == Generation::Turbo;
-    IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).collect()
+    // The daemon asks the last one at its start.
+    IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F"]).collect()
 }
 
 /// The access that four numbers of the trace are, after the one at `t_ns`.

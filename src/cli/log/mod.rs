@@ -204,10 +204,8 @@ fn begin(
     let unknown = rows.without_value(&first.data);
     if !unknown.is_empty() {
         let names = unknown.join(", ");
-        let _ = writeln!(
-            io::stderr(),
-            "{names}: not read from the board, or not known; it stays NaN until it is"
-        );
+        let _ =
+            writeln!(io::stderr(), "{names}: pmacd does not have it from the board; it is NaN until it does");
     }
     let rotation = Rotation { bytes: options.rotate_bytes, age: options.rotate_seconds, keep: options.keep };
     Ok(Output { rows, files: Files::open(&options.output, fields, rotation, stop)? })

@@ -1,4 +1,4 @@
-//! `pmacctl tune`: moves a motor as the gains of its loop are judged by, and tells what it made of that.
+//! `pmacctl tune`: makes the move by which a loop's gains are judged, and tells how the motor followed it.
 //!
 //! The daemon has both ends: a sequence of lines puts the motor's jog variables back, and the gather ends, whoever dies.
 

@@ -158,8 +158,8 @@ impl Leases {
         others.map(|(other, lease)| (holder(*other, lease), lease.motors & mask)).find(|(_, held)| *held != 0)
     }
 
-    /// `by`, who called over the connection `client`, has had the motors in `mask` stopped. A jog that somebody else holds of them is
-    /// over. It gets a stop as well: it may have been asked for after the other one.
+    /// `by` has had the motors in `mask` stopped, over the connection `client`. A jog of them that somebody else holds is over. It
+    /// gets a stop of its own: it may have begun after the other one.
     pub(super) fn stopped_by_another(&mut self, client: u64, by: Account, mask: u32, now: Instant) {
         let others = self.held.iter_mut().filter(|(other, _)| **other != client && **other != NOBODY);
         for (_, lease) in others.filter(|(_, lease)| lease.over.is_none() && lease.motors & mask != 0) {

@@ -1,7 +1,7 @@
-//! What clients have sent last that ends programs, motions or a gather: owners, and those who wait, are told who it was.
+//! The last lines of clients that end programs, motions or a gather. Owners, and those who wait, are told who sent them.
 //!
-//! It counts when the board may have carried it out. What comes by the serial port, from another host or from a program of the
-//! board, nobody here hears of.
+//! A line counts when the board may have carried it out. What the serial port, another host or a program of the board ends is not
+//! known here.
 
 use std::collections::VecDeque;
 use std::time::Instant;

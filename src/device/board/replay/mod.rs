@@ -24,7 +24,7 @@ use crate::map::{Family, HostOffset};
 use crate::protocol::board::Replay;
 use crate::recording::{Recording, RecordingError, Replies};
 
-/// The recording begins when the host has sent no line for so long: it knows by then who the board is.
+/// The recording begins once the host has sent no line for so long. By then it knows what board this is.
 const QUIET_NS: u64 = 300_000_000;
 /// At the latest so long after the host's first access.
 const LATEST_NS: u64 = 1_500_000_000;
@@ -112,8 +112,8 @@ impl ReplayBoard {
         OpenedReplay { board, replies }
     }
 
-    /// Puts into the window what is due by now, when the host reaches for `word`; what lay there in the beginning, at once. A host that
-    /// has seen no update for long looks seldom: so the first one is there when it looks.
+    /// The host reaches for `word`: puts into the window what is due by now. At its first access that is what lay there in the
+    /// beginning. A host that has seen no update for long looks seldom, so the first update is due when it looks.
     fn play(&mut self, word: usize) {
         let now = self.clock.ns();
         let opened = *self.opened_ns.get_or_insert(now);

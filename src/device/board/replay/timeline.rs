@@ -1,8 +1,8 @@
 //! What PMAC did to its DPRAM while it was recorded, from what the daemon read.
 //!
-//! A report is put into the window as a whole: what was read of it between the first and the last look at which its flag was the
-//! same. So an update is never half old and half new, however the daemon was interrupted. What was read of it otherwise says
-//! nothing, nor does an update that was not read to its end. Other words are put there in bursts, as they were read.
+//! A report goes into the window as a whole: the words that were read while its flag stayed the same. So an update is never half
+//! old and half new, however the daemon was interrupted. An update that was not read to its end is left out. Other words go there
+//! in bursts, as they were read.
 //!
 //! A word that reads as the host wrote it was not written by PMAC. The words of the ASCII port are left out: the replay answers
 //! there by itself. What the trace does not tell, later images do ([`super::images`]).
@@ -58,11 +58,11 @@ impl Timeline {
             }
         }
         images.for_each(|image| reader.see_image(image));
-        // What lay there when the trace began is not known if the image was made later. The replay then begins with the first update.
+        // An image that was made later does not tell what lay there when the trace began. The replay then begins with the first update.
         let begins_late =
             !recording.accesses.is_empty() && recording.images.first().is_none_or(|image| image.t_ns > zero);
         let mut found = reader.finish(begins_late);
-        // Otherwise nothing that was read is there in the beginning.
+        // Otherwise the window begins as the image, and what was read comes after it.
         found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns += 1);
         found.sort_by_key(|(at_ns, _)| *at_ns);
         let last_access = recording.accesses.last().map_or(0, |access| access.t_ns);
