@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
 use pmac_dpram::map::{Family, Generation, PMAC, TURBO2};
+use pmac_dpram::protocol::deadlines;
 use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber};
 
 use crate::board_words::{Word, host_bits, tagged_longs};
@@ -362,9 +363,11 @@ impl<'a> Campaign<'a> {
         // A gather that was left running goes first, then the servo report, which is started again.
         wait_until("a reply", || {
             let closed = connection.send("CLOSE", TIMEOUT).is_ok();
-            let ended = closed && connection.send("ENDGATHER ENDGATHER DELETE GATHER", TIMEOUT).is_ok();
+            let deletes = "ENDGATHER ENDGATHER DELETE GATHER";
+            let ended = closed && connection.send(deletes, deadlines::of_line(deletes, TIMEOUT)).is_ok();
             // What the next one defines must not be refused; there may be nothing to delete.
-            let _ = connection.send("&1DELETE ROT", TIMEOUT);
+            let deletes = "&1DELETE ROT";
+            let _ = connection.send(deletes, deadlines::of_line(deletes, TIMEOUT));
             ended && connection.send(lines.report, TIMEOUT).is_ok()
         });
         if garbles(misbehaviour) {

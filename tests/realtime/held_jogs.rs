@@ -194,8 +194,8 @@ fn a_daemon_that_is_stopped_stops_what_is_held() {
     wait_until("the jog", || moves_by_itself(&site));
     assert_eq!(site.stop_daemon(), 0);
     wait_until("the stop", || !moves_by_itself(&site));
-    // The stop was answered after all, if that came within its time.
-    assert!(matches!(status(child), Some(0 | 2)));
+    // By a renewal that was refused, by a connection that broke, or by its own signal: it ends.
+    assert!(matches!(status(child), Some(0..=2)));
     site.assert_no_violations();
 }
 
