@@ -7,6 +7,7 @@ use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use nix::pty::Winsize;
 use nix::sys::signal::{Signal, kill};
@@ -76,6 +77,8 @@ impl Seat {
         self.sees("#1 ARMED");
         wait_until("a motor that jogs", || {
             self.types(RIGHT);
+            // As a key repeats.
+            std::thread::sleep(Duration::from_millis(30));
             moves(site)
         });
     }
@@ -159,8 +162,9 @@ fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
     seat.sees("the jog keys are not armed");
     seat.types("a");
     seat.sees("#1 ARMED");
-    seat.types(RIGHT);
-    site.run_for(std::time::Duration::from_secs(1));
+    // However many presses lay waiting, they are one.
+    seat.types(&RIGHT.repeat(40));
+    site.run_for(Duration::from_secs(1));
     assert!(!moves(&site), "a single press moves nothing");
     assert!(!site.log().contains("panel jog"), "{}", site.log());
     seat.disarms();
@@ -217,6 +221,8 @@ fn e2_two_screens_do_not_jog_one_motor() {
     wait_until("a refusal", || {
         first.types(RIGHT);
         second.types(RIGHT);
+        // As keys repeat.
+        std::thread::sleep(Duration::from_millis(30));
         refused(&first) || refused(&second)
     });
     let told = if refused(&first) { first.screen() } else { second.screen() };

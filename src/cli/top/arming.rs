@@ -1,7 +1,8 @@
 //! When a jog key may move a motor.
 //!
 //! The keys are armed for one motor. A motor jogs only while a key repeats, as a terminal makes it do that is held down: a
-//! single press moves nothing. Without a press for [`RELEASED`] the jog stops. Any other key disarms.
+//! single press moves nothing. Without a press for [`RELEASED`] the jog stops. Any other key disarms. Presses that come all at
+//! once lay waiting, while this program or the connection stood still: they are one, for the key may be released by now.
 
 use std::time::{Duration, Instant};
 
@@ -10,6 +11,8 @@ use crate::function::panel::PanelAction;
 
 /// A key that repeats does so sooner. Terminals repeat every 25 to 100 ms.
 pub const RELEASED: Duration = Duration::from_millis(200);
+/// No terminal repeats a key sooner.
+const AT_ONCE: Duration = Duration::from_millis(10);
 /// A key that is held down begins to repeat sooner. Terminals wait 250 to 660 ms.
 const REPEATS: Duration = Duration::from_millis(800);
 /// Armed keys that nobody presses are disarmed.
@@ -61,6 +64,7 @@ impl Arming {
         let before = press.filter(|press| press.action == action);
         let silent = before.map(|press| now.saturating_duration_since(press.at));
         let (jogs, order) = match (before, silent) {
+            (Some(press), Some(silent)) if silent < AT_ONCE => (press.jogs, None),
             (Some(Press { jogs: true, .. }), _) => (true, Some(Order::Keep(now + RELEASED))),
             (Some(_), Some(silent)) if silent < REPEATS => {
                 (true, Some(Order::Jog { motor: *motor, action, until: now + RELEASED }))
@@ -123,6 +127,18 @@ mod tests {
         // Released: the next press is a first one again.
         assert!(!arming.idles(again + MS(310)));
         assert_eq!(arming.press(JogPlus, again + MS(320)), Some(None));
+    }
+
+    #[test]
+    fn e2_presses_that_lay_waiting_are_one() {
+        let now = Instant::now();
+        let mut arming = armed(now);
+        for press in 0..40 {
+            assert_eq!(arming.press(JogPlus, now + MS(press)), Some(None), "{press}");
+        }
+        let held = now + MS(39 + 30);
+        assert!(matches!(arming.press(JogPlus, held), Some(Some(Order::Jog { .. }))), "it is held after all");
+        assert_eq!(arming.press(JogPlus, held + MS(1)), Some(None), "nor do they keep a jog");
     }
 
     #[test]

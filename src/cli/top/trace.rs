@@ -71,19 +71,17 @@ impl Trace {
         stretches
     }
 
-    /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the largest of all.
+    /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the largest of
+    /// all, or of a count where that is less.
     pub fn small(&self, columns: usize, now: Instant) -> String {
         let part = WINDOW.as_secs_f64() / columns as f64;
-        let most = self.peak().unwrap_or_default();
+        let most = self.peak().unwrap_or_default().max(1.0);
         let bar = |column: usize| {
             let before = (columns - column) as f64 * part;
             let ago = |at: &Instant| now.saturating_duration_since(*at).as_secs_f64();
             let inside = |(at, _): &&(Instant, _)| (before - part..before).contains(&ago(at));
             let values = self.0.iter().filter(inside).filter_map(|(_, value)| *value);
             let Some(value) = values.map(f64::abs).max_by(f64::total_cmp) else { return UNKNOWN };
-            if most == 0.0 {
-                return BARS[0];
-            }
             let step = (value / most * (BARS.len() - 1) as f64).round() as usize;
             BARS[step.min(BARS.len() - 1)]
         };
@@ -114,5 +112,7 @@ mod tests {
         let stretches = trace.stretches(now);
         assert_eq!(stretches, [vec![(-19.0, 1.0)], vec![(-9.0, -8.0), (-8.0, 2.0), (-1.0, 0.0)]]);
         assert_eq!(Trace::default().small(4, now), "····");
+        let values = [(19, Some(0.001)), (13, Some(0.5)), (8, Some(0.0)), (1, Some(0.0))];
+        assert_eq!(self::trace(now, &values).small(4, now), "▁▅▁▁", "less than a count is no large error");
     }
 }
