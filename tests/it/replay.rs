@@ -99,10 +99,10 @@ fn e6_a_replay_gives_the_daemon_a_turbo_board_again() {
 fn e6_what_pmacctl_captured_is_played_again() {
     let recorded = moving("pmac");
     let directory = recorded.path("captured");
-    let ran = recorded.run(&["capture", directory.to_str().unwrap(), "--seconds", "0.2"]);
+    let ran = recorded.run_slowly(&["capture", directory.to_str().unwrap(), "--seconds", "0.2"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let site = replayed(&directory);
-    assert!(!updates(&site, 1).is_empty(), "{}", site.log());
+    assert!(published(&site) > 100, "{}", site.log());
     site.wait_until("the board's type", || site.connection().info().unwrap().board_type.is_some());
     assert_eq!(
         site.connection().info().unwrap().board_type,

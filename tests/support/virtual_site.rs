@@ -9,6 +9,7 @@
 use std::cell::RefCell;
 use std::fmt::Write as _;
 use std::ops::Deref;
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Arc, Mutex, Once};
@@ -17,6 +18,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{RegionId, Subscriber};
 
+use super::rig::Ran;
 use super::world::World;
 use super::{PATIENCE, Place, is_live};
 
@@ -209,6 +211,26 @@ impl VirtualSite {
     /// Lets time pass again.
     pub fn go_on(&self) {
         self.pace.held.store(false, Ordering::SeqCst);
+    }
+
+    /// Lets time pass until `condition` is true, slowly enough for another process to fetch every bus access.
+    pub fn slowly_until(&self, mut condition: impl FnMut() -> bool) {
+        let begun = Instant::now();
+        self.hold();
+        while !condition() {
+            assert!(begun.elapsed() < PATIENCE, "waited in vain");
+            self.step(20);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        self.go_on();
+    }
+
+    /// Runs `pmacctl` with time passing like that.
+    pub fn run_slowly(&self, arguments: &[&str]) -> Ran {
+        let mut command = self.command(arguments);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        self.slowly_until(|| child.try_wait().unwrap().is_some());
+        child.wait_with_output().unwrap().into()
     }
 
     /// Lets time pass as fast as possible while `action` runs.

@@ -53,7 +53,8 @@ pub fn dpram_bytes(connection: &mut Connection, family: &'static Family) -> Resu
         let last = HostOffset::new(bytes - 2);
         match connection.read(last, 1) {
             Ok(_) => return Ok(bytes),
-            Err(CommandError::Refused(CallError::OutOfRange)) => {}
+            // Refused by the board's memory, or by the daemon that knows its size.
+            Err(CommandError::Refused(CallError::OutOfRange | CallError::InvalidParameter { .. })) => {}
             Err(error) => return Err(error.into()),
         }
     }

@@ -32,7 +32,8 @@ pub fn run(context: &mut Context, options: &Capture) -> Result<Verdict, Failure>
     if let Some(why) = &taken.summary.cut_short {
         let _ = writeln!(io::stderr(), "{}: cut short: {why}", options.directory.display());
     }
-    taken.failure.map_or(Ok(taken.summary.cut_short.is_none().into()), Err)
+    let is_whole = taken.summary.cut_short.is_none() && !taken.summary.lacks_answers;
+    taken.failure.map_or(Ok(is_whole.into()), Err)
 }
 
 /// Makes a capture. Fails only before anything is written.

@@ -62,6 +62,8 @@ pub struct Summary {
     pub dropped: u64,
     pub cut_short: Option<String>,
     pub left_out: Vec<String>,
+    /// The board, or the daemon, refused a question.
+    pub lacks_answers: bool,
 }
 
 #[derive(Debug, Args)]
@@ -93,6 +95,7 @@ pub struct Taking<'a> {
     family: &'static Family,
     facts: Value,
     about: About,
+    lacks_answers: bool,
     writer: Writer,
     filter: TextFilter,
     updates_before: u64,
@@ -146,6 +149,7 @@ impl<'a> Taking<'a> {
             family,
             facts,
             about,
+            lacks_answers: false,
             writer,
             questions: Times::default(),
             reads: Times::default(),
@@ -230,7 +234,9 @@ impl<'a> Taking<'a> {
         let accesses = *finished.as_ref().unwrap_or(&0);
         let failure = failure.or(finished.err().map(Failure::from));
         cut_short = cut_short.or(failure.as_ref().map(ToString::to_string));
-        Ok(Taken { summary: Summary { updates, accesses, dropped, cut_short, left_out }, failure })
+        let lacks_answers = self.lacks_answers;
+        let summary = Summary { updates, accesses, dropped, cut_short, left_out, lacks_answers };
+        Ok(Taken { summary, failure })
     }
 
     /// The accesses since the last time; how many came.
@@ -270,12 +276,16 @@ impl<'a> Taking<'a> {
         match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1)) {
             Ok(saved) => self.writer.variables(&saved.text())?,
             // A board that cannot be asked is worth a capture all the same.
-            Err(Failure::Refused(why)) => {
-                self.about.left_out.push(format!("variables and definitions: {why}"))
-            }
+            Err(Failure::Refused(why)) => self.lacks("variables and definitions", &why),
             Err(failure) => return Err(failure),
         }
         Ok(())
+    }
+
+    /// What was not told, and why.
+    fn lacks(&mut self, what: &str, why: &str) {
+        self.lacks_answers = true;
+        self.about.left_out.push(format!("{what}: {why}"));
     }
 
     /// Asks the board; what it refuses is an answer. A question enters no program buffer.
@@ -285,6 +295,7 @@ impl<'a> Taking<'a> {
             Some(character) => self.connection.control(character),
             None => self.connection.question(line, PATIENCE),
         };
+        let is_the_boards = matches!(reply, Err(CommandError::Refused(CallError::Board { .. })));
         let (reply, refused) = match reply {
             Ok(reply) => (reply, None),
             Err(CommandError::Refused(
@@ -297,6 +308,9 @@ impl<'a> Taking<'a> {
             Err(error) => return Err(error.into()),
         };
         self.questions.note(began.elapsed());
+        if let Some(why) = refused.as_ref().filter(|_| !is_the_boards) {
+            self.lacks(&format!("the answer to {line}"), why);
+        }
         self.writer.answer(&Answer { line: line.to_owned(), reply, refused })?;
         Ok(())
     }
