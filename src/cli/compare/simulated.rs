@@ -10,7 +10,7 @@ use crate::cli::stage::Stage;
 use crate::recording::Recording;
 
 /// The longest trace of the simulator.
-const LONGEST: Duration = Duration::from_secs(5);
+const LONGEST: Duration = Duration::from_secs(1);
 
 /// Captures the simulator of the recording in `directory` for as long as that was captured, and no longer than [`LONGEST`].
 pub fn capture(directory: &Path, recording: &Recording) -> Result<Recording, Failure> {
