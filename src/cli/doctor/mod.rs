@@ -119,6 +119,9 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     }
     if let Some(path) = &options.report {
         parcel::write(context, &report, path)?;
+        for check in report.0.iter().filter(|check| check.level == Level::Fail) {
+            context.output.line(check)?;
+        }
         return Ok(report.is_passed().into());
     }
     tell(context, &report)
@@ -183,12 +186,7 @@ fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
         context.output.json(&report.0)?;
     } else {
         for check in &report.0 {
-            let level = match check.level {
-                Level::Ok => "ok",
-                Level::Warn => "warn",
-                Level::Fail => "FAIL",
-            };
-            context.output.line(format_args!("{level:<4}  {:<13} {}", check.check, check.text))?;
+            context.output.line(check)?;
         }
     }
     Ok(report.is_passed().into())

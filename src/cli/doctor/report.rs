@@ -1,5 +1,7 @@
 //! The checks of doctor, each with its level and what to do.
 
+use std::fmt;
+
 use serde::Serialize;
 
 use crate::device::machine::candidates::Candidate;
@@ -30,6 +32,17 @@ pub struct Check {
 impl Check {
     pub fn new(level: Level, check: &'static str, text: impl Into<String>) -> Self {
         Self { check, level, text: text.into(), candidate: None, probe: None }
+    }
+}
+
+impl fmt::Display for Check {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let level = match self.level {
+            Level::Ok => "ok",
+            Level::Warn => "warn",
+            Level::Fail => "FAIL",
+        };
+        write!(formatter, "{level:<4}  {:<13} {}", self.check, self.text)
     }
 }
 
