@@ -168,9 +168,10 @@ pub fn board_variable(text: &str) -> Option<String> {
 struct Copies {
     held: VariableWatch,
     names: Vec<VariableName>,
-    /// When the watch began, by the clock of the segment, and how long the first values may take.
-    began_ns: u64,
-    first_limit_ns: u64,
+    /// When values came last, or the watch began, by the clock of the segment, and how long they may take: at first, and when
+    /// another client's watch changes the table.
+    since_ns: u64,
+    limit_ns: u64,
     /// The number of the last table seen.
     after: u64,
     complete: bool,
@@ -190,10 +191,10 @@ impl Copies {
         }
         let held = board.watch_variables(&names)?;
         // The board has the table now. Copies must arrive within the region's limit, by the clock of the segment.
-        let began_ns = board.subscriber().now_ns();
+        let since_ns = board.subscriber().now_ns();
         let region = board.subscriber().region(RegionId::Variable).map_err(Failure::request)?;
-        let first_limit_ns = u64::from(FIRST) * region.stale_after_ns;
-        Ok(Some(Self { held, names, began_ns, first_limit_ns, after: 0, complete: false, fresh: false }))
+        let limit_ns = u64::from(FIRST) * region.stale_after_ns;
+        Ok(Some(Self { held, names, since_ns, limit_ns, after: 0, complete: false, fresh: false }))
     }
 
     /// The next table that has all the values; `None` if none has come in time.
@@ -209,16 +210,17 @@ impl Copies {
                 && has_all()
         };
         if let Some(view) = found.as_ref().filter(|view| is_new(view)) {
-            self.after = view.sequence;
+            (self.after, self.since_ns) = (view.sequence, board.subscriber().now_ns());
             (self.complete, self.fresh) = (true, true);
             return Ok(found);
         }
-        if !self.complete && board.subscriber().now_ns().saturating_sub(self.began_ns) > self.first_limit_ns {
+        let is_late = board.subscriber().now_ns().saturating_sub(self.since_ns) > self.limit_ns;
+        if !self.complete && is_late {
             return Err(Failure::Refused(
                 "PMAC copies nothing; check that the board runs and I55=1".to_owned(),
             ));
         }
-        if let Some(stale) = found.as_ref().and_then(|view| view.stale).filter(|_| self.fresh) {
+        if let Some(stale) = found.as_ref().and_then(|view| view.stale).filter(|_| self.fresh && is_late) {
             self.fresh = false;
             // Nobody reads it: nothing to be done.
             let _ = writeln!(io::stderr(), "STALE: {stale}; check that the board runs and I55=1");
