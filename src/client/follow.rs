@@ -54,6 +54,8 @@ pub struct Follower {
     last: Option<Last>,
     /// Whether another daemon has come since the last update.
     restarted: bool,
+    /// The length of a servo cycle, as last known: the daemon forgets it at a reset, until the board has told it again.
+    cycle_ns: Option<f64>,
 }
 
 impl Follower {
@@ -64,7 +66,13 @@ impl Follower {
     pub fn new(board: &mut Board) -> Result<Self, ClientError> {
         board.refresh()?;
         let next = board.servo_sequence()? + 1;
-        Ok(Self { generation: board.subscriber().generation(), next, last: None, restarted: false })
+        Ok(Self {
+            generation: board.subscriber().generation(),
+            next,
+            last: None,
+            restarted: false,
+            cycle_ns: None,
+        })
     }
 
     /// The number of the next update.
@@ -101,7 +109,7 @@ impl Follower {
             (self.generation, self.next) = (generation, 1);
             self.restarted |= self.last.take().is_some();
         }
-        let pace = pace(board)?;
+        let pace = self.pace(board)?;
         let history = board.history(self.next, BATCH)?;
         let came = !history.samples.is_empty();
         for view in history.samples {
@@ -120,14 +128,14 @@ impl Follower {
         }
         Ok(came)
     }
-}
 
-fn pace(board: &mut Board) -> Result<Pace, ClientError> {
-    let identity = board.identity()?;
-    let region = board.subscriber().region(RegionId::Servo)?;
-    let cycle_ns = identity::scales(&identity).servo_period_ns();
-    let cycles = cycles(identity.servo_report_cycles, cycle_ns, region.period_ns);
-    Ok(Pace { cycles, cycle_ns, pause_ns: region.stale_after_ns })
+    fn pace(&mut self, board: &mut Board) -> Result<Pace, ClientError> {
+        let identity = board.identity()?;
+        let region = board.subscriber().region(RegionId::Servo)?;
+        self.cycle_ns = identity::scales(&identity).servo_period_ns().or(self.cycle_ns);
+        let cycles = cycles(identity.servo_report_cycles, self.cycle_ns, region.period_ns);
+        Ok(Pace { cycles, cycle_ns: self.cycle_ns, pause_ns: region.stale_after_ns })
+    }
 }
 
 /// Servo cycles from update to update, as the board has told them. Else by the period that `pmacd` measures, which grows when

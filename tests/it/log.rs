@@ -213,6 +213,29 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     assert!((least - 0.05..most + 0.05).contains(&pause), "{pause} s, not {least} to {most}");
 }
 
+/// After a reset the length of a servo cycle is not known for a while. The timer, which begins anew, is no turn of its 24 bits then.
+#[test]
+fn e1_a_turbo_boards_reset_is_no_number_of_missed_updates() {
+    let site =
+        VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n[servo]\nmotors = [1]\n");
+    site.wait_until("the board's scales", || site.has_scales());
+    let mut child = site.command(&["log", "-o", "-", "--motors", "1"]);
+    let mut child = child.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let stdout = child.stdout.take().unwrap();
+    let text = std::thread::spawn(move || std::io::read_to_string(stdout).unwrap());
+    site.run_for(Duration::from_secs(1));
+    site.control("reset");
+    let mut board = site.connection();
+    site.wait_until("the report again", || board.send("I47=1 I57=0 I48=1", PATIENCE).is_ok());
+    site.run_for(Duration::from_secs(1));
+    kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGTERM).unwrap();
+    let table = Table::parse(text.join().unwrap().as_bytes()).unwrap();
+    assert!(child.wait().unwrap().success());
+    let missed: f64 = table.column("missed").unwrap().iter().sum();
+    let times = table.column("time_s").unwrap();
+    assert!(times.len() > 1000 && missed < 100_000.0, "{} rows, {missed} missed", times.len());
+}
+
 #[test]
 fn a_trigger_brings_the_rows_from_before_it() {
     let site = VirtualSite::running(&[], &[]);
