@@ -179,6 +179,33 @@ fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
 }
 
 #[test]
+fn b1_5_a_program_that_was_streamed_whole_and_aborted_is_not_started_unasked() {
+    for abort in [&["abort"][..], &["abort", "1"], &["send", "&1A"]] {
+        let site = running();
+        let lines: String = (1..=60).map(|target| format!("X{target}\n")).collect();
+        let file = site.file("whole.pmc", &format!("LINEAR ABS TM1000\n{lines}"));
+        let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run"]);
+        assert_eq!(status, 0, "{stderr}");
+        for goes_on in [["panel", "hold", "1"], ["panel", "start", "1"]] {
+            let (status, _, stderr) = site.pmacctl(&goes_on);
+            assert_eq!(status, 0, "it goes on after a hold: {stderr}");
+        }
+        assert!(runs(&site));
+        assert_eq!(site.pmacctl(abort).0, 0);
+        site.wait_until("the end of the motion", || !runs(&site));
+        for start in [&["panel", "start", "1"][..], &["send", "&1R"]] {
+            let (status, _, stderr) = site.pmacctl(start);
+            let told = stderr.contains("lines of an earlier program are left in &1's rotary buffer");
+            assert!(status == 1 && told, "{abort:?}: {stderr}");
+        }
+        assert!(!runs(&site));
+        assert_eq!(site.pmacctl(&["panel", "start", "1", "--continue"]).0, 0);
+        site.wait_until("what is left", || runs(&site));
+        site.assert_no_violations();
+    }
+}
+
+#[test]
 fn b1_5_a_restarted_daemon_asks_the_board_what_lies_there_before_the_first_start() {
     let site = running();
     let child = long_stream(&site);

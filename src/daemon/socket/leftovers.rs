@@ -1,7 +1,8 @@
 //! Lines that lie in the board's own rotary buffers and that nobody expects to run: who starts that program hears of them first.
 //!
-//! They are what a rotary stream left because it ended early, and what the daemon finds there: it does not know what there was
-//! before its own start, so the board is asked before a coordinate system is started for the first time.
+//! They are what a rotary stream left because it ended early, and what the daemon finds there. It does not know what there was
+//! before its own start, nor how far a program came that was streamed whole and then aborted: so the board is asked before that
+//! coordinate system is started.
 //!
 //! The stream has pointed the coordinate system at its rotary buffer with `B0` ("point to rotary buffer", FACTS 7), and neither
 //! `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
@@ -29,6 +30,8 @@ pub(super) struct Leftovers {
     known: u32,
     /// Of these it was the board that told.
     found: u32,
+    /// Streams into these were fed whole, and may still run from the buffer.
+    whole: u32,
     /// How many resets there had been.
     resets: u64,
 }
@@ -39,6 +42,7 @@ impl Leftovers {
         self.see(resets);
         self.known |= systems;
         self.found &= !systems;
+        self.whole = if lines == 0 { self.whole | systems } else { self.whole & !systems };
         self.of(systems).for_each(|(_, left)| *left = lines);
     }
 
@@ -46,6 +50,11 @@ impl Leftovers {
     pub(super) fn find(&mut self, system: u32, lines: u64, resets: u64) {
         self.set(system, lines, resets);
         self.found |= system;
+    }
+
+    /// The programs of `systems` were aborted. Of what was streamed whole, nobody knows how much is left.
+    pub(super) fn aborted(&mut self, systems: u32) {
+        self.known &= !(systems & self.whole);
     }
 
     /// What `systems` had left may be gone. A line that names none may have meant another one.
@@ -113,6 +122,8 @@ pub(super) struct LineEffect {
     pub starts: u32,
     /// It points them elsewhere, or takes away what their rotary buffers hold.
     pub forgets: u32,
+    /// It aborts them.
+    pub aborts: u32,
     /// It switches the control panel off.
     pub ends_panel: bool,
     /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
@@ -152,7 +163,7 @@ impl LineEffect {
         effect
     }
 
-    /// Adds whether `commands` start the coordinate system that is addressed, or point it elsewhere. An `&` may be an operator, and
+    /// Adds whether `commands` start or abort the coordinate system that is addressed, or point it elsewhere. An `&` may be an operator, and
     /// `P R` one word or two: a start that is asked about once too often harms nobody.
     fn add_starts(&mut self, bit: u32, commands: &str) {
         let mut elsewhere = false;
@@ -165,6 +176,7 @@ impl LineEffect {
                     self.forgets |= if elsewhere { bit } else { 0 };
                 }
                 (Kind::Moves(Needs::System), Some(b'R' | b'S')) if !elsewhere => self.starts |= bit,
+                (Kind::Moves(Needs::System), Some(b'A')) => self.aborts |= bit,
                 _ => {}
             }
         }
@@ -220,11 +232,12 @@ mod tests {
             ("&1A", 0, 0),
             ("#1J+", 0, 0),
         ] {
-            let expected = LineEffect { starts, forgets, ends_panel: false, jogs: [0; 2] };
+            let aborts = u32::from(line == "&1A");
+            let expected = LineEffect { starts, forgets, aborts, ..LineEffect::default() };
             assert_eq!(LineEffect::of(line, false, Some(2)), expected, "{line}");
         }
         for (line, forgets) in [("CLEAR", u32::MAX), ("&3clr", 0b100), ("OPEN PLC 3 CLEAR", 0)] {
-            let expected = LineEffect { starts: 0, forgets, ends_panel: false, jogs: [0; 2] };
+            let expected = LineEffect { forgets, ..LineEffect::default() };
             assert_eq!(LineEffect::of(line, true, Some(2)), expected, "{line}");
         }
     }
@@ -286,6 +299,12 @@ mod tests {
         assert_eq!(left.unknown(start, 0), 0b1000);
         let told = left.check(start, 0, true).unwrap_err().to_string();
         assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
+        // A program that was streamed whole, and aborted.
+        left.set(0b1, 0, 0);
+        assert_eq!(left.unknown(start, 0), 0b1000, "it runs to its end");
+        left.aborted(0b11);
+        assert_eq!(left.unknown(start, 0), 0b1001, "of &2 the board has told");
+        left.find(0b1, 0, 0);
         assert_eq!(left.unknown(start, 1), 0, "no rotary buffer is kept over a reset");
         assert!(left.check(start, 1, true).is_ok());
     }

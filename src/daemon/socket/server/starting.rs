@@ -32,6 +32,7 @@ impl Service {
     /// The board has carried out a line of `by` with this effect.
     pub(super) fn line_done(&mut self, effect: LineEffect, by: Account, now: Instant) {
         self.leftovers.forget(effect.forgets);
+        self.leftovers.aborted(effect.aborts);
         if effect.ends_panel {
             self.panel_ended(Some(by), now);
         }
