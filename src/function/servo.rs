@@ -217,7 +217,11 @@ impl ServoReader {
     /// update, so data from before a reset or a restart are never taken for new.
     pub fn reset(&mut self) {
         self.last_timer = None;
-        // What a reset makes of the mask is not documented.
+        self.mask_is_lost();
+    }
+
+    /// The board was reset: what became of the mask is not documented. The next poll writes it, where motors were told.
+    pub fn mask_is_lost(&mut self) {
         self.mask_due = self.block.mask.is_some() && self.told.is_some();
         self.mask_found = None;
         self.mask_updates = 0;

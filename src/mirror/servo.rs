@@ -193,6 +193,11 @@ impl ServoMirror {
         self.continuity.reset();
     }
 
+    /// The board was reset. Its updates go on; the host's words that say what is reported are written again.
+    pub fn board_was_reset(&mut self) {
+        self.reader.mask_is_lost();
+    }
+
     /// Puts the host's words that say what is reported back as they were found.
     ///
     /// # Errors

@@ -225,6 +225,28 @@ fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
 }
 
 #[test]
+fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    for timer in 0..3 {
+        rig.update(timer);
+        rig.poll();
+    }
+    let mask = |rig: &mut Rig| [0x0070, 0x0072].map(|at| rig.bus.read16(HostOffset::new(at)).unwrap());
+    let told = mask(&mut rig);
+    // It comes back with what was in its memory at power-on.
+    rig.put(0x0070, 0x9B0C);
+    rig.put(0x0072, 0xB0DE);
+    rig.mirror.board_was_reset();
+    for timer in 3..6 {
+        rig.update(timer);
+        rig.poll();
+    }
+    assert_eq!(mask(&mut rig), told);
+    let (_, data) = rig.latest().unwrap();
+    assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), MOTORS);
+}
+
+#[test]
 fn until_somebody_says_which_motors_there_are_the_mask_that_lies_there_counts() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());

@@ -20,6 +20,7 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         Ok(self.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.board_was_reset();
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
