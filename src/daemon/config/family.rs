@@ -4,8 +4,10 @@ use super::replay;
 use crate::device::{BoardSpec, Place, WindowSpec};
 use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 
-/// Bytes of the DPRAM that a VME board shows at a time.
-const VME_WINDOW: u32 = 0x4000;
+/// Bytes of the DPRAM that such a board shows at a time.
+const WINDOW: u32 = 0x4000;
+/// The end of the memory of ISA cards.
+const ISA_END: u64 = 0x10_0000;
 /// What the configuration writes to have the board recognised.
 const AUTO: &str = "auto";
 
@@ -70,14 +72,24 @@ pub(super) fn candidates(
     }
 }
 
-/// `family` with as much DPRAM as `board` shows. A VME board shows 16 KiB at a time (Turbo User Manual p. 400), in which every
-/// function lies; a length that is written says that its bridge shows more.
+/// `family` with as much DPRAM as `board` shows. A VME board shows 16 KiB at a time, and an ISA board has a window of 16 KiB unless
+/// it is set up otherwise (Turbo User Manual pp. 399, 400): what lies behind that is another card's. Every function lies in
+/// them. A length that is written says that more is shown.
 fn in_window(board: &BoardSpec, family: &'static Family) -> &'static Family {
     match board {
-        BoardSpec::Window(WindowSpec { place: Place::Vme(_), length: None, .. }) => {
-            family.with_length(VME_WINDOW).unwrap_or(family)
+        BoardSpec::Window(WindowSpec { place, length: None, .. }) if is_small(place) => {
+            family.with_length(WINDOW).unwrap_or(family)
         }
         _ => family,
+    }
+}
+
+/// Whether a board there shows 16 KiB.
+const fn is_small(place: &Place) -> bool {
+    match place {
+        Place::Vme(_) => true,
+        Place::Memory(address) => *address < ISA_END,
+        _ => false,
     }
 }
 
@@ -95,13 +107,15 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_vme_board_shows_16_kib_unless_a_length_is_written() {
+    fn c1_a_vme_or_isa_board_shows_16_kib_unless_a_length_is_written() {
         for (name, shown, all) in
             [("turbo2", &TURBO2_8K, &TURBO2), ("turbo", &TURBO, &TURBO), ("pmac", &PMAC, &PMAC)]
         {
             assert_eq!(known("vme:/dev/bus/vme/m0", Some(name), None).0, [shown], "{name}");
             assert_eq!(known("vme:/dev/bus/vme/m0,length=0x10000", Some(name), None).0, [all], "{name}");
-            assert_eq!(known("mem:0xD4000", Some(name), None).0, [all], "{name}");
+            assert_eq!(known("mem:0xD4000", Some(name), None).0, [shown], "{name}");
+            assert_eq!(known("mem:0xC0000,length=0x10000", Some(name), None).0, [all], "{name}");
+            assert_eq!(known("mem:0xFEBD0000", Some(name), None).0, [all], "a PCI board: {name}");
         }
     }
 
