@@ -372,6 +372,9 @@ impl Leases {
         for (client, Lease { motors, over, .. }) in over {
             let end = over.unwrap_or(LeaseEnd::Silent);
             match end {
+                LeaseEnd::Silent if client == NOBODY => {
+                    warn!(target: "audit", "motors that jog for nobody any more are stopped (mask {motors:#04x})");
+                }
                 LeaseEnd::Silent => {
                     warn!(target: "audit", "a held jog is stopped (mask {motors:#04x}): its holder is gone or silent");
                 }

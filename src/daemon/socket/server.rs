@@ -128,8 +128,8 @@ struct Service {
     audit: AuditLimit,
     events: Receive<Event>,
     info: Info,
-    /// The daemon stops: nothing is begun any more.
-    stopping: bool,
+    /// Since when the daemon stops: nothing is begun any more.
+    stopping: Option<Instant>,
     /// Since when, at the end, nothing is left to be stopped.
     stood_since: Option<Instant>,
     /// What operators may send.
@@ -156,7 +156,7 @@ impl Service {
             audit: AuditLimit::default(),
             events,
             info,
-            stopping: false,
+            stopping: None,
             stood_since: None,
             characters: options.roles.operate_characters,
         })

@@ -7,7 +7,7 @@ use log::debug;
 
 use super::Service;
 use super::replies::{
-    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
+    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines, stop_not_taken,
 };
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
@@ -33,6 +33,8 @@ use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, contro
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long the board may take to take a table of registers.
 const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
+/// After how long a holder hears at the daemon's end that the board has not taken the stop.
+const STOP_SILENCE: Duration = Duration::from_millis(600);
 
 impl Service {
     /// Begins a call: answers it, or has the board asked.
@@ -47,7 +49,7 @@ impl Service {
         let action = parse_call(call, client.role(), self.characters, &self.info);
         let action = action.and_then(|action| {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
-            if self.stopping && action.begins() { Err(is_stopping()) } else { Ok(action) }
+            if self.stopping.is_some() && action.begins() { Err(is_stopping()) } else { Ok(action) }
         });
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
@@ -120,9 +122,11 @@ impl Service {
                 self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
             }
             Action::Renew => {
-                if self.stopping && self.may_move() != 0 {
-                    // Its holder is to hear how that ends.
-                    return Ok(Some(Reply::done()));
+                let may_move = self.may_move();
+                if let Some(since) = self.stopping.filter(|_| may_move != 0) {
+                    // Its holder is to hear how that ends, and soon.
+                    let is_late = now.saturating_duration_since(since) >= STOP_SILENCE;
+                    return if is_late { Err(stop_not_taken(may_move)) } else { Ok(Some(Reply::done())) };
                 }
                 let renewed = self.leases.renew(caller.client, now);
                 if renewed == Err(Some(LeaseEnd::DaemonEnds)) {

@@ -89,6 +89,15 @@ pub(super) fn not_sent(end: Option<LeaseEnd>) -> CallError {
     CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
 }
 
+/// What a holder is told when `pmacd` stops, and the board has not taken the stop of these motors.
+pub(super) fn stop_not_taken(motors: u32) -> CallError {
+    let target = Target::Motors(motors);
+    let reason = format!(
+        "pmacd is stopping, and the board has not taken the stop of the held jog yet: {target} MAY STILL MOVE; use the emergency stop"
+    );
+    CallError::Interrupted { reason }
+}
+
 /// What a client is told whose call is not begun any more, or will not be answered.
 pub(super) fn is_stopping() -> CallError {
     CallError::Unavailable { reason: "pmacd is stopping".to_owned() }

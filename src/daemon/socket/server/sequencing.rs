@@ -149,6 +149,7 @@ impl Service {
 
     /// Somebody has stopped every motor: no stream goes on feeding a program.
     pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
+        self.leftovers.aborted(u32::MAX);
         for number in self.sequences.that_feed(u32::MAX) {
             self.end_sequence(number, Ending::AllStopped(by, character), now);
         }
@@ -156,6 +157,7 @@ impl Service {
 
     /// Somebody has aborted the coordinate systems in `mask`: no stream goes on feeding their programs.
     pub(super) fn end_streams_of(&mut self, mask: u32, by: Peer, now: Instant) {
+        self.leftovers.aborted(mask);
         for number in self.sequences.that_feed(mask) {
             self.end_sequence(number, Ending::Aborted(by), now);
         }
@@ -403,7 +405,7 @@ impl Service {
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.
     pub(super) fn tend_sequences(&mut self, now: Instant) {
         let clients = &self.clients;
-        let lapsed = self.sequences.lapsed(now, |client| clients.hears(client), self.stopping);
+        let lapsed = self.sequences.lapsed(now, |client| clients.hears(client), self.stopping.is_some());
         for (number, why) in lapsed {
             self.end_sequence(number, why, now);
         }
@@ -434,7 +436,7 @@ impl Service {
 
     /// The daemon stops: every sequence ends, and nothing is begun any more. [`Self::has_sequences`] tells when they have.
     pub(super) fn stop_sequences(&mut self, now: Instant) {
-        self.stopping = true;
+        self.stopping = Some(now);
         self.tend_sequences(now);
         self.hand_out(now);
     }
