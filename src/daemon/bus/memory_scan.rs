@@ -368,7 +368,8 @@ mod tests {
         let begun = || MemoryScan::new(&PMAC, true, now);
         // It refuses, does not answer, answers something else, or is never free.
         // After an answer it is asked for fewer at first: 6, 12, 24, 50 …
-        let answers: [(fn(&mut MemoryScan, Instant), usize); 4] = [
+        type Answering = fn(&mut MemoryScan, Instant);
+        let answers: [(Answering, usize); 4] = [
             (|scan, now| scan.done(true, now), 23),
             (MemoryScan::failed, 23),
             (
