@@ -165,7 +165,10 @@ fn c3_how_far_a_slow_board_has_told_its_definitions_is_told() {
     assert!(waiting.to_string().contains("gather"), "{socket}");
     assert!(!waiting.to_string().contains("rotary"), "it does not wait: {socket}");
     let left = socket["definitions"]["seconds_left"].as_u64().unwrap();
-    assert!((25..45).contains(&left), "164 questions of 0.4 s, half of them asked: {socket}");
+    assert!(
+        (30..150).contains(&left),
+        "164 questions of half a second to a second, half of them asked: {socket}"
+    );
     for command in ["status", "doctor"] {
         let (_, text, error) = site.pmacctl(&[command]);
         let told = text
