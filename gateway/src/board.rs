@@ -181,7 +181,7 @@ impl Board {
     pub fn send(&mut self, line: &str) -> Result<Vec<String>, Failure> {
         let effect = effect(line.as_bytes());
         let opens = matches!(effect, Some(Effect::Opens(_)));
-        let has_end = self.keeps_jogs || !EndlessJogs::of(line).any();
+        let has_end = self.keeps_jogs || !EndlessJogs::possible(line).any();
         if !has_end && (opens || self.in_buffer && effect.is_some()) {
             // The sequence's lines are no jogs that end with the client. Within a program J is a length: `X10 I5 J-5`.
             let why = "a line that opens or closes a program buffer has no jog in it; send each on a line of its own";

@@ -284,7 +284,7 @@ impl Session {
             let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
             return Err(Failure::unsent(board::UNKNOWN, why));
         }
-        if addressed.motor.is_none() && !self.rules.keep_jogs && EndlessJogs::of(line).unnamed {
+        if addressed.motor.is_none() && !self.rules.keep_jogs && EndlessJogs::possible(line).unnamed {
             // Its end has to name the motor.
             addressed.motor = self.board.send("#")?.first().and_then(|answer| answer.trim().parse().ok());
         }

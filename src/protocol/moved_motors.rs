@@ -60,11 +60,27 @@ impl EndlessJogs {
     }
 
     /// Of `line`, which the board has refused: what stands before the command that it refused is carried out (boards are known to
-    /// do so, GRAMMAR 1), and its last command is not.
+    /// do so, GRAMMAR 1). Which command that was nobody knows, so every jog counts, whatever stands behind it, but for the
+    /// last command, which is not carried out in any case.
     #[must_use]
     pub fn of_refused(line: &str) -> Self {
         let line = line::plain(line);
-        Self::of_plain(line.strip_suffix("J+").or_else(|| line.strip_suffix("J-")).unwrap_or(&line))
+        let line = line.strip_suffix("J+").or_else(|| line.strip_suffix("J-")).unwrap_or(&line);
+        let unnamed = jogs(line.split('#').next().unwrap_or_default());
+        let motors = line::addressed(line, '#').filter(|(_, commands)| jogs(commands));
+        Self { motors: motors.fold(0, |motors, (bit, _)| motors | bit), unnamed }
+    }
+
+    /// Of `line`, whatever becomes of it: those that may jog on.
+    #[must_use]
+    pub fn possible(line: &str) -> Self {
+        Self::of(line).or(Self::of_refused(line))
+    }
+
+    /// Those of both.
+    #[must_use]
+    pub const fn or(self, other: Self) -> Self {
+        Self { motors: self.motors | other.motors, unnamed: self.unnamed || other.unnamed }
     }
 
     fn of_plain(line: &str) -> Self {
@@ -82,6 +98,11 @@ impl EndlessJogs {
     pub const fn any(self) -> bool {
         self.motors != 0 || self.unnamed
     }
+}
+
+/// Whether `commands` to a motor have a jog without an end in them.
+fn jogs(commands: &str) -> bool {
+    commands.contains("J+") || commands.contains("J-")
 }
 
 /// Whether a motor jogs on behind `commands` to it; `None` where they do not say. What is not known to end a jog does not.
@@ -163,8 +184,28 @@ mod tests {
         ] {
             assert_eq!(EndlessJogs::of(line), EndlessJogs { motors, unnamed }, "{line}");
         }
-        for (line, motors) in [("#1J+", 0), ("#1 j -", 0), ("#1J+#2J-", 0b1), ("#1J+ FOO", 0b1)] {
-            assert_eq!(EndlessJogs::of_refused(line).motors, motors, "{line}");
+    }
+
+    #[test]
+    fn d7_every_jog_in_a_refused_line_counts_but_one_that_is_its_last_command() {
+        for (line, motors, unnamed) in [
+            ("#1J+", 0, false),
+            ("#1 j -", 0, false),
+            ("#1J+#2J-", 0b1, false),
+            ("#1J+J+", 0b1, false),
+            ("#2J/J+", 0, false),
+            ("#1J+ FOO", 0b1, false),
+            ("#1J+K5", 0b1, false),
+            ("#1J-O200", 0b1, false),
+            ("#1J+J^X", 0b1, false),
+            ("#1J- J:X", 0b1, false),
+            ("#1J+#1J/#3", 0b1, false),
+            ("J+K5#2J-FOO", 0b10, true),
+            ("SEND\"#1J+\" FOO", 0, false),
+        ] {
+            assert_eq!(EndlessJogs::of_refused(line), EndlessJogs { motors, unnamed }, "{line}");
         }
+        assert_eq!(EndlessJogs::possible("J+K5"), EndlessJogs { motors: 0, unnamed: true });
+        assert_eq!(EndlessJogs::possible("#1J+#2J-K"), EndlessJogs { motors: 0b11, unnamed: false });
     }
 }

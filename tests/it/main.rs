@@ -28,6 +28,7 @@ mod host_port;
 mod inherited;
 mod jog;
 mod late;
+mod line_jogs;
 mod log;
 mod mailbox;
 mod man;

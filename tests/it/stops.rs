@@ -541,41 +541,6 @@ fn b2_6_a_held_jog_notices_a_stop_that_came_by_another_way() {
 }
 
 #[test]
-fn d7_a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
-    let site = running("");
-    let mut board = site.connection();
-    for enable in ["I2=3", "I2=0"] {
-        board.send(enable, PATIENCE).unwrap();
-        let mut other = site.connection();
-        other.send_while_connected("#1J+#2J-", PATIENCE).unwrap();
-        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
-        // A command of another one's takes the motor over.
-        board.send("#2J+", PATIENCE).unwrap();
-        drop(other);
-        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-        assert!(ask(&mut board, "#2V") > 1.0);
-        board.send("#2J/", PATIENCE).unwrap();
-        // The stop has been seen to work.
-        site.run_for(Duration::from_millis(200));
-    }
-    let told = site.connection().send_while_connected("J+", PATIENCE).unwrap_err().to_string();
-    assert!(told.contains("does not say which motor"), "{told}");
-    // A jog that is refused has not begun: what moves the motor then is left alone.
-    board.send("&1 #1->X", PATIENCE).unwrap();
-    for line in ["OPEN PROG 5 CLEAR", "LINEAR INC F5000 X1000000", "CLOSE", "&1B5R"] {
-        board.send(line, PATIENCE).unwrap();
-    }
-    until(&mut board, "#1V", "the program moves it", |speed| speed > 0.0);
-    let mut other = site.connection();
-    other.send_while_connected("#1J+", PATIENCE).unwrap_err();
-    drop(other);
-    site.run_for(Duration::from_secs(2));
-    assert!(ask(&mut board, "#1V") > 0.0);
-    assert!(!site.log().contains("sends ^A"), "{}", site.log());
-    site.assert_no_violations();
-}
-
-#[test]
 fn d7_characters_that_only_report_fill_no_log() {
     let site = running("");
     let mut board = site.connection();

@@ -376,7 +376,7 @@ fn send(
         return Err(cut_off::refusal(&line));
     }
     let while_connected = while_connected == Some(true);
-    if while_connected && EndlessJogs::of(&line).unnamed {
+    if while_connected && EndlessJogs::possible(&line).unnamed {
         let reason = "the jog does not say which motor it means (#1J+), and would have no end".to_owned();
         return Err(CallError::InvalidLine { reason });
     }

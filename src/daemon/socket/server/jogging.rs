@@ -28,9 +28,11 @@ impl Service {
         }
         if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], .. }) = ended.then {
             let jogs = match outcome {
+                Outcome::Done => carried_out,
                 Outcome::Error(_) => refused,
                 outcome if outcome.is_unsent() => 0,
-                _ => carried_out,
+                // How far the board came nobody knows.
+                _ => carried_out | refused,
             };
             self.line_jogs.begin(ended.caller.client, jogs);
         }

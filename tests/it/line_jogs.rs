@@ -1,0 +1,65 @@
+//! Jogs by command line that end with the connection they came by.
+
+use std::time::Duration;
+
+use crate::support::jogs::{ask, until};
+use crate::support::{PATIENCE, VirtualSite};
+
+fn running() -> VirtualSite {
+    let site = VirtualSite::configured(&[], "");
+    site.wait_for_live_servo();
+    site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
+    site
+}
+
+#[test]
+fn d7_a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
+    let site = running();
+    let mut board = site.connection();
+    for enable in ["I2=3", "I2=0"] {
+        board.send(enable, PATIENCE).unwrap();
+        let mut other = site.connection();
+        other.send_while_connected("#1J+#2J-", PATIENCE).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        // A command of another one's takes the motor over.
+        board.send("#2J+", PATIENCE).unwrap();
+        drop(other);
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+        assert!(ask(&mut board, "#2V") > 1.0);
+        board.send("#2J/", PATIENCE).unwrap();
+        // The stop has been seen to work.
+        site.run_for(Duration::from_millis(200));
+    }
+    let told = site.connection().send_while_connected("J+", PATIENCE).unwrap_err().to_string();
+    assert!(told.contains("does not say which motor"), "{told}");
+    // A jog that is refused has not begun: what moves the motor then is left alone.
+    board.send("&1 #1->X", PATIENCE).unwrap();
+    for line in ["OPEN PROG 5 CLEAR", "LINEAR INC F5000 X1000000", "CLOSE", "&1B5R"] {
+        board.send(line, PATIENCE).unwrap();
+    }
+    until(&mut board, "#1V", "the program moves it", |speed| speed > 0.0);
+    let mut other = site.connection();
+    other.send_while_connected("#1J+", PATIENCE).unwrap_err();
+    drop(other);
+    site.run_for(Duration::from_secs(2));
+    assert!(ask(&mut board, "#1V") > 0.0);
+    assert!(!site.log().contains("sends ^A"), "{}", site.log());
+    site.assert_no_violations();
+}
+
+#[test]
+fn d7_of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behind_it() {
+    let site = running();
+    let mut board = site.connection();
+    for line in ["#1J+K5", "#1J-O200", "#1J+J^X", "#1J-J:X"] {
+        let mut other = site.connection();
+        other.send_while_connected(line, PATIENCE).unwrap_err();
+        until(&mut board, "#1V", line, |speed| speed.abs() > 1.0);
+        drop(other);
+        until(&mut board, "#1V", line, |speed| speed.abs() < 0.1);
+        site.run_for(Duration::from_millis(200));
+    }
+    let told = site.connection().send_while_connected("J+K5", PATIENCE).unwrap_err().to_string();
+    assert!(told.contains("does not say which motor"), "{told}");
+    site.assert_no_violations();
+}
