@@ -11,7 +11,7 @@ use std::time::Instant;
 use log::warn;
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
-use pmac_dpram::map::HostOffset;
+use pmac_dpram::map::{Family, HostOffset};
 use pmac_dpram::protocol::board::LineOutcome;
 use pmac_dpram::protocol::buffer_line::{Effect, effect, is_close};
 use pmac_dpram::protocol::line::resets;
@@ -284,13 +284,18 @@ impl Board {
         Ok(self.ask(|connection| connection.control(character))?)
     }
 
-    /// Reads `count` bytes of the DPRAM.
+    /// Reads `count` bytes of the DPRAM, but not where command lines and responses lie: they are others', too, and may be passwords.
     ///
     /// # Errors
     /// [`Failure`].
     pub fn read(&mut self, first: u16, count: usize) -> Result<Vec<u8>, Failure> {
         let skipped = usize::from(first & 1);
         let words = (skipped + count).div_ceil(2);
+        let family = self.ask(Connection::info)?.family;
+        let family = Family::by_name(&family).map_err(|error| Failure::unsent(NOT_NOW, error.to_string()))?;
+        if family.ascii.has_text_in(HostOffset::new(u32::from(first & !1)), words) {
+            return Err(Failure::unsent(NO_RIGHT, "command lines and responses lie there, of others, too"));
+        }
         let mut bytes = Vec::with_capacity(2 * words);
         while bytes.len() < 2 * words {
             let offset = u32::from(first & !1) + u32::try_from(bytes.len()).unwrap_or(u32::MAX);

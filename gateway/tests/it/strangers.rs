@@ -3,6 +3,9 @@
 use std::io::Write;
 use std::process::Stdio;
 
+use pmac_dpram::map::Family;
+use pmac_dpram::map::functions::RESPONSE_BYTES;
+
 use super::site::{PATIENCE, Site, datagram, get_response, listening, packet, wait_until};
 
 #[test]
@@ -156,4 +159,27 @@ fn d2_an_unread_log_holds_nobody_up() {
     let pid = nix::unistd::Pid::from_raw(gateway.id().cast_signed());
     nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
     wait_until("the gateway's end", || gateway.try_wait().unwrap().is_some());
+}
+
+#[test]
+fn d2_nobody_reads_others_lines_out_of_the_dpram() {
+    for options in [&[][..], &["--read-only"]] {
+        let site = Site::new(options);
+        site.ask("P77=4711");
+        let ascii = &Family::by_name("pmac").unwrap().ascii;
+        let texts = [(ascii.command, ascii.command_bytes), (ascii.response, RESPONSE_BYTES)];
+        for (start, end) in texts.map(|(start, bytes)| (start.bytes(), start.bytes() as usize + bytes)) {
+            let (start, end) = (u16::try_from(start).unwrap(), u16::try_from(end).unwrap());
+            for (first, count) in [(start - 1, 2), (start, 1), (end - 1, 2), (end - 1, 1), (start - 20, 400)]
+            {
+                let mut client = site.client();
+                client.stream.write_all(&packet(0xC0, 0xB4, first, 0, count, &[])).unwrap();
+                assert!(client.is_ended(), "{count} bytes from {first}");
+            }
+            let mut client = site.client();
+            assert_eq!(client.request(0xC0, 0xB4, start - 2, 2).len(), 2);
+            assert_eq!(client.request(0xC0, 0xB4, end, 2).len(), 2);
+        }
+        wait_until("the log", || site.log("pmac-gateway").contains("command lines and responses lie there"));
+    }
 }
