@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Instant;
 
 use log::warn;
+use pmac_dpram::client::command::SendAs;
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
 use pmac_dpram::map::{Family, HostOffset};
@@ -198,10 +199,10 @@ impl Board {
         }
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
         let begun = Instant::now();
-        let sent = self.ask(|connection| match has_end {
-            true => connection.send(line, timeout),
-            false => connection.send_while_connected(line, timeout),
-        });
+        // What this client has open is a sequence: of other buffers, those of this program's user by hand too, none is his.
+        let send_as =
+            SendAs { into_buffer: Some(false), while_connected: Some(!has_end), ..SendAs::default() };
+        let sent = self.ask(|connection| connection.send_as(line, timeout, send_as));
         match sent {
             Err(CommandError::Refused(
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),

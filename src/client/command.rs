@@ -122,12 +122,16 @@ pub struct Connection {
     confirms: bool,
 }
 
-/// What is said of a line besides its text.
+/// What is said of a line besides its text, as the parameters of the method `Send` are.
 #[derive(Debug, Clone, Copy, Default)]
-struct SendAs {
-    question: Option<bool>,
-    into_buffer: Option<bool>,
-    while_connected: Option<bool>,
+pub struct SendAs {
+    /// It is a question, as that of [`Connection::question`].
+    pub question: Option<bool>,
+    /// It enters the program buffer that this user has open, as that of [`Connection::send_into_buffer`]; or if not, none at all: it is
+    /// refused while one is open, but for `CLOSE` and what only reports or stops.
+    pub into_buffer: Option<bool>,
+    /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
+    pub while_connected: Option<bool>,
 }
 
 #[derive(Debug)]
@@ -259,7 +263,11 @@ impl Connection {
         Ok(reply.resets)
     }
 
-    fn send_as(
+    /// As [`Connection::send`], as its parameters say.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send_as(
         &mut self,
         line: &str,
         timeout: Duration,

@@ -6,6 +6,7 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use nix::unistd::{Gid, Uid, getuid};
+use pmac_dpram::client::command::SendAs;
 use pmac_dpram::daemon::socket::policy::{Peer, Role};
 use pmac_dpram::protocol::control;
 use serde_json::{Value, json};
@@ -94,6 +95,26 @@ fn b1_2_a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
     assert!(site.connection().question("I57", Duration::from_secs(5)).is_err());
     site.ask("CLOSE");
     assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn b1_2_a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
+    let site = VirtualSite::running(&[], &[]);
+    let mut board = site.connection();
+    let mut beside =
+        |line| board.send_as(line, PATIENCE, SendAs { into_buffer: Some(false), ..SendAs::default() });
+    assert!(beside("OPEN PROG 77").unwrap_err().to_string().contains("opens none either"));
+    assert!(beside("P1=5").is_ok());
+    site.ask("OPEN PROG 77 CLEAR");
+    site.ask("X1");
+    for line in ["X2", "P1", "P1=6", "I122"] {
+        let told = beside(line).unwrap_err().to_string();
+        assert!(told.contains("has had PROG 77 open for"), "{line}: {told}");
+    }
+    assert!(beside("#1P").is_ok() && beside("#1J/").is_ok() && beside("CLOSE").is_ok());
+    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(beside("P1").unwrap(), ["5"]);
     site.assert_no_violations();
 }
 

@@ -1,8 +1,9 @@
 //! Command lines: what goes to the board, what comes back, and in which form.
 
 use std::io::Write;
+use std::process::Stdio;
 
-use super::site::{Site, get_response, packet, wait_until};
+use super::site::{Site, get_response, listening, packet, wait_until};
 
 #[test]
 fn a_reply_has_the_modules_form_and_comes_in_one_piece() {
@@ -135,6 +136,32 @@ fn a_program_buffer_is_its_openers_and_is_closed_with_him() {
     drop(one);
     wait_until("the buffer to be closed", || two.line("P1") == "5\r\x06");
     assert_eq!(two.line("OPEN PROG 9 CLEAR"), "\x06");
+}
+
+#[test]
+fn no_clients_line_enters_a_buffer_that_was_opened_beside_the_gateway() {
+    let site = Site::new(&[]);
+    let mut reading = site.another_gateway(&["--read-only"]).stderr(Stdio::piped()).spawn().unwrap();
+    let (mut reader, _log) = listening(&mut reading);
+    let mut client = site.client();
+    for line in ["P1=5", "OPEN PROG 9 CLEAR", "X5"] {
+        site.ask(line);
+    }
+    for line in ["P1", "I122", "Q1 M1"] {
+        assert_eq!(reader.line(line), "\x07ERR001\r", "{line}");
+        assert_eq!(client.line(line), "\x07ERR001\r", "{line}");
+    }
+    for line in ["X6", "P1=6"] {
+        assert_eq!(client.line(line), "\x07ERR001\r", "{line}");
+    }
+    assert_eq!(client.line("OPEN PROG 8"), "\x07ERR007\r");
+    assert_eq!(reader.line("#1P"), "0\r\x06", "it stores nothing");
+    assert_eq!(client.line("#1J/"), "\x06");
+    site.ask("CLOSE");
+    assert_eq!(site.ask("LIST PROG 9"), ["X5"]);
+    assert_eq!(reader.line("P1"), "5\r\x06");
+    reading.kill().unwrap();
+    reading.wait().unwrap();
 }
 
 #[test]

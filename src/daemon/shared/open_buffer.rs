@@ -58,6 +58,8 @@ pub enum Writer {
     Hand(Account),
     /// A user, by hand, into the buffer that he has open. Where it is closed, the board would carry the line out at once.
     IntoBuffer(Account),
+    /// A user, by hand, beside every buffer: such a line enters none, not even one that he has open, and opens none.
+    Beside,
     /// A sequence of the daemon's.
     Sequence {
         /// Its number.
@@ -119,7 +121,7 @@ impl Standing {
         let (account, sequence) = match by {
             Writer::Hand(account) | Writer::IntoBuffer(account) => (Some(account), false),
             Writer::Sequence { account, .. } => (Some(account), true),
-            Writer::Question | Writer::Stop => (None, false),
+            Writer::Question | Writer::Stop | Writer::Beside => (None, false),
         };
         Some(OpenBufferInfo {
             name: Some(name.to_string()),
@@ -190,7 +192,8 @@ impl OpenBuffer {
         // What belongs into a buffer would be carried out at once if a reset has closed that, which no line tells of.
         let goes_by_lines = self.is_own(writer) && !matches!(writer, Writer::IntoBuffer(_));
         let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
-        let closes = matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_)) && is_close(line);
+        let closes =
+            matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside) && is_close(line);
         !is_sure && !closes && !enters_nothing(line)
     }
 
@@ -213,7 +216,9 @@ impl OpenBuffer {
     pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
         let passes = match writer {
-            Writer::Hand(_) | Writer::IntoBuffer(_) => is_close(line) || enters_nothing(line),
+            Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside => {
+                is_close(line) || enters_nothing(line)
+            }
             Writer::Stop => enters_nothing(line),
             Writer::Question | Writer::Sequence { .. } => false,
         };
@@ -354,7 +359,7 @@ impl Barred {
                 let who = match by {
                     Writer::Sequence { account, .. } => format!("a sequence of {account}"),
                     Writer::Hand(account) | Writer::IntoBuffer(account) => account.to_string(),
-                    Writer::Question | Writer::Stop => "somebody".to_owned(),
+                    Writer::Question | Writer::Stop | Writer::Beside => "somebody".to_owned(),
                 };
                 let seconds = now.saturating_duration_since(*at).as_secs();
                 format!(

@@ -27,6 +27,8 @@ fn b1_2_only_who_opened_a_buffer_writes_into_it() {
         let Some(Barred::Open(Some(opened))) = buffer.bars(b"X1", writer) else { panic!("{writer:?}") };
         assert_eq!((&*opened.name, opened.by), ("PROG 77", ANNE));
     }
+    assert!(buffer.bars(b"X1", Writer::Beside).is_some() && buffer.bars(b"I122", Writer::Beside).is_some());
+    assert_eq!([&b"CLOSE"[..], b"#1J/", b"#1P"].map(|line| buffer.bars(line, Writer::Beside)), [None; 3]);
     assert_eq!([&b" close "[..], b"CLOSE  all", b"cls all"].map(|line| buffer.bars(line, BOB)), [None; 3]);
     assert!(buffer.bars(b"CLOSE", sequence(1, false)).is_some() && buffer.bars(b"CLOSE X1", BOB).is_some());
     sent(&mut buffer, "CLOSE", BOB);

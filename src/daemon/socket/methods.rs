@@ -18,6 +18,7 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset, VariableKind};
+use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::moved_motors::EndlessJogs;
@@ -37,8 +38,8 @@ pub enum Ask {
         timeout: Duration,
         /// It is a question, which enters no program buffer.
         question: bool,
-        /// It belongs into the buffer that its user has open.
-        into_buffer: bool,
+        /// It belongs into the buffer that its user has open; or into none, not even that.
+        into_buffer: Option<bool>,
         /// A jog without an end that it begins ends with the connection.
         while_connected: bool,
         /// The caller knows what it does to others, or to the machine.
@@ -380,6 +381,10 @@ fn send(
         let reason = "the jog does not say which motor it means (#1J+), and would have no end".to_owned();
         return Err(CallError::InvalidLine { reason });
     }
+    if into_buffer == Some(false) && matches!(effect(line.as_bytes()), Some(Effect::Opens(_))) {
+        let reason = "a line that enters no program buffer opens none either".to_owned();
+        return Err(CallError::InvalidLine { reason });
+    }
     let line = Text::new(line.as_bytes())
         .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
     let plain = || deadlines::of_line(&line, DEFAULT_TIMEOUT);
@@ -388,7 +393,7 @@ fn send(
         line,
         timeout,
         question: question == Some(true),
-        into_buffer: into_buffer == Some(true),
+        into_buffer,
         while_connected,
         confirmed: confirmed == Some(true),
     }))

@@ -148,8 +148,8 @@ impl Service {
             && let Some(line) = self.line_for(character)?
         {
             let (line, timeout) = (Text::from(line), DEFAULT_TIMEOUT);
-            let (question, into_buffer, while_connected, confirmed) = (false, false, false, false);
-            let ask = Ask::Send { line, timeout, question, into_buffer, while_connected, confirmed };
+            let (question, while_connected, confirmed) = (false, false, false);
+            let ask = Ask::Send { line, timeout, question, into_buffer: None, while_connected, confirmed };
             return self.ask(caller, ask, now);
         }
         let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
@@ -167,8 +167,9 @@ impl Service {
                 let account = caller.peer.account();
                 let writer = match (question, into_buffer) {
                     (true, _) => Writer::Question,
-                    (false, true) => Writer::IntoBuffer(account),
-                    (false, false) => Writer::Hand(account),
+                    (false, Some(true)) => Writer::IntoBuffer(account),
+                    (false, Some(false)) => Writer::Beside,
+                    (false, None) => Writer::Hand(account),
                 };
                 let then = Then::ReplyToLine(effect);
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
