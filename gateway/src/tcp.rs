@@ -24,8 +24,10 @@ const LOOK: Duration = Duration::from_secs(1);
 const PAUSE: Duration = Duration::from_millis(200);
 /// What a client's thread needs.
 const STACK: usize = 256 * 1024;
-/// When a client that says nothing is asked whether he is still there, and how often: he is gone after a minute and a half.
-const ALIVE: (u32, u32, u32) = (60, 10, 3);
+/// A client who acknowledges nothing for so long is gone: neither an answer, nor the question whether he is still there.
+const GONE_AFTER: Duration = Duration::from_secs(6);
+/// When a client that says nothing is asked that, in seconds, and how often.
+const ALIVE: (u32, u32, u32) = (3, 1, 3);
 
 /// The clients, each by a number that is never used again.
 type Clients = Places<u64, TcpStream>;
@@ -66,12 +68,7 @@ fn begin(
     peer: SocketAddr,
     rules: Rules,
 ) -> io::Result<bool> {
-    let (idle, between, times) = ALIVE;
-    stream.set_nodelay(true)?;
-    setsockopt(&stream, sockopt::KeepAlive, &true)?;
-    setsockopt(&stream, sockopt::TcpKeepIdle, &idle)?;
-    setsockopt(&stream, sockopt::TcpKeepInterval, &between)?;
-    setsockopt(&stream, sockopt::TcpKeepCount, &times)?;
+    notice_the_end(&stream)?;
     match clients.take(id, stream.try_clone()?, PATIENCE, Instant::now()) {
         Taken::Free => {}
         Taken::InsteadOf(other, silence) => {
@@ -99,6 +96,20 @@ fn begin(
         clients.leave(&id);
     }
     started.map(|_| true)
+}
+
+/// Has the system end `stream` when its other end is gone without a word: a cable is pulled, a machine has no power. While an
+/// answer is not acknowledged, nothing is asked, and TCP would send that again for a quarter of an hour.
+fn notice_the_end(stream: &TcpStream) -> io::Result<()> {
+    let (idle, between, times) = ALIVE;
+    let gone_after = u32::try_from(GONE_AFTER.as_millis()).unwrap_or(u32::MAX);
+    stream.set_nodelay(true)?;
+    setsockopt(stream, sockopt::KeepAlive, &true)?;
+    setsockopt(stream, sockopt::TcpKeepIdle, &idle)?;
+    setsockopt(stream, sockopt::TcpKeepInterval, &between)?;
+    setsockopt(stream, sockopt::TcpKeepCount, &times)?;
+    setsockopt(stream, sockopt::TcpUserTimeout, &gone_after)?;
+    Ok(())
 }
 
 /// Answers a client until he leaves, or why he has to.
@@ -138,7 +149,8 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Sessio
             Ok(0) => return None,
             Ok(count) => bytes.extend_from_slice(&chunk[..count]),
             Err(error) => match error.kind() {
-                ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
+                ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
+                // Of a client who acknowledges nothing, too.
                 _ => return Some(error.to_string()),
             },
         }
@@ -161,4 +173,23 @@ fn send(stream: &mut TcpStream, mut reply: &[u8]) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nix::sys::socket::getsockopt;
+
+    #[test]
+    fn d7_a_client_whose_cable_is_pulled_is_gone_whether_an_answer_is_under_way_or_not() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        notice_the_end(&stream).unwrap();
+        assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).unwrap(), 6000);
+        assert!(getsockopt(&stream, sockopt::KeepAlive).unwrap());
+        let idle = getsockopt(&stream, sockopt::TcpKeepIdle).unwrap();
+        let between = getsockopt(&stream, sockopt::TcpKeepInterval).unwrap();
+        let times = getsockopt(&stream, sockopt::TcpKeepCount).unwrap();
+        assert_eq!(idle + between * times, 6, "seconds");
+    }
 }
