@@ -41,7 +41,7 @@ pub fn body(data: &[u8]) {
                             return;
                         }
                     }
-                    assert!(!session.wants_renewal(), "nothing can be open");
+                    assert_eq!(session.renews_in(), None, "nothing can be open");
                 }
             }
         }

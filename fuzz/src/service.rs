@@ -44,7 +44,7 @@ const OUTPUT_MAX: usize = 360 * 1024;
 const SOCKET: usize = 4096;
 
 /// Calls, `@` is the number that comes back in the answer; whether they begin something that is not over with one reply.
-const CALLS: [(&str, bool); 25] = [
+const CALLS: [(&str, bool); 26] = [
     (r#""Send","parameters":{"line":"@"}"#, false),
     (r#""Send","parameters":{"line":"@","timeout_ms":20}"#, false),
     (r#""Read","parameters":{"host_offset":@,"words":3}"#, false),
@@ -57,6 +57,7 @@ const CALLS: [(&str, bool); 25] = [
     (r#""PanelHold","parameters":{"action":"jog+","numbers":[1,2]}"#, false),
     (r#""PanelHold","parameters":{"action":"jog-","numbers":[3]},"oneway":true"#, false),
     (r#""PanelRenew""#, false),
+    (r#""JogRenew""#, false),
     (r#""Panel","parameters":{"action":"jog-stop","numbers":[1,3]}"#, false),
     (r#""JogTo","parameters":{"motor":2,"position":-0.5}"#, false),
     (r#""FeedOverride","parameters":{"coordinate_system":1,"raw":7}"#, false),

@@ -69,7 +69,14 @@ fn judge(call: &Call, role: Role) {
             assert_eq!(through_the_wire(&reply).error(), Some(error));
         }
         Ok(Action::Reply(reply)) => drop(through_the_wire(&reply)),
-        Ok(Action::CheckReset | Action::Info | Action::Stream | Action::Renew | Action::Sequence(_)) => {}
+        Ok(
+            Action::CheckReset
+            | Action::Info
+            | Action::Stream
+            | Action::Renew
+            | Action::RenewJogs
+            | Action::Sequence(_),
+        ) => {}
         Ok(Action::Trace(_)) => assert_eq!(role, Role::Engineer),
         Ok(Action::JogTo(_)) => assert!(role >= Role::Operate),
         Ok(Action::StopByLine(..)) => assert!(role >= Role::Stop),

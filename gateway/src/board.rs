@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use log::warn;
 use pmac_dpram::client::command::SendAs;
@@ -35,6 +35,11 @@ pub const NO_ROOM: u16 = 6;
 /// [`Failure::Refused`]: somebody else has a buffer open.
 pub const IN_USE: u16 = 7;
 
+/// How long this program may be silent until `pmacd` stops its clients' jogs: it may hang, and with it every stop.
+const SILENCE_MS: u64 = 1000;
+/// How often it says that a client is still there: one who jogs, and one who has a buffer open.
+const RENEW_JOGS: Duration = Duration::from_millis(200);
+const RENEW_BUFFER: Duration = Duration::from_secs(1);
 /// What others are told a sequence is.
 const SEQUENCE: &str = "download";
 
@@ -143,13 +148,18 @@ pub struct Board {
     keeps_jogs: bool,
     connection: Option<Connection>,
     in_buffer: bool,
+    /// A motor may jog that stops with the client.
+    has_jogs: bool,
+    /// When `pmacd` was told last that the client, and this program, are still there.
+    renewed: Instant,
 }
 
 impl Board {
     /// Nothing is connected yet. A jog without an end (`J+`) ends with the client, or with this program, unless it `keeps_jogs`.
     #[must_use]
     pub fn new(place: Place, keeps_jogs: bool) -> Self {
-        Self { place, keeps_jogs, connection: None, in_buffer: false }
+        let renewed = Instant::now();
+        Self { place, keeps_jogs, connection: None, in_buffer: false, has_jogs: false, renewed }
     }
 
     /// Whether lines enter a program buffer that this client has opened.
@@ -200,9 +210,15 @@ impl Board {
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
         let begun = Instant::now();
         // What this client has open is a sequence: of other buffers, those of this program's user by hand too, none is his.
-        let send_as =
-            SendAs { into_buffer: Some(false), while_connected: Some(!has_end), ..SendAs::default() };
+        let send_as = SendAs {
+            into_buffer: Some(false),
+            while_connected: Some(!has_end),
+            silence_ms: (!has_end).then_some(SILENCE_MS),
+            ..SendAs::default()
+        };
         let sent = self.ask(|connection| connection.send_as(line, timeout, send_as));
+        // With a connection that is given up its jogs end.
+        self.has_jogs |= !has_end && self.connection.is_some();
         match sent {
             Err(CommandError::Refused(
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
@@ -219,7 +235,7 @@ impl Board {
 
     fn send_in_sequence(&mut self, line: &str) -> Result<Vec<String>, Failure> {
         // A sequence that has ended must not begin anew in the middle: its lines would be commands.
-        self.renew()?;
+        self.renew_buffer()?;
         let was_open = self.in_buffer;
         let timeout = deadlines::of_line(line, deadlines::PLAIN);
         let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
@@ -263,11 +279,26 @@ impl Board {
         }
     }
 
-    /// Says that the client is still there, if it has a buffer open. To be called every second.
+    /// How soon [`Self::renew`] is to be called; never if `None`.
+    #[must_use]
+    pub fn renews_in(&self) -> Option<Duration> {
+        if self.has_jogs { Some(RENEW_JOGS) } else { self.in_buffer.then_some(RENEW_BUFFER) }
+    }
+
+    /// Says that the client is still there, if it has a buffer open, or motors that jog.
     ///
     /// # Errors
     /// [`NO_BUFFER`] when the buffer is not the client's any more.
     pub fn renew(&mut self) -> Result<(), Failure> {
+        if self.has_jogs && self.renewed.elapsed() >= RENEW_JOGS {
+            // Without an answer the connection is given up, and the jogs with it.
+            self.has_jogs = self.ask(Connection::jog_renew).unwrap_or(false);
+            self.renewed = Instant::now();
+        }
+        self.renew_buffer()
+    }
+
+    fn renew_buffer(&mut self) -> Result<(), Failure> {
         if !self.in_buffer {
             return Ok(());
         }

@@ -108,10 +108,10 @@ impl Session {
         (!self.board.is_in_buffer()).then_some(silent)
     }
 
-    /// Whether [`Self::renew`] is to be called every second.
+    /// How soon [`Self::renew`] is to be called; never if `None`.
     #[must_use]
-    pub fn wants_renewal(&self) -> bool {
-        self.board.is_in_buffer()
+    pub fn renews_in(&self) -> Option<Duration> {
+        self.board.renews_in()
     }
 
     /// Says that the client is still there.

@@ -18,7 +18,7 @@ use crate::session::{Answer, Rules, Session};
 pub const CLIENTS_MAX: usize = 40;
 /// How long a client may take for a request that he has begun, and for fetching an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often a client is looked after of whom something is under way.
+/// How often a client is looked after who has sent half a request.
 const LOOK: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the system has nothing left.
 const PAUSE: Duration = Duration::from_millis(200);
@@ -141,8 +141,8 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Sessio
             return Some("he has sent half a request".to_owned());
         }
         session.renew();
-        let is_looked_after = !bytes.is_empty() || session.wants_renewal();
-        if let Err(error) = stream.set_read_timeout(is_looked_after.then_some(LOOK)) {
+        let half = (!bytes.is_empty()).then_some(LOOK);
+        if let Err(error) = stream.set_read_timeout(session.renews_in().or(half)) {
             return Some(error.to_string());
         }
         match stream.read(&mut chunk) {

@@ -127,7 +127,7 @@ fn attend(
 ) -> Option<String> {
     let mut last = Instant::now();
     loop {
-        match requests.recv_timeout(LOOK) {
+        match requests.recv_timeout(session.renews_in().unwrap_or(LOOK)) {
             Ok(packet) => {
                 clients.places.asks(&peer, None, Instant::now());
                 match session.answer(&packet) {

@@ -132,6 +132,8 @@ pub struct SendAs {
     pub into_buffer: Option<bool>,
     /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
+    /// They end, too, when nothing is called over this connection for so many milliseconds: [`Connection::jog_renew`].
+    pub silence_ms: Option<u64>,
 }
 
 #[derive(Debug)]
@@ -271,10 +273,11 @@ impl Connection {
         &mut self,
         line: &str,
         timeout: Duration,
-        SendAs { question, into_buffer, while_connected }: SendAs,
+        SendAs { question, into_buffer, while_connected, silence_ms }: SendAs,
     ) -> Result<Vec<String>, CommandError> {
         let (line, timeout_ms, confirmed) = (line.to_owned(), Some(milliseconds(timeout)), self.confirmed());
-        let parameters = calls::Send { line, timeout_ms, question, into_buffer, while_connected, confirmed };
+        let parameters =
+            calls::Send { line, timeout_ms, question, into_buffer, while_connected, silence_ms, confirmed };
         let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
         Ok(reply.lines)
     }

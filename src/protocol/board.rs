@@ -416,6 +416,13 @@ pub struct ResetsReply {
     pub resets: u64,
 }
 
+/// The reply of `JogRenew`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct JogRenewReply {
+    /// Whether a motor may still jog that is to stop with the connection.
+    pub going: bool,
+}
+
 /// The reply of `Read`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReadReply {

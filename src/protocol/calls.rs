@@ -88,6 +88,9 @@ parameters! {
         /// Whether a jog without an end that it begins ends with the connection; it goes on when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         while_connected: Option<bool>,
+        /// How long nothing may be called over the connection meanwhile until such a jog ends, too; however long when not given.
+        #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
+        silence_ms: Option<u64>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,

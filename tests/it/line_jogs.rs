@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use pmac_dpram::client::command::SendAs;
+
 use crate::support::jogs::{ask, until};
 use crate::support::{PATIENCE, VirtualSite};
 
@@ -61,5 +63,27 @@ fn d7_of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behin
     }
     let told = site.connection().send_while_connected("J+K5", PATIENCE).unwrap_err().to_string();
     assert!(told.contains("does not say which motor"), "{told}");
+    site.assert_no_violations();
+}
+
+#[test]
+fn d7_a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for() {
+    let site = running();
+    let mut board = site.connection();
+    let mut client = site.connection();
+    let send_as = SendAs { while_connected: Some(true), silence_ms: Some(1000), ..SendAs::default() };
+    client.send_as("#1J+", PATIENCE, send_as).unwrap();
+    until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+    for _ in 0..3 {
+        assert!(client.jog_renew().unwrap());
+        site.run_for(Duration::from_millis(900));
+    }
+    client.send("P1", PATIENCE).unwrap();
+    site.run_for(Duration::from_millis(900));
+    assert!(ask(&mut board, "#1V") > 1.0, "any call says that he is there");
+    site.run_for(Duration::from_millis(1500));
+    assert!(ask(&mut board, "#1V").abs() < 0.1);
+    assert!(site.log().contains("motor 1 jogged by command line: who had asked for it is gone or silent"));
+    assert!(!client.jog_renew().unwrap(), "nothing goes on");
     site.assert_no_violations();
 }

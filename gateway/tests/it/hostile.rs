@@ -140,7 +140,7 @@ fn d7_a_gateway_killed_at_any_moment_leaves_no_queue_blocked_and_no_buffer_open(
 fn jogs_on(site: &Site) -> bool {
     let speed = || site.ask("#1V").concat().parse::<f64>().unwrap().abs();
     let is_over = || (0..10).all(|_| speed() < 0.5);
-    // pmacd stops it within a second, and then it has to slow down.
+    // pmacd stops it within a second or so, and then it has to slow down.
     let end = Instant::now() + Duration::from_secs(3);
     while Instant::now() < end {
         if is_over() {
@@ -190,6 +190,20 @@ fn d7_a_gateway_killed_or_a_client_gone_leaves_no_jog_running() {
         until_it_moves(&site);
         assert!(jogs_on(&site), "{family}: a jog beside the gateway");
     }
+}
+
+#[test]
+fn d7_a_gateway_that_hangs_leaves_no_jog_running() {
+    let site = Site::new(&[]);
+    let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
+    let (mut client, _log) = listening(&mut gateway);
+    jog(&site, &mut client, "#1J+");
+    assert!(jogs_on(&site), "the gateway says that it is there, however silent its client is");
+    let pid = nix::unistd::Pid::from_raw(gateway.id().cast_signed());
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGSTOP).unwrap();
+    assert!(!jogs_on(&site));
+    gateway.kill().unwrap();
+    gateway.wait().unwrap();
 }
 
 #[test]

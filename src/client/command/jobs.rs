@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{CommandError, Connection, MARGIN};
+use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN};
 use crate::map::HostOffset;
-use crate::protocol::board::{Done, NotesReply};
+use crate::protocol::board::{Done, JogRenewReply, NotesReply};
 use crate::protocol::calls;
 
 /// More than the daemon gives the board for a job, the question before it included.
@@ -56,6 +56,16 @@ impl Connection {
     pub fn panel_renew(&mut self) -> Result<(), CommandError> {
         let Done {} = self.call("PanelRenew", &calls::NoParameters {}, RENEW_TIMEOUT)?;
         Ok(())
+    }
+
+    /// Says that this client is still there, as any call does ([`crate::client::command::SendAs::silence_ms`]). Whether a motor may
+    /// still jog that is to stop with this connection.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn jog_renew(&mut self) -> Result<bool, CommandError> {
+        let reply: JogRenewReply = self.call("JogRenew", &calls::NoParameters {}, DAEMON_TIMEOUT)?;
+        Ok(reply.going)
     }
 
     /// Jogs `motor` (from 1) to `position`, in counts from home, and returns when the board has taken the line. Rounded to 1/32 of a

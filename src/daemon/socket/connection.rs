@@ -23,7 +23,7 @@ const OBSERVER_CALL_MAX: usize = 8 * 1024;
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
 /// The methods that may stop the machine, or keep a jog held.
-const URGENT: [&str; 5] = ["SendControl", "Panel", "PanelHold", "PanelRenew", "FeedOverride"];
+const URGENT: [&str; 6] = ["SendControl", "Panel", "PanelHold", "PanelRenew", "JogRenew", "FeedOverride"];
 
 /// The method of a call.
 #[derive(Deserialize)]

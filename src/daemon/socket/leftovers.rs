@@ -10,6 +10,9 @@
 //! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
 //! line takes it away or points elsewhere, and at a reset: a rotary buffer is not kept over one (FACTS 7).
 
+use std::time::Duration;
+
+use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::tokens::{self, Kind, Needs};
 use crate::protocol::{CallError, control, i_lines, line};
 
@@ -128,6 +131,8 @@ pub(super) struct LineEffect {
     pub ends_panel: bool,
     /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
     pub jogs: [u32; 2],
+    /// How long their sender may be silent meanwhile, if that ends them, too.
+    pub silence: Option<Duration>,
 }
 
 impl LineEffect {
@@ -163,8 +168,14 @@ impl LineEffect {
         effect
     }
 
-    /// Adds whether `commands` start or abort the coordinate system that is addressed, or point it elsewhere. An `&` may be an operator, and
-    /// `P R` one word or two: a start that is asked about once too often harms nobody.
+    /// The jogs of `line` end with its sender, and when he is silent for so long.
+    pub(super) fn ends_jogs(&mut self, line: &str, silence: Option<Duration>) {
+        self.jogs = [EndlessJogs::of(line), EndlessJogs::of_refused(line)].map(|jogs| jogs.motors);
+        self.silence = silence;
+    }
+
+    /// Adds whether `commands` start or abort the coordinate system that is addressed, or point it elsewhere. An `&` may be an
+    /// operator, and `P R` one word or two: a start that is asked about once too often harms nobody.
     fn add_starts(&mut self, bit: u32, commands: &str) {
         let mut elsewhere = false;
         for token in tokens::of_known(commands) {

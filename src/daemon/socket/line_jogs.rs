@@ -1,9 +1,10 @@
 //! Jogs without an end that command lines have begun, and that end with the connection these came by.
 //!
 //! Nobody else is kept from such a motor: whoever sends it another command has it from then on. A motor that stands is nobody's.
+//! Where its client has said how long he may be silent, his silence ends a jog as his end does: who hangs stops nothing either.
 
 use std::collections::HashMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::leases::STANDS;
 use super::stop_target::numbers;
@@ -12,6 +13,10 @@ use crate::function::servo::Motion;
 #[derive(Debug)]
 struct Jog {
     client: u64,
+    /// How long its client may be silent, if that ends it.
+    silence: Option<Duration>,
+    /// When its client was heard last.
+    heard: Instant,
     has_moved: bool,
     stands_since: Option<Instant>,
 }
@@ -20,6 +25,11 @@ impl Jog {
     fn is_over(&self, now: Instant) -> bool {
         self.stands_since.is_some_and(|since| now >= since + STANDS)
     }
+
+    /// When its client has been silent for too long.
+    fn lapses(&self) -> Option<Instant> {
+        self.silence.map(|silence| self.heard + silence)
+    }
 }
 
 /// Each motor that jogs so.
@@ -27,11 +37,28 @@ impl Jog {
 pub(super) struct LineJogs(HashMap<u32, Jog>);
 
 impl LineJogs {
-    /// The motors in the mask `motors` jog for `client`; bit 0 is motor 1.
-    pub(super) fn begin(&mut self, client: u64, motors: u32) {
+    /// The motors in the mask `motors` jog for `client`, who may be silent for so long; bit 0 is motor 1.
+    pub(super) fn begin(&mut self, client: u64, motors: u32, silence: Option<Duration>, now: Instant) {
         for motor in numbers(motors) {
-            self.0.insert(motor, Jog { client, has_moved: false, stands_since: None });
+            let jog = Jog { client, silence, heard: now, has_moved: false, stands_since: None };
+            self.0.insert(motor, jog);
         }
+    }
+
+    /// The clients that `is_heard` names are still there.
+    pub(super) fn hear(&mut self, is_heard: impl Fn(u64) -> bool, now: Instant) {
+        let heard = self.0.values_mut().filter(|jog| is_heard(jog.client));
+        heard.for_each(|jog| jog.heard = now);
+    }
+
+    /// Whether a motor may still jog for `client`.
+    pub(super) fn go_on(&self, client: u64, now: Instant) -> bool {
+        self.0.values().any(|jog| jog.client == client && !jog.is_over(now))
+    }
+
+    /// When the first client has been silent for too long.
+    pub(super) fn first_lapse(&self) -> Option<Instant> {
+        self.0.values().filter_map(Jog::lapses).min()
     }
 
     /// The motors in the mask `motors` do something else.
@@ -55,9 +82,10 @@ impl LineJogs {
         });
     }
 
-    /// The motors that jog for the clients that `is_gone` names; they are stopped now.
+    /// The motors that jog for the clients that `is_gone` names, or that are silent for too long; they are stopped now.
     pub(super) fn take(&mut self, now: Instant, is_gone: impl Fn(u64) -> bool) -> u32 {
-        let gone = self.0.extract_if(|_, jog| is_gone(jog.client));
+        let is_silent = |jog: &Jog| jog.lapses().is_some_and(|end| now >= end);
+        let gone = self.0.extract_if(|_, jog| is_gone(jog.client) || is_silent(jog));
         gone.filter(|(_, jog)| !jog.is_over(now)).fold(0, |motors, (motor, _)| motors | 1 << (motor - 1))
     }
 }
@@ -65,15 +93,14 @@ impl LineJogs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn d7_a_jog_ends_with_its_client_unless_it_is_over_or_anothers() {
         let now = Instant::now();
         let at = |ms| now + Duration::from_millis(ms);
         let mut jogs = LineJogs::default();
-        jogs.begin(7, 0b111);
-        jogs.begin(8, 0b010);
+        jogs.begin(7, 0b111, None, now);
+        jogs.begin(8, 0b010, None, now);
         jogs.over(0b001);
         assert_eq!(jogs.take(now, |client| client == 7), 0b100);
         assert_eq!(jogs.take(now, |client| client == 7), 0);
@@ -81,7 +108,7 @@ mod tests {
         let see = |jogs: &mut LineJogs, moving: u32, ms| {
             jogs.see_motion(Motion { moving, standing: !moving }, at(ms));
         };
-        jogs.begin(7, 0b11);
+        jogs.begin(7, 0b11, None, now);
         see(&mut jogs, 0b00, 0);
         see(&mut jogs, 0b01, 200);
         see(&mut jogs, 0b00, 300);
@@ -90,5 +117,20 @@ mod tests {
         // Somebody moves the first one again, but not this client.
         see(&mut jogs, 0b11, 600);
         assert_eq!(jogs.take(at(600), |_| true), 0b10, "the second one had not begun to move");
+    }
+
+    #[test]
+    fn d7_a_jog_ends_when_its_client_is_silent_for_as_long_as_he_said() {
+        let now = Instant::now();
+        let at = |ms| now + Duration::from_millis(ms);
+        let mut jogs = LineJogs::default();
+        jogs.begin(7, 0b01, Some(Duration::from_secs(1)), now);
+        jogs.begin(8, 0b10, None, now);
+        assert_eq!((jogs.first_lapse(), jogs.take(at(999), |_| false)), (Some(at(1000)), 0));
+        jogs.hear(|client| client == 7, at(999));
+        assert!(jogs.take(at(1998), |_| false) == 0 && jogs.go_on(7, at(1998)));
+        assert_eq!(jogs.take(at(1999), |_| false), 0b01);
+        assert!(!jogs.go_on(7, at(1999)) && jogs.go_on(8, at(1999)));
+        assert_eq!((jogs.first_lapse(), jogs.take(at(9999), |_| false)), (None, 0));
     }
 }

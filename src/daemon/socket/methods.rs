@@ -42,6 +42,8 @@ pub enum Ask {
         into_buffer: Option<bool>,
         /// A jog without an end that it begins ends with the connection.
         while_connected: bool,
+        /// So does the caller's silence for so long.
+        silence: Option<Duration>,
         /// The caller knows what it does to others, or to the machine.
         confirmed: bool,
     },
@@ -66,6 +68,19 @@ pub enum Ask {
 }
 
 impl Ask {
+    /// Send `line` by hand, as one that nothing more is said of.
+    pub(super) const fn line(line: Text<LINE_MAX>) -> Self {
+        Self::Send {
+            line,
+            timeout: DEFAULT_TIMEOUT,
+            question: false,
+            into_buffer: None,
+            while_connected: false,
+            silence: None,
+            confirmed: false,
+        }
+    }
+
     /// How long the bus thread may take.
     pub(super) fn timeout(&self) -> Duration {
         match self {
@@ -103,6 +118,8 @@ pub enum Action {
     StopByLine(Target, String),
     /// Renew the caller's lease on a jog.
     Renew,
+    /// Tell whether jogs go on that end with the caller, or with his silence.
+    RenewJogs,
     /// Hand over what the bus thread has read and written; keep no more of it if that is to end.
     Trace(bool),
     /// Ask the board whether it was reset.
@@ -127,6 +144,7 @@ impl Action {
             | Self::Stream
             | Self::StopByLine(..)
             | Self::Renew
+            | Self::RenewJogs
             | Self::Trace(_)
             | Self::CheckReset
             | Self::Sequence(_) => false,
@@ -154,7 +172,7 @@ const fn method(
 }
 
 /// Every method, in the order of the interface's definition.
-const METHODS: [Method; 25] = {
+const METHODS: [Method; 26] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
     use Role::{Engineer, Observe, Operate, Stop};
     [
@@ -178,6 +196,10 @@ const METHODS: [Method; 25] = {
         method("SequenceRenew", Observe, None, |call, _| {
             let calls::NoParameters {} = parameters(call)?;
             Ok(Action::Sequence(SequenceCall::Renew))
+        }),
+        method("JogRenew", Observe, None, |call, _| {
+            let calls::NoParameters {} = parameters(call)?;
+            Ok(Action::RenewJogs)
         }),
         method("SendControl", Stop, Some(Ascii), |call, _| send_control(&parameters(call)?)),
         method("Read", Observe, None, |call, info| read(&parameters(call)?, info.family())),
@@ -370,13 +392,16 @@ fn service(method: &str, call: &Call) -> Result<Action, CallError> {
 }
 
 fn send(
-    calls::Send { line, timeout_ms, question, into_buffer, while_connected, confirmed }: calls::Send,
+    calls::Send { line, timeout_ms, question, into_buffer, while_connected, silence_ms, confirmed }: calls::Send,
 ) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
     if line_cuts_off(&line) && confirmed != Some(true) {
         return Err(cut_off::refusal(&line));
     }
     let while_connected = while_connected == Some(true);
+    if silence_ms.is_some() && !while_connected {
+        return Err(CallError::invalid("silence_ms", "null where while_connected is not true"));
+    }
     if while_connected && EndlessJogs::possible(&line).unnamed {
         let reason = "the jog does not say which motor it means (#1J+), and would have no end".to_owned();
         return Err(CallError::InvalidLine { reason });
@@ -395,6 +420,7 @@ fn send(
         question: question == Some(true),
         into_buffer,
         while_connected,
+        silence: silence_ms.map(Duration::from_millis),
         confirmed: confirmed == Some(true),
     }))
 }

@@ -111,7 +111,7 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
     };
     let methods = BOARD_DESCRIPTION.lines().filter_map(|line| line.strip_prefix("method "));
     let methods: Vec<_> = methods.filter_map(|line| line.split('(').next()).collect();
-    assert_eq!(methods.len(), 25, "{methods:?}");
+    assert_eq!(methods.len(), 26, "{methods:?}");
     for method in methods {
         let call = json!({"method": format!("{BOARD}.{method}"), "parameters": {}});
         let call: Call = serde_json::from_value(call).unwrap();
@@ -135,7 +135,8 @@ fn a_method_of_a_function_that_is_switched_off_says_so() {
         assert_eq!(reason(json!([])) == UNKNOWN_FAMILY, writes, "{method}");
         assert_eq!(
             needed.is_none(),
-            ["GetInfo", "GetSettings", "SequenceRenew", "Read", "Trace", "Write"].contains(&method)
+            ["GetInfo", "GetSettings", "SequenceRenew", "JogRenew", "Read", "Trace", "Write"]
+                .contains(&method)
         );
         assert!(!needed.is_some_and(|function| refused(json!([function, Function::Ascii]))), "{method}");
     }
@@ -193,6 +194,7 @@ fn nothing_out_of_bounds_passes() {
         let error = engineer("Send", json!({"line": "?", "timeout_ms": timeout}));
         is_invalid(error, "timeout_ms");
     }
+    is_invalid(engineer("Send", json!({"line": "?", "silence_ms": 1000})), "silence_ms");
     assert!(matches!(engineer("Send", json!({"line": "a\rb"})), CallError::InvalidLine { .. }));
     is_invalid(engineer("Send", json!({"line": "?", "extra": 1})), "extra");
     is_invalid(engineer("SendControl", json!({"character": "K"})), "character");

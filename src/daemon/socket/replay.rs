@@ -16,6 +16,7 @@ pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError>
         | Action::Info
         | Action::Stream
         | Action::Renew
+        | Action::RenewJogs
         | Action::Trace(_)
         | Action::Ask(Ask::Read { .. })
         | Action::Sequence(SequenceCall::Renew) => None,

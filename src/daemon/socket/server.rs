@@ -206,8 +206,8 @@ impl Service {
             self.sequences.forget(*client);
             self.tracing.forget(*client);
         }
+        self.tend_line_jogs(now);
         if !gone.is_empty() {
-            self.end_line_jogs(|client| gone.contains(&client), now);
             self.admission.resume();
         }
         self.send_watch_table(now);
@@ -224,6 +224,7 @@ impl Service {
             self.clients.next_deadline(),
             self.admission.next_deadline(),
             self.leases.next_end(),
+            self.line_jogs.first_lapse(),
             self.stops.next_moment(),
             self.sequences.next_moment(),
             self.audit.next_end(),

@@ -11,7 +11,7 @@ use super::replies::{
 };
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, DEFAULT_TIMEOUT, Origin, Outcome, Text, Ticket, dropped_by};
+use crate::daemon::shared::queue::{Command, Origin, Outcome, Text, Ticket, dropped_by};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
@@ -23,9 +23,8 @@ use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::board::{NotesReply, ResetsReply, SendReply, WatchReply};
+use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, SendReply, WatchReply};
 use crate::protocol::line_ends::RESET;
-use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -40,6 +39,7 @@ impl Service {
     /// Begins a call: answers it, or has the board asked.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
         self.sequences.renew(id, now);
+        self.line_jogs.hear(|client| client == id, now);
         let Some(client) = self.clients.get(id) else { return };
         let caller = Caller { client: id, peer: client.peer(), oneway: call.oneway == Some(true) };
         // What was asked by somebody who has gone without waiting for the answer is not begun any more.
@@ -118,6 +118,10 @@ impl Service {
                 return Reply::with(&self.tracing.take(caller, end, now)?).map(Some);
             }
             Action::Sequence(call) => return self.sequence_call(caller, call, now),
+            Action::RenewJogs => {
+                let going = self.line_jogs.go_on(caller.client, now);
+                return Reply::with(&JogRenewReply { going }).map(Some);
+            }
             Action::CheckReset => {
                 self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
             }
@@ -147,19 +151,15 @@ impl Service {
         if let Ask::Control { character, .. } = ask
             && let Some(line) = self.line_for(character)?
         {
-            let (line, timeout) = (Text::from(line), DEFAULT_TIMEOUT);
-            let (question, while_connected, confirmed) = (false, false, false);
-            let ask = Ask::Send { line, timeout, question, into_buffer: None, while_connected, confirmed };
-            return self.ask(caller, ask, now);
+            return self.ask(caller, Ask::line(Text::from(line)), now);
         }
         let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
         let deadline = now + ask.timeout();
         match ask {
-            Ask::Send { line, question, into_buffer, while_connected, confirmed, .. } => {
+            Ask::Send { line, question, into_buffer, while_connected, silence, confirmed, .. } => {
                 let mut effect = self.may_send(caller.client, &line, confirmed)?;
                 if while_connected {
-                    effect.jogs =
-                        [EndlessJogs::of(&line), EndlessJogs::of_refused(&line)].map(|jogs| jogs.motors);
+                    effect.ends_jogs(&line, silence);
                 }
                 let shown = without_password(&line);
                 let audit = Some(format!("sends {shown:?}"));
@@ -333,7 +333,7 @@ impl Service {
         if !is_without_effect {
             self.panel_jogs.begin(ended.jogs);
         }
-        self.note_jogs(ended, outcome);
+        self.note_jogs(ended, outcome, now);
         if let Some(ends) = ended.ends.take_if(|_| !is_without_effect) {
             if ends.what == RESET {
                 self.resets.was_sent(now);
@@ -515,6 +515,7 @@ impl Service {
 
     /// Answers a call that waited, and begins its caller's next ones.
     pub(super) fn answer(&mut self, caller: Caller, reply: Result<Reply, CallError>, now: Instant) {
+        self.line_jogs.hear(|client| client == caller.client, now);
         let Some(client) = self.clients.get_mut(caller.client) else { return };
         client.wait_for(Waiting::Nothing);
         if !caller.oneway {

@@ -13,6 +13,7 @@ use super::replies::{held_by_another, outcome_reply};
 use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
+use crate::daemon::socket::connection::Client;
 use crate::daemon::socket::jog_to::JogTo;
 use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::stop_target::Target;
@@ -20,13 +21,13 @@ use crate::protocol::{CallError, Function};
 
 impl Service {
     /// A motor jogs for the connection that has said so last, until another command to it has been carried out.
-    pub(super) fn note_jogs(&mut self, ended: &Ended, outcome: Outcome) {
+    pub(super) fn note_jogs(&mut self, ended: &Ended, outcome: Outcome, now: Instant) {
         if outcome == Outcome::Done
             && let Some(ends) = ended.ends.as_ref().filter(|ends| !ends.unnamed)
         {
             self.line_jogs.over(ends.motors);
         }
-        if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], .. }) = ended.then {
+        if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
             let jogs = match outcome {
                 Outcome::Done => carried_out,
                 Outcome::Error(_) => refused,
@@ -34,18 +35,25 @@ impl Service {
                 // How far the board came nobody knows.
                 _ => carried_out | refused,
             };
-            self.line_jogs.begin(ended.caller.client, jogs);
+            self.line_jogs.begin(ended.caller.client, jogs, silence, now);
         }
     }
 
-    /// Stops what jogs for connections that are gone.
-    pub(super) fn end_line_jogs(&mut self, is_gone: impl Fn(u64) -> bool, now: Instant) {
-        let motors = self.line_jogs.take(now, is_gone);
+    /// Stops what jogs for clients that are gone, or silent while the daemon does nothing for them.
+    pub(super) fn tend_line_jogs(&mut self, now: Instant) {
+        let Self { line_jogs, clients, .. } = self;
+        line_jogs.hear(|client| clients.get(client).is_some_and(Client::waits_for_board), now);
+        let motors = line_jogs.take(now, |client| !clients.hears(client));
+        self.end_line_jogs(motors, now);
+    }
+
+    /// Stops `motors`, which jogged by command line.
+    pub(super) fn end_line_jogs(&mut self, motors: u32, now: Instant) {
         if motors == 0 {
             return;
         }
         let target = Target::Motors(motors);
-        warn!(target: "audit", "{target} jogged by command line: who had asked for it is gone; pmacd stops it");
+        warn!(target: "audit", "{target} jogged by command line: who had asked for it is gone or silent; pmacd stops it");
         if self.info.why_not(Function::Panel).is_none() {
             self.leases.stop_now(motors, now);
         } else {

@@ -85,9 +85,9 @@ impl ServerStepper {
     /// When the first jog that a connection holds is stopped, or the first sequence ended, unless it is renewed.
     #[must_use]
     pub fn first_lease_end(&self) -> Option<Instant> {
-        let Service { leases, sequences, clients, .. } = &self.service;
+        let Service { leases, line_jogs, sequences, clients, .. } = &self.service;
         let held = leases.first_end(|client| clients.get(client).is_some());
-        held.into_iter().chain(sequences.first_lapse()).min()
+        held.into_iter().chain(line_jogs.first_lapse()).chain(sequences.first_lapse()).min()
     }
 
     /// What the server keeps now.
