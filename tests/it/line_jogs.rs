@@ -87,3 +87,25 @@ fn d7_a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for
     assert!(!client.jog_renew().unwrap(), "nothing goes on");
     site.assert_no_violations();
 }
+
+#[test]
+fn d7_who_jogs_a_motor_that_was_just_stopped_for_another_is_left_alone() {
+    let site = running();
+    let mut board = site.connection();
+    board.send("I2=0", PATIENCE).unwrap();
+    for pause in [0, 10, 20, 30] {
+        let mut other = site.connection();
+        other.send_while_connected("#1J+", PATIENCE).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        drop(other);
+        until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.5);
+        site.run_for(Duration::from_millis(pause));
+        board.send("#1J+", PATIENCE).unwrap();
+        site.run_for(Duration::from_secs(2));
+        assert!(ask(&mut board, "#1V") > 1.0, "after {pause} ms");
+        board.send("#1J/", PATIENCE).unwrap();
+        site.run_for(Duration::from_millis(500));
+    }
+    assert!(!site.log().contains("sends ^A"), "{}", site.log());
+    site.assert_no_violations();
+}

@@ -70,8 +70,7 @@ fn control_characters_go_their_own_way() {
     let site = Site::new(&[]);
     let mut client = site.client();
     assert_eq!(client.line("#1J+"), "\x06");
-    let moving = client.line("#1V");
-    assert_ne!(moving, "0\r\x06");
+    wait_until("motion", || client.line("#1V") != "0\r\x06");
     assert_eq!(client.line("\x0b"), "\x06", "^K as a line");
     let reports = client.request(0xC0, 0xC4, 2, 0);
     assert!(reports.len() > 50 && reports.ends_with(b"\r"), "^B: {reports:?}");

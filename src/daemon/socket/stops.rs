@@ -149,6 +149,23 @@ impl Stops {
         self.running.remove(&number)
     }
 
+    /// Another command has been carried out by `motors`: those that the board has been told to stop before, and for which nobody
+    /// waits, are watched no more. The stops of which nothing is left.
+    pub(super) fn let_go(&mut self, motors: u32) -> Vec<u64> {
+        let is_done = |stop: &Stop| {
+            let is_sure = stop.taken && !stop.into_buffer && !stop.is_doubtful;
+            stop.at == At::Watch && is_sure && stop.caller.is_none()
+        };
+        let mut done = Vec::new();
+        for (number, stop) in self.running.iter_mut().filter(|(_, stop)| is_done(stop)) {
+            if let Target::Motors(watched) = &mut stop.target {
+                *watched &= !motors;
+                done.extend((*watched == 0).then_some(*number));
+            }
+        }
+        done
+    }
+
     /// Of the stops whose motors are watched, those of which it is known by now, each with whether the motors stand.
     pub(super) fn seen(&mut self, motion: Motion, now: Instant) -> Vec<(u64, Seen)> {
         let after = self.stop_all_after;
@@ -181,6 +198,18 @@ impl Stops {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn d7_a_motor_that_has_another_command_is_not_watched_any_more_once_its_stop_is_taken() {
+        let now = Instant::now();
+        let mut stops = Stops::new(Some(Duration::from_secs(1)));
+        let number = stops.begin(Target::Motors(0b11), None, true, now);
+        assert!(stops.let_go(0b11).is_empty(), "its stop has not been taken");
+        let stop = stops.get_mut(number).unwrap();
+        (stop.at, stop.taken) = (At::Watch, true);
+        assert!(stops.let_go(0b01).is_empty() && stops.motors() == 0b10);
+        assert_eq!(stops.let_go(0b10), [number]);
+    }
 
     #[test]
     fn b2_6_a_motor_that_goes_on_is_seen_and_one_that_stands_too() {

@@ -23,9 +23,10 @@ impl Service {
     /// A motor jogs for the connection that has said so last, until another command to it has been carried out.
     pub(super) fn note_jogs(&mut self, ended: &Ended, outcome: Outcome, now: Instant) {
         if outcome == Outcome::Done
-            && let Some(ends) = ended.ends.as_ref().filter(|ends| !ends.unnamed)
+            && let Some(motors) = ended.ends.as_ref().filter(|ends| !ends.unnamed).map(|ends| ends.motors)
         {
-            self.line_jogs.over(ends.motors);
+            self.line_jogs.over(motors);
+            self.let_go(motors, now);
         }
         if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
             let jogs = match outcome {

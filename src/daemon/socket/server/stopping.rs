@@ -158,6 +158,13 @@ impl Service {
         }
     }
 
+    /// A command to `motors` has been carried out. Where their stop has been taken before, whoever sent it may have them move.
+    pub(super) fn let_go(&mut self, motors: u32, now: Instant) {
+        for number in self.stops.let_go(motors) {
+            self.stop_over(number, Ok(()), now);
+        }
+    }
+
     fn stop_over(&mut self, number: u64, result: Result<(), String>, now: Instant) {
         let Some(stop) = self.stops.over(number) else { return };
         match &result {
