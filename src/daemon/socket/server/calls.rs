@@ -7,7 +7,7 @@ use log::debug;
 
 use super::Service;
 use super::replies::{
-    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines, stop_not_taken,
+    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
 };
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
@@ -32,8 +32,6 @@ use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, contro
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long the board may take to take a table of registers.
 const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
-/// After how long a holder hears at the daemon's end that the board has not taken the stop.
-const STOP_SILENCE: Duration = Duration::from_millis(600);
 
 impl Service {
     /// Begins a call: answers it, or has the board asked.
@@ -126,11 +124,8 @@ impl Service {
                 self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
             }
             Action::Renew => {
-                let may_move = self.may_move();
-                if let Some(since) = self.stopping.filter(|_| may_move != 0) {
-                    // Its holder is to hear how that ends, and soon.
-                    let is_late = now.saturating_duration_since(since) >= STOP_SILENCE;
-                    return if is_late { Err(stop_not_taken(may_move)) } else { Ok(Some(Reply::done())) };
+                if let Some(renewed) = self.renewed_at_the_end(now) {
+                    return renewed.map(|()| Some(Reply::done()));
                 }
                 let renewed = self.leases.renew(caller.client, now);
                 if renewed == Err(Some(LeaseEnd::DaemonEnds)) {

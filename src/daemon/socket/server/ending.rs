@@ -7,7 +7,7 @@ use nix::poll::PollTimeout;
 use nix::sys::eventfd::EventFd;
 
 use super::Service;
-use super::replies::is_stopping;
+use super::replies::{is_stopping, stop_not_taken};
 use crate::daemon::socket::leases::LEASE;
 use crate::daemon::socket::sequences::END_STEP;
 use crate::daemon::socket::stop_target::Target;
@@ -18,6 +18,8 @@ const LAST_STEPS: Duration = END_STEP;
 /// How long held jogs are tried to be stopped, while the board takes nothing: a SAVE or a reset takes seconds. The bus thread needs half
 /// a second after that, and the unit's TimeoutStopSec, 10 s, kills what goes on.
 const LAST_STOPS: Duration = Duration::from_secs(8);
+/// After how long a holder hears that the board has not taken the stop.
+const STOP_SILENCE: Duration = Duration::from_millis(600);
 
 impl Service {
     /// Serves on until the sequences have come to their end and what was held stands, or they have had their time.
@@ -54,6 +56,14 @@ impl Service {
         let told = self.stood_since.filter(|_| self.leases.has_untold()).map(|since| since + LEASE);
         let latest = steps.max(stops.then_some(begun + LAST_STOPS)).max(told)?;
         Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
+    }
+
+    /// What a renewal is answered while the daemon stops, as long as the board has not taken the stop: the holder is to hear how that
+    /// ends, and soon.
+    pub(super) fn renewed_at_the_end(&self, now: Instant) -> Option<Result<(), CallError>> {
+        let (since, may_move) = (self.stopping?, self.may_move());
+        let is_late = now.saturating_duration_since(since) >= STOP_SILENCE;
+        (may_move != 0).then(|| if is_late { Err(stop_not_taken(may_move)) } else { Ok(()) })
     }
 
     /// The motors of held jogs that may still move; bit 0 is motor 1.
