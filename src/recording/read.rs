@@ -1,6 +1,6 @@
 //! Reads a recording.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 
@@ -86,6 +86,11 @@ impl About {
     }
 }
 
+/// Opens a plain file. Another one, as a FIFO, could keep this program waiting.
+fn open(path: &Path) -> io::Result<File> {
+    if fs::metadata(path)?.is_file() { File::open(path) } else { Err(io::Error::other("no plain file")) }
+}
+
 /// Reads [`files::ABOUT`].
 fn about(directory: &Path) -> Result<About, RecordingError> {
     let path = directory.join(files::ABOUT);
@@ -105,7 +110,7 @@ fn about(directory: &Path) -> Result<About, RecordingError> {
 fn image(path: &Path, t_ns: u64, about: &About) -> Result<Image, RecordingError> {
     let length = u64::from(about.dpram_bytes);
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(RecordingError::io(path))?;
+    let file = open(path).map_err(RecordingError::io(path))?;
     file.take(length + 1).read_to_end(&mut bytes).map_err(RecordingError::io(path))?;
     if bytes.len() as u64 != length || length % 2 != 0 {
         let what = format!("not the {length} bytes of the DPRAM that {} tells", files::ABOUT);
@@ -117,7 +122,7 @@ fn image(path: &Path, t_ns: u64, about: &About) -> Result<Image, RecordingError>
 
 /// A file as text; `None` where there is none.
 fn whole(path: &Path) -> Result<Option<String>, RecordingError> {
-    let file = match File::open(path) {
+    let file = match open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         opened => opened.map_err(RecordingError::io(path))?,
     };
@@ -197,7 +202,7 @@ impl<T: DeserializeOwned> Lines<T> {
         most: usize,
     ) -> Result<Self, RecordingError> {
         let path = directory.join(name);
-        let file = match File::open(&path) {
+        let file = match open(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             opened => Some(BufReader::new(opened.map_err(RecordingError::io(&path))?)),
         };

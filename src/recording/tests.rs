@@ -159,6 +159,9 @@ fn e6_a_damaged_recording_is_refused_with_file_and_line() {
     assert!(fault(&at).starts_with("about.json:"), "{}", fault(&at));
     fs::write(at.join(files::ABOUT), "x".repeat(17 << 20)).unwrap();
     assert_eq!(fault(&at), "about.json: longer than 16777216 bytes");
+    fs::remove_file(at.join(files::ABOUT)).unwrap();
+    nix::unistd::mkfifo(&at.join(files::ABOUT), nix::sys::stat::Mode::S_IRWXU).unwrap();
+    assert_eq!(fault(&at), "about.json: no plain file");
 }
 
 #[test]
