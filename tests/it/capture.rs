@@ -221,8 +221,9 @@ fn e6_a_capture_that_is_cut_short_is_whole_up_to_there_and_says_so() {
         site.slowly_until(|| path.join("images/0000.bin").exists());
         (child, path)
     };
-    let (child, path) = begin("by-signal");
+    let (mut child, path) = begin("by-signal");
     kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+    site.slowly_until(|| child.try_wait().unwrap().is_some());
     let ran = child.wait_with_output().unwrap();
     assert_eq!(ran.status.code(), Some(1));
     let recording = Recording::read(&path).unwrap();

@@ -184,7 +184,8 @@ fn b1_5_a_program_that_was_streamed_whole_and_aborted_is_not_started_unasked() {
         let site = running();
         let lines: String = (1..=60).map(|target| format!("X{target}\n")).collect();
         let file = site.file("whole.pmc", &format!("LINEAR ABS TM1000\n{lines}"));
-        let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run"]);
+        let stream = ["rotary", "stream", &file, "--define", "1000", "--run"];
+        let (status, _, stderr) = site.pmacctl(&stream);
         assert_eq!(status, 0, "{stderr}");
         for goes_on in [["panel", "hold", "1"], ["panel", "start", "1"]] {
             let (status, _, stderr) = site.pmacctl(&goes_on);

@@ -219,8 +219,8 @@ impl VirtualSite {
         self.hold();
         while !condition() {
             assert!(begun.elapsed() < PATIENCE, "waited in vain");
-            self.step(20);
-            std::thread::sleep(Duration::from_millis(5));
+            self.step(1);
+            std::thread::sleep(Duration::from_millis(3));
         }
         self.go_on();
     }
