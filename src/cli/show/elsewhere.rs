@@ -29,8 +29,8 @@ fn sentence(one: &Elsewhere, now: SystemTime) -> String {
             "the board gathers: begun by hand or by another host; pmacctl gather --stop ends it".to_owned()
         }
         ("command_lines", ..) => format!(
-            "no command line has been answered{since}, though the board lives: another host may have set I58 to 0; pmacctl doctor \
-             names the cure"
+            "no command line has been answered{since}, though the board lives: it may still come up after a reset, or another host may \
+             have set I58 to 0; pmacctl doctor names the cure"
         ),
         (variable, Some(was), Some(is)) => {
             format!("{variable} is {is}, was {was}: changed{since} by another host, or by a program of the board")
