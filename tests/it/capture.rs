@@ -202,7 +202,7 @@ fn e6_passwords_and_programs_are_in_no_capture() {
     let ascii = &FAMILIES[0].ascii;
     let texts = recording.accesses.iter().filter(|access| ascii.has_text_in(access.offset, 1));
     let bytes: Vec<u8> = texts.flat_map(|access| (access.value as u16).to_le_bytes()).collect();
-    assert!(bytes.len() > 1000, "lines went by while the bus was traced");
+    assert!(bytes.len() > 100, "lines went by while the bus was traced");
     for secret in [b"SESA", b"PASS", b"LIST", b"1234"] {
         assert!(!bytes.windows(4).any(|bytes| bytes == secret), "{secret:?}");
     }
