@@ -22,8 +22,7 @@ impl Decoder {
         let motors = identity::reported(identity, family);
         Some(Self {
             servo: ServoDecoder::new(family).with_global_words(identity.global_words),
-            background: BackgroundDecoder::new(family)
-                .with_global_words(identity.global_words.unwrap_or_default()),
+            background: BackgroundDecoder::new(family),
             motors,
             blocks: family.background.reported(motors),
             scales: identity::scales(identity),

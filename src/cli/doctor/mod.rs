@@ -166,11 +166,6 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
     }
     if let Some(info) = &info {
         functions(report, info, &known);
-        if let Some(board) = &mut board
-            && info.enabled.iter().any(|name| name == "ascii")
-        {
-            unscaled(report, board);
-        }
         if let (Some(settings), Ok(family)) = (&settings, Family::by_name(&info.family)) {
             left_out(report, family, settings);
         }
@@ -362,23 +357,6 @@ fn unfilled(report: &mut Report, board: &mut Board, read: &ServoSettings) {
     }
 }
 
-/// Motors whose scales the board has not told, though it answers.
-fn unscaled(report: &mut Report, board: &mut Board) {
-    let Ok(identity) = board.identity() else { return };
-    let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
-    let motors = servo.iter().flat_map(|servo| servo.data.motors.iter().map(|motor| motor.motor));
-    let is_told = |motor: &usize| identity.ix08.get(motor - 1).is_none_or(Option::is_some);
-    let left: Vec<_> = motors.filter(|motor| !is_told(motor)).map(|motor| format!("#{motor}")).collect();
-    if !left.is_empty() {
-        let text = format!(
-            "the board has not told Ix08 of {}, so their positions are raw numbers; pmacd asks again every 10 s, unless ask_board \
-             is false",
-            left.join(", ")
-        );
-        report.add(Level::Warn, "scales", text);
-    }
-}
-
 /// What a missing report needs, as far as the board's settings are known.
 fn missing(region: RegionId, identity: &Identity) -> String {
     let Some(family) = identity::family(identity) else {
@@ -417,16 +395,6 @@ fn missing(region: RegionId, identity: &Identity) -> String {
             "{} not known; the report needs {} above 0{gather}",
             unknown.join(" and "),
             names.join(" and ")
-        );
-    }
-    if let Some(in_background) = i.servo_in_background
-        && region == RegionId::Servo
-        && identity.servo_report_cycles == Some(0)
-    {
-        let enable = i.servo_enable;
-        return format!(
-            "the board has I{enable}=1 or I{in_background}=1, which is enough; where it is I{in_background}, the board may not mark the \
-             reports that it makes so: try I{in_background}=0 I{enable}=1"
         );
     }
     let told: Vec<_> =
@@ -535,23 +503,5 @@ fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
             info.pid, info.segment, header.owner_pid
         );
         report.add(Level::Fail, "same daemon", text);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::map::TURBO2;
-
-    #[test]
-    fn c1_a_report_in_the_background_is_not_called_the_other_one() {
-        let told = Identity {
-            family: Some(TURBO2.number),
-            servo_report: Some(1),
-            servo_report_cycles: Some(0),
-            ..Identity::default()
-        };
-        let why = missing(RegionId::Servo, &told);
-        assert!(why.starts_with("the board has I48=1 or I57=1, which is enough"), "{why}");
     }
 }

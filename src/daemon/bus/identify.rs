@@ -78,8 +78,10 @@ impl Identifier {
     #[must_use]
     pub fn new(family: &'static Family, configured: Identity, ask: bool, now: Instant) -> Self {
         let asked = questions(family).into_iter().filter(|_| ask);
+        let questions: Vec<_> =
+            asked.map(|question| (Text::from_bytes(question.line().as_bytes()), question)).collect();
         Self {
-            questions: asked.map(with_line).collect(),
+            questions,
             asking: configured.clone(),
             known: configured.clone(),
             doubts: ScaleDoubts::default(),
@@ -98,11 +100,7 @@ impl Identifier {
             changes: ChangeWatch::new(family),
             recheck: RECHECK,
             asked: now,
-            comparison: [&family.servo.global_status, &family.background.global_status]
-                .into_iter()
-                .find_map(Option::as_ref)
-                .filter(|_| ask)
-                .map(Comparison::new),
+            comparison: family.servo.global_status.as_ref().filter(|_| ask).map(Comparison::new),
         }
     }
 
@@ -186,7 +184,7 @@ impl Identifier {
         asks.min(compares)
     }
 
-    /// Takes note of the copies of the global status in a report, as they lie; of nothing while none come.
+    /// Takes note of the copies of the global status in the servo report, as they lie; of nothing while none come.
     pub fn see_global_status(&mut self, copies: Option<[u32; 2]>) {
         if let Some(comparison) = &mut self.comparison {
             comparison.see(copies);
@@ -321,15 +319,10 @@ impl Identifier {
         self.restart();
     }
 
-    /// The board did not answer, or not all in time: it is asked for fewer scales at a time.
+    /// The board did not answer.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
-        if !self.comparison.as_mut().is_some_and(Comparison::end)
-            && let Some((_, question)) = self.questions.get(self.next)
-            && let Some(halves) = question.halves()
-        {
-            self.questions.splice(self.next..=self.next, halves.map(with_line));
-        }
+        self.comparison.as_mut().map(Comparison::end);
         self.again = false;
         self.changing_since = None;
         self.overdue = false;
@@ -347,11 +340,6 @@ impl Identifier {
     pub fn take_update(&mut self) -> Option<Identity> {
         self.update.take()
     }
-}
-
-/// A question and the line that asks it.
-fn with_line(question: Question) -> (Text<LINE_MAX>, Question) {
-    (Text::from_bytes(question.line().as_bytes()), question)
 }
 
 /// Whether I10 says the servo period: at its end it stands for any that is longer (Software Reference, I10: 0 to 8388607).

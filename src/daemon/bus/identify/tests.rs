@@ -92,17 +92,6 @@ fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset(
 }
 
 #[test]
-fn b3_a_turbo_boards_global_words_are_compared_too() {
-    let now = Instant::now();
-    for (copies, words) in [([0x01_0000, 1], GlobalWords::YFirst), ([1, 0x01_0000], GlobalWords::XFirst)] {
-        let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
-        identifier.see_global_status(Some(copies));
-        assert_eq!(answer(&mut identifier, now, &["000001010000"]), "???");
-        assert_eq!(identifier.take_update().unwrap().global_words, Some(words));
-    }
-}
-
-#[test]
 fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
     let start = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
@@ -182,33 +171,6 @@ fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
     let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
     quiet.ask_again(now);
     assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
-}
-
-#[test]
-fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
-    let mut now = Instant::now();
-    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-    let mut asked = Vec::new();
-    for _ in 0..20 {
-        while let Some((line, _)) = identifier.next_line(now) {
-            let numbers: Vec<_> = line.split('I').skip(1).collect();
-            identifier.sent();
-            if line.contains("07I") {
-                asked.push(numbers.len());
-                // It tells a motor's in time.
-                if numbers.len() > 4 {
-                    identifier.failed(now);
-                    break;
-                }
-            }
-            numbers.iter().for_each(|number| identifier.line(number.as_bytes()));
-            identifier.done();
-        }
-        now += AGAIN;
-    }
-    assert_eq!(asked[..4], [32, 16, 8, 4]);
-    let identity = identifier.take_update().unwrap();
-    assert_eq!((identity.ix08[0], identity.ix08[7]), (Some(108), Some(808)));
 }
 
 #[test]
