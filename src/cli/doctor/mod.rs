@@ -397,6 +397,16 @@ fn missing(region: RegionId, identity: &Identity) -> String {
             names.join(" and ")
         );
     }
+    if let Some(in_background) = i.servo_in_background
+        && region == RegionId::Servo
+        && identity.servo_report_cycles == Some(0)
+    {
+        let enable = i.servo_enable;
+        return format!(
+            "the board has I{enable}=1 or I{in_background}=1, which is enough; where it is I{in_background}, the board may not mark the \
+             reports that it makes so: try I{in_background}=0 I{enable}=1"
+        );
+    }
     let told: Vec<_> =
         needed.iter().filter_map(|(variable, value, _)| Some(format!("I{variable}={}", (*value)?))).collect();
     let told = told.join(", ");
@@ -503,5 +513,23 @@ fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
             info.pid, info.segment, header.owner_pid
         );
         report.add(Level::Fail, "same daemon", text);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::TURBO2;
+
+    #[test]
+    fn c1_a_report_in_the_background_is_not_called_the_other_one() {
+        let told = Identity {
+            family: Some(TURBO2.number),
+            servo_report: Some(1),
+            servo_report_cycles: Some(0),
+            ..Identity::default()
+        };
+        let why = missing(RegionId::Servo, &told);
+        assert!(why.starts_with("the board has I48=1 or I57=1, which is enough"), "{why}");
     }
 }
