@@ -13,6 +13,8 @@ use crate::protocol::control::ABORT;
 mod control;
 #[path = "ascii/error_tests.rs"]
 mod error;
+#[path = "ascii/hold_tests.rs"]
+mod hold;
 #[path = "ascii/part_tests.rs"]
 mod part;
 #[path = "ascii/stop_tests.rs"]

@@ -6,8 +6,8 @@
 //! * the board has taken and answered a control character that only reports (`QUESTION`; control characters "act
 //!   immediately", FACTS 7), which it does between two lines, or beside one,
 //! * the flag is clear: where it is cleared late, the line is done,
-//! * and nothing has come for `SETTLE`. Texts of programs count, up to `SETTLE_TEXTS`: they keep the board from putting
-//!   out what is still to come.
+//! * and nothing has come for `SETTLE`, or for longer than the board took from one response to the next, twice. Texts of programs
+//!   count, up to `SETTLE_TEXTS`: they keep the board from putting out what is still to come.
 //!
 //! A line that the board has not taken, nor the question behind it, lies before a board that is deaf (I58=0) or busy. It is
 //! taken back after `ASK_LIMIT`, so that nothing is carried out by surprise when the port is switched on later. The
@@ -271,7 +271,7 @@ impl DpramPort {
             Asking::Taken { since } if now >= since + ANSWER_LIMIT => hold.asking = Asking::Over,
             Asking::Taken { .. } => {}
             Asking::Over if self.is_loaded(bus)? => hold.quiet_since = now,
-            Asking::Over if now >= hold.quiet_since + SETTLE => {
+            Asking::Over if now >= hold.quiet_since + SETTLE.max(self.answer_patience()) => {
                 self.settles = false;
                 self.rest(now);
                 return Ok(());

@@ -105,11 +105,14 @@ impl DpramPort {
             Follows::Yes => EXPECTED,
             Follows::No => Duration::ZERO,
         };
-        // What comes later than the board's answers do is no answer.
-        let answer = (2 * self.answer_time).min(EXPECTED);
-        let patience = if after == After::Error { patience.max(answer) } else { patience };
+        let patience = if after == After::Error { patience.max(self.answer_patience()) } else { patience };
         self.late_marks.last = Some(after);
         self.state = State::Held(Hold::mark(now, after, now + patience));
+    }
+
+    /// What comes later than the board's answers do is no answer, nor one more line of a reply.
+    pub(super) fn answer_patience(&self) -> Duration {
+        (2 * self.answer_time).min(EXPECTED)
     }
 
     /// An `<ACK>` came while the port was held.

@@ -4,9 +4,13 @@
 //! beside a line, the line's reply is still to come, and would be taken for the next one's. PMAC answers lines in
 //! their order. So a line goes first whose reply can be known from every other's; what comes before that reply is late and dropped.
 //!
-//! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them the servo period, a large number. I3 says besides
+//! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them I10, the servo period, a large number. I3 says besides
 //! whether replies have an end mark at all (FACTS 7, handshake). While a program buffer is open, or nobody knows whether one is, it
 //! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
+//!
+//! Nobody else's reply may look like it. The values of other lines do: of `I107I108I109I160`, asked for motor after motor, the last
+//! ones are often 0, 96, 96, 96 and 0. So the period has to be one, and the reply these values and no more. What is still to come
+//! of an old reply when the line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
 //!
 //! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
 //! [`KINDS`] times, and only a reply with just so many values is its own. A new daemon goes on where the last one ended: its line
@@ -38,6 +42,8 @@ const BUFFER: [&[u8]; KINDS] =
     [b"SIZE SIZE", b"SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE SIZE"];
 /// More than the longest of them.
 pub(super) const LINE_MAX: usize = 32;
+/// I10 of a servo period of 1.2 µs, which is shorter than any board's.
+const LEAST_PERIOD: i64 = 10_000;
 /// The most values of a reply.
 const VALUES: usize = KINDS + 2;
 /// How long the board may take for it, and then for each response.
@@ -70,7 +76,7 @@ pub(super) struct Check {
     /// The line that was sent last: what it asks for, and which it was. It goes on counting from one doubt to the next.
     asks: Asks,
     kind: usize,
-    /// The last values that came since a reply ended, and how many lines did.
+    /// The last values that came since a reply ended, or `^F` was answered, and how many lines did.
     values: [Option<i64>; VALUES],
     lines: usize,
     /// A reply ended that was none to a line of ours.
@@ -127,6 +133,9 @@ impl Check {
 
     /// A line of a reply came.
     pub(super) fn line(&mut self, text: &[u8]) {
+        if text.trim_ascii().contains(&b' ') {
+            return self.forget_values();
+        }
         self.values.rotate_left(1);
         self.values[VALUES - 1] = std::str::from_utf8(text).ok().and_then(answer::integer);
         self.lines += 1;
@@ -137,9 +146,9 @@ impl Check {
         let value = |back: usize| VALUES.checked_sub(1 + back).and_then(|index| self.values[index]);
         let last = value(0)?;
         if (0..=3).contains(&last) {
-            let period = value(1).filter(|period| *period > 3)?;
+            let period = value(1).filter(|period| *period >= LEAST_PERIOD)?;
             let kind = (1..).take_while(|back| value(*back) == Some(period)).count();
-            let is_whole = value(kind + 1) == Some(last);
+            let is_whole = value(kind + 1) == Some(last) && self.lines == kind + 2;
             return is_whole.then_some(Answer { asks: Asks::Handshake, kind: kind - 1, value: last });
         }
         // Beside others' values it would not be known from them.
@@ -279,5 +288,29 @@ impl AsciiQueue {
             ),
             ReplyEnd::Ack => info!("the board marks the end of a reply"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the third line is believed to be answered by these lines.
+    fn answer(lines: &[&str]) -> Option<i64> {
+        let mut check = Check::new(Instant::now());
+        (0..3).for_each(|_| check.sent(Asks::Handshake));
+        lines.iter().for_each(|line| check.line(line.as_bytes()));
+        check.own_answer()
+    }
+
+    #[test]
+    fn b2_1_the_end_of_a_reply_to_another_question_is_no_answer() {
+        let own = ["2", "3713707", "3713707", "3713707", "2"];
+        assert_eq!(answer(&own), Some(2));
+        let late = ["0 0 0 0 0 0 0 0", "2", "3713707", "3713707", "3713707", "2"];
+        assert_eq!(answer(&late), Some(2), "behind the answer to ^F");
+        // I107I108I109I160I207I208I209I260: the factory's values.
+        assert_eq!(answer(&["0", "96", "96", "96", "0"]), None);
+        assert_eq!(answer(&["7", "2", "3713707", "3713707", "3713707", "2"]), None);
     }
 }
