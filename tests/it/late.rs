@@ -5,7 +5,7 @@ use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::CommandError;
-use pmac_dpram::map::{PMAC, TURBO2};
+use pmac_dpram::map::{Family, PMAC, TURBO2};
 use pmac_dpram::protocol::CallError;
 use pmac_dpram::sim::board::error::CommandError as BoardError;
 use serde_json::{Value, json};
@@ -385,6 +385,35 @@ fn b2_a_line_that_is_half_way_when_everything_stops_is_not_finished() {
     }
 }
 
+/// Stops everything while a line lies untaken, and looks that it does not move the motor after it. False where the board had taken
+/// the line before the stop was there, as it may where another thread is held up.
+fn stops_before_the_line(family: &Family, reading: &str, stop: &str) -> bool {
+    let site = VirtualSite::configured(
+        &["--family", family.name, "--reading", reading],
+        &format!("family = \"{}\"\n", family.name),
+    );
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    let mut stopping = Raw::at(&site.socket());
+    site.hold();
+    let mut client = waiting(&site, "#1J+ P5=1");
+    let flag = family.ascii.command_loaded;
+    step_until(&site, "the line to lie there", || {
+        site.with_board(move |sim| sim.board.memory.dpram.is_set(flag))
+    });
+    // The simulator looks at the character first.
+    let taken = stop_at_once(&site, &mut stopping, stop);
+    let what = format!("{} {reading} {stop}", family.name);
+    assert!(taken < 0.2, "{what}: {taken} s");
+    let reply = client.receive().unwrap();
+    let is_first = error_name(&reply) == "Interrupted";
+    site.wait_until("the port to be free", || site.ask("P1") == ["0"]);
+    assert!(is_first || error_name(&reply).is_empty() && site.ask("P5") == ["1"], "{what}: {reply}");
+    assert_eq!(site.ask("#1V"), ["0"], "{what}");
+    site.assert_no_violations();
+    is_first
+}
+
 #[test]
 fn b2_a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
     for (family, reading) in [
@@ -394,28 +423,8 @@ fn b2_a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
         (&TURBO2, "line_flag=taken"),
     ] {
         for stop in ["^A", "^K"] {
-            let site = VirtualSite::configured(
-                &["--family", family.name, "--reading", reading],
-                &format!("family = \"{}\"\n", family.name),
-            );
-            site.wait_for_live_servo();
-            site.wait_for_identity();
-            let mut stopping = Raw::at(&site.socket());
-            site.hold();
-            let mut client = waiting(&site, "#1J+ P5=1");
-            let flag = family.ascii.command_loaded;
-            step_until(&site, "the line to lie there", || {
-                site.with_board(move |sim| sim.board.memory.dpram.is_set(flag))
-            });
-            // The simulator looks at the character first.
-            let taken = stop_at_once(&site, &mut stopping, stop);
-            let what = format!("{} {reading} {stop}", family.name);
-            assert!(taken < 0.2, "{what}: {taken} s");
-            let reply = client.receive().unwrap();
-            assert_eq!(error_name(&reply), "Interrupted", "{what}: {reply}");
-            site.wait_until("the port to be free", || site.ask("P1") == ["0"]);
-            assert_eq!(site.ask("#1V"), ["0"], "{what}");
-            site.assert_no_violations();
+            let met = (0..10).any(|_| stops_before_the_line(family, reading, stop));
+            assert!(met, "{} {reading} {stop}: the line was always taken first", family.name);
         }
     }
 }
