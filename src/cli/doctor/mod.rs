@@ -166,6 +166,11 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
     }
     if let Some(info) = &info {
         functions(report, info, &known);
+        if let Some(board) = &mut board
+            && info.enabled.iter().any(|name| name == "ascii")
+        {
+            unscaled(report, board);
+        }
         if let (Some(settings), Ok(family)) = (&settings, Family::by_name(&info.family)) {
             left_out(report, family, settings);
         }
@@ -354,6 +359,23 @@ fn unfilled(report: &mut Report, board: &mut Board, read: &ServoSettings) {
             left.join(", ")
         );
         report.add(Level::Warn, RegionId::Servo.name(), text);
+    }
+}
+
+/// Motors whose scales the board has not told, though it answers.
+fn unscaled(report: &mut Report, board: &mut Board) {
+    let Ok(identity) = board.identity() else { return };
+    let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
+    let motors = servo.iter().flat_map(|servo| servo.data.motors.iter().map(|motor| motor.motor));
+    let is_told = |motor: &usize| identity.ix08.get(motor - 1).is_none_or(Option::is_some);
+    let left: Vec<_> = motors.filter(|motor| !is_told(motor)).map(|motor| format!("#{motor}")).collect();
+    if !left.is_empty() {
+        let text = format!(
+            "the board has not told Ix08 of {}, so their positions are raw numbers; pmacd asks again every 10 s, unless ask_board \
+             is false",
+            left.join(", ")
+        );
+        report.add(Level::Warn, "scales", text);
     }
 }
 

@@ -78,10 +78,8 @@ impl Identifier {
     #[must_use]
     pub fn new(family: &'static Family, configured: Identity, ask: bool, now: Instant) -> Self {
         let asked = questions(family).into_iter().filter(|_| ask);
-        let questions: Vec<_> =
-            asked.map(|question| (Text::from_bytes(question.line().as_bytes()), question)).collect();
         Self {
-            questions,
+            questions: asked.map(with_line).collect(),
             asking: configured.clone(),
             known: configured.clone(),
             doubts: ScaleDoubts::default(),
@@ -319,10 +317,15 @@ impl Identifier {
         self.restart();
     }
 
-    /// The board did not answer.
+    /// The board did not answer, or not all in time: it is asked for fewer scales at a time.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
-        self.comparison.as_mut().map(Comparison::end);
+        if !self.comparison.as_mut().is_some_and(Comparison::end)
+            && let Some((_, question)) = self.questions.get(self.next)
+            && let Some(halves) = question.halves()
+        {
+            self.questions.splice(self.next..=self.next, halves.map(with_line));
+        }
         self.again = false;
         self.changing_since = None;
         self.overdue = false;
@@ -340,6 +343,11 @@ impl Identifier {
     pub fn take_update(&mut self) -> Option<Identity> {
         self.update.take()
     }
+}
+
+/// A question and the line that asks it.
+fn with_line(question: Question) -> (Text<LINE_MAX>, Question) {
+    (Text::from_bytes(question.line().as_bytes()), question)
 }
 
 /// Whether I10 says the servo period: at its end it stands for any that is longer (Software Reference, I10: 0 to 8388607).

@@ -86,6 +86,14 @@ pub(super) fn note_type(identity: &mut Identity, answer: &[u8]) {
 }
 
 impl Question {
+    /// The same in two questions, of half as many motors each.
+    pub(super) fn halves(&self) -> Option<[Self; 2]> {
+        let Self::Scales(motors) = self else { return None };
+        let (first, last) = (*motors.start(), *motors.end());
+        let middle = first.midpoint(last);
+        (first < last).then(|| [Self::Scales(first..=middle), Self::Scales(middle + 1..=last)])
+    }
+
     /// The line that asks it.
     pub(super) fn line(&self) -> String {
         match self {

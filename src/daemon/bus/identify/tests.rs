@@ -174,6 +174,33 @@ fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
 }
 
 #[test]
+fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
+    let mut now = Instant::now();
+    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
+    let mut asked = Vec::new();
+    for _ in 0..20 {
+        while let Some((line, _)) = identifier.next_line(now) {
+            let numbers: Vec<_> = line.split('I').skip(1).collect();
+            identifier.sent();
+            if line.contains("07I") {
+                asked.push(numbers.len());
+                // It tells a motor's in time.
+                if numbers.len() > 4 {
+                    identifier.failed(now);
+                    break;
+                }
+            }
+            numbers.iter().for_each(|number| identifier.line(number.as_bytes()));
+            identifier.done();
+        }
+        now += AGAIN;
+    }
+    assert_eq!(asked[..4], [32, 16, 8, 4]);
+    let identity = identifier.take_update().unwrap();
+    assert_eq!((identity.ix08[0], identity.ix08[7]), (Some(108), Some(808)));
+}
+
+#[test]
 fn a_board_without_reports_is_asked_again_and_again() {
     let now = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now).without_reports();

@@ -51,6 +51,9 @@ const SOON: Duration = Duration::from_millis(20);
 /// How often to poll for unsolicited texts when nothing is owed: without an interrupt, and with one that may be lost.
 const POLL_IDLE: Duration = Duration::from_millis(20);
 const POLL_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
+/// How long the board may take from one line to the next of the reply to a question of our own, and for all of them.
+const OWN_LINE: Duration = Duration::from_millis(500);
+const OWN_REPLY: Duration = Duration::from_secs(5);
 
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
@@ -511,6 +514,7 @@ impl AsciiQueue {
                             self.see_check(now);
                         }
                     }
+                    self.go_on_with_own(now);
                 }
             }
             AsciiEvent::Done(result) => {
@@ -558,6 +562,15 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiErrors, 1);
                 self.end_doubtful(events, number, now);
             }
+        }
+    }
+
+    /// A line came. A question of our own waits for the next one: a slow board takes its time for many of them.
+    fn go_on_with_own(&mut self, now: Instant) {
+        if let Some(UnderWay { command, deadline, since, .. }) = &mut self.under_way
+            && matches!(command, InFlight::Identify | InFlight::Scan)
+        {
+            *deadline = (*deadline).max((now + OWN_LINE).min(*since + OWN_REPLY));
         }
     }
 

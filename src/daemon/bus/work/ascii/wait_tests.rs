@@ -56,3 +56,26 @@ fn a_line_that_lay_before_the_board_may_have_been_carried_out() {
         assert_eq!(rig.ended(), [(1, Outcome::TimedOut)], "{state:?}");
     }
 }
+
+#[test]
+fn a_question_of_our_own_waits_as_long_as_lines_of_its_reply_come() {
+    let mut rig = Rig::new();
+    rig.queue.identifier = Identifier::new(&PMAC, Identity::default(), true, rig.now);
+    rig.poll();
+    assert_eq!(rig.take(), "TYPE");
+    for _ in 0..3 {
+        rig.now += Duration::from_millis(400);
+        rig.say("PMAC1");
+    }
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.queue.state(), CommandState::Answers);
+    rig.poll();
+    assert_eq!(rig.take(), "VERSION");
+    // Not for ever.
+    for _ in 0..11 {
+        rig.say("1.16D");
+        rig.now += Duration::from_millis(490);
+        rig.poll();
+    }
+    assert_eq!(rig.queue.state(), CommandState::Silent);
+}
