@@ -14,7 +14,7 @@
 use std::ops::Range;
 
 use crate::device::{Bus, BusError};
-use crate::map::{BackgroundBlock, Flag, Selection};
+use crate::map::{BackgroundBlock, Selection};
 
 /// What a poll of the background report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,17 +89,10 @@ impl BackgroundReader {
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// Whether a program buffer was open on the board at the last report, as the copy of its global status says; `None` where
-    /// the report does not tell.
+    /// The copies of the board's global status at the last report, as they lie; `None` where the report has none.
     #[must_use]
-    pub fn program_buffer_open(&self) -> Option<bool> {
-        self.block.program_buffer_open.map(|flag| self.is_set(flag))
-    }
-
-    /// Whether the board gathered data at the last report, as the same copy says; `None` where the report does not tell.
-    #[must_use]
-    pub fn gathering(&self) -> Option<bool> {
-        self.block.gathering.map(|flag| self.is_set(flag))
+    pub fn global_status(&self) -> Option<[u32; 2]> {
+        self.block.global_status.as_ref()?.copies(&self.image, self.block.region.start)
     }
 
     /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is
@@ -115,10 +108,6 @@ impl BackgroundReader {
         let status = self.image.iter().skip(self.block.index(flag.word)).step_by(blocks.words);
         let read = status.take(self.numbers).enumerate().filter(|(at, _)| self.selection.has_number(at + 1));
         read.fold(0, |mask, (at, word)| mask | u32::from(!flag.is_set(*word)) << at)
-    }
-
-    fn is_set(&self, flag: Flag) -> bool {
-        self.image.get(self.block.index(flag.word)).is_some_and(|word| flag.is_set(*word))
     }
 
     /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.

@@ -30,7 +30,7 @@ use std::ops::Range;
 
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
-use crate::format::{int24, join32, split32};
+use crate::format::{join32, split32};
 use crate::map::{BusyRule, Flag, HostOffset, Selection, ServoBlock};
 
 /// How the buffer is read.
@@ -185,13 +185,7 @@ impl ServoReader {
     /// The copies of the board's global status at the last update, as they lie; `None` where the report has none.
     #[must_use]
     pub fn global_status(&self) -> Option<[u32; 2]> {
-        let status = self.block.global_status.as_ref()?;
-        let long = |offset| {
-            let &[low, high] = self.image.get(self.block.index(offset)..)?.first_chunk()?;
-            Some(int24::unsigned(join32(low, high)))
-        };
-        let [first, second] = status.longs.map(long);
-        Some([first?, second?])
+        self.block.global_status.as_ref()?.copies(&self.image, self.block.region.start)
     }
 
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.

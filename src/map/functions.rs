@@ -11,6 +11,7 @@ pub use variables::{
 };
 
 use super::{HostOffset, NumberKind, PmacAddress, Region};
+use crate::format::{int24, join32};
 
 /// Bits of a DPRAM word by which one side tells the other something.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -144,7 +145,7 @@ pub enum ReportStart {
     Enable,
 }
 
-/// The copies of the words of `???` in the servo report.
+/// The copies of the words of `???` in a report: PMAC's servo report, a Turbo board's background report.
 #[derive(Debug, PartialEq, Eq)]
 pub struct GlobalStatus {
     /// Where they lie, ascending.
@@ -155,6 +156,19 @@ pub struct GlobalStatus {
     pub gathering: u32,
     /// The bits of the first and of the second word that change only when somebody does something.
     pub steady: [u32; 2],
+}
+
+impl GlobalStatus {
+    /// The copies in the `image` of a report whose first word is at `start`, as they lie.
+    #[must_use]
+    pub fn copies(&self, image: &[u16], start: HostOffset) -> Option<[u32; 2]> {
+        let long = |offset: HostOffset| {
+            let &[low, high] = image.get(offset.words_since(start)..)?.first_chunk()?;
+            Some(int24::unsigned(join32(low, high)))
+        };
+        let [first, second] = self.longs.map(long);
+        Some([first?, second?])
+    }
 }
 
 /// The servo report: motor data that PMAC copies every so many servo cycles.
@@ -220,12 +234,8 @@ pub struct BackgroundBlock {
     pub global: Run,
     /// The longs with the board's ports: JPAN, JTHW and JOPTO.
     pub ports: [HostOffset; 3],
-    /// The longs with the words of `???`, in the order of that reply; `None` where the report has none.
-    pub global_status: Option<[HostOffset; 2]>,
-    /// In one of those: a motion, rotary or PLC buffer is open, so that a command line is a program line.
-    pub program_buffer_open: Option<Flag>,
-    /// In one of those: data are gathered.
-    pub gathering: Option<Flag>,
+    /// The copies of the words of `???`; `None` where the report has none.
+    pub global_status: Option<GlobalStatus>,
     /// In the block of motor 1: its amplifier is enabled.
     pub amplifier_enabled: Option<Flag>,
     /// What the blocks' numbers count.

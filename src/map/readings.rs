@@ -295,7 +295,8 @@ pub enum MailboxBell {
 }
 
 /// What the servo report's two copies of the global status are ($D00A and $D00B; DPRAM manual p. 15). The page has each copy's
-/// source, and which word of `???` it is; the Software Reference has the words of `???` the other way round.
+/// source, and which word of `???` it is; the Software Reference has the words of `???` the other way round. A Turbo board's
+/// background report has copies of Y:$000006 and X:$000006, likely in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
@@ -387,6 +388,15 @@ impl GlobalWords {
             Self::YFirst => [second, first],
             Self::XFirst => [first, second],
         }
+    }
+
+    /// What the words of `???` say, of which the board has these copies. Where nobody knows which `words` they are, what they say
+    /// either way.
+    #[must_use]
+    pub fn told(words: Option<Self>, copies: [u32; 2], says: impl Fn([u32; 2]) -> bool) -> Option<bool> {
+        let possible = words.map_or([Self::YFirst, Self::XFirst], |words| [words; 2]);
+        let [one, other] = possible.map(|words| says(words.in_order(copies)));
+        (one == other).then_some(one)
     }
 }
 

@@ -37,3 +37,12 @@ fn one_reading_leaves_the_others_and_nonsense_is_refused_with_the_list() {
     assert!(error.contains("`line_flag`"), "{error}");
     assert_eq!(readings.with("line_flag").unwrap_err().to_string(), "reading line_flag: write NAME=VALUE");
 }
+
+#[test]
+fn b3_where_nobody_knows_which_word_is_which_what_both_would_say_is_known() {
+    let is_open = |copies| GlobalWords::told(None, copies, |[_, second]| second & 1 << 19 != 0);
+    assert_eq!(is_open([0x01_0000, 1]), Some(false));
+    assert_eq!(is_open([0x09_0000, 1]), None);
+    assert_eq!(is_open([0x01_0000, 0x08_0001]), None);
+    assert_eq!(is_open([0x09_0000, 0x08_0001]), Some(true));
+}

@@ -8,6 +8,7 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundPoll, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
+use crate::map::readings::GlobalWords;
 use crate::map::{BackgroundBlock, Selection};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
@@ -45,6 +46,8 @@ pub struct BackgroundMirror {
     asked: Option<Asked>,
     /// What the last one tells of the whole board.
     told: Told,
+    /// Which copy of the global status is which, where that is known.
+    global_words: Option<GlobalWords>,
     /// Reports published so far.
     reports: u64,
 }
@@ -54,10 +57,8 @@ pub struct BackgroundMirror {
 struct Told {
     /// The report's time.
     time_ns: u64,
-    /// A program buffer is open; `None` where the report does not tell.
-    program_buffer: Option<bool>,
-    /// Data are gathered; `None` where the report does not tell.
-    gathers: Option<bool>,
+    /// The copies of its global status, as they lie; `None` where the report has none.
+    global_status: Option<[u32; 2]>,
 }
 
 /// A report that was asked for.
@@ -90,6 +91,7 @@ impl BackgroundMirror {
             last_poll_ns: 0,
             asked: None,
             told: Told::default(),
+            global_words: None,
             reports: 0,
         }
     }
@@ -129,18 +131,32 @@ impl BackgroundMirror {
         self.freshness.is_live()
     }
 
+    /// Takes note of which copy of the global status is which, as far as that is known.
+    pub fn set_global_words(&mut self, words: Option<GlobalWords>) {
+        self.global_words = words;
+    }
+
+    /// The copies of the board's global status, as they lie; `None` while no reports come that have them.
+    #[must_use]
+    pub fn global_status(&self) -> Option<[u32; 2]> {
+        self.told.global_status.filter(|_| self.is_live())
+    }
+
     /// Whether a program buffer is open on the board; `None` where no report tells that is at most `age_ns` old at `now`.
     #[must_use]
     pub fn program_buffer_open(&self, now: u64, age_ns: u64) -> Option<bool> {
         // Of reports that come more seldom nobody looks in time whether they have become too old.
         let is_new = self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns;
-        self.told.program_buffer.filter(|_| self.is_live() && is_new)
+        let copies = self.global_status().filter(|_| is_new)?;
+        let status = self.block.global_status.as_ref()?;
+        GlobalWords::told(self.global_words, copies, |[_, second]| second & status.program_buffer_open != 0)
     }
 
     /// Whether the board gathers data; `None` where no report tells.
     #[must_use]
     pub fn gathering(&self) -> Option<bool> {
-        self.told.gathers.filter(|_| self.is_live())
+        let (status, copies) = (self.block.global_status.as_ref()?, self.global_status()?);
+        GlobalWords::told(self.global_words, copies, |[first, _]| first & status.gathering != 0)
     }
 
     /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.
@@ -260,11 +276,7 @@ impl BackgroundMirror {
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
                 self.reports += 1;
-                self.told = Told {
-                    time_ns,
-                    program_buffer: self.reader.program_buffer_open(),
-                    gathers: self.reader.gathering(),
-                };
+                self.told = Told { time_ns, global_status: self.reader.global_status() };
                 self.due_ns = (at_ns + self.period_ns).max(now);
                 let transition = self.freshness.on_update(now);
                 if transition.is_some() {

@@ -248,6 +248,8 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
         bus.write16(at(block + 4 * 5), number as u16).unwrap();
         bus.write16(at(block + 4 * 25), 100 + number as u16).unwrap();
     }
+    // "global status: ??? second word, Y:$000006", or as another board may have it: a buffer is open, or data are gathered.
+    bus.write16(at(0x068A), 1 << 3).unwrap();
     bus.write16(at(0x0678), 0x5678).unwrap();
     bus.write16(at(0x067A), 0x8012).unwrap();
     let before = bus.accesses();
@@ -255,6 +257,14 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
         mirror.poll(&mut bus, &mut publisher, START + poll * MS).unwrap();
     }
     assert_eq!(bus.accesses() - before, 2 + 10 + 16 * 64 + 2);
+
+    let mut told = |words| {
+        mirror.set_global_words(words);
+        (mirror.program_buffer_open(START, SECOND), mirror.gathering())
+    };
+    assert_eq!(told(None), (None, None));
+    assert_eq!(told(Some(GlobalWords::YFirst)), (Some(true), Some(false)));
+    assert_eq!(told(Some(GlobalWords::XFirst)), (Some(false), Some(true)));
 
     let mut sample = Sample::new();
     subscriber.latest(RegionId::Background, &mut sample).unwrap().unwrap();

@@ -254,6 +254,28 @@ fn b3_what_others_open_and_gather_is_seen_whichever_way_the_global_words_lie() {
     }
 }
 
+#[test]
+fn b3_what_others_open_on_a_turbo_board_is_seen_whichever_way_the_global_words_lie() {
+    for value in ["y_first", "x_first"] {
+        let reading = format!("global_words={value}");
+        let board = ["--family", "turbo2", "--reading", &reading];
+        let site = VirtualSite::configured(&board, "family = \"turbo2\"\n");
+        site.wait_for_identity();
+        let first = || site.run(&["status", "--json"]).json()["global_status"]["words"][0].clone();
+        let told = format!("${}", &site.ask("???")[0][..6]);
+        site.wait_until("the global status", || first() == told.as_str());
+        let mut serial = UnixStream::connect(site.path("serial")).unwrap();
+        serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
+        site.run_for(Duration::from_millis(500));
+        let ran = site.run(&["send", "X9"]);
+        assert!(ran.code == Some(1) && ran.stderr.contains("opened by somebody else"), "{value}: {ran:?}");
+        serial.write_all(b"CLOSE\r").unwrap();
+        site.run_for(Duration::from_secs(3));
+        assert_eq!(site.ask("LIST PROG 88"), ["X1"], "{value}");
+        site.assert_no_violations();
+    }
+}
+
 /// The words of `pmacctl variable set` on a Turbo board that reads records otherwise than its daemon is told.
 #[test]
 fn b3_a_record_that_the_board_reads_otherwise_is_not_tried_for_long() {

@@ -42,7 +42,6 @@ const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
             "gather_size_word",
             "panel_mask",
             "panel_words",
-            "global_words",
             "background_timer",
         ],
     ),

@@ -296,9 +296,7 @@ impl BoardLoop {
                         self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
                     }
                 }
-                self.functions.see_buffer();
-                let copies = self.functions.servo.global_status();
-                self.functions.ascii.queue_mut().identifier.see_global_status(copies);
+                self.see_global_status();
                 if was_reset {
                     self.reporter.reset();
                     self.after_reset(!self.presence.is_reset_known())?;
@@ -312,7 +310,7 @@ impl BoardLoop {
                         self.doubt_board();
                     }
                 }
-                self.functions.see_buffer();
+                self.see_global_status();
             }
             Function::Ascii => {
                 let queue = self.functions.ascii.queue();
@@ -323,6 +321,13 @@ impl BoardLoop {
             Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}
         }
         Ok(())
+    }
+
+    /// Tells the command lines what a report says of the whole board.
+    fn see_global_status(&mut self) {
+        self.functions.see_buffer();
+        let copies = self.functions.global_status();
+        self.functions.ascii.queue_mut().identifier.see_global_status(copies);
     }
 
     /// Data have stopped: the board may have been reset, or be gone.
@@ -344,6 +349,7 @@ impl BoardLoop {
             identity.servo_report_cycles,
         );
         self.functions.servo.set_global_words(identity.global_words);
+        self.functions.background.set_global_words(identity.global_words);
         self.functions.background.configure(motors);
         match self.configured.settings.layout_for(identity.firmware.as_deref()) {
             Ok(layout) => self.functions.set_layout(layout),

@@ -98,7 +98,11 @@ impl Identifier {
             changes: ChangeWatch::new(family),
             recheck: RECHECK,
             asked: now,
-            comparison: family.servo.global_status.as_ref().filter(|_| ask).map(Comparison::new),
+            comparison: [&family.servo.global_status, &family.background.global_status]
+                .into_iter()
+                .find_map(Option::as_ref)
+                .filter(|_| ask)
+                .map(Comparison::new),
         }
     }
 
@@ -182,7 +186,7 @@ impl Identifier {
         asks.min(compares)
     }
 
-    /// Takes note of the copies of the global status in the servo report, as they lie; of nothing while none come.
+    /// Takes note of the copies of the global status in a report, as they lie; of nothing while none come.
     pub fn see_global_status(&mut self, copies: Option<[u32; 2]>) {
         if let Some(comparison) = &mut self.comparison {
             comparison.see(copies);

@@ -292,8 +292,6 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     global: Run { first: BACKGROUND_PANEL_PORT, words: 6 },
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
     global_status: None,
-    program_buffer_open: None,
-    gathering: None,
     amplifier_enabled: Some(Flag {
         word: BACKGROUND_BLOCK.plus_words(background_block::MOTOR_STATUS),
         mask: background_block::AMPLIFIER_ENABLED,

@@ -5,8 +5,8 @@
 //! public drivers or their headers tell, the line says so; what no text tells is as on PMAC, and says that.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, IVariables, RecordBits, ReportStart,
-    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, GlobalStatus, IVariables, RecordBits,
+    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::{Function, GatherPlace, HostOffset, NumberKind, Region};
 
@@ -121,11 +121,16 @@ pub const BACKGROUND_THUMBWHEEL_PORT: HostOffset = at(0x0684);
 pub const BACKGROUND_GLOBAL_STATUS_Y: HostOffset = at(0x0688);
 /// Copy of X:$000006, the first word of `???`; a long.
 pub const BACKGROUND_GLOBAL_STATUS_X: HostOffset = at(0x068C);
-/// In the high word of [`BACKGROUND_GLOBAL_STATUS_Y`] (bits 20 to 17 there; TSRM p. 290): a binary rotary, motion, rotary or
-/// PLC buffer is open.
-pub const PROGRAM_BUFFER_OPEN: u16 = 0b1111 << 1;
-/// In the high word of [`BACKGROUND_GLOBAL_STATUS_X`] (bit 19 there): data are gathered.
-pub const GATHERING: u16 = 1 << 3;
+/// The copies of the global status. That the second word comes first is likely, not sure (FACTS-TURBO 5): the reading
+/// [`crate::map::readings::GlobalWords`].
+const GLOBAL_STATUS: GlobalStatus = GlobalStatus {
+    longs: [BACKGROUND_GLOBAL_STATUS_Y, BACKGROUND_GLOBAL_STATUS_X],
+    // Y:$000006, bits 20 to 17 (TSRM p. 290): a binary rotary, motion, rotary or PLC buffer is open.
+    program_buffer_open: 0b1111 << 17,
+    gathering: 1 << 19,
+    // What the board is, what is gathered and open, and errors that stay.
+    steady: [0x2A_7C83, 0xFF_0800],
+};
 /// Three longs without a documented use.
 pub const BACKGROUND_GLOBAL_SPARE: HostOffset = at(0x0690);
 /// The block of coordinate system 1; the others follow without a gap.
@@ -278,12 +283,7 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     },
     global: Run { first: BACKGROUND_PANEL_PORT, words: 10 },
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
-    global_status: Some([BACKGROUND_GLOBAL_STATUS_X, BACKGROUND_GLOBAL_STATUS_Y]),
-    program_buffer_open: Some(Flag {
-        word: BACKGROUND_GLOBAL_STATUS_Y.plus_words(1),
-        mask: PROGRAM_BUFFER_OPEN,
-    }),
-    gathering: Some(Flag { word: BACKGROUND_GLOBAL_STATUS_X.plus_words(1), mask: GATHERING }),
+    global_status: Some(GLOBAL_STATUS),
     amplifier_enabled: None,
     numbers: NumberKind::CoordinateSystem,
     blocks: Blocks { count: SYSTEMS, first: BACKGROUND_SYSTEM, words: BACKGROUND_SYSTEM_STRIDE as usize / 2 },

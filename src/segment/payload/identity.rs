@@ -86,7 +86,7 @@ pub struct Identity {
     pub background_report: Option<u32>,
     /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
     pub motor_mask: Option<u32>,
-    /// Which copy of the global status in the servo report is which, as the board has told.
+    /// Which copy of the global status in a report is which, as the board has told.
     pub global_words: Option<GlobalWords>,
     /// Firmware version, as `1.16D`.
     pub firmware: Option<Text<FIRMWARE_BYTES>>,

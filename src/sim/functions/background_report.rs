@@ -12,7 +12,7 @@ use crate::format::{float48, int24};
 use crate::map::readings::{ReportReady, TimerOrder};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
-use crate::sim::functions::copies::{Copies, calculated};
+use crate::sim::functions::copies::{Copies, calculated, order_global_words};
 use crate::sim::functions::servo_report::ServoReport;
 
 const FUNCTION: &str = "background";
@@ -94,6 +94,8 @@ impl BackgroundReport {
         for copy in &self.copies.board {
             copy.write(copy.read(0, memory), memory);
         }
+        let global_words = board.identity.readings.global_words;
+        order_global_words(memory, background.global_status.as_ref(), global_words);
         for (index, copies) in self.copies.numbers.iter().enumerate().take(count) {
             let status = memory.read(memory.registers().program_status.of(index));
             let choice = if status & SEGMENTED != 0 && status & SEGMENTED_STOP == 0 {

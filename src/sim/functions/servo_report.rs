@@ -9,7 +9,8 @@
 //! by themselves, and the reading `report_ready` says whether it waits until the host has cleared the flag. With I57=1 they
 //! are made together with the background report.
 //!
-//! Which of $D00A and $D00B copies which word of the global status is played as the reading `global_words` says.
+//! Which of $D00A and $D00B copies which word of the global status is played as the reading `global_words` says, as it is in the
+//! background report of Turbo boards.
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
@@ -20,13 +21,13 @@
 use nix::time::{ClockId, clock_gettime};
 
 use crate::format::int24;
-use crate::map::readings::{GlobalWords, ReportReady};
+use crate::map::readings::ReportReady;
 use crate::map::{BusyRule, HostOffset, ReportStart};
 use crate::sim::board::Board;
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::memory::Memory;
-use crate::sim::functions::copies::Copies;
+use crate::sim::functions::copies::{Copies, order_global_words};
 
 /// The report's state.
 #[derive(Debug, Clone)]
@@ -122,14 +123,7 @@ impl ServoReport {
         memory.dpram.order_writes();
         self.updates += 1;
         self.copy(motors, memory);
-        if let (GlobalWords::XFirst, Some(status)) = (global_words, &servo.global_status) {
-            let [first, second] = status.longs.map(|long| memory.dpram.read32(long));
-            status
-                .longs
-                .into_iter()
-                .zip([second, first])
-                .for_each(|(long, word)| memory.dpram.write32(long, word));
-        }
+        order_global_words(memory, servo.global_status.as_ref(), global_words);
         if self.time {
             self.stamp(memory);
         }

@@ -68,7 +68,8 @@ impl Board {
         let board = Self {
             memory,
             cycles: 0x12_FF00,
-            global: [0, 0],
+            // "16" of the second word says nothing that is asked for here, but tells the two words apart.
+            global: [0, 1 << 16],
             part: Vec::new(),
             parts: 0,
             characters: Vec::new(),
@@ -145,8 +146,9 @@ impl Board {
         if waits || count > 16 {
             return;
         }
-        self.put_short(0x0688, self.global[1] as i32);
-        self.put_short(0x068C, (self.global[0] | u32::from(self.gathers) << 19) as i32);
+        let [first, second] = self.global_status();
+        self.put_short(0x0688, second as i32);
+        self.put_short(0x068C, first as i32);
         for system in 0..count {
             // The first word of `??`: "0 running program"; the program lines that remain.
             self.put_short(0x069C + 0x80 * system + 20, 1);
@@ -227,9 +229,15 @@ impl Board {
                 self.gathers = line == "GATHER";
                 Vec::new()
             }
-            // "19 gathering on" of the first word.
-            "???" => vec![format!("{:06X}{:06X}", u32::from(self.gathers) << 19, self.global[1])],
-            _ if line.starts_with("SIZE") => line.split(' ').map(|_| "41301".to_owned()).collect(),
+            "???" => {
+                let [first, second] = self.global_status();
+                vec![format!("{first:06X}{second:06X}")]
+            }
+            // It is negative while a buffer is open.
+            _ if line.starts_with("SIZE") => {
+                let size = if self.global[1] & 0b1111 << 17 == 0 { "41301" } else { "-41301" };
+                line.split(' ').map(|_| size.to_owned()).collect()
+            }
             _ if line.starts_with('Q') => vec![line.len().to_string()],
             _ => {
                 let numbers = line.strip_prefix('I')?.split('I').map(|number| number.trim().parse().ok());
@@ -237,6 +245,11 @@ impl Board {
                 numbers.into_iter().map(|number| self.variable(number).to_string()).collect()
             }
         })
+    }
+
+    /// The words of `???`: "19 gathering on" of the first one.
+    fn global_status(&self) -> [u32; 2] {
+        [self.global[0] | u32::from(self.gathers) << 19, self.global[1]]
     }
 
     fn variable(&self, number: usize) -> u32 {

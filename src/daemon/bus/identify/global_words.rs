@@ -1,9 +1,10 @@
-//! Which of the two copies of the global status in the servo report is which word of `???`.
+//! Which of the two copies of the global status in a report is which word of `???`.
 //!
 //! The DPRAM manual (p. 15) has $D00A copy Y:$0003 and calls it the first word of the reply; the Software Reference says that the
 //! first one is X:$0003. Under the other reading "a program buffer is open" would be read out of a word that has other bits
 //! there. So the board's own reply is compared with the copies: those from before the question and from after the reply have
-//! to say the same. A reply that fits both ways says nothing, and one that fits neither was made while something changed.
+//! to say the same. A reply that fits both ways says nothing, and one that fits neither was made while something changed. On Turbo
+//! boards the background report has the copies (FACTS-TURBO 5: which is which is likely, not sure).
 
 use std::time::{Duration, Instant};
 

@@ -92,6 +92,17 @@ fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset(
 }
 
 #[test]
+fn b3_a_turbo_boards_global_words_are_compared_too() {
+    let now = Instant::now();
+    for (copies, words) in [([0x01_0000, 1], GlobalWords::YFirst), ([1, 0x01_0000], GlobalWords::XFirst)] {
+        let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
+        identifier.see_global_status(Some(copies));
+        assert_eq!(answer(&mut identifier, now, &["000001010000"]), "???");
+        assert_eq!(identifier.take_update().unwrap().global_words, Some(words));
+    }
+}
+
+#[test]
 fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
     let start = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
