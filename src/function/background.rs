@@ -7,6 +7,10 @@
 //! cleared again. So Data-Ready is cleared when a report is wanted, not when the last one has been read: what is
 //! read then is as new as the polls for it are close together.
 //!
+//! A Turbo board may make reports by itself, the next one before the last is read (Turbo User Manual p. 403). Such a report is
+//! dropped. Behind one Host-Busy is set while the next is read: PMAC makes none then (p. 405). It is set when a report is there,
+//! so nobody waits for one that does not come.
+//!
 //! Which register an axis target position comes from is PMAC's choice (the manual's Note 1), told by the program
 //! status of the same report: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the
 //! cutter-compensated one; else the programmed one.
@@ -42,6 +46,10 @@ pub struct BackgroundReader {
     count_found: Option<[u16; 2]>,
     /// The next block to read, while a report is being read.
     next_block: Option<usize>,
+    /// The last report was followed by another while it was read.
+    was_overtaken: bool,
+    /// Host-Busy is set: PMAC makes no other report meanwhile.
+    holds: bool,
 }
 
 impl BackgroundReader {
@@ -66,6 +74,8 @@ impl BackgroundReader {
             image,
             count_found: None,
             next_block: None,
+            was_overtaken: false,
+            holds: false,
         }
     }
 
@@ -147,6 +157,7 @@ impl BackgroundReader {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        self.let_go(bus)?;
         if let (Some(count), Some([found, written])) = (self.block.count, self.count_found.take())
             && bus.read16(count)? == written
         {
@@ -162,7 +173,7 @@ impl BackgroundReader {
 
     /// Polls once: reads the next part of the report if there is one. After its last part it stays until another is asked
     /// for. 1 access when there is nothing; a report of n blocks of 62 words costs 62n + 11 in all: 1 to ask for it, 8 to
-    /// begin with, 62 a poll, and in the last poll 2 more, to see that it still stands.
+    /// begin with, 62 a poll, and in the last poll 2 more, to see that it still stands. 3 more behind one that did not.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -184,12 +195,24 @@ impl BackgroundReader {
         bus.order_reads();
         // A board that was reset meanwhile may have begun, or made, another report (`tests/models/background.pml`).
         let [ready, timer] = [self.block.ready.word, self.block.timer.low];
+        self.was_overtaken = false;
         for word in [ready, timer] {
-            if bus.read16(word)? != self.image[self.block.index(word)] {
-                return Ok(BackgroundPoll::Nothing);
-            }
+            self.was_overtaken |= bus.read16(word)? != self.image[self.block.index(word)];
+        }
+        self.let_go(bus)?;
+        if self.was_overtaken {
+            return Ok(BackgroundPoll::Nothing);
         }
         Ok(BackgroundPoll::Report(self.block.timer.read(&self.image, self.block.region.start)))
+    }
+
+    /// Clears Host-Busy, if it is set.
+    fn let_go(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+        if let Some(host_busy) = self.block.host_busy.filter(|_| std::mem::take(&mut self.holds)) {
+            bus.write16(host_busy.word, 0)?;
+            bus.order_writes();
+        }
+        Ok(())
     }
 
     /// The first block from `next` on that is to be read.
@@ -200,9 +223,17 @@ impl BackgroundReader {
     /// Reads the global words if PMAC has a report ready.
     fn poll_for_report(&mut self, bus: &mut impl Bus) -> Result<BackgroundPoll, BusError> {
         let block = self.block;
-        let ready = bus.read16(block.ready.word)?;
         // All ones is what an absent board reads as, not a report: most bits are reserved and 0.
-        if !block.ready.is_set(ready) || ready == u16::MAX {
+        let is_report = |ready| block.ready.is_set(ready) && ready != u16::MAX;
+        let mut ready = bus.read16(block.ready.word)?;
+        if let Some(host_busy) = block.host_busy.filter(|_| self.was_overtaken && is_report(ready)) {
+            self.holds = true;
+            bus.write16(host_busy.word, host_busy.mask)?;
+            bus.order_writes();
+            ready = bus.read16(block.ready.word)?;
+        }
+        if !is_report(ready) {
+            self.let_go(bus)?;
             return Ok(BackgroundPoll::Nothing);
         }
         bus.order_reads();
@@ -219,8 +250,8 @@ impl BackgroundReader {
 mod tests {
     use super::*;
     use crate::device::{Counted, FileBoard};
-    use crate::map::PMAC;
     use crate::map::pmac::{BACKGROUND_BLOCK, BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY};
+    use crate::map::{HostOffset, PMAC, TURBO2};
 
     #[test]
     fn a_report_is_held_until_the_next_is_asked_for() {
@@ -276,6 +307,33 @@ mod tests {
                 "a whole new report is left for the next looks"
             );
         }
+    }
+
+    #[test]
+    fn c1_behind_a_report_that_was_overtaken_the_board_is_held_off() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(TURBO2.length.into()).unwrap();
+        let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();
+        let mut reader = BackgroundReader::new(&TURBO2.background);
+        let [busy, timer, ready] = [0x0676, 0x0678, 0x067A].map(HostOffset::new);
+        let mut timers = 1..;
+        // One is due at each look, unless Host-Busy is set.
+        let mut poll = |reader: &mut BackgroundReader, bus: &mut FileBoard| {
+            if bus.read16(busy).unwrap() & 0x8000 == 0 {
+                bus.write16(timer, timers.next().unwrap()).unwrap();
+                bus.write16(ready, 0x8000).unwrap();
+            }
+            reader.poll(bus).unwrap()
+        };
+        reader.ask(&mut bus).unwrap();
+        let mut reports = (0..100).map(|_| (poll(&mut reader, &mut bus), bus.read16(busy).unwrap() >> 15));
+        assert_eq!(
+            reports.find(|(poll, _)| *poll != BackgroundPoll::Partial),
+            Some((BackgroundPoll::Nothing, 0))
+        );
+        assert_eq!(reports.next(), Some((BackgroundPoll::Partial, 1)));
+        let whole = reports.find(|(poll, _)| *poll != BackgroundPoll::Partial);
+        assert!(matches!(whole, Some((BackgroundPoll::Report(_), 0))), "{whole:?}");
     }
 
     #[test]
