@@ -11,6 +11,9 @@
  * RESET       the board is reset anywhere, once, and clears Data-Ready and timer; its timer goes on by one meanwhile (that
  *             the new report has the very timer of the old one is not modelled: 1 in 65536).
  * TURBO       PMAC makes reports by itself, unless Host-Busy is set, which a dead or other host may have left
+ * FAST        with TURBO and LIVE: PMAC makes the next report as soon as the host has seen that one is there, and each read takes
+ *             longer than that. Neither acts between the other's look at a bit and what it does then.
+ * NO_HOLD     it is not set. FAILS with FAST (liveness): each report is overtaken while it is read.
  * NO_RELEASE  the host does not clear Host-Busy when it asks. FAILS with TURBO (liveness): PMAC makes no report.
  * TIMER_FIRST at the end the host reads the timer again, then Data-Ready. FAILS with TURBO: PMAC has cleared Data-Ready and
  *             written the second word, which the host reads; it reads the timer, still the old one, and Data-Ready when PMAC
@@ -48,8 +51,14 @@ proctype Pmac() {
 #endif
          (!copying || made < NUMBERS - 2) ->
          if :: copying -> made++ :: else fi;
-         updated = false; if :: host_busy -> goto pass :: else fi };
+         updated = false; if :: host_busy -> goto pass :: else fi;
+#ifndef FAST
+       };
        ready = 0;
+#else
+         ready = 0
+       };
+#endif
        word[0] = number;
 #else
     :: !ready ->                                      /* one background pass */
@@ -68,6 +77,9 @@ pass:  looked = false
 
 proctype Host() {
   byte copy[2], stamp, again;
+#ifdef TURBO
+  bit overtaken = 0;                                  /* the last report was, by the next one */
+#endif
   do
   :: {
     ready = 0;                                        /* BackgroundReader::release, at the start */
@@ -80,7 +92,24 @@ proctype Host() {
        ready = 0;                                     /* BackgroundReader::ask */
 #endif
 #ifdef TURBO
+#ifdef FAST
+look:  atomic { ready -> taken = false; copying = true; made = 0; looked = true;
+#ifndef NO_HOLD
+         if :: overtaken -> host_busy = 1 :: else fi
+#endif
+       };
+#else
 look:  atomic { ready -> taken = false; copying = true; made = 0 };
+       if
+       :: overtaken ->
+          host_busy = 1;                              /* PMAC begins no other meanwhile */
+          if
+          :: !ready -> host_busy = 0; goto gone
+          :: else
+          fi
+       :: else
+       fi;
+#endif
 #else
 look:  atomic { ready -> taken = false };
 #endif
@@ -110,18 +139,27 @@ look:  atomic { ready -> taken = false };
        atomic { copy[0] = 0; copy[1] = 0; stamp = 0; again = 0; goto due };
 gone:  atomic { copy[0] = 0; copy[1] = 0; stamp = 0; again = 0;
 #ifdef TURBO
-         copying = false; looked = true;
+         copying = false; looked = true; overtaken = 1;
 #endif
-         goto look };
+       };
 #ifdef TURBO
-due:   atomic { copying = false; looked = true }
+       host_busy = 0;                                 /* BackgroundReader::let_go */
+#endif
+       goto look;
+#ifdef TURBO
+due:   atomic { copying = false; looked = true };
+       if
+       :: overtaken -> host_busy = 0
+       :: else
+       fi;
+       overtaken = 0
 #else
 due:   skip
 #endif
     od
   } unless { atomic { killed -> killed = false
 #ifdef TURBO
-    ; copying = false
+    ; copying = false; overtaken = 0
 #endif
   } }
   od
