@@ -363,6 +363,25 @@ fn c4_status_words_have_turbos_bits() {
 }
 
 #[test]
+fn c4_i24_names_the_dpram_that_the_functions_use() {
+    let mut bench = bench();
+    assert_eq!(send(&mut bench, "RHY$3F"), ["064000"], "Turbo User Manual p. 402");
+    let counts = |bench: &mut Bench| {
+        bench.run(10);
+        let before = bench.world.report.updates;
+        bench.run(10);
+        bench.world.report.updates - before
+    };
+    send(&mut bench, "I47=1 I48=1");
+    bench.write(0x0070, 1);
+    assert_eq!(counts(&mut bench), 10);
+    send(&mut bench, "I24=$6C000");
+    assert_eq!((counts(&mut bench), bench.world.board.takes_ascii()), (0, false));
+    send(&mut bench, "I24=*");
+    assert_eq!((counts(&mut bench), bench.world.board.takes_ascii()), (10, true));
+}
+
+#[test]
 fn c4_variables_go_to_8191_and_wrap_and_have_factory_values() {
     let mut bench = bench();
     assert_eq!(send(&mut bench, "P8191=5 M8191->* M8191=6 Q8191=7 P8191 M8191 Q8191"), ["5", "6", "7"]);

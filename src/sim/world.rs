@@ -239,7 +239,7 @@ impl World {
         }
         let page_selected = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
         self.reach.poll(&mut self.board, page_selected, &mut self.report);
-        if !self.board.out_of_reach {
+        if self.reaches_dpram() {
             self.ascii.poll(&mut self.board, &mut self.programs, self.ports.at(Port::Dpram));
             self.follow_reset();
             self.functions.poll(&mut self.board, &mut self.programs);
@@ -249,21 +249,27 @@ impl World {
         }
     }
 
+    /// Whether the functions see the DPRAM.
+    fn reaches_dpram(&self) -> bool {
+        !self.board.out_of_reach && self.board.uses_dpram()
+    }
+
     fn servo_interrupt(&mut self) {
         self.programs.servo_interrupt(&mut self.board);
-        if !self.board.out_of_reach {
+        if self.reaches_dpram() {
             self.report.cycle(&mut self.board);
         }
     }
 
     /// The part of a background pass that no host asks for.
     fn housekeeping(&mut self) {
+        let reaches_dpram = self.reaches_dpram();
         let Self { board, programs, background, report, .. } = self;
         programs.background_registers(board);
         requests::poll(board, programs);
         programs.background_plcs(board);
         programs.write_global_status(board);
-        if !board.out_of_reach {
+        if reaches_dpram {
             if background.poll(board, &programs.report, report) {
                 board.stats.background_updates += 1;
             }

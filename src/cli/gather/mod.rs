@@ -39,7 +39,7 @@ pub struct Gather {
     /// A register to sample: 1.actual_position, cs2.program_status, servo_timer, Y:$C003 (signed unless ,u follows), D:$002B
     #[arg(long, short, value_name = "SOURCE", required_unless_present = "stop")]
     source: Vec<String>,
-    /// Servo cycles between samples (I19; meanwhile also the period of the servo report)
+    /// Servo cycles between samples (I19, meanwhile also the period of the servo report; I5049 on Turbo boards)
     #[arg(long, value_name = "CYCLES", default_value = "1")]
     period: u32,
     /// Duration in seconds; without it until ^C, or with --once until the buffer is full
@@ -48,7 +48,7 @@ pub struct Gather {
     /// The board's buffer in 32-bit longs, rounded up to whole samples; without it, all that the daemon reserves
     #[arg(long, value_name = "LONGS")]
     buffer: Option<u32>,
-    /// Stop when the buffer is full (I45=2) instead of wrapping round
+    /// Stop when the buffer is full (I45=2, I5000=2 on Turbo boards) instead of wrapping round
     #[arg(long)]
     once: bool,
     /// The file, ending in .csv or .npy; - is CSV on stdout
@@ -225,8 +225,8 @@ fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
 /// What is to be said of a daemon that is gone while samples come.
 fn gone(samples: u64) -> String {
     format!(
-        "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I19 may stay \
-         as the gather set it: pmacctl gather --stop, when pmacd is there again"
+        "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I-variables may \
+         stay as the gather set them: pmacctl gather --stop, when pmacd is there again"
     )
 }
 

@@ -136,6 +136,7 @@ const fn pmac(
             minimum_arc: Setting::Board(90),
             backlash_hysteresis: Setting::Board(99),
             line_from_dpram: Some(47),
+            dpram_base: None,
         },
         registers: register_table::pmac(family),
         status_bits: status_bits::PMAC,

@@ -235,6 +235,10 @@ impl Board {
     fn power_on(&mut self) {
         self.memory.clear_registers();
         self.saved.bus_setup.put(&mut self.memory, &self.variables);
+        let Family { base, length, .. } = *self.family();
+        if let Some(dpram_end) = self.memory.registers().dpram_end {
+            self.memory.write(dpram_end, base + length / 4);
+        }
         let Family { servo, background, ascii, panel, variable_write, rotary, .. } = self.family();
         for word in [
             servo.pmac_status.word,
@@ -341,7 +345,14 @@ impl Board {
     /// Whether I58 (in this family's numbers) enables DPRAM ASCII.
     #[must_use]
     pub fn takes_ascii(&self) -> bool {
-        self.enabled(self.family().i.ascii_enable)
+        self.enabled(self.family().i.ascii_enable) && self.uses_dpram()
+    }
+
+    /// Whether the functions use this DPRAM: I24 of a Turbo board names the one that serves them all (Turbo User Manual p. 45).
+    #[must_use]
+    pub fn uses_dpram(&self) -> bool {
+        let base = self.settings().dpram_base;
+        base.is_none_or(|number| self.variables.i_integer(number) == i64::from(self.family().base))
     }
 
     /// Whether the I-variable that enables a function of the DPRAM is 1.

@@ -55,6 +55,8 @@ pub struct RegisterTable {
     pub bus_setup: Option<PmacAddress>,
     /// Their copies in force.
     pub bus_active: PmacAddress,
+    /// Where the board notes the first address behind its DPRAM; `None` where nowhere.
+    pub dpram_end: Option<PmacAddress>,
     /// The first address behind the registers that a reset clears; variables and buffers lie above.
     pub end: u32,
 
@@ -128,6 +130,7 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         conversion_table: y(0x0720),
         bus_setup: Some(x(0x0783)),
         bus_active: x(0xE006),
+        dpram_end: None,
         end: 0x1000,
 
         time_left: Each::new(motor, x(0x0020)),

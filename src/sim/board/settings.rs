@@ -34,4 +34,6 @@ pub struct Settings {
     pub backlash_hysteresis: Setting,
     /// Where in the DPRAM ^W takes a line; `None` where there is no such command.
     pub line_from_dpram: Option<usize>,
+    /// The address of the DPRAM that the functions use; `None` where there is only one.
+    pub dpram_base: Option<usize>,
 }

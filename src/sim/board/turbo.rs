@@ -41,6 +41,8 @@ const fn registers(family: &'static Family) -> RegisterTable {
         conversion_table: PmacAddress::new(Space::Y, 0x3501),
         bus_setup: None,
         bus_active: PmacAddress::new(Space::X, 0x7_0006),
+        // Turbo User Manual p. 402.
+        dpram_end: Some(PmacAddress::new(Space::Y, 0x3F)),
         end: 0x4000,
 
         time_left: motor(Space::X, 0xA0),
@@ -101,6 +103,7 @@ const fn turbo(
             minimum_arc: Setting::System(97),
             backlash_hysteresis: Setting::Motor(87),
             line_from_dpram: None,
+            dpram_base: Some(24),
         },
         registers: registers(family),
         status_bits: status_bits::TURBO,

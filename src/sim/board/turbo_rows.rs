@@ -1,8 +1,8 @@
 //! What Turbo PMAC's I-variables have in place of PMAC's, or on top of them.
 //!
 //! The values are those read from a board after `$$$***` (`dls-pmacanalyse`, `factorySettings_pmac.pmc`), where the tool
-//! that read them leaves no mark. Those it does mark, I3, I4, I5, I6, I9, I58, I63 and I64, are the Turbo Software
-//! Reference's (pp. 37-39, 67).
+//! that read them leaves no mark. Those it does mark, I3, I4, I6, I9, I58, I63 and I64, are the Turbo Software Reference's
+//! (pp. 37-39, 67).
 
 use super::i_rows::{
     BYTE, FLOAT, Factory, Kind, MODE, NIBBLE, POSITIVE, Row, SWITCH, WORD, coordinate, global, motor,
@@ -17,7 +17,7 @@ pub const GLOBAL: &[Row] = &[
     global(2, "control panel", MODE, 1.0),
     global(3, "I/O handshake", MODE, 1.0),
     global(4, "communication checksum", MODE, 1.0),
-    global(5, "PLC enable", MODE, 1.0),
+    global(5, "PLC enable", MODE, 0.0),
     global(6, "error reporting", MODE, 3.0),
     global(7, "phase cycle extension", NIBBLE, 0.0),
     global(8, "real-time interrupt period", BYTE, 2.0),

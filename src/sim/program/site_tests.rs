@@ -183,7 +183,7 @@ fn c4b_kinematic_programs_are_kept_by_coordinate_system_and_not_run() {
     // C.S. 3, axis: inverse kinematics 5, XYZ 7.
     assert_eq!(send(&mut bench, "#3?")[0][6..8], *"25");
     assert_eq!(send(&mut bench, "#4?")[0][6..8], *"27");
-    assert_eq!(send(&mut bench, "&1 #8-> I5"), ["0", "1"], "a list, and a report");
+    assert_eq!(send(&mut bench, "&1 #8-> I2"), ["0", "1"], "a list, and a report");
     let mut pmac = board(&firmware::PMAC);
     for line in ["OPEN FORWARD", "OPEN INVERSE", "#3->I"] {
         assert_eq!(refusal(&mut pmac, line), Some(CommandError::SYNTAX), "{line}");
