@@ -54,6 +54,23 @@ fn last_address(text: &str, sign: char) -> Option<u32> {
 }
 
 impl Addressed {
+    /// Whom a board addresses that has come up.
+    const AT_POWER_UP: Self = Self { motor: Some(1), system: Some(1) };
+
+    /// What both know.
+    fn common(self, other: Self) -> Self {
+        let same = |one: Option<u32>, other| one.filter(|_| one == other);
+        Self { motor: same(self.motor, other.motor), system: same(self.system, other.system) }
+    }
+
+    /// Goes through a line.
+    fn follow_all(&mut self, line: &str, tokens: &[Token]) {
+        tokens.iter().for_each(|token| self.follow(line, token));
+        if plain(line).contains("$$$") {
+            *self = Self::AT_POWER_UP;
+        }
+    }
+
     fn follow(&mut self, line: &str, token: &Token) {
         match token.kind {
             Kind::Motor(number) | Kind::AxisOf(number) => self.motor = Some(number),
@@ -300,13 +317,31 @@ impl Session {
                 return Err(Failure::unsent(board::UNKNOWN, why));
             }
         }
-        tokens.iter().for_each(|token| addressed.follow(line, token));
-        self.port.addressed = addressed;
+        let before = std::mem::replace(&mut self.port.addressed, addressed);
+        self.port.addressed.follow_all(line, tokens);
         for (index, piece) in pieces.into_iter().enumerate() {
-            let lines = self.piece(piece).map_err(|failure| known_only_in_part(failure, index))?;
+            let lines = self.piece(piece).map_err(|failure| {
+                let failure = known_only_in_part(failure, index);
+                self.fall_back(before, &failure);
+                failure
+            })?;
             self.pending.lines(&lines, self.port.handshake);
         }
         Ok(())
+    }
+
+    /// A line failed before which the client addressed `before`. Which of its addresses the board has taken is not known, unless
+    /// nothing was sent: the next line has to say whom it means.
+    fn fall_back(&mut self, before: Addressed, failure: &Failure) {
+        match failure {
+            Failure::Unanswered(_) => {}
+            Failure::Refused { is_sent: false, .. } => self.port.addressed = before,
+            Failure::Refused { .. } | Failure::Gone(_) if self.port.addressed != before => {
+                self.port.addressed = self.port.addressed.common(before);
+                self.says_whom = true;
+            }
+            Failure::Refused { .. } | Failure::Gone(_) => {}
+        }
     }
 
     /// A line that goes as it is: it opens a program buffer, or enters one.

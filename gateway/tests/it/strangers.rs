@@ -79,6 +79,28 @@ fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
 }
 
 #[test]
+fn d2_behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
+    let site = Site::new(&[]);
+    let (mut one, mut two) = (site.client(), site.client());
+    assert_eq!(one.line("#1"), "\x06");
+    assert!(one.line("P99999999 #3").starts_with("\x07ERR"), "the board does not come to the address");
+    assert_eq!(one.line("J/"), "\x07ERR003\r", "whom the board addresses is not known");
+    assert_eq!(one.line("#1J/"), "\x06");
+    assert_eq!(one.line("J/"), "\x06");
+    // Nothing of this is sent.
+    assert_eq!(two.line("OPEN PROG 7 CLEAR"), "\x06");
+    assert!(one.line("#3 P5=1").starts_with("\x07ERR"));
+    assert_eq!(two.line("CLOSE"), "\x06");
+    assert_eq!(one.line("J/"), "\x06");
+    assert_eq!(site.log("pmacd").matches("\"#1J/\"").count(), 3, "{}", site.log("pmacd"));
+    // A board that has come up addresses the first.
+    one.line("#3");
+    one.line("$$$");
+    wait_until("the board", || one.line("J/") == "\x06");
+    assert!(!site.log("pmacd").contains("\"#3J/\""), "{}", site.log("pmacd"));
+}
+
+#[test]
 fn d2_who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
     let site = Site::new(&[]);
     let one = site.udp();
