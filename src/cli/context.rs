@@ -44,11 +44,13 @@ impl Failure {
         Self::Request(error.to_string())
     }
 
-    /// The same failure, with its place in front.
+    /// The same failure, with its place in front, unless it stands there.
     pub fn at(self, place: impl std::fmt::Display) -> Self {
+        let place = place.to_string();
+        let told = |text: String| if text.starts_with(&place) { text } else { format!("{place}: {text}") };
         match self {
-            Self::Refused(text) => Self::Refused(format!("{place}: {text}")),
-            Self::Request(text) => Self::Request(format!("{place}: {text}")),
+            Self::Refused(text) => Self::Refused(told(text)),
+            Self::Request(text) => Self::Request(told(text)),
             output @ Self::Output(_) => output,
         }
     }

@@ -298,11 +298,16 @@ fn print(
         }))?;
     } else {
         let servo = table.map(|view| format!("servo={}", view.servo_timer));
-        let values = values.map(|(name, .., text)| format!("{name}={text}"));
+        let values = values.map(|(name, _, unit, _, text)| format!("{name}={text}{}", if_raw(unit)));
         let line: Vec<String> = servo.into_iter().chain(values).collect();
         context.output.line(line.join(" "))?;
     }
     Ok(())
+}
+
+/// The unit behind a number that stands as the board has it, as the scale is not known.
+fn if_raw(unit: &str) -> String {
+    if unit.starts_with("1/") { format!("[{unit}]") } else { String::new() }
 }
 
 /// A number as text: a 48-bit float with the digits that it has, others with those that a product keeps.
@@ -324,6 +329,12 @@ mod tests {
         assert_eq!(plain(-5.0).to_string(), "-5");
         assert_eq!(plain(0.5).to_string(), "0.5");
         assert_eq!(plain(f64::NAN).to_string(), "null");
+    }
+
+    #[test]
+    fn c1_a_number_without_its_scale_says_so() {
+        assert_eq!(if_raw("count"), "");
+        assert_eq!(if_raw("1/(Ix08*32) count"), "[1/(Ix08*32) count]");
     }
 
     #[test]
