@@ -37,9 +37,9 @@ impl Rotation {
         self.bytes.is_some() || self.age.is_some() || self.keep.is_some()
     }
 
-    /// The size at which another file is begun: where only the whole is bounded, a quarter of that.
+    /// The size at which another file is begun: a quarter of the bytes that all may take, where that is less.
     fn limit(self) -> Option<u64> {
-        self.bytes.or(self.keep.map(|keep| keep / 4))
+        [self.bytes, self.keep.map(|keep| keep / 4)].into_iter().flatten().min()
     }
 }
 
@@ -88,6 +88,8 @@ pub struct Files {
     file: TableFile,
     began: Instant,
     tended: Instant,
+    /// Another file found no room: when to try again.
+    rotates_from: Option<Instant>,
     /// The number of the present file of a series.
     number: u64,
     /// What is in the files.
@@ -128,6 +130,7 @@ impl Files {
             file,
             began: Instant::now(),
             tended: Instant::now(),
+            rotates_from: None,
             number,
             written: Tally::default(),
             pending: Vec::new(),
@@ -178,7 +181,11 @@ impl Files {
     fn put(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
         self.pending.push(meaning);
         let put = self.file.row(row);
-        self.settle(put)
+        self.settle(put)?;
+        if self.rotation.limit().is_some_and(|limit| self.file.bytes() >= limit) {
+            self.rotate()?;
+        }
+        Ok(())
     }
 
     /// Looks after the files, where a second has passed: what is written can be read then, and old files are removed.
@@ -193,30 +200,37 @@ impl Files {
         let put = self.file.finish();
         self.settle(put)?;
         self.remove_oldest();
-        let is_large = self.rotation.limit().is_some_and(|limit| self.file.bytes() >= limit);
-        let is_old = self.rotation.age.is_some_and(|age| self.began.elapsed() >= age);
-        if (is_large || is_old) && self.file.kept() > 0 {
+        if self.rotation.age.is_some_and(|age| self.began.elapsed() >= age) {
             self.rotate()?;
         }
         Ok(())
     }
 
-    /// Begins another file. Where that finds no room, the present one goes on.
+    /// Begins another file, if there are rows in the present one. Where that finds no room, the present one goes on.
     fn rotate(&mut self) -> Result<(), Failure> {
+        if self.rotates_from.is_some_and(|from| Instant::now() < from) {
+            return Ok(());
+        }
+        let put = self.file.finish();
+        self.settle(put)?;
+        if self.file.kept() == 0 {
+            return Ok(());
+        }
         match TableFile::open(&place(&self.path, self.number + 1), self.form, &self.fields, &self.stop) {
             Ok(file) => {
                 self.file = file;
                 self.number += 1;
                 self.kept = 0;
-                self.began = Instant::now();
-                Ok(())
+                self.rotates_from = None;
+                self.remove_oldest();
             }
             Err(failure) => {
                 let _ = writeln!(io::stderr(), "{failure}; {} goes on", self.present().display());
-                self.began = Instant::now();
-                Ok(())
+                self.rotates_from = Some(Instant::now() + TRY_AGAIN);
             }
         }
+        self.began = Instant::now();
+        Ok(())
     }
 
     /// Writes the rest.
@@ -225,7 +239,9 @@ impl Files {
     /// As [`Files::row`].
     pub fn finish(&mut self) -> Result<(), Failure> {
         let put = self.file.finish();
-        self.settle(put)
+        self.settle(put)?;
+        self.remove_oldest();
+        Ok(())
     }
 
     /// Removes the file if nothing has been written to it.
@@ -253,13 +269,14 @@ impl Files {
         }
     }
 
-    /// Removes the oldest files of the series until the rest takes no more than it may.
+    /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it becomes.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
         let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
-        let mut bytes = self.file.bytes() + others.iter().map(|(_, _, length)| length).sum::<u64>();
+        let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
+        let mut bytes = present + others.iter().map(|(_, _, length)| length).sum::<u64>();
         for (_, path, length) in others {
             if bytes <= keep {
                 break;
@@ -359,13 +376,30 @@ mod tests {
         for number in 1..=3 {
             std::fs::write(place(&path, number), vec![0; 1000]).unwrap();
         }
-        let rotation = Rotation { keep: Some(2500), ..Rotation::default() };
+        let rotation = Rotation { keep: Some(3000), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         files.row(&row(1), Meaning::Update).unwrap();
         files.tended -= TEND;
         files.tend().unwrap();
         let left: Vec<_> = (1..=4).map(|number| place(&path, number).exists()).collect();
         assert_eq!((left, stranger.exists()), (vec![false, true, true, true], true));
+    }
+
+    #[test]
+    fn e1_all_files_take_no_more_than_they_may_at_any_time() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.csv");
+        for rotate in [None, Some(5000), Some(1_000_000)] {
+            let rotation = Rotation { bytes: rotate, keep: Some(20_000), ..Rotation::default() };
+            let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+            for update in 0..3000 {
+                files.row(&row(update), Meaning::Update).unwrap();
+                let bytes: u64 = series(&path).unwrap().into_iter().map(|(_, _, length)| length).sum();
+                assert!(bytes <= 20_000, "{rotate:?}, row {update}: {bytes}");
+            }
+            files.finish().unwrap();
+            assert!(series(&path).unwrap().len() >= 3);
+        }
     }
 
     #[test]
