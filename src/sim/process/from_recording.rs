@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 
+use crate::format::Visible;
 use crate::map::functions::ReportStart;
 use crate::recording::Access;
 use crate::sim::world::World;
@@ -38,7 +39,7 @@ pub(super) fn set(world: &mut World, text: &str, accesses: &[Access]) {
         let _ = writeln!(
             std::io::stderr(),
             "pmac-sim: {count} lines of the recording are not the simulator's, as {}",
-            refused.join(", ")
+            Visible(refused.join(", "))
         );
     }
 }
