@@ -23,6 +23,16 @@ pub fn plain(line: &str) -> String {
     letters.map(|c| c.to_ascii_uppercase()).collect()
 }
 
+/// A [`plain`] line without what only asks whom the board addresses, `#` and `##`, `&` and `&&`: what follows means whom the line
+/// has addressed before.
+#[must_use]
+pub fn without_questions(plain: &str) -> String {
+    let behind = plain.chars().skip(1).map(Some).chain([None]);
+    let is_address = |behind: Option<char>| behind.is_some_and(|c| c.is_ascii_digit());
+    let kept = plain.chars().zip(behind).filter(|(c, behind)| !matches!(c, '#' | '&') || is_address(*behind));
+    kept.map(|(c, _)| c).collect()
+}
+
 /// Of a [`plain`] line, each address that begins with `sign` (`#` or `&`): its bit, bit 0 being number 1, and what is said to it.
 /// A number that no family has gives no bit.
 pub fn addressed(plain: &str, sign: char) -> impl Iterator<Item = (u32, &str)> {
@@ -49,6 +59,11 @@ mod tests {
         assert_eq!(plain(line), "&1RSEND#3HM");
         assert!(!resets(line.as_bytes()) && resets(b" $$$***"));
         assert_eq!(command_bytes(line.as_bytes()).count(), commands(line).count());
+    }
+
+    #[test]
+    fn d7_a_question_whom_the_board_addresses_is_no_address() {
+        assert_eq!(without_questions("#3##J+#&&2R&#"), "#3J+&2R");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::line;
 /// `J/` or `K`, does not count. Of a motor that is addressed already, by an earlier line, nothing is known.
 #[must_use]
 pub fn motors_moved(line: &str) -> u32 {
-    let line = line::plain(line);
+    let line = line::without_questions(&line::plain(line));
     let of_a_motor = line::addressed(&line, '#').map(|(bit, commands)| if moves(commands) { bit } else { 0 });
     of_a_motor.fold(0, |mask, bit| mask | bit)
 }
@@ -56,7 +56,7 @@ impl EndlessJogs {
     /// Of `line`, which the board has carried out.
     #[must_use]
     pub fn of(line: &str) -> Self {
-        Self::of_plain(&line::plain(line))
+        Self::of_plain(&line::without_questions(&line::plain(line)))
     }
 
     /// Of `line`, which the board has refused: what stands before the command that it refused is carried out (boards are known to
@@ -64,8 +64,10 @@ impl EndlessJogs {
     /// last command, which is not carried out in any case.
     #[must_use]
     pub fn of_refused(line: &str) -> Self {
-        let line = line::plain(line);
-        let line = line.strip_suffix("J+").or_else(|| line.strip_suffix("J-")).unwrap_or(&line);
+        let is_last = line.trim_end().ends_with(['+', '-']);
+        let line = line::without_questions(&line::plain(line));
+        let last = line.strip_suffix("J+").or_else(|| line.strip_suffix("J-"));
+        let line = last.filter(|_| is_last).unwrap_or(&line);
         let unnamed = jogs(line.split('#').next().unwrap_or_default());
         let motors = line::addressed(line, '#').filter(|(_, commands)| jogs(commands));
         Self { motors: motors.fold(0, |motors, (bit, _)| motors | bit), unnamed }
@@ -114,7 +116,9 @@ fn jogs_on(commands: &str) -> Option<bool> {
             .then(|| (goes_on, behind.get(1..).unwrap_or_default()))
     });
     let behind = behind_addresses(jog.map_or(commands, |(_, behind)| behind));
-    let does_otherwise = behind.starts_with('K') || behind.starts_with("HM") || opens_loop(behind);
+    // `HMZ` only says where the motor is.
+    let homes = behind.strip_prefix("HM").is_some_and(|behind| !behind.starts_with('Z'));
+    let does_otherwise = behind.starts_with('K') || homes || opens_loop(behind);
     if does_otherwise { Some(false) } else { jog.map(|(goes_on, _)| goes_on) }
 }
 
@@ -176,6 +180,10 @@ mod tests {
             ("#1J=500", 0, false),
             ("#1J^-500", 0, false),
             ("#1HM", 0, false),
+            ("#1J+HM", 0, false),
+            ("#1J+HMZ", 0b1, false),
+            ("##J+", 0, true),
+            ("#2##J+", 0b10, false),
             ("J+", 0, true),
             ("J+#2J-", 0b10, true),
             ("#1->J", 0, false),
@@ -202,6 +210,9 @@ mod tests {
             ("#1J+#1J/#3", 0b1, false),
             ("J+K5#2J-FOO", 0b10, true),
             ("SEND\"#1J+\" FOO", 0, false),
+            ("#1J+\"", 0b1, false),
+            ("#1J+ \"FOO", 0b1, false),
+            ("##J+ FOO", 0, true),
         ] {
             assert_eq!(EndlessJogs::of_refused(line), EndlessJogs { motors, unnamed }, "{line}");
         }
