@@ -158,12 +158,14 @@ impl Session {
         match answer {
             Ok(bytes) => Answer::Reply(bytes),
             Err(Failure::Gone(why) | Failure::Unanswered(why)) => {
-                self.port.has_lost_buffer = was_in_buffer;
+                self.port.has_lost_buffer |= was_in_buffer;
                 Answer::End(why)
             }
             Err(Failure::Refused { code, lines, why, .. }) => {
                 self.refused(code, &lines, why.as_deref());
-                Answer::Reply(self.pending.take())
+                let reply = self.pending.take();
+                // Its answer is one byte, whatever has become of it.
+                Answer::Reply(if request == Request::SendControl { vec![REFUSED] } else { reply })
             }
         }
     }

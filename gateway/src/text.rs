@@ -258,10 +258,14 @@ impl Session {
             self.pending.lines(&lines, self.port.handshake);
         }
         let line = line.trim();
+        if line.is_empty() {
+            self.pending.end(self.port.handshake);
+            return Ok(());
+        }
         let effect = effect(line.as_bytes());
         // What ends what he sends for the buffer, or begins another, is no line of it.
         self.port.has_lost_buffer &= effect.is_none();
-        if self.port.has_lost_buffer && !line.is_empty() {
+        if self.port.has_lost_buffer {
             let why =
                 "the program buffer that was open is closed; nothing is sent before CLOSE, or another OPEN";
             return Err(Failure::unsent(board::NO_BUFFER, why));
@@ -276,9 +280,6 @@ impl Session {
     }
 
     fn line(&mut self, line: &str) -> Result<(), Failure> {
-        if line.is_empty() {
-            return Ok(());
-        }
         if self.board.is_in_buffer() || matches!(effect(line.as_bytes()), Some(Effect::Opens(_))) {
             return self.whole_line(line);
         }

@@ -236,6 +236,8 @@ fn a_buffer_is_opened_by_a_line_and_by_no_character() {
     let (mut one, mut two) = (site.client(), site.client());
     for character in [0x15, 0x0C] {
         assert_eq!(one.request(0xC0, 0xC4, character, 0), b"\x07ERR001\r");
+        let [answer] = one.request(0x40, 0xB6, character, 0)[..] else { panic!("its answer is one byte") };
+        assert_ne!(answer, b'@');
     }
     assert_eq!(two.line("P1=4 P1=P1+1"), "\x06");
     assert_eq!(site.ask("P1"), ["5"]);

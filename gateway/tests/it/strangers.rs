@@ -128,6 +128,10 @@ fn d2_who_has_lost_his_buffer_to_another_hears_it_and_stays() {
         assert_eq!(client.line(line), "\x07ERR005\r");
     }
     assert_eq!(client.line("\x0b"), "\x06", "a stop is none of it");
+    for nothing in ["", " ", "\t", "\x10"] {
+        assert!(client.line(nothing).ends_with('\x06'));
+        assert_eq!(client.line("P1=8"), "\x07ERR005\r", "nor is {nothing:?}");
+    }
     assert_eq!(client.line("CLOSE"), "\x06");
     assert_eq!(client.line("P1"), "0\r\x06");
     assert_eq!(client.line("LIST PROG 7"), "P1=9\r\x06");
