@@ -279,6 +279,12 @@ impl Board {
         }
     }
 
+    /// Whether motors jog that stop when the client is gone.
+    #[must_use]
+    pub const fn has_jogs(&self) -> bool {
+        self.has_jogs
+    }
+
     /// How soon [`Self::renew`] is to be called; never if `None`.
     #[must_use]
     pub fn renews_in(&self) -> Option<Duration> {

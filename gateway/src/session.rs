@@ -59,9 +59,10 @@ pub struct Port {
 }
 
 /// One client.
-#[derive(Debug)]
 pub struct Session {
     peer: String,
+    /// Whether he is gone, as far as that can be seen without reading what he has sent.
+    is_gone: Box<dyn Fn() -> bool + Send>,
     pub(crate) rules: Rules,
     pub(crate) board: Board,
     pub(crate) port: Port,
@@ -79,6 +80,7 @@ impl Session {
         let board = Board::new(rules.place.clone(), rules.keep_jogs);
         Self {
             peer,
+            is_gone: Box::new(|| false),
             rules,
             board,
             port: Port::default(),
@@ -87,6 +89,23 @@ impl Session {
             has_moved: false,
             write_error: [0; 4],
         }
+    }
+
+    /// Of the same client `is_gone` says whether he is.
+    #[must_use]
+    pub fn watching(self, is_gone: impl Fn() -> bool + Send + 'static) -> Self {
+        Self { is_gone: Box::new(is_gone), ..self }
+    }
+
+    /// Looks whether somebody is there, while motors jog for him: a request may have hundreds of lines.
+    ///
+    /// # Errors
+    /// [`Failure::Gone`]: with the client's connection his jogs end.
+    pub(crate) fn look_after_jogs(&self) -> Result<(), Failure> {
+        if self.board.has_jogs() && (self.is_gone)() {
+            return Err(Failure::Gone("he is gone, and a motor jogged for him".to_owned()));
+        }
+        Ok(())
     }
 
     /// The client at `peer`, of whom `port` was remembered, if he was here before. He does not hear it when he is forgotten.

@@ -2,11 +2,14 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use log::{info, warn};
+use nix::libc::POLLRDHUP;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use pmac_dpram::format::Visible;
 
@@ -85,7 +88,13 @@ fn begin(
     }
     let own = Arc::clone(clients);
     let run = move || {
-        let why = attend(&own, id, stream, Session::new(peer.to_string(), rules));
+        let why = match stream.try_clone() {
+            Ok(to_client) => {
+                let is_gone = move || has_ended(&to_client);
+                attend(&own, id, stream, Session::new(peer.to_string(), rules).watching(is_gone))
+            }
+            Err(error) => Some(error.to_string()),
+        };
         own.leave(&id);
         if let Some(why) = why {
             info!("{peer}: his connection ends: {}", Visible(why));
@@ -110,6 +119,14 @@ fn notice_the_end(stream: &TcpStream) -> io::Result<()> {
     setsockopt(stream, sockopt::TcpKeepCount, &times)?;
     setsockopt(stream, sockopt::TcpUserTimeout, &gone_after)?;
     Ok(())
+}
+
+/// Whether the client has ended his side of `stream`, or the system has. What he has sent before that may still lie there.
+fn has_ended(stream: &TcpStream) -> bool {
+    // nix has no name for the first one.
+    let gone = PollFlags::from_bits_retain(POLLRDHUP) | PollFlags::POLLHUP | PollFlags::POLLERR;
+    let mut looked = [PollFd::new(stream.as_fd(), gone)];
+    poll(&mut looked, PollTimeout::ZERO).is_ok_and(|found| found > 0)
 }
 
 /// Answers a client until he leaves, or why he has to.

@@ -257,6 +257,7 @@ impl Session {
             let lines = self.control(character)?;
             self.pending.lines(&lines, self.port.handshake);
         }
+        self.look_after_jogs()?;
         let line = line.trim();
         if line.is_empty() {
             self.pending.end(self.port.handshake);

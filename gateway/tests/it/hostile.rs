@@ -238,3 +238,20 @@ fn d7_a_line_that_opens_or_closes_a_buffer_jogs_nothing_and_a_program_has_its_ar
     assert_eq!(client.line("CLOSE"), "\x06");
     assert!(stands(&site));
 }
+
+#[test]
+fn d7_a_client_who_is_gone_in_the_middle_of_his_request_leaves_no_jog_running() {
+    let site = slow_to_stop("pmac", &[]);
+    for (request, separator) in [(0xBF, "\r"), (0xC6, "\0"), (0xB0, "\r")] {
+        // Each line takes its time; the whole takes minutes.
+        let mut lines = vec!["#1J+"];
+        lines.extend(["P0..1023"; 100]);
+        let text = lines.join(separator);
+        let mut client = site.client();
+        let length = u16::try_from(text.len()).unwrap();
+        client.stream.write_all(&packet(0x40, request, 0, 0, length, text.as_bytes())).unwrap();
+        until_it_moves(&site);
+        drop(client);
+        wait_until(&format!("{request:02X}: the client is gone"), || stands(&site));
+    }
+}
