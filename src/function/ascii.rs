@@ -284,8 +284,11 @@ impl DpramPort {
         self.words.command_bytes - 1
     }
 
-    /// Whether a line in the buffer waits for the board to take it.
-    fn is_loaded(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    /// Whether a line in the buffer waits for the board to take it, or the board has not cleared the flag of the last one. 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn is_loaded(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
         Ok(self.words.command_loaded.is_set(bus.read16(self.words.command_loaded.word)?))
     }
 

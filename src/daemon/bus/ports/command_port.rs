@@ -118,6 +118,19 @@ impl CommandPorts {
         }
     }
 
+    /// Nothing of ours is under way, yet a line could not be begun. Where the flag is still set, the board may be about to clear it,
+    /// and would clear the next line's; or nobody is there to take what lies there, and it must not be carried out by
+    /// surprise later. So the port is held until the board shows that it is free.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn hold_if_loaded(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+        if self.in_use == CommandPort::Dpram && self.dpram.is_loaded(bus)? {
+            self.hold(now);
+        }
+        Ok(())
+    }
+
     fn hold(&mut self, now: Instant) {
         self.dpram.hold(now);
         self.in_doubt = true;
@@ -296,17 +309,6 @@ impl CommandPorts {
                 Ok(mailbox.port.withdraw_control(&mut mailbox.registers, now)?)
             }
             _ => Ok(self.dpram.withdraw_control(bus)?),
-        }
-    }
-
-    /// Takes back a line that lies in the DPRAM and is not ours.
-    ///
-    /// # Errors
-    /// [`PortError`].
-    pub fn withdraw_line(&mut self, bus: &mut impl Bus) -> Result<(), PortError> {
-        match self.in_use {
-            CommandPort::Mailbox => Ok(()),
-            CommandPort::Dpram => Ok(self.dpram.withdraw_line(bus)?),
         }
     }
 

@@ -9,8 +9,9 @@
 //! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
 //!
 //! Nobody else's reply may look like it. The values of other lines do: of `I107I108I109I160`, asked for motor after motor, the last
-//! ones are often 0, 96, 96, 96 and 0. So the period has to be one, and the reply these values and no more. What is still to come
-//! of an old reply when the line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
+//! ones are often 0, 96, 96, 96 and 0. So the period has to be one, and the reply these values and no more; and of our lines none is
+//! sent whose reply has as many values as that of the line that was given up. What is still to come of an old reply when the
+//! line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
 //!
 //! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
 //! [`KINDS`] times, and only a reply with just so many values is its own. A new daemon goes on where the last one ended: its line
@@ -105,12 +106,25 @@ impl Check {
     }
 
     /// The next line.
-    const fn next(&self, asks: Asks) -> &'static [u8] {
-        let kind = (self.kind + 1) % KINDS;
+    fn next(&self, asks: Asks) -> &'static [u8] {
+        let kind = self.next_kind(asks);
         match asks {
             Asks::Handshake => HANDSHAKE[kind],
             Asks::Buffer => BUFFER[kind],
         }
+    }
+
+    /// Which line is next: one that has not as many values as the line that was given up has questions for variables, as `P1`.
+    fn next_kind(&self, asks: Asks) -> usize {
+        let is_question = |pair: &&[u8]| pair[0].is_ascii_alphabetic() && pair[1].is_ascii_digit();
+        let count = |line: &[u8]| line.windows(2).filter(is_question).count();
+        let questions = self.given_up.map(|given_up| count(given_up.by.shown.as_bytes()));
+        let values = match asks {
+            Asks::Handshake => 3,
+            Asks::Buffer => 2,
+        };
+        let next = (self.kind + 1) % KINDS;
+        if questions == Some(next + values) { (next + 1) % KINDS } else { next }
     }
 
     /// This line was sent before, by a daemon whose lines end here.
@@ -120,8 +134,8 @@ impl Check {
     }
 
     /// The next line was sent.
-    const fn sent(&mut self, asks: Asks) {
-        (self.asks, self.kind) = (asks, (self.kind + 1) % KINDS);
+    fn sent(&mut self, asks: Asks) {
+        (self.asks, self.kind) = (asks, self.next_kind(asks));
         self.is_answered = false;
         self.error = None;
         self.forget_values();
@@ -294,6 +308,23 @@ impl AsciiQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::daemon::shared::queue::Origin;
+    use crate::format::Text;
+
+    #[test]
+    fn b2_1_no_line_goes_whose_reply_the_line_given_up_may_have() {
+        for (given_up, next) in [
+            ("I3 I10 I3", "I3 I10 I10 I3"),
+            ("p1p2p1", "I3 I10 I10 I3"),
+            ("P1P2P2P1", "I3 I10 I3"),
+            ("SLOW", "I3 I10 I3"),
+        ] {
+            let mut check = Check::new(Instant::now());
+            let by = Origin { uid: 0, shown: Text::from_bytes(given_up.as_bytes()), stays: false };
+            check.give_up(GivenUp { by, since: Instant::now() });
+            assert_eq!(check.next(Asks::Handshake), next.as_bytes(), "{given_up}");
+        }
+    }
 
     /// What the third line is believed to be answered by these lines.
     fn answer(lines: &[&str]) -> Option<i64> {

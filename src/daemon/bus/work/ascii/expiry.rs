@@ -42,9 +42,7 @@ impl AsciiQueue {
             let Some(&first) = self.lines.front().filter(|first| now >= first.wait.begin_by) else { break };
             self.lines.pop_front();
             if self.under_way.is_none() && self.ports.is_idle() {
-                // Nothing of ours is under way, yet the line could not be begun: an earlier one still lies in the
-                // buffer with nobody to take it. It must not be carried out by surprise later.
-                self.ports.withdraw_line(bus)?;
+                self.ports.hold_if_loaded(bus, now)?;
             }
             self.not_begun(events, publisher, first.ticket, first.wait, now);
         }

@@ -25,6 +25,27 @@ fn a_line_whose_time_is_over_is_never_begun() {
     assert_eq!(rig.queue.state(), CommandState::Answers);
 }
 
+/// A board that clears the flag some time after its reply would clear the next line's.
+#[test]
+fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1", Duration::from_secs(60));
+    rig.poll();
+    rig.say("5");
+    rig.respond(response::ACKNOWLEDGE);
+    rig.send(2, "P2", Duration::from_millis(100));
+    rig.poll();
+    rig.now += Duration::from_millis(100);
+    rig.poll();
+    assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Unavailable { page: None })]);
+    assert!(rig.loaded(), "it is the board's to clear");
+    rig.send(3, "P3", Duration::from_secs(60));
+    rig.poll();
+    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+    rig.poll();
+    assert!(!rig.loaded(), "nothing is begun before the board has shown that it is free");
+}
+
 #[test]
 fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     let mut rig = Rig::new();
