@@ -30,8 +30,8 @@ const INTERVAL_NS: u64 = 1_000_000_000;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long to sleep when there is nothing to do.
 const LOOK: Duration = Duration::from_millis(2);
-/// Replies of the trace in one turn, and how few accesses are worth no other one.
-const REPLIES_A_TURN: usize = 64;
+/// How long the trace is taken in one turn, and how few accesses are worth no other reply.
+const TURN: Duration = Duration::from_millis(20);
 const FEW: usize = 1000;
 /// Accesses that are enough. Some are still collected, and one more reply comes: all together a recording takes them.
 const ENOUGH: u64 = MOST_ACCESSES as u64 - (1 << 16);
@@ -171,13 +171,16 @@ impl<'a> Taking<'a> {
         let mut image = Some(ImageReading::new(port, bytes));
         let mut next_image_ns = began_ns + INTERVAL_NS;
         let mut questions = questions(self.family).into_iter();
+        let mut is_traced = true;
         while !self.stop.came() {
-            for _ in 0..REPLIES_A_TURN {
-                if self.trace(false)? < FEW {
-                    break;
-                }
-            }
             let now_ns = self.board.subscriber().now_ns();
+            // What a busy machine has not asked by then is asked behind the trace.
+            if is_traced && now_ns >= end_ns {
+                self.rest_of_trace()?;
+                is_traced = false;
+            }
+            let turn = Instant::now();
+            while is_traced && self.trace(false)? >= FEW && turn.elapsed() < TURN {}
             let condition = self.board.subscriber().condition();
             if condition.is_over() {
                 return Err(Failure::Refused("pmacd is gone".to_owned()));
@@ -205,6 +208,14 @@ impl<'a> Taking<'a> {
                 self.wake_ups.note(began.elapsed().saturating_sub(LOOK));
             }
         }
+        if is_traced {
+            self.rest_of_trace()?;
+        }
+        Ok(())
+    }
+
+    /// Ends the trace, and writes what is left of it.
+    fn rest_of_trace(&mut self) -> Result<(), Failure> {
         for _ in 0..LAST_REPLIES {
             if self.trace(true)? == 0 {
                 break;
