@@ -197,8 +197,7 @@ impl Files {
             return Ok(());
         }
         self.tended = Instant::now();
-        let put = self.file.finish();
-        self.settle(put)?;
+        self.flush()?;
         self.remove_oldest();
         if self.rotation.age.is_some_and(|age| self.began.elapsed() >= age) {
             self.rotate()?;
@@ -211,8 +210,7 @@ impl Files {
         if self.rotates_from.is_some_and(|from| Instant::now() < from) {
             return Ok(());
         }
-        let put = self.file.finish();
-        self.settle(put)?;
+        self.flush()?;
         if self.file.kept() == 0 {
             return Ok(());
         }
@@ -238,10 +236,18 @@ impl Files {
     /// # Errors
     /// As [`Files::row`].
     pub fn finish(&mut self) -> Result<(), Failure> {
-        let put = self.file.finish();
-        self.settle(put)?;
+        self.flush()?;
         self.remove_oldest();
         Ok(())
+    }
+
+    /// Writes what is collected. Without a row that is only the head, for which a recording that is there must not go.
+    fn flush(&mut self) -> Result<(), Failure> {
+        if self.kept == 0 && self.pending.is_empty() {
+            return Ok(());
+        }
+        let put = self.file.finish();
+        self.settle(put)
     }
 
     /// Removes the file if nothing has been written to it.
@@ -399,6 +405,28 @@ mod tests {
             }
             files.finish().unwrap();
             assert!(series(&path).unwrap().len() >= 3);
+        }
+    }
+
+    #[test]
+    fn e1_a_recording_that_is_there_stays_until_there_is_a_row() {
+        let directory = tempfile::tempdir().unwrap();
+        for form in ["csv", "npy"] {
+            let path = directory.path().join(format!("log.{form}"));
+            std::fs::write(&path, "an old one").unwrap();
+            let mut files =
+                Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
+            let tended = |files: &mut Files| {
+                files.tended -= TEND;
+                files.tend().unwrap();
+                std::fs::read(&path).unwrap()
+            };
+            assert_eq!(tended(&mut files), b"an old one", "{form}");
+            files.finish().unwrap();
+            files.discard();
+            assert_eq!(tended(&mut files), b"an old one", "{form}");
+            files.row(&row(1), Meaning::Update).unwrap();
+            assert_ne!(tended(&mut files), b"an old one", "{form}");
         }
     }
 
