@@ -213,6 +213,70 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     assert!((least - 0.05..most + 0.05).contains(&pause), "{pause} s, not {least} to {most}");
 }
 
+/// A log of the board's time, until its end or its user's.
+fn log_of(site: &VirtualSite, options: &[&str]) -> Child {
+    let arguments = [&["log", "-o", "-", "--motors", "1"], options].concat();
+    let mut log = site.command(&arguments);
+    log.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn e1_data_that_stop_and_stay_away_are_a_row_at_the_end_and_exit_status_1() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    for seconds in [Some("3"), None] {
+        site.wait_for_live_servo();
+        site.wait_until("the board's scales", || site.has_scales());
+        let child = log_of(&site, &seconds.map_or(vec![], |seconds| vec!["--seconds", seconds]));
+        let pid = Pid::from_raw(child.id().cast_signed());
+        let output = std::thread::spawn(|| child.wait_with_output().unwrap());
+        site.run_for(Duration::from_secs(1));
+        // No GATHER follows: the report does not come again.
+        site.control("reset");
+        site.run_for(Duration::from_secs(4));
+        if seconds.is_none() {
+            kill(pid, Signal::SIGTERM).unwrap();
+        }
+        let output = output.join().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.lines().last().unwrap().starts_with("no update came for the last "), "{said}");
+        let table = Table::parse(&output.stdout).unwrap();
+        let column = |name: &str| table.column(name).unwrap();
+        let end = table.rows() - 1;
+        let row: Vec<f64> = ["missed", "lost"].iter().map(|name| column(name)[end]).collect();
+        assert!(row == [0.0, 0.0] && column("1.actual_position")[end].is_nan(), "{row:?}");
+        assert_eq!(column("update")[end], column("update")[end - 1]);
+        for time in ["time_s", "unix_s"] {
+            let pause = column(time)[end] - column(time)[end - 1];
+            assert!((1.0..5.0).contains(&pause), "{time}: {pause}");
+        }
+        if seconds.is_some() {
+            assert!((2.8..3.1).contains(&column("time_s")[end]), "{}", column("time_s")[end]);
+        }
+        let mut board = site.connection();
+        site.wait_until("the report again", || board.send("GATHER", PATIENCE).is_ok());
+    }
+}
+
+#[test]
+fn e1_a_trigger_that_never_comes_leaves_the_file_as_it_was() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    let file = site.path("log.csv");
+    std::fs::write(&file, "an old one").unwrap();
+    let options = ["-o", file.to_str().unwrap(), "--motors", "1", "--trigger", "1.velocity>1e9"];
+    let mut log = site.command(&[&["log"], &options[..]].concat());
+    let child = log.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // Longer than rows may wait until they are written.
+    std::thread::sleep(Duration::from_millis(2500));
+    kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGTERM).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && said.ends_with("nothing is written\n"), "{said}");
+    assert_eq!(std::fs::read(&file).unwrap(), b"an old one");
+}
+
 /// After a reset the length of a servo cycle is not known for a while. The timer, which begins anew, is no turn of its 24 bits then.
 #[test]
 fn e1_a_turbo_boards_reset_is_no_number_of_missed_updates() {

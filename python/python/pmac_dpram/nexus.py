@@ -149,13 +149,14 @@ def _split(names: list[str], block: Block, before: Block | None, index: int) -> 
     missed, lost = (block[:, names.index(name)] for name in ("missed", "lost"))
     counts = (missed > 0) | (lost > 0)
     # The row of a pause counts nothing, and repeats number and times of the row before. So does the first row behind a
-    # full disk, but for its values.
+    # full disk, but for its values. That of a pause at the end has times of its own.
     own = block[:, : names.index("missed")]
     first = numpy.full(own.shape[1], numpy.nan) if before is None else before[: own.shape[1]]
     repeats = (own == numpy.vstack([first, own[:-1]])).all(axis=1)
     is_behind_counts = numpy.append(before is not None and before[own.shape[1] :][:2].any(), counts[:-1])
     is_empty = numpy.isnan(block[:, names.index("lost") + 1 :]).all(axis=1)
-    is_gap = counts | repeats & (~is_behind_counts | is_empty)
+    is_at_end = is_empty & (own[:, 0] == numpy.append(first[0], own[:-1, 0]))
+    is_gap = counts | is_at_end | repeats & (~is_behind_counts | is_empty)
     is_gap[0] |= before is None and is_empty[0]
     samples = index + numpy.cumsum(~is_gap)
     return block[~is_gap], numpy.column_stack([samples, at_s, missed, lost])[is_gap]

@@ -21,6 +21,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
 use crate::client::{Board, Follower, Gap, Staleness, Step, View, identity};
 use crate::decode::ServoData;
+use crate::segment::RegionId;
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.
 const LOOK: Duration = Duration::from_millis(20);
@@ -82,6 +83,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         output: None,
         servo_period_ns: None,
         over: false,
+        silent: None,
     };
     let mut follower = Follower::new(&mut board)?;
     let mut silence = Silence::default();
@@ -98,6 +100,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         }
         let now_ns = board.subscriber().now_ns();
         if run.over || run.stop.came() || run.end_ns.is_some_and(|end| now_ns >= end) {
+            let pause_ns = board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.stale_after_ns;
+            run.end(now_ns, pause_ns, stale)?;
             break;
         }
         silence.note(came, stale, &board);
@@ -119,6 +123,8 @@ struct Run<'a> {
     servo_period_ns: Option<f64>,
     /// Whether an update from behind the end has come.
     over: bool,
+    /// How long no update had come at the end, and why, where that is a pause.
+    silent: Option<(Duration, Option<Staleness>)>,
 }
 
 struct Output {
@@ -150,6 +156,17 @@ impl Run<'_> {
                 files.row(rows.gap(gap), Meaning::Gap(gap))
             }
         }
+    }
+
+    /// It ends now. Behind the last update there may be a pause, of which no further update tells.
+    fn end(&mut self, now_ns: u64, pause_ns: u64, stale: Option<Staleness>) -> Result<(), Failure> {
+        let Some(Output { rows, files }) = self.output.as_mut().filter(|_| !self.over) else { return Ok(()) };
+        let silent_ns = rows.silent_ns(self.end_ns.unwrap_or(now_ns).min(now_ns));
+        if silent_ns < pause_ns || self.before.is_some() {
+            return Ok(());
+        }
+        self.silent = Some((Duration::from_nanos(silent_ns), stale));
+        files.row(rows.pause_at_end(silent_ns), Meaning::Gap(Gap::default()))
     }
 
     fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {
@@ -260,11 +277,16 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
     if let (Some(picture), true) = (&options.plot, updates > 0) {
         draw_file(&options.output, &[], picture)?;
     }
-    match (waited_in_vain, lost) {
-        (true, _) => Err(Failure::Refused("the trigger never came; nothing is written".to_owned())),
-        (false, 0) => Ok((updates > 0).into()),
-        (false, lost) => Err(Failure::Refused(format!(
-            "{lost} updates are not in the file; its rows with lost > 0 say where"
-        ))),
+    if waited_in_vain {
+        return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
+    let mut said = Vec::new();
+    if lost > 0 {
+        said.push(format!("{lost} updates are not in the file; its rows with lost > 0 say where"));
+    }
+    if let Some((time, stale)) = run.silent {
+        let why = stale.map_or_else(String::new, |stale| format!(" ({})", stale.name()));
+        said.push(format!("no update came for the last {:.1} s{why}", time.as_secs_f64()));
+    }
+    if said.is_empty() { Ok((updates > 0).into()) } else { Err(Failure::Refused(said.join("; "))) }
 }

@@ -40,6 +40,8 @@ pub struct Rows {
 const OWN: usize = 5;
 /// The place of the time in a row.
 pub const TIME: usize = 1;
+/// And that of `unix_s`.
+const UNIX: usize = 2;
 
 impl Rows {
     /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that the report has.
@@ -118,6 +120,22 @@ impl Rows {
         self.row.resize(OWN + self.columns.len(), f64::NAN);
         self.row[3..OWN].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
         self.row[OWN..].fill(f64::NAN);
+        &self.row
+    }
+
+    /// How long, at `now_ns` of the host's clock, no update has come.
+    pub fn silent_ns(&self, now_ns: u64) -> u64 {
+        self.last.map_or(0, |(last_ns, _)| now_ns.saturating_sub(last_ns))
+    }
+
+    /// The row of a pause that goes on at the end, `silent_ns` after the update before: with the number of that one, and the
+    /// times of the end.
+    pub fn pause_at_end(&mut self, silent_ns: u64) -> &[f64] {
+        self.gap(Gap::default());
+        let Some((_, last)) = self.last else { return &self.row };
+        let cycle_ns = self.clock.servo_period_ns.unwrap_or(1e9);
+        self.row[TIME] = last + silent_ns as f64 / cycle_ns * self.clock.at(1);
+        self.row[UNIX] += silent_ns as f64 / 1e9;
         &self.row
     }
 
