@@ -73,6 +73,18 @@ def test_a_log_has_units_gaps_and_counts(log, tmp_path):
         }
 
 
+def test_a_pause_at_the_end_is_a_gap(log, tmp_path, monkeypatch):
+    log.write_text(LOG + "2,13.1,1013.1,0,0,NaN,NaN\n")
+    for name, size in (("whole", None), ("small", 1)):
+        if size:
+            monkeypatch.setattr("pmac_dpram._tables.ROWS", size)
+        path = tmp_path / f"{name}.nxs"
+        assert nexus.write(path, log) == nexus.Counts(samples=5, missed=3, lost=4), name
+        with h5py.File(path) as file:
+            gaps = file["entry/gaps"]
+            assert (gaps["index"][-1], gaps["time"][-1]) == (5, 13.1), name
+
+
 def test_a_gathers_samples_that_are_missing_are_lost(tmp_path):
     source = tmp_path / "gather.csv"
     source.write_text("sample,servo_cycle,servo_timer [servo cycles]\n0,0,5\n1,2,7\n5,10,15\n")
