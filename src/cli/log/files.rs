@@ -154,6 +154,11 @@ impl Files {
         Tally { updates, missed: missed + more_missed, lost: lost + more_lost }
     }
 
+    /// Lost updates of which a row in the files tells, and those that found no room up to now, of which none does.
+    pub fn lost(&self) -> (u64, u64) {
+        (self.written.lost, self.unwritten.lost)
+    }
+
     /// Writes one row.
     ///
     /// # Errors
@@ -414,8 +419,7 @@ mod tests {
         for form in ["csv", "npy"] {
             let path = directory.path().join(format!("log.{form}"));
             std::fs::write(&path, "an old one").unwrap();
-            let mut files =
-                Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
+            let mut files = Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
             let tended = |files: &mut Files| {
                 files.tended -= TEND;
                 files.tend().unwrap();
@@ -444,5 +448,6 @@ mod tests {
         }
         files.finish().unwrap();
         assert_eq!(files.tally(), Tally { updates: 0, missed: 2, lost: 1999 });
+        assert_eq!(files.lost(), (0, 1999), "no row says where");
     }
 }

@@ -100,7 +100,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         }
         let now_ns = board.subscriber().now_ns();
         if run.over || run.stop.came() || run.end_ns.is_some_and(|end| now_ns >= end) {
-            let pause_ns = board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.stale_after_ns;
+            let pause_ns =
+                board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.stale_after_ns;
             run.end(now_ns, pause_ns, stale)?;
             break;
         }
@@ -280,13 +281,49 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
-    let mut said = Vec::new();
-    if lost > 0 {
-        said.push(format!("{lost} updates are not in the file; its rows with lost > 0 say where"));
-    }
+    let mut said: Vec<String> = said_of_lost(files.lost()).into_iter().collect();
     if let Some((time, stale)) = run.silent {
         let why = stale.map_or_else(String::new, |stale| format!(" ({})", stale.name()));
         said.push(format!("no update came for the last {:.1} s{why}", time.as_secs_f64()));
     }
     if said.is_empty() { Ok((updates > 0).into()) } else { Err(Failure::Refused(said.join("; "))) }
+}
+
+/// What is to be said of lost updates: of those a row tells, or none does.
+fn said_of_lost((told, at_end): (u64, u64)) -> Option<String> {
+    let not_in = format!("{} updates are not in the file", told + at_end);
+    match (told, at_end) {
+        (0, 0) => None,
+        (_, 0) => Some(format!("{not_in}; its rows with lost > 0 say where")),
+        (0, _) => Some(format!("{not_in}: behind its last row there was no room until the end")),
+        _ => Some(format!(
+            "{not_in}; its rows with lost > 0 say where, but for {at_end} behind its last row: there was no room until the end"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn e1_of_a_disk_that_stays_full_no_row_is_promised() {
+        for (lost, said) in [
+            ((0, 0), None),
+            ((5, 0), Some("5 updates are not in the file; its rows with lost > 0 say where")),
+            (
+                (0, 7),
+                Some("7 updates are not in the file: behind its last row there was no room until the end"),
+            ),
+            (
+                (5, 7),
+                Some(
+                    "12 updates are not in the file; its rows with lost > 0 say where, but for 7 behind its last row: there was \
+                     no room until the end",
+                ),
+            ),
+        ] {
+            assert_eq!(said_of_lost(lost).as_deref(), said, "{lost:?}");
+        }
+    }
 }
