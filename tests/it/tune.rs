@@ -204,6 +204,25 @@ fn b1_2_what_somebody_else_sets_during_a_move_stays() {
 }
 
 #[test]
+fn e3_a_motor_that_is_not_brought_back_is_told_of() {
+    let site = site();
+    site.ask("#1J=500");
+    site.wait_until("the motor to stand", || site.ask("#1P") == ["500"]);
+    let child = moving(&site);
+    assert_eq!(site.run(&["gather", "--stop"]).code, Some(0));
+    let ran = end(&site, child);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    for said in [
+        "the gather was ended: ",
+        "motor 1 stands 10000.0 counts from where it was; pmacctl jog 1 =500 brings it back",
+    ] {
+        assert!(ran.stderr.contains(said), "{said}: {ran:?}");
+    }
+    assert_eq!(site.ask("#1P"), ["10500"], "nothing moves it");
+    site.assert_no_violations();
+}
+
+#[test]
 fn e3_each_variable_is_put_back_once() {
     let site = site();
     let ran = site.hurried(|| site.run(&["tune", "step", "1", "--stay", "--yes"]));

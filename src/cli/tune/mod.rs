@@ -211,6 +211,17 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
         let back = back(context, recorder.connection(), number, start);
         failed.extend(back.unwrap_or_else(|failure| vec![failure.to_string()]));
     }
+    // It is not brought back: after a disturbance nobody expects another move. That it is not is told.
+    let away = watch.away_from(number, start, start + size).filter(|away| {
+        (record.interrupted || !failed.is_empty()) && !(common.stay && (away - size).abs() <= NEAR)
+    });
+    failed.extend(away.map(|away| {
+        format!(
+            "motor {number} stands {} counts from where it was; pmacctl jog {number} ={} brings it back",
+            fixed(away, 1),
+            short(start)
+        )
+    }));
     // Of a move that did not come to its end there is nothing to tell.
     let is_whole = |response: &Response| (response.size - size).abs() <= NEAR + 0.01 * size.abs();
     let response = record.recording.response(wanted.settles()).filter(is_whole);

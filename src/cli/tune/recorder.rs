@@ -99,10 +99,14 @@ impl Recorder {
         }
         let stopped = self.prepared.connection.gather_stop(None);
         jogged?;
-        let untidy = match stopped {
-            Ok(reply) => reply.notes,
-            Err(error) => vec![error.to_string()],
+        let (why, untidy) = match stopped {
+            Ok(reply) => (reply.reason, reply.notes),
+            Err(error) => (None, vec![error.to_string()]),
         };
+        // The daemon knows best why a gather has ended.
+        if let (Some(why), Some(failure)) = (why, &mut record.failure) {
+            *failure = format!("the gather was ended: {why}");
+        }
         if !untidy.is_empty() && record.failure.is_none() {
             record.failure = Some(untidy.join("; "));
         }

@@ -13,6 +13,7 @@ use crate::client::motor::Motor;
 use crate::client::number::{fixed, labelled};
 use crate::client::{Connection, Snapshot};
 use crate::protocol::board::SentStop;
+use crate::segment::Counter;
 
 /// Servo flags of a motor that moves or is about to.
 pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progress"];
@@ -89,6 +90,21 @@ impl Watch {
             }
             _ => refused(format!("motor {number} does not stand in position; wait until it does")),
         }
+    }
+
+    /// How many counts motor `number` stands from `start`, where it stood before it was sent to `target`. `None` where it moves or
+    /// its loop is open, or where its positions may count from another place since: that of a home search, or of a reset.
+    pub fn away_from(&mut self, number: u8, start: f64, target: f64) -> Option<f64> {
+        self.follow().ok()?;
+        let subscriber = self.board.subscriber();
+        if (subscriber.generation(), subscriber.counter(Counter::Resets)) != (self.generation, self.resets) {
+            return None;
+        }
+        let now = self.standing_at(number).ok()?;
+        let seen = self.seen.get(usize::from(number).checked_sub(1)?)?;
+        // Of samples that were lost nobody knows what they showed. A motor that stands where it was sent has not searched for home.
+        let is_sure = !seen.homed && (!seen.lost || (now - target).abs() <= NEAR);
+        (is_sure && (now - start).abs() > NEAR).then_some(now - start)
     }
 }
 
