@@ -144,7 +144,16 @@ impl BoardInfo {
         let is_held = |words: &ProgramWords| words.function == function && !words.used;
         !self.program_words.iter().any(is_held)
     }
+
+    /// Whether this is a replay that has come to its end.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.replay.is_some_and(|replay| replay.over)
+    }
 }
+
+/// What is to be said of data that do not come because a replay is over.
+pub const REPLAY_OVER: &str = "the recording is over; a pmacd that is started again replays it";
 
 /// What a replay of a recording has come to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -74,8 +74,11 @@ fn gives_the_board_again(family: &str, asked: &[&str]) {
     assert!(replay.over, "{}", site.log());
     let (status, stdout, _) = site.pmacctl(&["status"]);
     assert!(status == 1 && stdout.contains("a recording, no board: nothing can be moved"), "{stdout}");
+    assert!(stdout.contains("stale: the recording is over") && !stdout.contains("cable"), "{stdout}");
     let doctor = site.pmacctl(&["doctor"]).1;
     assert!(doctor.contains("it is over, and its data are stale"), "{doctor}");
+    assert!(doctor.contains("updates; the recording is over"), "{doctor}");
+    assert!(!doctor.contains("pmacctl send") && !doctor.contains("check that"), "{doctor}");
     assert_eq!(info.board_type, recorded.connection().info().unwrap().board_type);
     site.stop_daemon();
     assert!(site.log().contains("nothing else was asked than was recorded"), "{}", site.log());

@@ -23,6 +23,7 @@ use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, ReportStart};
+use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{
@@ -161,7 +162,8 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
         let reads = |function: Function| {
             known.functions.has(function) && info.as_ref().is_none_or(|info| info.leaves_free(function))
         };
-        data(report, board, reads);
+        let is_over = info.as_ref().is_some_and(BoardInfo::is_over);
+        data(report, board, is_over, reads);
         unfilled(report, board, &known.servo);
     }
     if let Some(info) = &info {
@@ -304,8 +306,8 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} is for the group {group}; have yourself added to it", path.display())
 }
 
-/// Checks the reports that the daemon `reads`.
-fn data(report: &mut Report, board: &mut Board, reads: impl Fn(Function) -> bool) {
+/// Checks the reports that the daemon `reads`. Those of a recording that `is_over` do not come again, whatever is sent.
+fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Function) -> bool) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
         // The data are old because the daemon is gone. The daemon check has reported that.
@@ -328,12 +330,14 @@ fn data(report: &mut Report, board: &mut Board, reads: impl Fn(Function) -> bool
             RegionState::Live if condition == Condition::Live => {
                 report.add(Level::Ok, what, format!("live, {published} updates"));
             }
+            RegionState::Off if is_over => report.add(Level::Warn, what, format!("off; {REPLAY_OVER}")),
             RegionState::Off => {
                 report.add(Level::Warn, what, format!("off on the board; {}", missing(region, &identity)));
             }
             RegionState::Live | RegionState::Stale => {
                 // If the whole board is silent, its variables may still be right.
                 let why = match condition {
+                    _ if is_over => REPLAY_OVER.to_owned(),
                     Condition::Live => missing(region, &identity),
                     _ => "so are all others: check that the board runs".to_owned(),
                 };
@@ -474,7 +478,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     match info.state {
         State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
         State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
-        State::Stale if info.replay.is_some_and(|replay| replay.over) => {
+        State::Stale if info.is_over() => {
             report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", ")));
         }
         State::Stale | State::Dead => {

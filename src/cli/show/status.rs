@@ -8,6 +8,7 @@ use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::format::Visible;
 use crate::map::Family;
+use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{Function, OpenBufferInfo, ProgramWords};
@@ -119,7 +120,10 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let counters: Map<String, Value> =
         subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
     let segment = subscriber.path().to_owned();
-    let (fault, reason) = fault(board, condition, identity, &socket).unzip();
+    let (fault, mut reason) = fault(board, condition, identity, &socket).unzip();
+    if fault == Some("stale") && socket["replay"]["over"] == true {
+        reason = Some(REPLAY_OVER.to_owned());
+    }
     let (global_status, programs, filled) = reported(board);
     let family = identity.family.and_then(Family::by_number).map(|family| family.name);
     json!({
