@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, Staleness};
+use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, OwnBuffer, Staleness};
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
 use pmac_dpram::segment::{SegmentName, UserUnit};
@@ -33,7 +33,14 @@ pub struct Board {
     socket: PathBuf,
     client: Mutex<Client>,
     /// Apart from the client: who reads does not wait for a command.
-    connection: Mutex<Option<Connection>>,
+    connection: Mutex<Commands>,
+}
+
+/// The way of a board's command lines.
+#[derive(Default)]
+struct Commands {
+    connection: Option<Connection>,
+    own_buffer: OwnBuffer,
 }
 
 /// Attaches as the command line does with `--name` and `--socket`: the socket tells its segment, and both must agree.
@@ -63,36 +70,35 @@ impl Board {
         py: Python<'_>,
         action: impl Fn(&mut Connection) -> Result<R, CommandError> + Send + Sync,
     ) -> PyResult<R> {
+        self.send_line(py, false, |connection, _| action(connection))
+    }
+
+    /// As [`Self::send`], for what may open a program buffer; where it is `confirmed`, also what ends command lines for everybody.
+    fn send_line<R: Send>(
+        &self,
+        py: Python<'_>,
+        confirmed: bool,
+        action: impl Fn(&mut Connection, &mut OwnBuffer) -> Result<R, CommandError> + Send + Sync,
+    ) -> PyResult<R> {
         let result = py.detach(|| {
             let mut kept = self.connection.lock().unwrap_or_else(PoisonError::into_inner);
-            let (mut connection, is_old) = match kept.take() {
+            let Commands { connection, own_buffer } = &mut *kept;
+            let (found, is_old) = match connection.take() {
                 Some(connection) => (connection, true),
                 None => (self.connect()?, false),
             };
-            let mut result = action(&mut connection);
+            let mut found = found.confirming(confirmed);
+            let mut result = action(&mut found, own_buffer);
             if is_old && matches!(result, Err(CommandError::NotTaken { .. })) {
-                connection = self.connect()?;
-                result = action(&mut connection);
+                found = self.connect()?.confirming(confirmed);
+                result = action(&mut found, own_buffer);
             }
             if matches!(result, Ok(_) | Err(CommandError::Refused(_))) {
-                *kept = Some(connection);
+                *connection = Some(found);
             }
             result
         });
         result.map_err(of_command)
-    }
-
-    /// As [`Self::send`]; where it is `confirmed`, also what ends command lines for everybody.
-    fn send_confirmed<R: Send>(
-        &self,
-        py: Python<'_>,
-        confirmed: bool,
-        action: impl Fn(&mut Connection) -> Result<R, CommandError> + Send + Sync,
-    ) -> PyResult<R> {
-        if !confirmed {
-            return self.send(py, action);
-        }
-        py.detach(|| action(&mut self.connect()?.confirming(true))).map_err(of_command)
     }
 
     fn connect(&self) -> Result<Connection, CommandError> {
@@ -107,7 +113,7 @@ impl Board {
     fn new(py: Python<'_>, name: Option<String>, socket: Option<PathBuf>) -> PyResult<Self> {
         let client = py.detach(|| attach(name.as_deref(), socket.as_deref()))?;
         let (name, socket) = (client.name().clone(), client.socket().to_owned());
-        Ok(Self { name, socket, client: Mutex::new(client), connection: Mutex::new(None) })
+        Ok(Self { name, socket, client: Mutex::new(client), connection: Mutex::default() })
     }
 
     /// The board's name.
@@ -191,11 +197,12 @@ impl Board {
         Updates::begin(client, duration(timeout)?)
     }
 
-    /// Sends a command line and returns the lines of its reply. `confirmed`: also what ends command lines for everybody.
+    /// Sends a command line and returns the lines of its reply. It enters no program buffer but one that this object's lines have
+    /// opened. `confirmed`: also what ends command lines for everybody.
     #[pyo3(signature = (line, timeout = 5.0, *, confirmed = false))]
     fn command(&self, py: Python<'_>, line: &str, timeout: f64, confirmed: bool) -> PyResult<Vec<String>> {
         let timeout = duration(timeout)?;
-        self.send_confirmed(py, confirmed, |connection| connection.send(line, timeout))
+        self.send_line(py, confirmed, |connection, own| own.send(connection, line, timeout))
     }
 
     /// Sends a control character (`^K`, or the character itself), as `pmacctl send` does, and returns the lines of its reply. Which
@@ -205,7 +212,7 @@ impl Board {
     fn control(&self, py: Python<'_>, character: &str, confirmed: bool) -> PyResult<Vec<String>> {
         let character = parse(character)
             .ok_or_else(|| refused(&format!("{character:?} is no control character; write ^A to ^Z")))?;
-        self.send_confirmed(py, confirmed, |connection| connection.control(character))
+        self.send_line(py, confirmed, |connection, own| own.control(connection, character))
     }
 
     /// A request to the control panel: `jog+`, `jog-`, `jog-stop`, `pre-jog`, `home`, `start`, `step`, `stop` or `hold`.

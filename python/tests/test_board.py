@@ -70,6 +70,37 @@ def test_errors_carry_the_boards_number(site):
         board.wait(-1)
 
 
+def test_lines_enter_ones_own_program_buffer_and_no_other(site):
+    board, other = site.connect(), site.connect()
+    for line in ("OPEN PROG 7 CLEAR", "X1", "P1=2"):
+        assert board.command(line) == []
+    for line in ("P1=5", "I122"):
+        with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 7 open"):
+            other.command(line)
+    assert other.command("#1J/") == [] and len(other.command("#1P")) == 1
+    assert board.command("CLOSE") == [] and board.command("LIST PROG 7") == ["X1", "P1=2"]
+    assert board.command("P1=1") == []
+
+    board.command("OPEN PROG 8 CLEAR")
+    other.command("CLOSE")
+    for _ in range(2):
+        with pytest.raises(pmac_dpram.PmacError, match="carried out at once.*CLOSE, or another OPEN"):
+            board.command("P1=7")
+    other.command("P2=1")
+    assert other.command("P1") == ["1"]
+    assert board.command("CLOSE") == [] and board.command("P1") == ["1"]
+
+    # Another process, which opens one by hand where this one's was.
+    board.command("OPEN PROG 9 CLEAR")
+    for line in ("CLOSE", "OPEN PROG 10 CLEAR", "X3"):
+        site.pmacctl("send", line)
+    for line in ("P1=7", "P1=7 OPEN PROG 11"):
+        with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 10 open"):
+            board.command(line)
+    site.pmacctl("send", "CLOSE")
+    assert other.command("LIST PROG 10") == ["X3"]
+
+
 def test_a_name_and_a_socket_must_be_of_one_board(site, new_site):
     other = new_site()
     assert pmac_dpram.connect(socket=site.socket).name == site.name

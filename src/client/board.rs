@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use super::command::{CommandError, Connection};
 use super::decoder::Decoder;
+use super::own_buffer::OwnBuffer;
 use super::view::{Moment, Reading, Staleness, View};
 use crate::decode::{BackgroundData, ServoData, TooShort};
 use crate::protocol::socket_place;
@@ -90,6 +91,7 @@ pub struct Board {
     sample: Sample,
     identified: Option<Identified>,
     connection: Option<Connection>,
+    own_buffer: OwnBuffer,
 }
 
 impl Board {
@@ -116,6 +118,7 @@ impl Board {
             sample: Sample::new(),
             identified: None,
             connection: None,
+            own_buffer: OwnBuffer::default(),
         })
     }
 
@@ -297,12 +300,16 @@ impl Board {
         Ok(self.connection.insert(connection))
     }
 
-    /// Sends one command line through the daemon; see [`Connection::send`].
+    /// Sends one command line through the daemon; see [`Connection::send`]. It enters no program buffer but one that lines sent in
+    /// this way have opened; see [`OwnBuffer`].
     ///
     /// # Errors
     /// [`CommandError`].
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, CommandError> {
-        self.connection()?.send(line, timeout)
+        let mut own_buffer = self.own_buffer;
+        let sent = own_buffer.send(self.connection()?, line, timeout);
+        self.own_buffer = own_buffer;
+        sent
     }
 
     /// What `decode` makes of the latest sample of `region`, with its age; `None` when there is none, or the daemon does not mirror it

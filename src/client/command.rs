@@ -127,8 +127,8 @@ pub struct Connection {
 pub struct SendAs {
     /// It is a question, as that of [`Connection::question`].
     pub question: Option<bool>,
-    /// It enters the program buffer that this user has open, as that of [`Connection::send_into_buffer`]; or if not, none at all: it is
-    /// refused while one is open, but for `CLOSE` and what only reports or stops.
+    /// It enters the program buffer that this process has open, as that of [`Connection::send_into_buffer`], or opens one; or if not,
+    /// it enters none at all: it is refused while one is open, but for `CLOSE` and what only reports or stops.
     pub into_buffer: Option<bool>,
     /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
@@ -233,8 +233,8 @@ impl Connection {
         self.send_as(line, timeout, SendAs { question: Some(true), ..SendAs::default() })
     }
 
-    /// As [`Connection::send`], for a line that belongs into the program buffer that this user has open: when that is closed,
-    /// where the line would be carried out at once, it is refused and not sent.
+    /// As [`Connection::send`], for a line that belongs into the program buffer that this process has open: when that is closed,
+    /// where the line would be carried out at once, or another one's is open, it is refused and not sent.
     ///
     /// # Errors
     /// As [`Connection::send`].

@@ -24,6 +24,7 @@ pub mod hold;
 pub mod identity;
 pub mod motor;
 pub mod number;
+pub mod own_buffer;
 pub mod rotary_feed;
 #[cfg(feature = "serial")]
 pub mod serial;
@@ -40,6 +41,7 @@ pub use command::{CommandError, Connection, Messages};
 pub use follow::{Follower, Gap, Step};
 pub use hold::HeldJog;
 pub use motor::Motor;
+pub use own_buffer::OwnBuffer;
 pub use rotary_feed::{RotaryFeed, RotaryLine};
 #[cfg(feature = "serial")]
 pub use serial::{SerialError, SerialLine};

@@ -81,8 +81,9 @@ parameters! {
         /// Whether it is a question, which must not become a line of an open program buffer; it is a line when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         question: Option<bool>,
-        /// Whether it belongs into the program buffer that its user has open: it is refused if that is closed. If not, it enters none,
-        /// and is refused while one is open. When not given, it enters the one that its user has open, and goes as a command otherwise.
+        /// Whether it belongs into the program buffer that its process has open, or opens one: it is refused if that is closed, or
+        /// another one's is open. If not, it enters none, and is refused while one is open. When not given, it enters the one that its
+        /// user has open, and goes as a command otherwise.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         into_buffer: Option<bool>,
         /// Whether a jog without an end that it begins ends with the connection; it goes on when not given.

@@ -6,6 +6,7 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use nix::unistd::{Gid, Uid, getuid};
+use pmac_dpram::client::OwnBuffer;
 use pmac_dpram::client::command::SendAs;
 use pmac_dpram::daemon::socket::policy::{Peer, Role};
 use pmac_dpram::protocol::control;
@@ -115,6 +116,53 @@ fn b1_2_a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
     assert!(beside("#1P").is_ok() && beside("#1J/").is_ok() && beside("CLOSE").is_ok());
     assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
     assert_eq!(beside("P1").unwrap(), ["5"]);
+    site.assert_no_violations();
+}
+
+#[test]
+fn d1_a_programs_lines_enter_its_own_buffer_and_no_other() {
+    let site = VirtualSite::running(&[], &[]);
+    let (mut connection, mut own) = (site.connection(), OwnBuffer::default());
+    let mut send = |line| own.send(&mut connection, line, PATIENCE).map_err(|error| error.to_string());
+    assert_eq!(send("P1=1"), Ok(vec![]));
+    // The same user's, by hand.
+    site.ask("OPEN PROG 77 CLEAR");
+    site.ask("X1");
+    for line in ["X2", "P1", "P1=2", "I122", "OPEN PROG 9", "P1=2 CLOSE"] {
+        let told = send(line).unwrap_err();
+        assert!(
+            told.starts_with("not sent") && told.contains("has had PROG 77 open") || told.contains("ERR007"),
+            "{line}: {told}"
+        );
+    }
+    assert!(send("#1P").is_ok() && send("#1J/").is_ok() && send("CLOSE").is_ok());
+    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    for line in ["OPEN PROG 7 CLEAR", "X1", "P1=3", "CLOSE", "P2=4"] {
+        assert_eq!(send(line), Ok(vec![]), "{line}");
+    }
+    assert_eq!(site.ask("LIST PROG 7"), ["X1", "P1=3"]);
+    assert_eq!(site.ask("P1 P2"), ["1", "4"]);
+    // Somebody closes it.
+    assert_eq!((send("OPEN PROG 7 CLEAR"), send("X5")), (Ok(vec![]), Ok(vec![])));
+    site.ask("CLOSE");
+    for line in ["P1=5", "X1 CLOSE", "P1"] {
+        let told = send(line).unwrap_err();
+        assert!(told.contains("carried out at once"), "{line}: {told}");
+        assert!(
+            line == "X1 CLOSE"
+                || told.ends_with("CLOSE, or another OPEN, ends the lines that belong into it"),
+            "{told}"
+        );
+    }
+    assert_eq!((send("#1J/"), send("CLOSE"), send("P1")), (Ok(vec![]), Ok(vec![]), Ok(vec!["1".into()])));
+    assert_eq!((send("OPEN PROG 7"), send("X6")), (Ok(vec![]), Ok(vec![])));
+    site.ask("CLOSE");
+    assert!(send("X7").is_err());
+    assert_eq!((send("OPEN PROG 8 CLEAR"), send("X8"), send("CLOSE")), (Ok(vec![]), Ok(vec![]), Ok(vec![])));
+    assert_eq!(site.ask("LIST PROG 7 LIST PROG 8"), ["X5", "X6", "X8"]);
+    // The characters do so, too.
+    assert!(own.control(&mut connection, control::OPEN_ROTARY).is_err(), "there is no rotary buffer");
+    assert_eq!(own.send(&mut connection, "P1", PATIENCE).unwrap(), ["1"]);
     site.assert_no_violations();
 }
 

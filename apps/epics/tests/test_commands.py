@@ -18,6 +18,26 @@ def test_a_put_with_completion_has_its_reply(ioc):
     assert "ERR003" in ioc.value("MSG") and ioc.get("MSG").alarm.severity == 2
 
 
+def test_no_line_enters_a_program_that_somebody_else_has_open(ioc):
+    ioc.put("CMD", "P1=3")
+    for line in ("OPEN PROG 9 CLEAR", "X2"):
+        ioc.site.pmacctl("send", line)
+    for line in ("P1=5", "I122"):
+        ioc.put("CMD", line)
+        assert "not sent" in ioc.value("MSG") and "PROG 9 open" in ioc.value("MSG")
+        assert ioc.get("MSG").alarm.severity == 2 and ioc.value("REPLY") == ""
+    ioc.put("CMD", "CLOSE")
+    for line, reply in (("LIST PROG 9", "X2"), ("P1", "3"), ("OPEN PROG 9 CLEAR", ""), ("X1", "")):
+        ioc.put("CMD", line)
+        assert (ioc.value("REPLY"), ioc.value("MSG")) == (reply, "")
+    ioc.site.pmacctl("send", "CLOSE")
+    ioc.put("CMD", "P1=7")
+    assert "carried out at once" in ioc.value("MSG")
+    for line, reply in (("CLOSE", ""), ("P1", "3"), ("LIST PROG 9", "X1")):
+        ioc.put("CMD", line)
+        assert (ioc.value("REPLY"), ioc.value("MSG")) == (reply, "")
+
+
 def test_aioca_sends_a_line_longer_than_a_dbr_string(ioc):
     line = " ".join(f"P{number}={number}" for number in range(20, 30)) + " P29"
     assert len(line) > 40

@@ -68,8 +68,16 @@ class PmacEth(Device):
                 self._boards[purpose] = pmac_dpram.connect(self.Board or name, self.Socket or socket)
             return self._boards[purpose]
 
-    def _send(self, line):
-        return self._board().command(line, self.Timeout)
+    def _send(self, line, purpose="own lines"):
+        """The lines of the reply. Those of another purpose are no lines of a program that these have open, and the other way round."""
+        return self._board(purpose).command(line, self.Timeout)
+
+    def _ask(self, line):
+        """The first line of the reply."""
+        lines = self._send(line)
+        if not lines:
+            raise pmac_dpram.PmacError(f"the board took {line} and answered nothing")
+        return lines[0]
 
     def _log(self, what):
         """What moves, stops or sets something is logged with whom it came from; pmacd logs this server's user and pid."""
@@ -116,7 +124,7 @@ class PmacEth(Device):
     @tells_errors
     def OnlineCmd(self, line):
         self._log(line)
-        return "\n".join(self._send(line))
+        return "\n".join(self._send(line, "lines"))
 
     @command(dtype_in=str, doc_in="A letter: B is ^B", dtype_out=str, doc_out="The reply")
     @tells_errors
@@ -131,8 +139,8 @@ class PmacEth(Device):
     def _check_group(self):
         """On a Turbo board ##n chooses whose motors ^B, ^F, ^P and ^V tell; a client takes the first for motor 1."""
         if self._is_turbo is None:
-            self._is_turbo = self._send("TYPE")[0].startswith("TURBO")
-        if self._is_turbo and (group := self._send("##")[0]) != "0":
+            self._is_turbo = self._ask("TYPE").startswith("TURBO")
+        if self._is_turbo and (group := self._ask("##")) != "0":
             first = 8 * int(group) + 1
             raise ValueError(f"the board tells of motors {first} to {first + 7} (##{group}), not of 1 to 8; send ##0")
 
@@ -225,7 +233,7 @@ class PmacEth(Device):
         self._send(line)
 
     def _get(self, kind, number):
-        return read(self._send(f"{kind}{integer(number, kind, *VARIABLES)}")[0])
+        return read(self._ask(f"{kind}{integer(number, kind, *VARIABLES)}"))
 
     def _set(self, kind, argument):
         number, value = self._pair(argument, kind, VARIABLES)

@@ -67,6 +67,26 @@ def test_variables(device):
     assert device.command_inout("getmvariable", 900) == 3
 
 
+def test_nothing_enters_a_program_that_somebody_else_has_open(site, device):
+    """Neither one of the server's user, nor, but for OnlineCmd, one of another client."""
+    device.SetPVariable([1, 3])
+    own = [("SetPVariable", [1, 9]), ("GetPVariable", 1), ("EnablePLC", 1), ("DisablePLC", 1)]
+    for opener, others in ((lambda line: site.pmacctl("send", line), [("OnlineCmd", "I122"), *own]), (device.OnlineCmd, own)):
+        opener("OPEN PROG 9 CLEAR")
+        opener("X1")
+        for command in others:
+            reason, text = refused(device, *command)
+            assert reason == "PmacError" and "not sent" in text and "PROG 9 open" in text, command
+        device.KillMotor([5])
+        opener("CLOSE")
+        assert (device.OnlineCmd("LIST PROG 9"), device.GetPVariable(1)) == ("X1", 3)
+    for line in ("OPEN PROG 9 CLEAR", "X1"):
+        device.OnlineCmd(line)
+    site.pmacctl("send", "CLOSE")
+    assert "carried out at once" in refused(device, "OnlineCmd", "P1=7")[1]
+    assert device.OnlineCmd("CLOSE") == "" and device.OnlineCmd("P1") == "3"
+
+
 def test_plc_programs_are_switched(site, device):
     for line in ("I5=2", "OPEN PLC 3 CLEAR", "P8=P8+1", "CLOSE", "DISABLE PLC 3", "P8=0"):
         device.OnlineCmd(line)

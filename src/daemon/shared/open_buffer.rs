@@ -56,7 +56,8 @@ pub enum Writer {
     Stop,
     /// A user, by hand.
     Hand(Account),
-    /// A user, by hand, into the buffer that he has open. Where it is closed, the board would carry the line out at once.
+    /// A user, by hand, into the buffer that this process of his has open, or opens. Where it is closed, the board would carry the line
+    /// out at once.
     IntoBuffer(Account),
     /// A user, by hand, beside every buffer: such a line enters none, not even one that he has open, and opens none.
     Beside,
@@ -200,8 +201,11 @@ impl OpenBuffer {
     /// Whether `writer` has opened what is open.
     fn is_own(&self, writer: Writer) -> bool {
         match (self.opened.map(|opened| opened.by), writer) {
-            (Some(Writer::Hand(opener)), Writer::Hand(writer) | Writer::IntoBuffer(writer)) => {
+            (Some(Writer::Hand(opener) | Writer::IntoBuffer(opener)), Writer::Hand(writer)) => {
                 opener.uid == writer.uid
+            }
+            (Some(Writer::Hand(opener) | Writer::IntoBuffer(opener)), Writer::IntoBuffer(writer)) => {
+                opener == writer
             }
             (Some(Writer::Sequence { number: opener, .. }), Writer::Sequence { number, .. }) => {
                 opener == number
@@ -224,7 +228,9 @@ impl OpenBuffer {
         };
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
-            Writer::IntoBuffer(_) if !self.is_open() && !passes && effect(line).is_none() => {
+            Writer::IntoBuffer(_)
+                if !self.is_open() && !passes && !matches!(effect(line), Some(Effect::Opens(_))) =>
+            {
                 Some(Barred::Closed)
             }
             _ if own || passes || !self.is_open() => None,

@@ -230,4 +230,12 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
     }
     sent(&mut buffer, "OPEN PROG 9", BOB);
     assert!(matches!(buffer.bars(b"P1=5", inside), Some(Barred::Open(_))), "another one's");
+    sent(&mut buffer, "CLOSE", BOB);
+    assert_eq!(buffer.bars(b"X1 CLOSE", inside), Some(Barred::Closed), "a part of it is carried out");
+    let same_user = Writer::IntoBuffer(Account { uid: 1000, pid: 9 });
+    sent(&mut buffer, "OPEN PROG 10", same_user);
+    assert_eq!((buffer.bars(b"X1", same_user), buffer.bars(b"X1", ANNE)), (None, None));
+    for line in ["X1", "P1=5 OPEN PROG 7"] {
+        assert!(matches!(buffer.bars(line.as_bytes(), inside), Some(Barred::Open(_))), "{line}");
+    }
 }

@@ -38,7 +38,7 @@ pub enum Ask {
         timeout: Duration,
         /// It is a question, which enters no program buffer.
         question: bool,
-        /// It belongs into the buffer that its user has open; or into none, not even that.
+        /// It belongs into the buffer that its process has open, or opens it; or into none, not even that.
         into_buffer: Option<bool>,
         /// A jog without an end that it begins ends with the connection.
         while_connected: bool,

@@ -1,0 +1,88 @@
+//! Into which program buffer a program's lines go: into one that they have opened themselves, and into no other.
+//!
+//! By hand a user may write into whatever buffer is his: he opens it in one terminal and looks at it from another. A program cannot
+//! know of that. Its `P1=5` would become a line of the user's motion program, and count as done.
+
+use std::time::Duration;
+
+use super::command::{CommandError, Connection, SendAs};
+use crate::protocol::CallError;
+use crate::protocol::buffer_line::{Effect, effect};
+use crate::protocol::control::{CLOSE_ROTARY, OPEN_ROTARY};
+use crate::protocol::line::resets;
+
+/// Whether a program's lines have opened a buffer that they have not closed. It outlives the connection: what belongs into a buffer
+/// must not be carried out at once because the connection is another one.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct OwnBuffer {
+    is_open: bool,
+}
+
+impl OwnBuffer {
+    /// As [`Connection::send`], but that the line enters no buffer that others have opened, and that one for a buffer of these lines
+    /// is not carried out where that is closed: both are refused and not sent. `CLOSE`, and what only reports or stops, always goes.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send(
+        &mut self,
+        connection: &mut Connection,
+        line: &str,
+        timeout: Duration,
+    ) -> Result<Vec<String>, CommandError> {
+        let effect = effect(line.as_bytes());
+        let opens = matches!(effect, Some(Effect::Opens(_)));
+        // A reset is no line of a program, whatever is open.
+        let into_buffer = (!self.is_open || !resets(line.as_bytes())).then_some(self.is_open || opens);
+        let sent = connection.send_as(line, timeout, SendAs { into_buffer, ..SendAs::default() });
+        match effect {
+            Some(Effect::Opens(_)) => self.is_open |= sent.as_ref().map_or_else(is_uncertain, |_| true),
+            // Whoever has closed it has no more lines for it. If it is open all the same, nothing enters it.
+            Some(Effect::Closes) => {
+                self.is_open &=
+                    !sent.as_ref().map_or_else(|error| is_refusal(error) || is_uncertain(error), |_| true);
+            }
+            None => {}
+        }
+        match sent {
+            Err(CommandError::Refused(CallError::Refused { reason })) if self.is_open && effect.is_none() => {
+                let reason = format!("{reason}; CLOSE, or another OPEN, ends the lines that belong into it");
+                Err(CallError::Refused { reason }.into())
+            }
+            sent => sent,
+        }
+    }
+
+    /// As [`Connection::control`].
+    ///
+    /// # Errors
+    /// As [`Connection::control`].
+    pub fn control(
+        &mut self,
+        connection: &mut Connection,
+        character: u8,
+    ) -> Result<Vec<String>, CommandError> {
+        let sent = connection.control(character)?;
+        self.is_open = match character {
+            OPEN_ROTARY => true,
+            CLOSE_ROTARY => false,
+            _ => self.is_open,
+        };
+        Ok(sent)
+    }
+}
+
+/// The board has refused the line.
+fn is_refusal(error: &CommandError) -> bool {
+    matches!(error, CommandError::Refused(CallError::Board { .. }))
+}
+
+/// Whether the board has taken the line is not known.
+fn is_uncertain(error: &CommandError) -> bool {
+    matches!(
+        error,
+        CommandError::Broken { .. }
+            | CommandError::NoAnswer { .. }
+            | CommandError::Refused(CallError::TimedOut { .. } | CallError::Interrupted { .. })
+    )
+}
