@@ -87,6 +87,8 @@ class Motor:
         # Reports of before that time (monotonic) do not tell that the latest move is done.
         self._done_from = 0.0
         self._done_lock = threading.Lock()
+        # Whether DMOV tells what is so now.
+        self._is_known = False
 
     def preset(self, motor):
         """The target that is shown before anybody has set one: where the motor has been told to be, or else where it is."""
@@ -106,17 +108,22 @@ class Motor:
             else:
                 record.set(counts / self._scale, **flag)
         if found is None:
-            for record in (self._state, self._flags, self._done):
-                record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
+            with self._done_lock:
+                self._is_known = False
+                for record in (self._state, self._flags, self._done):
+                    record.set_alarm(alarm.INVALID_ALARM, alarm.UDF_ALARM)
             return
         self._state.set(found, timestamp=seconds)
         self._flags.set(" ".join(status.names()), timestamp=seconds)
         stands = found != MOVING and found != NOT_IN_POSITION
         with self._done_lock:
+            self._is_known = True
             self._done.set(stands and snapshot.time_ns / 1e9 >= self._done_from, timestamp=seconds)
 
     def invalidate(self, status):
-        self._shown.invalidate(status)
+        with self._done_lock:
+            self._is_known = False
+            self._shown.invalidate(status)
 
     async def _move(self, target):
         stops = self._stops
@@ -143,7 +150,9 @@ class Motor:
             return
         with self._done_lock:
             self._done_from = math.inf
-            self._done.set(False, timestamp=time.time())
+            # What is not known stays so.
+            if self._is_known:
+                self._done.set(False, timestamp=time.time())
         try:
             await self._acting.run("moves", move)
         except pmac_dpram.PmacError as error:

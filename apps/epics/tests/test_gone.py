@@ -17,6 +17,7 @@ def test_a_killed_daemon_makes_everything_invalid_and_a_new_one_live(site, ioc):
     assert ioc.value("M2:RBV") == kept
     ioc.put("M1:VAL", 5.0)
     assert "pmacd" in ioc.value("M1:MSG")
+    assert ioc.is_invalid("M1:DMOV") and ioc.value("M1:DMOV") == "Done"
     ioc.put("CMD", "P1")
     assert "pmacd" in ioc.value("MSG")
     ioc.put("GATHER:START", 1)
@@ -37,6 +38,8 @@ def test_a_board_that_stands_still_makes_everything_invalid(site, ioc):
     site.simulator.send_signal(signal.SIGSTOP)
     try:
         site.until(lambda: ioc.value("CONN") == "Stale" and ioc.is_invalid(*READINGS) and ioc.value("WHY"), "INVALID")
+        ioc.put("M1:VAL", 0.0)
+        assert ioc.value("M1:MSG") and ioc.is_invalid("M1:DMOV")
     finally:
         site.simulator.send_signal(signal.SIGCONT)
     ioc.until_live()
