@@ -127,9 +127,9 @@ pub struct Motors(Arc<Moment>);
 
 #[pymethods]
 impl Motors {
-    fn __getitem__(&self, number: usize) -> PyResult<Motor> {
-        match self.0.motor(number) {
-            Some(_) => Ok(Motor { moment: Arc::clone(&self.0), number }),
+    fn __getitem__(&self, number: isize) -> PyResult<Motor> {
+        match usize::try_from(number).ok().filter(|number| self.0.motor(*number).is_some()) {
+            Some(number) => Ok(Motor { moment: Arc::clone(&self.0), number }),
             None => Err(PyKeyError::new_err(format!("motor {number} is not reported"))),
         }
     }
@@ -155,9 +155,9 @@ pub struct Systems(Arc<Moment>);
 
 #[pymethods]
 impl Systems {
-    fn __getitem__(&self, number: usize) -> PyResult<System> {
-        match self.0.system(number) {
-            Some(_) => Ok(System { moment: Arc::clone(&self.0), number }),
+    fn __getitem__(&self, number: isize) -> PyResult<System> {
+        match usize::try_from(number).ok().filter(|number| self.0.system(*number).is_some()) {
+            Some(number) => Ok(System { moment: Arc::clone(&self.0), number }),
             None => Err(PyKeyError::new_err(format!("coordinate system {number} is not reported"))),
         }
     }

@@ -24,8 +24,11 @@ def test_a_snapshot_has_every_motor_in_counts(site):
     assert motor.status.open_loop is False and "motor_activated" in motor.status.names()
     with pytest.raises(AttributeError, match="no flag nonsense"):
         motor.status.nonsense
-    with pytest.raises(KeyError, match="motor 33"):
-        snapshot.motor[33]
+    for number in (33, 0, -1):
+        with pytest.raises(KeyError, match=f"motor {number} is not reported"):
+            snapshot.motor[number]
+    with pytest.raises(KeyError, match="coordinate system -1 is not reported"):
+        snapshot.system[-1]
     assert snapshot.system[1].status.running_program is False
 
 
