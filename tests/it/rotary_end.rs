@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use nix::sys::signal::Signal;
 use pmac_dpram::client::{RotaryFeed, RotaryLine, RotaryPlace};
+use pmac_dpram::map::status::reply_has;
+use pmac_dpram::map::{Family, PMAC, TURBO2};
 use pmac_dpram::protocol::control;
 
 use crate::support::jogs::signal;
@@ -86,12 +88,12 @@ fn assert_ended(site: &VirtualSite) {
 }
 
 fn runs(site: &VirtualSite) -> bool {
+    runs_on(site, &PMAC)
+}
+
+fn runs_on(site: &VirtualSite, family: &Family) -> bool {
     let status = site.ask("&1??");
-    pmac_dpram::map::status::reply_has(
-        &status[0],
-        pmac_dpram::map::PMAC.status.coordinate_system,
-        "running_program",
-    )
+    reply_has(&status[0], family.status.coordinate_system, "running_program")
 }
 
 #[test]
@@ -432,4 +434,53 @@ fn b1_7_a_stream_notices_that_the_board_was_reset() {
     let line: u64 =
         said.split("long.pmc:").nth(1).and_then(|rest| rest.split(':').next()).unwrap().parse().unwrap();
     assert!((100..2000).contains(&line) && said.contains("lines were sent"), "{said}");
+}
+
+/// Streams one after the other: none counts or runs a line of the one before it, however that ended, and where the board's
+/// count has a line that it has begun, too.
+#[test]
+fn d1_streams_in_series_begin_with_their_own_lines() {
+    for (name, family) in [("pmac", &PMAC), ("turbo2", &TURBO2)] {
+        let site = VirtualSite::configured(&["--family", name], &format!("family = \"{name}\"\n"));
+        site.wait_until("a board that takes commands", || site.pmacctl(&["send", "#1J/"]).0 == 0);
+        site.ask("&1#1->X");
+        site.ask("&1DEFINE ROT 50");
+        let stream = |lines: usize| {
+            let text = "LINEAR INC\n".to_owned() + &"X1 TM20\nX-1 TM20\n".repeat(lines / 2);
+            let file = site.file("series.pmc", &text);
+            let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run"]);
+            (status, stderr)
+        };
+        for (torn, lines, end) in [
+            ("off", 10, "&1Q"),
+            ("off", 10, "&1Q"),
+            ("off", 120, "&1Q"),
+            ("off", 10, "&1Q &1B0"),
+            ("off", 120, "&1A"),
+            ("off", 10, "&1A &1B0"),
+            ("off", 120, ""),
+            ("on", 120, "&1Q"),
+            ("on", 10, "&1A"),
+            ("on", 120, "&1Q &1B0"),
+        ] {
+            let what = format!("{name} {torn} {lines} {end}");
+            site.control(&format!("fault rotary_torn {torn}"));
+            let (status, stderr) = stream(lines);
+            assert_eq!(status, 0, "{what}: {stderr}");
+            // The last lines are calculated, and in execution.
+            site.wait_until("the last move", || site.ask("&1PR") == ["0"]);
+            if end.is_empty() {
+                // A program that waits for more is not taken from its lines.
+                assert_eq!(stream(10).0, 1, "{what}");
+            }
+            for line in if end.is_empty() { "&1Q" } else { end }.split(' ') {
+                site.wait_until("the board to take it", || site.pmacctl(&["send", line]).0 == 0);
+            }
+            site.wait_until("rest", || !runs_on(&site, family));
+            let left = [site.ask("&1PR"), site.ask("&1LIST ROT")];
+            assert_eq!(left, [vec!["0".to_owned()], Vec::new()], "{what}");
+            site.run_for(Duration::from_millis(300));
+        }
+        site.assert_no_violations();
+    }
 }

@@ -56,11 +56,12 @@ impl Programs {
         self.free_rotary_lines(board, cs);
     }
 
-    fn free_rotary_lines(&mut self, board: &mut Board, cs: usize) {
+    /// Frees the rotary lines that are executed: those before the first one in calculation or execution.
+    pub(super) fn free_rotary_lines(&mut self, board: &mut Board, cs: usize) {
         let system = &self.systems[cs];
         let lines =
             system.trajectory.entries().filter(|entry| entry.origin.0 == 0).map(|entry| entry.origin.1);
-        let needed = lines.min().unwrap_or(u64::MAX).min(system.rotary_line());
+        let needed = lines.min().unwrap_or(u64::MAX).min(system.first_rotary_line());
         if let Some(rotary) = self.store.rotary_mut(cs) {
             rotary.free_before(needed);
             self.note_rotary(board, cs);

@@ -190,6 +190,7 @@ impl Programs {
         system.ending = None;
         system.stopped_at = None;
         self.reset_motion(board, cs);
+        self.free_rotary_lines(board, cs);
     }
 
     /// Drops the calculated moves.
@@ -229,6 +230,8 @@ impl Programs {
             motor.rest();
             motor.set_pre_jog(motor.commanded());
         }
+        // No interrupt calculates any more: the last lines would be the first ones that B0 points to.
+        self.free_rotary_lines(board, cs);
     }
 
     /// Clears the pointer of every coordinate system, as opening a fixed program does.

@@ -150,11 +150,19 @@ impl System {
     /// The rotary line in calculation; lines from it on are ahead. 0 outside a rotary program.
     #[must_use]
     pub fn rotary_line(&self) -> u64 {
+        self.rotary_cursor().map_or(0, |cursor| cursor.line + u64::from(cursor.item > 0))
+    }
+
+    /// The first rotary line that calculation still needs: one that it has begun, too. 0 outside a rotary program.
+    #[must_use]
+    pub fn first_rotary_line(&self) -> u64 {
+        self.rotary_cursor().map_or(0, |cursor| cursor.line)
+    }
+
+    /// Where the rotary program is, behind the calls.
+    fn rotary_cursor(&self) -> Option<Cursor> {
         let bottom = self.frames.first().map(|frame| frame.back).or(self.cursor);
-        match bottom {
-            Some(Cursor { program: 0, line, item }) => line + u64::from(item > 0),
-            _ => 0,
-        }
+        bottom.filter(|cursor| cursor.program == 0)
     }
 
     /// Ends calculation; moves already calculated still execute.
