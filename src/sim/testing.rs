@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 #[cfg(any(feature = "cli", feature = "daemon"))]
 use crate::device::FileBoard;
 use crate::device::board::mapping::Mapping;
-use crate::map::{self, PmacAddress, Space};
+use crate::map::{self, HostOffset, PmacAddress, Space};
 use crate::sim::board::Board;
 use crate::sim::board::dpram::Dpram;
 use crate::sim::board::firmware::{self, FirmwareTables};
@@ -124,25 +124,35 @@ impl Bench {
 
     /// Puts a text and its NUL into the host's buffer.
     pub fn write_text(&self, text: &str) {
+        let place = self.world.board.family().ascii.command.bytes();
         let mut bytes = text.as_bytes().to_vec();
         bytes.push(0);
         bytes.resize(160.min(bytes.len() + bytes.len() % 2), 0);
         for (index, pair) in bytes.chunks(2).enumerate() {
-            self.write(0x0630 + 2 * index as u32, u16::from_le_bytes([pair[0], *pair.get(1).unwrap_or(&0)]));
+            self.write(place + 2 * index as u32, u16::from_le_bytes([pair[0], *pair.get(1).unwrap_or(&0)]));
         }
+    }
+
+    /// Puts a line into the host's buffer and sets its flag.
+    pub fn offer(&self, line: &str) {
+        self.write_text(line);
+        self.write(self.world.board.family().ascii.command_loaded.word.bytes(), 1);
     }
 
     /// The next response: control word and text; frees the buffer.
     pub fn response(&mut self) -> (u16, String) {
+        let port = &self.world.board.family().ascii;
+        let [control_word, count, text] =
+            [port.response_control, port.response_count, port.response].map(HostOffset::bytes);
         for _ in 0..100 {
-            let control = self.read(0x06D0);
+            let control = self.read(control_word);
             if control != 0 {
-                let count = usize::from(self.read(0x06D2));
+                let count = usize::from(self.read(count));
                 let bytes: Vec<u8> =
-                    (0..count).map(|at| self.read(0x06D4 + (at as u32 & !1)).to_le_bytes()[at % 2]).collect();
+                    (0..count).map(|at| self.read(text + (at as u32 & !1)).to_le_bytes()[at % 2]).collect();
                 let (nul, text) = bytes.split_last().unwrap();
                 assert_eq!(*nul, 0);
-                self.write(0x06D0, 0);
+                self.write(control_word, 0);
                 return (control, String::from_utf8(text.to_vec()).unwrap());
             }
             self.run(1);
@@ -152,8 +162,7 @@ impl Bench {
 
     /// Sends a line and gives the responses up to the end or an error.
     pub fn send(&mut self, line: &str) -> Vec<(u16, String)> {
-        self.write_text(line);
-        self.write(0x062C, 1);
+        self.offer(line);
         let mut responses = Vec::new();
         loop {
             let response = self.response();

@@ -54,6 +54,8 @@ pub struct AsciiPort {
     pub commands: u64,
     /// Interrupts raised by responses, not yet given to the hosts.
     pub interrupts: u64,
+    /// [`crate::sim::board::output::Output::lost`] at the last pass.
+    lost: u64,
     /// What [`crate::sim::board::output::Output::cancelled`] was when the state was made.
     cancelled: u64,
 }
@@ -79,19 +81,31 @@ impl AsciiPort {
         self.cancel_late(board);
         if self.work.is_none() && board.takes_ascii() && !board.faults.ascii_deaf {
             self.take_character(board, programs, interpreter);
-            self.take_line(board);
+            // A board that has much to say yet takes no further line.
+            if board.output.has_room() {
+                self.take_line(board);
+            }
         }
         self.work(board, programs, interpreter);
         if !board.is_at_work() {
             self.respond(board);
         }
+        let lost = board.output.lost;
+        let what = (lost > self.lost).then(|| {
+            "no host fetches the responses at the DPRAM: what programs and control characters say is lost"
+                .to_owned()
+        });
+        if what.is_some() || board.output.has_room() {
+            board.judge.state(board.stats.servo_cycles, "responses", what);
+        }
+        self.lost = lost;
     }
 
     /// Drops what is under way when the board's output was cancelled (`<CTRL-X>`, reset).
     fn follow_cancel(&mut self, board: &Board) {
         if self.cancelled != board.output.cancelled {
-            let Self { commands, interrupts, .. } = *self;
-            *self = Self { commands, interrupts, cancelled: board.output.cancelled, ..Self::default() };
+            let Self { commands, interrupts, lost, .. } = *self;
+            *self = Self { commands, interrupts, lost, cancelled: board.output.cancelled, ..Self::default() };
         }
     }
 
@@ -288,6 +302,7 @@ fn append_lines(text: &mut Vec<u8>, others: &mut VecDeque<Response>) {
 fn control(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter, character: u8) {
     if let Some(reply) = interpreter.control(board, programs, character)
         && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
+        && board.output.admits()
     {
         answer(board, reply);
     }
@@ -307,6 +322,7 @@ fn execute(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpr
     let reply = interpreter.execute(board, programs, line);
     // A reset empties the queues; its own acknowledgement is lost with them.
     if board.stats.resets == resets {
+        board.output.asked = reply.lines.len();
         answer(board, reply);
     }
 }
@@ -317,7 +333,7 @@ fn answer(board: &mut Board, reply: Reply) {
     }
     let has_lines = !reply.lines.is_empty();
     for text in reply.lines {
-        board.output.respond(response::LINE, text.as_bytes());
+        board.output.respond(response::LINE, text);
     }
     match reply.error {
         Some(error) => refuse(board, error),
@@ -340,7 +356,7 @@ fn refuse(board: &mut Board, error: CommandError) {
 
 fn acknowledge(board: &mut Board) {
     if ends_with_acknowledge(board) {
-        board.output.respond(response::ACKNOWLEDGE, &[]);
+        board.output.respond(response::ACKNOWLEDGE, []);
     }
 }
 

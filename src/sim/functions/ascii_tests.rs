@@ -2,6 +2,8 @@
 
 use crate::map::readings::{ControlFlag, LineFlag, ReplyEnd};
 use crate::sim::board::error::CommandError;
+use crate::sim::board::turbo;
+use crate::sim::program::message::{Outlet, send_message};
 use crate::sim::testing::Bench;
 
 fn ack() -> (u16, String) {
@@ -43,6 +45,66 @@ fn nothing_is_written_while_the_host_has_not_freed_the_buffer() {
     assert_eq!(bench.world.interrupts.response, 1);
     assert_eq!([bench.response(), bench.response(), bench.response()], [line("1"), line("8"), ack()]);
     assert_eq!(bench.world.interrupts.response, 3);
+}
+
+/// "The control word has to be 0 before PMAC writes" (manual p. 28): a board waits, however much it has to say.
+#[test]
+fn d7_a_reply_is_whole_however_many_lines_it_has() {
+    let mut turbo = Bench::of(&turbo::TURBO2, turbo::TURBO2.firmware);
+    turbo.set(4, 0.0);
+    let mut pmac = Bench::started();
+    for line in std::iter::once("OPEN PROG 1 CLEAR".to_owned())
+        .chain((0..5000).map(|number| format!("X{number}")))
+        .chain(["CLOSE".to_owned()])
+    {
+        assert_eq!(pmac.world.execute(line.as_bytes()).error, None, "{line}");
+    }
+    let mut benches = [turbo, pmac];
+    for (bench, question, lines, last) in [
+        (0, "I0..8191", 8192, None),
+        (1, "LIST PROG 1", 5000, Some("X4999")),
+        (1, "I0..1023 I0..1023 I0..1023 I0..1023 I10", 4097, Some("3713707")),
+    ] {
+        let bench = &mut benches[bench];
+        bench.offer(question);
+        // The board takes its time for a long listing.
+        bench.until(40_000, |board| !board.output.dpram.is_empty());
+        // Another line waits: it is not taken before there is room.
+        bench.offer("I4");
+        // A report that is asked for meanwhile comes behind.
+        bench.write(bench.world.board.family().ascii.control_character.bytes(), 0x03);
+        bench.run(5);
+        let mut replies: Vec<_> = (0..=lines).map(|_| bench.response()).collect();
+        assert_eq!(replies.pop(), Some(ack()), "{question}");
+        assert!(replies.iter().all(|(control, _)| *control == 0x000D), "{question}");
+        if let Some(last) = last {
+            assert_eq!(replies.pop(), Some(line(last)), "{question}");
+        }
+        for what in ["^C", "I4"] {
+            assert_eq!([bench.response().0, bench.response().0], [0x000D, 0x0006], "{question} {what}");
+        }
+        assert!(bench.violations().is_empty(), "{question}: {:?}", bench.violations());
+    }
+}
+
+/// What is not asked for has nobody to wait: what of it is lost the judge tells, once.
+#[test]
+fn d7_messages_that_no_host_fetches_are_lost_and_told() {
+    let mut bench = Bench::started();
+    bench.world.board.dpram_becomes_active();
+    let kept = 4096;
+    for _ in 0..3 * kept {
+        send_message(&mut bench.world.board, "hello", Outlet::Active);
+    }
+    bench.run(10);
+    let output = &bench.world.board.output;
+    assert_eq!((output.dpram.len() + 1, output.lost), (kept, 2 * kept as u64));
+    let told = bench.violations().to_vec();
+    assert!(told.len() == 1 && told[0].contains("no host fetches the responses"), "{told:?}");
+    // A stop is carried out all the same.
+    bench.write(0x062E, 1);
+    bench.run(10);
+    assert_eq!(bench.read(0x062E), 0);
 }
 
 #[test]

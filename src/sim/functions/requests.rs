@@ -33,9 +33,10 @@ pub fn command(board: &mut Board, programs: &mut Programs, text: &str) {
 fn report(board: &mut Board, reply: Reply, outlet: Outlet) {
     match outlet.port(board) {
         None => {}
+        Some(Port::Dpram) if reply.lines.is_empty() && reply.error.is_none() || !board.output.admits() => {}
         Some(Port::Dpram) => {
             for line in reply.lines {
-                board.output.respond(response::TO_PROGRAM, line.as_bytes());
+                board.output.respond(response::TO_PROGRAM, line);
             }
             if let Some(error) = reply.error {
                 board.output.respond_error(error);

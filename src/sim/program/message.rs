@@ -62,7 +62,8 @@ impl Outlet {
 pub fn send_message(board: &mut Board, text: &str, outlet: Outlet) {
     match outlet.port(board) {
         None => {}
-        Some(Port::Dpram) => board.output.respond(response::MESSAGE, text.as_bytes()),
+        Some(Port::Dpram) if !board.output.admits() => {}
+        Some(Port::Dpram) => board.output.respond(response::MESSAGE, text),
         Some(port) => {
             let line = unasked_line(board, text, board.variables.i(62) == 1.0);
             board.output.send(port, &line);
