@@ -159,7 +159,8 @@ fn d1_a_programs_lines_enter_its_own_buffer_and_no_other() {
     site.ask("CLOSE");
     assert!(send("X7").is_err());
     assert_eq!((send("OPEN PROG 8 CLEAR"), send("X8"), send("CLOSE")), (Ok(vec![]), Ok(vec![]), Ok(vec![])));
-    assert_eq!(site.ask("LIST PROG 7 LIST PROG 8"), ["X5", "X6", "X8"]);
+    assert_eq!(site.ask("LIST PROG 7"), ["X5", "X6"]);
+    assert_eq!(site.ask("LIST PROG 8"), ["X8"]);
     // The characters do so, too.
     assert!(own.control(&mut connection, control::OPEN_ROTARY).is_err(), "there is no rotary buffer");
     assert_eq!(own.send(&mut connection, "P1", PATIENCE).unwrap(), ["1"]);
