@@ -1,11 +1,12 @@
 //! Programs on the whole board, in virtual time.
 
 use crate::sim::board::Board;
-use crate::sim::board::firmware::{self, FirmwareTables};
-use crate::sim::board::turbo;
 use crate::sim::program::store::Open;
 use crate::sim::testing::{Bench, d, l};
 use crate::sim::world::World;
+
+#[path = "rotary_end_tests.rs"]
+mod rotary_end;
 
 /// More than a second of servo cycles: longer than any wait here.
 const LONG: usize = 200_000;
@@ -13,13 +14,6 @@ const LONG: usize = 200_000;
 /// Axes X, Y, Z, A of &1 on motors 1 to 4, 1000 counts per unit; limits too high to act.
 fn bench() -> Bench {
     with_axes(Bench::started())
-}
-
-/// The same on a board with the firmware of `tables`.
-fn bench_of(tables: &'static FirmwareTables) -> Bench {
-    let mut bench = Bench::of(tables, tables.firmware);
-    bench.world.load("shipped", tables.startup).unwrap();
-    with_axes(bench)
 }
 
 fn with_axes(mut bench: Bench) -> Bench {
@@ -410,38 +404,6 @@ fn a_quit_ends_a_rotary_program_in_every_cycle_of_its_last_move() {
             bench.run(cycles);
             lines(&mut bench, "&1Q");
             bench.until(4000, |board| !running(board));
-        }
-    }
-}
-
-/// "Executed lines are freed at once" (GRAMMAR 4.10), the last one of a program that is ended, too: B0 points to the lines
-/// that are to come, and `PR` counts those alone. An abort loses the moves that are calculated (Turbo User Manual p. 319).
-#[test]
-fn d1_no_line_that_was_executed_comes_back_when_the_program_is_ended() {
-    for family in [&firmware::PMAC, &turbo::TURBO2] {
-        for (end, left) in [("Q", 0), ("A", 0), ("/", 0), ("\\", 0), ("Q", 6), ("A", 6), ("/", 6)] {
-            for (mode, step) in [("LINEAR", 37), ("SPLINE1", 137), ("RAPID", 137)] {
-                for cycles in (1..1200).step_by(step) {
-                    let mut bench = bench_of(family);
-                    lines(&mut bench, "&1DEFINE ROT 30\nB0 OPEN ROT\nINC TM50 TA20 TS5");
-                    lines(&mut bench, mode);
-                    lines(&mut bench, "X1 Y2\nX-1 Y2\nX1 Y2");
-                    for _ in 0..left {
-                        lines(&mut bench, "X1000 Y1000");
-                    }
-                    lines(&mut bench, "CLOSE\n&1R");
-                    bench.run(cycles);
-                    lines(&mut bench, &format!("&1{end}"));
-                    bench.until(LONG, |board| !running(board));
-                    let what = format!("{} {end} {left} {mode} {cycles}", family.firmware);
-                    let ahead = lines(&mut bench, "PR");
-                    lines(&mut bench, "B0");
-                    assert_eq!(lines(&mut bench, "PR"), ahead, "{what}");
-                    let rotary = bench.world.programs.store.rotary(0).unwrap();
-                    let listed = rotary.lines().count().to_string();
-                    assert_eq!([listed], *ahead, "{what}: {ahead:?}");
-                }
-            }
         }
     }
 }
