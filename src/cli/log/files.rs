@@ -90,8 +90,9 @@ pub struct Files {
     tended: Instant,
     /// Another file found no room: when to try again.
     rotates_from: Option<Instant>,
-    /// The number of the present file of a series.
+    /// The number of the present file of a series, and of the first one.
     number: u64,
+    first: u64,
     /// What is in the files.
     written: Tally,
     /// The rows handed to the present file that it may not hold yet.
@@ -132,6 +133,7 @@ impl Files {
             tended: Instant::now(),
             rotates_from: None,
             number,
+            first: number,
             written: Tally::default(),
             pending: Vec::new(),
             kept: 0,
@@ -242,6 +244,11 @@ impl Files {
     /// As [`Files::row`].
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
+        if self.number > self.first && self.file.kept() == 0 {
+            // The last row has filled the file before: this one has none.
+            self.file.discard();
+            self.number -= 1;
+        }
         self.remove_oldest();
         Ok(())
     }
@@ -370,7 +377,7 @@ mod tests {
             files.tend().unwrap();
         }
         files.finish().unwrap();
-        files.discard();
+        assert_eq!((files.present(), place(&path, 45).exists()), (place(&path, 44), false));
         assert_eq!(files.tally(), Tally { updates: 3, missed: 0, lost: 0 });
         for (number, update) in [(42, 1.0), (43, 2.0), (44, 3.0)] {
             let table = Table::parse(&std::fs::read(place(&path, number)).unwrap()).unwrap();

@@ -91,6 +91,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         let identity = board.identity()?;
         run.servo_period_ns = identity::scales(&identity).servo_period_ns();
         let mut came = false;
+        // Before the updates are taken: what comes later, however long that takes, is none that is missing.
+        let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
         let stale = follower.advance(&mut board, |step| {
             came = true;
             run.take(step)
@@ -98,8 +100,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         if let Some(output) = &mut run.output {
             output.files.tend()?;
         }
-        let now_ns = board.subscriber().now_ns();
-        if run.over || run.stop.came() || run.end_ns.is_some_and(|end| now_ns >= end) {
+        if run.over || has_ended || run.end_ns.is_some_and(|end| now_ns >= end) {
             let pause_ns =
                 board.subscriber().region(RegionId::Servo).map_err(Failure::request)?.stale_after_ns;
             run.end(now_ns, pause_ns, stale)?;
