@@ -33,6 +33,15 @@ pub fn without_questions(plain: &str) -> String {
     kept.map(|(c, _)| c).collect()
 }
 
+/// A [`plain`] line without `##3`, by which a Turbo board chooses whom `^B` and others report, and addresses nobody (FACTS-TURBO 14).
+/// A PMAC may take the number for an address.
+#[must_use]
+pub fn without_groups(plain: &str) -> String {
+    let mut parts = plain.split("##");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |line, part| line + part.trim_start_matches(|c: char| c.is_ascii_digit()))
+}
+
 /// Of a [`plain`] line, each address that begins with `sign` (`#` or `&`): its bit, bit 0 being number 1, and what is said to it.
 /// A number that no family has gives no bit.
 pub fn addressed(plain: &str, sign: char) -> impl Iterator<Item = (u32, &str)> {
@@ -64,6 +73,7 @@ mod tests {
     #[test]
     fn d7_a_question_whom_the_board_addresses_is_no_address() {
         assert_eq!(without_questions("#3##J+#&&2R&#"), "#3J+&2R");
+        assert_eq!(without_groups("#1##2J+##"), "#1J+");
     }
 
     #[test]

@@ -6,9 +6,18 @@ use super::line;
 /// `J/` or `K`, does not count. Of a motor that is addressed already, by an earlier line, nothing is known.
 #[must_use]
 pub fn motors_moved(line: &str) -> u32 {
-    let line = line::without_questions(&line::plain(line));
-    let of_a_motor = line::addressed(&line, '#').map(|(bit, commands)| if moves(commands) { bit } else { 0 });
-    of_a_motor.fold(0, |mask, bit| mask | bit)
+    let moved = |line: &String| {
+        let of_a_motor =
+            line::addressed(line, '#').map(|(bit, commands)| if moves(commands) { bit } else { 0 });
+        of_a_motor.fold(0, |mask, bit| mask | bit)
+    };
+    readings(line).iter().map(moved).fold(0, |mask, bits| mask | bits)
+}
+
+/// The line's commands, in both ways in which boards read `##3`.
+fn readings(line: &str) -> [String; 2] {
+    let plain = line::plain(line);
+    [line::without_questions(&plain), line::without_questions(&line::without_groups(&plain))]
 }
 
 /// Whether `commands`, to one motor, move it.
@@ -56,7 +65,8 @@ impl EndlessJogs {
     /// Of `line`, which the board has carried out.
     #[must_use]
     pub fn of(line: &str) -> Self {
-        Self::of_plain(&line::without_questions(&line::plain(line)))
+        let [one, other] = readings(line);
+        Self::of_plain(&one).or(Self::of_plain(&other))
     }
 
     /// Of `line`, which the board has refused: what stands before the command that it refused is carried out (boards are known to
@@ -65,9 +75,13 @@ impl EndlessJogs {
     #[must_use]
     pub fn of_refused(line: &str) -> Self {
         let is_last = line.trim_end().ends_with(['+', '-']);
-        let line = line::without_questions(&line::plain(line));
+        let [one, other] = readings(line);
+        Self::of_refused_plain(&one, is_last).or(Self::of_refused_plain(&other, is_last))
+    }
+
+    fn of_refused_plain(line: &str, is_last: bool) -> Self {
         let last = line.strip_suffix("J+").or_else(|| line.strip_suffix("J-"));
-        let line = last.filter(|_| is_last).unwrap_or(&line);
+        let line = last.filter(|_| is_last).unwrap_or(line);
         let unnamed = jogs(line.split('#').next().unwrap_or_default());
         let motors = line::addressed(line, '#').filter(|(_, commands)| jogs(commands));
         Self { motors: motors.fold(0, |motors, (bit, _)| motors | bit), unnamed }
@@ -184,6 +198,9 @@ mod tests {
             ("#1J+HMZ", 0b1, false),
             ("##J+", 0, true),
             ("#2##J+", 0b10, false),
+            ("##2J+", 0b10, true),
+            ("#1##2J+", 0b11, false),
+            ("##0J+", 0, true),
             ("J+", 0, true),
             ("J+#2J-", 0b10, true),
             ("#1->J", 0, false),
