@@ -6,8 +6,8 @@
 //! * the board has taken and answered a control character that only reports (`QUESTION`; control characters "act
 //!   immediately", FACTS 7), which it does between two lines, or beside one,
 //! * the flag is clear: where it is cleared late, the line is done,
-//! * and nothing has come for `SETTLE`, or for longer than the board took from one response to the next, twice. Texts of programs
-//!   count, up to `SETTLE_TEXTS`: they keep the board from putting out what is still to come.
+//! * and nothing has come for `SETTLE`, or for longer than the board took from one response to the next, twice, within
+//!   `SLOW_REPLY`. Texts of programs count, up to `SETTLE_TEXTS`: they keep the board from putting out what is still to come.
 //!
 //! A line that the board has not taken, nor the question behind it, lies before a board that is deaf (I58=0) or busy. It is
 //! taken back after `ASK_LIMIT`, so that nothing is carried out by surprise when the port is switched on later. The
@@ -26,6 +26,9 @@ pub const SETTLE: Duration = Duration::from_millis(50);
 /// How many texts of programs begin the silence anew. A program that never stops sending must not block the port; and by then the
 /// board has put out so many responses that those of the old command, which stood before them in its queue, are out.
 const SETTLE_TEXTS: u8 = 10;
+/// How long a reply whose lines come slowly is waited for. Errors of a program that come just as slowly, with I6=1, must not hold the
+/// port for ever.
+const SLOW_REPLY: Duration = Duration::from_secs(30);
 /// `<CTRL-F>`: the following errors of all motors. It has no side effect (FACTS 7).
 const QUESTION: u8 = b'F' - 64;
 /// How long the board may take to take the question. It takes characters within milliseconds.
@@ -38,6 +41,8 @@ pub const ASK_AGAIN: Duration = Duration::from_millis(500);
 /// What the board has shown so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Hold {
+    /// The port is held since then.
+    since: Instant,
     /// Nothing at all came since then.
     quiet_since: Instant,
     /// Texts of programs that came.
@@ -99,24 +104,24 @@ enum Asking {
 impl Hold {
     /// Only a silence is waited for.
     pub(super) const fn silence(now: Instant) -> Self {
-        Self { quiet_since: now, texts: 0, asking: Asking::Over, in_vain: false }
+        Self { since: now, quiet_since: now, texts: 0, asking: Asking::Over, in_vain: false }
     }
 
     /// A stop goes once more.
     pub(super) const fn stopping(now: Instant, character: u8) -> Self {
         let asking = Asking::Due { from: now, what: What::Stop(character) };
-        Self { quiet_since: now, texts: 0, asking, in_vain: false }
+        Self { since: now, quiet_since: now, texts: 0, asking, in_vain: false }
     }
 
     /// The board is asked; with `cancels`, to forget the first half of a line before.
     pub(super) const fn asking(now: Instant, cancels: bool) -> Self {
         let asking = Asking::Due { from: now, what: What::first(cancels) };
-        Self { quiet_since: now, texts: 0, asking, in_vain: false }
+        Self { since: now, quiet_since: now, texts: 0, asking, in_vain: false }
     }
 
     /// Until then an `<ACK>` may come.
     pub(super) const fn mark(now: Instant, after: After, until: Instant) -> Self {
-        Self { quiet_since: now, texts: 0, asking: Asking::Mark { after, until }, in_vain: false }
+        Self { since: now, quiet_since: now, texts: 0, asking: Asking::Mark { after, until }, in_vain: false }
     }
 
     /// Whether it is an `<ACK>` that may come.
@@ -230,6 +235,11 @@ impl DpramPort {
         Ok(())
     }
 
+    /// How long nothing must have come.
+    fn silence_needed(&self, hold: &Hold, now: Instant) -> Duration {
+        if now < hold.since + SLOW_REPLY { SETTLE.max(self.answer_patience()) } else { SETTLE }
+    }
+
     /// The response buffer is empty: goes on with finding out whether the board is free.
     pub(super) fn go_on_holding(
         &mut self,
@@ -271,7 +281,7 @@ impl DpramPort {
             Asking::Taken { since } if now >= since + ANSWER_LIMIT => hold.asking = Asking::Over,
             Asking::Taken { .. } => {}
             Asking::Over if self.is_loaded(bus)? => hold.quiet_since = now,
-            Asking::Over if now >= hold.quiet_since + SETTLE.max(self.answer_patience()) => {
+            Asking::Over if now >= hold.quiet_since + self.silence_needed(&hold, now) => {
                 self.settles = false;
                 self.rest(now);
                 return Ok(());
