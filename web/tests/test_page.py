@@ -73,11 +73,11 @@ def test_the_trigger_holds_a_picture(moving, browser):
     level.send_keys("1000")
     Select(browser.find_element(By.ID, "mode")).select_by_value("single")
     until(lambda: text(browser, "#run") == "run", "a single picture")
-    until(lambda: span(shown(browser)[0]) > 0.48, "its samples")
+    until(lambda: max(shown(browser)[0], default=0) > 0.39, "its samples")
     times, position, _ = shown(browser)
     after = next(index for index, time in enumerate(times) if time >= -1e-9)
     assert position[after - 1] < 1000 <= position[after], "it rises past the level at time 0"
-    assert times[0] < -0.09 and times[-1] > 0.39
+    assert times[0] < -0.09
     browser.find_element(By.ID, "run").click()
     Select(browser.find_element(By.ID, "mode")).select_by_value("free")
     until(lambda: text(browser, "#run") == "stop", "it to run again")
