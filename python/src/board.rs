@@ -197,7 +197,7 @@ impl Board {
         Updates::begin(client, duration(timeout)?)
     }
 
-    /// Sends a command line and returns the lines of its reply. It enters no program buffer but one that this object's lines have
+    /// Sends a command line and returns the lines of its reply. It enters no program buffer but one that this process's lines have
     /// opened. `confirmed`: also what ends command lines for everybody.
     #[pyo3(signature = (line, timeout = 5.0, *, confirmed = false))]
     fn command(&self, py: Python<'_>, line: &str, timeout: f64, confirmed: bool) -> PyResult<Vec<String>> {

@@ -301,7 +301,7 @@ impl Board {
     }
 
     /// Sends one command line through the daemon; see [`Connection::send`]. It enters no program buffer but one that lines sent in
-    /// this way have opened; see [`OwnBuffer`].
+    /// this way, by this process, have opened; see [`OwnBuffer`].
     ///
     /// # Errors
     /// [`CommandError`].
