@@ -26,6 +26,8 @@ use crate::segment::Counter;
 
 /// From one image to the next.
 const INTERVAL_NS: u64 = 1_000_000_000;
+/// How long the trace goes on behind its time for the first image and the questions, which belong into it.
+const GRACE_NS: u64 = 1_000_000_000;
 /// How long the board may take for a question.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long to sleep when there is nothing to do.
@@ -175,7 +177,7 @@ impl<'a> Taking<'a> {
         while !self.stop.came() {
             let now_ns = self.board.subscriber().now_ns();
             // What a busy machine has not asked by then is asked behind the trace.
-            if is_traced && now_ns >= end_ns {
+            if is_traced && now_ns >= end_ns.saturating_add(GRACE_NS) {
                 self.rest_of_trace()?;
                 is_traced = false;
             }
