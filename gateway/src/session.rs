@@ -69,6 +69,8 @@ pub struct Session {
     pub(crate) pending: Pending,
     /// What this client addressed before may have been forgotten: a line has to say whom it addresses, until one has.
     pub(crate) says_whom: bool,
+    /// The same of what moves or stops something, behind a line with an address that the board has refused.
+    pub(crate) moves_say_whom: bool,
     has_moved: bool,
     write_error: [u8; 4],
 }
@@ -86,6 +88,7 @@ impl Session {
             port: Port::default(),
             pending: Pending::default(),
             says_whom: false,
+            moves_say_whom: false,
             has_moved: false,
             write_error: [0; 4],
         }

@@ -299,7 +299,8 @@ impl Session {
     /// A line whose commands are known.
     fn commands(&mut self, line: &str, tokens: &[Token]) -> Result<(), Failure> {
         let mut addressed = self.port.addressed;
-        if self.says_whom && !addressed.suffices(tokens) {
+        let moves = || tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_)));
+        if (self.says_whom || self.moves_say_whom && moves()) && !addressed.suffices(tokens) {
             let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
             return Err(Failure::unsent(board::UNKNOWN, why));
         }
@@ -333,14 +334,14 @@ impl Session {
     }
 
     /// A line failed before which the client addressed `before`. Which of its addresses the board has taken is not known, unless
-    /// nothing was sent: the next line has to say whom it means.
+    /// nothing was sent: the next line that moves or stops something has to say whom it means.
     fn fall_back(&mut self, before: Addressed, failure: &Failure) {
         match failure {
             Failure::Unanswered(_) => {}
             Failure::Refused { is_sent: false, .. } => self.port.addressed = before,
             Failure::Refused { .. } | Failure::Gone(_) if self.port.addressed != before => {
                 self.port.addressed = self.port.addressed.common(before);
-                self.says_whom = true;
+                self.moves_say_whom = true;
             }
             Failure::Refused { .. } | Failure::Gone(_) => {}
         }

@@ -85,6 +85,11 @@ fn d2_behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
     assert_eq!(one.line("#1"), "\x06");
     assert!(one.line("P99999999 #3").starts_with("\x07ERR"), "the board does not come to the address");
     assert_eq!(one.line("J/"), "\x07ERR003\r", "whom the board addresses is not known");
+    // These mean nobody.
+    assert_eq!(one.line("OPEN PLC 5 CLEAR"), "\x06");
+    assert_eq!(one.line("P1=1"), "\x06");
+    assert_eq!(one.line("CLOSE"), "\x06");
+    assert_eq!(one.line("list plc5"), "P1=1\r\x06");
     assert_eq!(one.line("#1J/"), "\x06");
     assert_eq!(one.line("J/"), "\x06");
     // Nothing of this is sent.
