@@ -1,5 +1,7 @@
 """A recording becomes a NeXus file that is whole, or says what is missing, whatever ended it."""
 
+import contextlib
+import fcntl
 import resource
 import signal
 import subprocess
@@ -9,6 +11,8 @@ import h5py
 import numpy
 import pytest
 from pmac_dpram import nexus
+from pmac_dpram._nexus_file import NexusFile
+from pmac_dpram._tables import Column
 
 COMMAND = [sys.executable, "-m", "pmac_dpram.nexus"]
 LOG = """\
@@ -216,6 +220,24 @@ def test_what_was_flushed_outlives_a_kill(site, tmp_path):
     found, recording = rows(path, swmr=True)
     assert len(found) >= recording["samples"] > 0
     assert recording["ended"].startswith(b"cut short without notice")
+
+
+def test_a_reader_that_looks_in_early_does_not_hold_the_recording_up(tmp_path, monkeypatch):
+    path = tmp_path / "early.nxs"
+    take_room = NexusFile._take_room
+    with contextlib.ExitStack() as readers:
+
+        def looked_at(recording, size):
+            take_room(recording, size)
+            fcntl.flock(readers.enter_context(path.open("rb")), fcntl.LOCK_SH | fcntl.LOCK_NB)
+
+        monkeypatch.setattr(NexusFile, "_take_room", looked_at)
+        recording = NexusFile(path, [Column("time_s"), Column("position")], "time_s", {}, None)
+        recording.append(numpy.array([[0.0, 7.0]]), numpy.empty((0, 4)), missed=0, lost=0)
+        recording.end("complete")
+        recording.close()
+    found, totals = rows(path)
+    assert list(found) == [7] and totals["ended"] == b"complete"
 
 
 def test_a_daemon_that_is_restarted_is_a_gap(site, tmp_path):

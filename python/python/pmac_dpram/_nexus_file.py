@@ -50,7 +50,7 @@ class NexusFile:
         path.touch(exist_ok=False)
         try:
             self._take_room(0)
-            self._file = h5py.File(path, "w", libver="latest")
+            self._file = _open(path, "w", libver="latest")
             self._lay_out(columns, axis, about, start)
             self._file.flush()
             self._file.swmr_mode = True
@@ -145,11 +145,16 @@ class NexusFile:
         """Writes the rest, closes the file, and gives back what room it did not use."""
         self._write(self._rest, numpy.empty((0, len(self._gaps))), {})
         self._file.close()
-        h5py.File(self._path, "r+").close()
+        _open(self._path, "r+").close()
 
     def _take_room(self, size: int) -> None:
         with open(self._path, "r+b") as file:
             os.posix_fallocate(file.fileno(), 0, size + _SPARE)
+
+
+def _open(path: Path, mode: str, **options: Any) -> Any:
+    """The file without HDF5's lock: it is this process's alone, and a reader that looks in while it begins would refuse it."""
+    return h5py.File(path, mode, locking=False, **options)
 
 
 def _group(parent: Any, name: str, kind: str, **attributes: Any) -> Any:
