@@ -25,8 +25,10 @@ use crate::protocol::{MessageKind, control, deadlines};
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
 pub mod at_once {
-    /// Lines for the board.
-    pub const LINES: usize = 8;
+    /// Lines for the board: the one under way, and the one that follows it. Each more would delay a user who has just come.
+    pub const LINES: usize = 2;
+    /// Lines that stop something, which go before all others.
+    pub const FIRST: usize = 8;
     /// Control characters without an answer, as those that stop a machine.
     pub const CONTROLS: usize = 8;
     /// Control characters with an answer, which wait for the line under way.
@@ -42,7 +44,7 @@ pub mod at_once {
     /// What is done as soon as it is taken.
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
-    pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
+    pub const ALL: usize = LINES + FIRST + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
 }
 
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.

@@ -157,7 +157,7 @@ impl AsciiQueue {
             ports,
             fallback: Fallback::new(now),
             // One may come back from a port that did not take it.
-            lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
+            lines: VecDeque::with_capacity(at_once::LINES + at_once::FIRST + at_once::STOPS + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
             control_pending: None,
