@@ -27,8 +27,6 @@ use crate::protocol::{MessageKind, control, deadlines};
 pub mod at_once {
     /// Lines for the board: the one under way, and the one that follows it. Each more would delay a user who has just come.
     pub const LINES: usize = 2;
-    /// Lines that stop something, which go before all others.
-    pub const FIRST: usize = 8;
     /// Control characters without an answer, as those that stop a machine.
     pub const CONTROLS: usize = 8;
     /// Control characters with an answer, which wait for the line under way.
@@ -44,7 +42,7 @@ pub mod at_once {
     /// What is done as soon as it is taken.
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
-    pub const ALL: usize = LINES + FIRST + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
+    pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
 }
 
 /// Names one command from its acceptance to its last event. Chosen by the socket's thread, never reused.
@@ -168,7 +166,7 @@ pub fn stopped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
     match character {
         control::ABORT => Text::of(&format_args!("aborted by uid {uid}")),
         control::KILL => Text::of(&format_args!("killed by uid {uid}")),
-        other => Text::of(&format_args!("cancelled by ^{} of uid {uid}", char::from((other & 0x1F) + 64))),
+        other => Text::of(&format_args!("cancelled by ^{} of uid {uid}", control::letter(other))),
     }
 }
 

@@ -17,8 +17,6 @@ use crate::function::ascii::control::control_has_reply;
 enum Kind {
     /// Lines for the board, which it takes one after the other.
     Line,
-    /// Lines that stop something: they go before all lines that wait.
-    First,
     /// Control characters without an answer, as those that stop a machine: they overtake everything.
     Control,
     /// Control characters with an answer, which wait for the line under way.
@@ -34,13 +32,12 @@ enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 8] =
-        [Self::Control, Self::Panel, Self::First, Self::Query, Self::Line, Self::Short, Self::Variables, Self::Rotary];
+    const ALL: [Self; 7] =
+        [Self::Control, Self::Panel, Self::Query, Self::Line, Self::Short, Self::Variables, Self::Rotary];
 
     fn of(command: &Command) -> Self {
         match command {
-            Command::Send { .. } => Self::Line,
-            Command::First { .. } => Self::First,
+            Command::Send { .. } | Command::First { .. } => Self::Line,
             Command::Control { character, .. } if control_has_reply(*character) => Self::Query,
             Command::Control { .. } => Self::Control,
             Command::ReadWords { .. } => Self::Short,
@@ -57,7 +54,6 @@ impl Kind {
     fn at_once(self) -> usize {
         match self {
             Self::Line => at_once::LINES,
-            Self::First => at_once::FIRST,
             Self::Control => at_once::CONTROLS,
             Self::Query => at_once::QUERIES,
             Self::Panel => at_once::PANEL,
@@ -80,7 +76,7 @@ pub(super) struct Turn {
 impl Turn {
     /// Whether it waits while a command that was given up holds the port.
     pub(super) fn is_for_port(&self) -> bool {
-        matches!(Kind::of(&self.command), Kind::Line | Kind::First | Kind::Query)
+        matches!(Kind::of(&self.command), Kind::Line | Kind::Query)
     }
 }
 
@@ -150,8 +146,7 @@ impl FairQueue {
 
     /// Every line that waits and does not end a sequence.
     pub(super) fn droppable_lines(&self) -> Vec<Ticket> {
-        let users = [Kind::First, Kind::Line].into_iter().flat_map(|kind| &self.lanes[kind as usize].users);
-        let turns = users.flat_map(|(_, turns)| turns);
+        let turns = self.lanes[Kind::Line as usize].users.iter().flat_map(|(_, turns)| turns);
         let stays = |turn: &&Turn| matches!(turn.command, Command::Send { origin, .. } if origin.stays);
         turns.filter(|turn| !stays(turn)).map(|turn| turn.ticket).collect()
     }
@@ -180,8 +175,6 @@ impl FairQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::shared::open_buffer::Writer;
-    use crate::daemon::shared::queue::{Origin, Text};
     use crate::map::HostOffset;
     use std::time::Instant;
 
@@ -240,24 +233,6 @@ mod tests {
         }
         while next(&mut turns).is_some() {}
         turns.wait(user, control(99, b'K'));
-        assert_eq!(next(&mut turns), Some(99));
-    }
-
-    #[test]
-    fn a_line_that_stops_waits_for_no_turn() {
-        let (many, one) = (Uid::from_raw(1), Uid::from_raw(2));
-        let deadline = Instant::now();
-        let origin = Origin::default();
-        let mut turns = FairQueue::default();
-        for ticket in 0..40 {
-            let line = Text::from_bytes(b"I0..8191");
-            let writer = Writer::Beside;
-            let command = Command::Send { ticket: Ticket(ticket), line, origin, deadline, writer };
-            turns.wait(many, Turn { ticket: Ticket(ticket), command, audit: None });
-        }
-        while next(&mut turns).is_some() {}
-        let command = Command::First { ticket: Ticket(99), line: Text::from_bytes(b"#1J/"), origin, deadline };
-        turns.wait(one, Turn { ticket: Ticket(99), command, audit: None });
         assert_eq!(next(&mut turns), Some(99));
     }
 

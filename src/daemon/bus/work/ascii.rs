@@ -1,6 +1,7 @@
 //! Command lines for the board: many callers, one line at a time.
 //!
-//! Lines wait in order; control characters do not wait, they overtake every line. When nobody else is being served the
+//! Lines wait in order. Control characters overtake the lines that wait; what stops or cancels goes over the one that lies
+//! there, too. When nobody else is being served the
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
@@ -157,7 +158,7 @@ impl AsciiQueue {
             ports,
             fallback: Fallback::new(now),
             // One may come back from a port that did not take it.
-            lines: VecDeque::with_capacity(at_once::LINES + at_once::FIRST + at_once::STOPS + 1),
+            lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
             control_pending: None,
@@ -394,7 +395,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Starts the next line: a caller's, or else the identifier's.
+    /// Starts the next line: a caller's, or else a question of our own.
     fn begin_next(
         &mut self,
         bus: &mut impl Bus,
