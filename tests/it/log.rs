@@ -1,6 +1,7 @@
 //! `pmacctl log`: every servo update in a file, and what is missing in rows of its own.
 
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Child, ChildStdout, Stdio};
 use std::time::Duration;
 
@@ -213,56 +214,56 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     assert!((least - 0.05..most + 0.05).contains(&pause), "{pause} s, not {least} to {most}");
 }
 
-/// A log of the board's time, until its end or its user's.
-fn log_of(site: &VirtualSite, options: &[&str]) -> Child {
-    let arguments = [&["log", "-o", "-", "--motors", "1"], options].concat();
-    let mut log = site.command(&arguments);
-    log.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-/// Has the board stop its reports for good while a log is under way, and looks at what it says. False where it had not begun by then,
-/// as on a busy machine.
-fn stops_for_good(site: &VirtualSite, seconds: Option<&str>) -> bool {
-    site.wait_for_live_servo();
-    site.wait_until("the board's scales", || site.has_scales());
-    let child = log_of(site, &seconds.map_or(vec![], |seconds| vec!["--seconds", seconds]));
-    let pid = Pid::from_raw(child.id().cast_signed());
-    let output = std::thread::spawn(|| child.wait_with_output().unwrap());
-    site.run_for(Duration::from_secs(1));
-    // No GATHER follows: the report does not come again.
-    site.control("reset");
-    site.run_for(Duration::from_secs(4));
-    if seconds.is_none() {
-        kill(pid, Signal::SIGTERM).unwrap();
-    }
-    let output = output.join().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    let mut board = site.connection();
-    site.wait_until("the report again", || board.send("GATHER", PATIENCE).is_ok());
-    let last = said.lines().last().unwrap_or_default();
-    if output.status.code() != Some(1) || !last.starts_with("no update came for the last ") {
-        eprintln!("{:?}: {said}", output.status);
-        return false;
-    }
-    let table = Table::parse(&output.stdout).unwrap();
-    let column = |name: &str| table.column(name).unwrap();
-    let end = table.rows() - 1;
-    let row: Vec<f64> = ["missed", "lost"].iter().map(|name| column(name)[end]).collect();
-    assert!(row == [0.0, 0.0] && column("1.actual_position")[end].is_nan(), "{row:?}");
-    assert_eq!(column("update")[end], column("update")[end - 1]);
-    for time in ["time_s", "unix_s"] {
-        let pause = column(time)[end] - column(time)[end - 1];
-        assert!((1.0..5.0).contains(&pause), "{time}: {pause}");
-    }
-    true
+/// A log into `file`, which has begun.
+fn log_into(site: &VirtualSite, file: &Path, options: &[&str]) -> Child {
+    let arguments = [&["log", "-o", file.to_str().unwrap(), "--motors", "1"], options].concat();
+    let child = site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // It is opened at the first update.
+    site.wait_until("the log's file", || file.exists());
+    child
 }
 
 #[test]
 fn e1_data_that_stop_and_stay_away_are_a_row_at_the_end_and_exit_status_1() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
-    for seconds in [Some("3"), None] {
-        assert!((0..5).any(|_| stops_for_good(&site, seconds)), "{seconds:?}");
+    for seconds in [Some(30.0), None] {
+        site.wait_for_live_servo();
+        site.wait_until("the board's scales", || site.has_scales());
+        let file = site.path(if seconds.is_some() { "timed.csv" } else { "stopped.csv" });
+        let options =
+            seconds.map_or(vec![], |seconds: f64| vec!["--seconds".to_owned(), seconds.to_string()]);
+        let log = log_into(&site, &file, &options.iter().map(String::as_str).collect::<Vec<_>>());
+        let pid = Pid::from_raw(log.id().cast_signed());
+        // No GATHER follows: the report does not come again.
+        site.control("reset");
+        let output = std::thread::spawn(|| log.wait_with_output().unwrap());
+        if seconds.is_none() {
+            site.run_for(Duration::from_secs(4));
+            kill(pid, Signal::SIGTERM).unwrap();
+        }
+        site.wait_until("the end of the log", || output.is_finished());
+        let output = output.join().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        let last = said.lines().last().unwrap_or_default();
+        assert!(
+            output.status.code() == Some(1) && last.starts_with("no update came for the last "),
+            "{said}"
+        );
+        let mut board = site.connection();
+        site.wait_until("the report again", || board.send("GATHER", PATIENCE).is_ok());
+        let table = Table::parse(&std::fs::read(&file).unwrap()).unwrap();
+        let column = |name: &str| table.column(name).unwrap();
+        let end = table.rows() - 1;
+        let row: Vec<f64> = ["missed", "lost"].iter().map(|name| column(name)[end]).collect();
+        assert!(row == [0.0, 0.0] && column("1.actual_position")[end].is_nan(), "{row:?}");
+        assert_eq!(column("update")[end], column("update")[end - 1]);
+        for time in ["time_s", "unix_s"] {
+            let pause = column(time)[end] - column(time)[end - 1];
+            assert!(pause >= 1.0, "{time}: {pause}");
+        }
+        let length = column("time_s")[end];
+        assert!(seconds.is_none_or(|seconds| length <= seconds + 0.1), "{length}");
     }
 }
 
@@ -333,6 +334,36 @@ fn a_trigger_brings_the_rows_from_before_it() {
     assert!(errors[at].abs() > 5.0 && errors[..at].iter().all(|error| error.abs() <= 5.0), "{}", errors[at]);
     assert!(times[0] < 0.0 && times[0] >= -0.11, "{}", times[0]);
     assert!((0.15..0.25).contains(&times[times.len() - 1]), "{}", times[times.len() - 1]);
+}
+
+#[test]
+fn e1_what_is_missing_before_the_trigger_is_a_row_too() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.wait_until("the board's scales", || site.has_scales());
+    let file = site.path("log.csv");
+    let options = ["--trigger", "|1.commanded_position|>50", "--before", "60", "--seconds", "0.2"];
+    let log = log_into(&site, &file, &options);
+    site.run_for(Duration::from_millis(100));
+    site.daemon_stands_still(true);
+    site.step(40);
+    site.daemon_stands_still(false);
+    site.run_for(Duration::from_millis(100));
+    let output = std::thread::spawn(|| log.wait_with_output().unwrap());
+    site.ask("#1J=5000");
+    site.wait_until("the end of the log", || output.is_finished());
+    let output = output.join().unwrap();
+    let (told, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{said}");
+    let table = Table::parse(&std::fs::read(&file).unwrap()).unwrap();
+    let column = |name: &str| table.column(name).unwrap();
+    let missed = column("missed");
+    let gap = missed.iter().position(|missed| *missed >= 40.0).unwrap();
+    assert!(column("time_s")[gap] < 0.0 && column("1.commanded_position")[gap].is_nan());
+    assert_eq!(column("update")[gap], column("update")[gap - 1]);
+    let (updates, missed) =
+        (missed.iter().filter(|missed| **missed == 0.0).count(), missed.iter().sum::<f64>());
+    assert!(told.ends_with(&format!("updates={updates} lost=0 missed={missed}\n")), "{told}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use super::row::GAP;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::console::table_file::{Form, TableFile};
@@ -102,6 +103,8 @@ pub struct Files {
     unwritten: Tally,
     /// Until when the disk counts as full.
     full_until: Option<Instant>,
+    /// Since the disk was full, which is said once, no row has found room.
+    is_full: bool,
     /// A row without values, for gaps.
     gap_row: Vec<f64>,
 }
@@ -139,6 +142,7 @@ impl Files {
             kept: 0,
             unwritten: Tally::default(),
             full_until: None,
+            is_full: false,
             gap_row: vec![f64::NAN; fields.len()],
             fields,
         })
@@ -170,13 +174,12 @@ impl Files {
             self.unwritten.add_unwritten(meaning);
             return Ok(());
         }
-        self.full_until = None;
         let Tally { missed, lost, .. } = std::mem::take(&mut self.unwritten);
         if missed + lost > 0 {
             let gap = Gap { missed, lost };
             // With the number and times of the row behind it: those of the one before are gone.
-            self.gap_row[..3].copy_from_slice(&row[..3]);
-            self.gap_row[3..5].copy_from_slice(&[missed as f64, lost as f64]);
+            self.gap_row[..GAP.start].copy_from_slice(&row[..GAP.start]);
+            self.gap_row[GAP].copy_from_slice(&[missed as f64, lost as f64]);
             let row = std::mem::take(&mut self.gap_row);
             let put = self.put(&row, Meaning::Gap(gap));
             self.gap_row = row;
@@ -275,7 +278,7 @@ impl Files {
         self.kept = kept;
         match put {
             Err(failure) if self.file.resume_full() => {
-                if self.full_until.is_none() && self.unwritten == Tally::default() {
+                if !std::mem::replace(&mut self.is_full, true) {
                     let _ =
                         writeln!(io::stderr(), "{failure}; what finds no room is lost, until there is some");
                 }
@@ -283,7 +286,10 @@ impl Files {
                 self.full_until = Some(Instant::now() + TRY_AGAIN);
                 Ok(())
             }
-            put => put,
+            put => {
+                self.is_full &= whole == 0;
+                put
+            }
         }
     }
 

@@ -147,12 +147,13 @@ impl Run<'_> {
             }
             Step::Update(update) => self.update(&update),
             Step::Gap(gap) => {
-                // Before the first update, and before the trigger, nothing is missing.
+                // Before the first update nothing is missing.
                 let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
                 if gap == Gap::default() {
                     rows.pause();
                 }
-                if self.before.is_some() {
+                if let Some(before) = &mut self.before {
+                    before.keep_gap(gap, rows.gap(gap));
                     return Ok(());
                 }
                 files.row(rows.gap(gap), Meaning::Gap(gap))
@@ -177,23 +178,25 @@ impl Run<'_> {
             none => none.insert(begin(self.options, update, self.servo_period_ns, &self.stop)?),
         };
         if rows.lacks_scales(&update.data) {
-            let gap = Gap { missed: 1, lost: 0 };
-            let row = rows.update(update, gap.missed);
-            return if self.before.is_some() { Ok(()) } else { files.row(row, Meaning::Gap(gap)) };
+            let meaning = Meaning::Gap(Gap { missed: 1, lost: 0 });
+            let row = rows.update(update, 1);
+            let Some(before) = &mut self.before else { return files.row(row, meaning) };
+            before.keep(update.time_ns, meaning, row);
+            return Ok(());
         }
         let Some(before) = &mut self.before else {
             return files.row(rows.update(update, 0), Meaning::Update);
         };
         if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
-            before.keep(update.time_ns, rows.update(update, 0));
+            before.keep(update.time_ns, Meaning::Update, rows.update(update, 0));
             return Ok(());
         }
         let _ = writeln!(io::stderr(), "triggered at update {}", update.sequence);
         rows.update(update, 0);
         let trigger = rows.zero();
-        for mut row in before.take() {
+        for (meaning, mut row) in before.take() {
             row[TIME] -= trigger;
-            files.row(&row, Meaning::Update)?;
+            files.row(&row, meaning)?;
         }
         self.before = None;
         self.end_ns = self.options.seconds.map(|time| update.time_ns.saturating_add(time.as_nanos() as u64));

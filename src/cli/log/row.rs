@@ -1,5 +1,7 @@
 //! What stands in a row: which update, when, what is missing before the next, and the motors' values.
 
+use std::ops::Range;
+
 use crate::cli::context::Failure;
 use crate::client::{Gap, View};
 use crate::decode::{Quantity, ServoData};
@@ -38,6 +40,8 @@ pub struct Rows {
 
 /// The fields before the columns: `update`, the time, `unix_s`, `missed`, `lost`.
 const OWN: usize = 5;
+/// The places of `missed` and `lost`.
+pub const GAP: Range<usize> = 3..OWN;
 /// The place of the time in a row.
 pub const TIME: usize = 1;
 /// And that of `unix_s`.
@@ -118,7 +122,7 @@ impl Rows {
     /// The row of what is missing beside the update before: with its number and times, and without values.
     pub fn gap(&mut self, gap: Gap) -> &[f64] {
         self.row.resize(OWN + self.columns.len(), f64::NAN);
-        self.row[3..OWN].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
+        self.row[GAP].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
         self.row[OWN..].fill(f64::NAN);
         &self.row
     }

@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::str::FromStr;
 
+use super::files::Meaning;
+use crate::client::Gap;
 use crate::decode::{Flags, ServoData};
 
 /// How a value is compared.
@@ -94,7 +96,14 @@ impl Condition {
 #[derive(Debug, Default)]
 pub struct Before {
     span_ns: u64,
-    rows: VecDeque<(u64, Vec<f64>)>,
+    rows: VecDeque<Kept>,
+}
+
+#[derive(Debug)]
+struct Kept {
+    time_ns: u64,
+    meaning: Meaning,
+    row: Vec<f64>,
 }
 
 impl Before {
@@ -103,20 +112,28 @@ impl Before {
         Self { span_ns, rows: VecDeque::new() }
     }
 
-    /// Keeps a row of the time `time_ns`, and forgets those that are too old by then. Memory is used again.
-    pub fn keep(&mut self, time_ns: u64, row: &[f64]) {
+    /// Keeps the row of an update at `time_ns`, and forgets those that are too old by then. Memory is used again.
+    pub fn keep(&mut self, time_ns: u64, meaning: Meaning, row: &[f64]) {
         let mut spare = Vec::new();
-        while self.rows.front().is_some_and(|(then, _)| time_ns.saturating_sub(*then) > self.span_ns) {
-            spare = self.rows.pop_front().map(|(_, row)| row).unwrap_or_default();
+        while self.rows.front().is_some_and(|kept| time_ns.saturating_sub(kept.time_ns) > self.span_ns) {
+            spare = self.rows.pop_front().map(|kept| kept.row).unwrap_or_default();
         }
         spare.clear();
         spare.extend_from_slice(row);
-        self.rows.push_back((time_ns, spare));
+        self.rows.push_back(Kept { time_ns, meaning, row: spare });
+    }
+
+    /// Keeps the row of what is missing behind the update before, for as long as that one. Before the first there is nothing to miss.
+    pub fn keep_gap(&mut self, gap: Gap, row: &[f64]) {
+        if let Some(Kept { time_ns, .. }) = self.rows.back() {
+            let (time_ns, row) = (*time_ns, row.to_vec());
+            self.rows.push_back(Kept { time_ns, meaning: Meaning::Gap(gap), row });
+        }
     }
 
     /// The rows, oldest first.
-    pub fn take(&mut self) -> impl Iterator<Item = Vec<f64>> {
-        std::mem::take(&mut self.rows).into_iter().map(|(_, row)| row)
+    pub fn take(&mut self) -> impl Iterator<Item = (Meaning, Vec<f64>)> {
+        std::mem::take(&mut self.rows).into_iter().map(|Kept { meaning, row, .. }| (meaning, row))
     }
 }
 
@@ -145,9 +162,16 @@ mod tests {
     fn rows_from_before_are_of_a_bounded_time() {
         let mut before = Before::new(10);
         for time in [0, 5, 9, 10, 11, 20, 21] {
-            before.keep(time, &[time as f64]);
+            before.keep(time, Meaning::Update, &[time as f64]);
+            before.keep_gap(Gap { missed: time, lost: 0 }, &[-(time as f64)]);
         }
-        assert_eq!(before.take().map(|row| row[0]).collect::<Vec<_>>(), [11.0, 20.0, 21.0]);
-        assert_eq!(before.take().count(), 0);
+        let kept: Vec<_> = before.take().map(|(meaning, row)| (meaning, row[0])).collect();
+        let both = |time: u64| {
+            let gap = Meaning::Gap(Gap { missed: time, lost: 0 });
+            [(Meaning::Update, time as f64), (gap, -(time as f64))]
+        };
+        assert_eq!(kept, [both(11), both(20), both(21)].concat());
+        before.keep_gap(Gap::default(), &[0.0]);
+        assert_eq!(before.take().count(), 0, "nothing is missing before the first");
     }
 }
