@@ -22,6 +22,8 @@ pub const ASKED: [usize; 9] = [11, 13, 14, 16, 17, 19, 20, 21, 22];
 pub const SET: [usize; 5] = [11, 19, 20, 21, 22];
 /// Parts of a count in Ix11.
 const PER_COUNT: f64 = 16.0;
+/// The largest Ix11. A larger one is another number on the board, 0 among them, by which it kills nothing.
+const LARGEST: f64 = 8_388_607.0;
 
 /// What the board has answered, in the order of [`ASKED`].
 #[derive(Debug, Clone, PartialEq)]
@@ -103,6 +105,13 @@ impl Plan {
                 return Err(format!("{}=0: {why}", x(11)));
             }
         };
+        if limit * PER_COUNT > LARGEST {
+            let most = (LARGEST / PER_COUNT).floor();
+            return Err(format!(
+                "{limit} counts are more than {} can hold; choose a --limit up to {most}",
+                x(11)
+            ));
+        }
         // A step leaves the motor behind by all of it.
         if what == Move::Step && length >= limit {
             return Err(format!(
@@ -189,6 +198,9 @@ mod tests {
         assert!(why(Move::Step, 100.0, Some(100.0), &factory).contains("choose a smaller --size"));
         assert!(why(Move::Step, 100.0, None, &unlimited).starts_with("I311=0: "));
         assert!(plan(Move::Step, 100.0, Some(200.0), &unlimited).is_ok());
+        assert!(why(Move::Step, 100.0, Some(524_288.0), &unlimited).contains("a --limit up to 524287"));
+        let lines = plan(Move::Step, 100.0, Some(524_287.0), &unlimited).unwrap();
+        assert_eq!(lines[0], "I311=8388592");
         assert!(why(Move::Parabolic(10), 1000.0, None, &factory).contains("I316=32"));
         assert!(why(Move::Parabolic(100), 1000.0, None, &factory).contains("I317=0.5"));
         let fenced = settings("$7D00", "150", "-20");
