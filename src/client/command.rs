@@ -113,6 +113,21 @@ pub enum CommandError {
     Refused(#[from] CallError),
 }
 
+impl CommandError {
+    /// Whether the board may have been given what was asked for, or a part of it.
+    #[must_use]
+    pub const fn is_uncertain(&self) -> bool {
+        matches!(
+            self,
+            Self::Broken { .. }
+                | Self::NoAnswer { .. }
+                | Self::Refused(
+                    CallError::TimedOut { .. } | CallError::Interrupted { .. } | CallError::Protocol(_)
+                )
+        )
+    }
+}
+
 /// A connection to the daemon of one board.
 #[derive(Debug)]
 pub struct Connection {

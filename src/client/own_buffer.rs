@@ -32,15 +32,17 @@ impl OwnBuffer {
     ) -> Result<Vec<String>, CommandError> {
         let effect = effect(line.as_bytes());
         let opens = matches!(effect, Some(Effect::Opens(_)));
-        // A reset is no line of a program, whatever is open.
+        // With a buffer of these lines open a reset goes as by hand: it closes that, and is no line of it.
         let into_buffer = (!self.is_open || !resets(line.as_bytes())).then_some(self.is_open || opens);
         let sent = connection.send_as(line, timeout, SendAs { into_buffer, ..SendAs::default() });
         match effect {
-            Some(Effect::Opens(_)) => self.is_open |= sent.as_ref().map_or_else(is_uncertain, |_| true),
+            Some(Effect::Opens(_)) => {
+                self.is_open |= sent.as_ref().map_or_else(CommandError::is_uncertain, |_| true)
+            }
             // Whoever has closed it has no more lines for it. If it is open all the same, nothing enters it.
             Some(Effect::Closes) => {
                 self.is_open &=
-                    !sent.as_ref().map_or_else(|error| is_refusal(error) || is_uncertain(error), |_| true);
+                    !sent.as_ref().map_or_else(|error| is_refusal(error) || error.is_uncertain(), |_| true);
             }
             None => {}
         }
@@ -53,7 +55,7 @@ impl OwnBuffer {
         }
     }
 
-    /// As [`Connection::control`].
+    /// As [`Connection::control`]; `^U` opens a buffer of these lines, and `^L` closes it.
     ///
     /// # Errors
     /// As [`Connection::control`].
@@ -75,14 +77,4 @@ impl OwnBuffer {
 /// The board has refused the line.
 fn is_refusal(error: &CommandError) -> bool {
     matches!(error, CommandError::Refused(CallError::Board { .. }))
-}
-
-/// Whether the board has taken the line is not known.
-fn is_uncertain(error: &CommandError) -> bool {
-    matches!(
-        error,
-        CommandError::Broken { .. }
-            | CommandError::NoAnswer { .. }
-            | CommandError::Refused(CallError::TimedOut { .. } | CallError::Interrupted { .. })
-    )
 }

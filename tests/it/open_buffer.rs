@@ -164,6 +164,12 @@ fn d1_a_programs_lines_enter_its_own_buffer_and_no_other() {
     // The characters do so, too.
     assert!(own.control(&mut connection, control::OPEN_ROTARY).is_err(), "there is no rotary buffer");
     assert_eq!(own.send(&mut connection, "P1", PATIENCE).unwrap(), ["1"]);
+    site.ask("&1DEFINE ROT 100");
+    own.control(&mut connection, control::OPEN_ROTARY).unwrap();
+    assert_eq!(own.send(&mut connection, "X9", PATIENCE).unwrap(), Vec::<String>::new());
+    own.control(&mut connection, control::CLOSE_ROTARY).unwrap();
+    assert_eq!(own.send(&mut connection, "P1", PATIENCE).unwrap(), ["1"]);
+    assert_eq!(site.ask("&1LIST ROT"), ["X9"]);
     site.assert_no_violations();
 }
 

@@ -101,12 +101,7 @@ impl From<CommandError> for LineError {
             CommandError::Refused(CallError::Interrupted { .. }) => {
                 Self::Uncertain { failure: Failure::Refused(text), lines: Vec::new() }
             }
-            // The connection worked, so the daemon may have sent the line to the board.
-            CommandError::Broken { .. }
-            | CommandError::NoAnswer { .. }
-            | CommandError::Refused(CallError::Protocol(_)) => {
-                Self::Uncertain { failure: error.into(), lines: Vec::new() }
-            }
+            error if error.is_uncertain() => Self::Uncertain { failure: error.into(), lines: Vec::new() },
             other => Self::NotSent(other.into()),
         }
     }
