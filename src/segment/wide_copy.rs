@@ -65,7 +65,7 @@ impl WideCopy {
     /// Copies `words` words if they are one or more whole cache lines. Otherwise copies nothing and returns false.
     ///
     /// # Safety
-    /// Both `from` and `to` have `words` words and do not overlap. At most one of them is shared, the other private.
+    /// `self` comes from [`Self::detect`]. Both `from` and `to` have `words` words and do not overlap. At most one of them is shared, the other private.
     /// Trust what was copied from shared memory only as the head of this file says.
     #[inline(always)]
     #[cfg(all(target_arch = "x86_64", not(miri)))]

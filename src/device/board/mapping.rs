@@ -46,11 +46,14 @@ impl Mapping {
     /// one of its maps, so the window may begin pages behind it.
     ///
     /// # Errors
-    /// The error of `mmap`, or `InvalidInput` for an odd `skip` and for a window that is empty or too long.
+    /// The error of `mmap`, or `InvalidInput` for a `start` that is no page's, an odd `skip`, and a window that is empty or too long.
     pub fn within(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Self> {
-        let total = skip.checked_add(length).filter(|_| skip.is_multiple_of(2) && length > 0);
+        let is_aligned = start.is_multiple_of(page_bytes()) && skip.is_multiple_of(2);
+        let total = skip.checked_add(length).filter(|_| is_aligned && length > 0);
         let total = total.ok_or_else(|| {
-            let text = format!("a window of {length} bytes, {skip:#x} bytes on, must be even and not empty");
+            let text = format!(
+                "a window of {length} bytes, {skip:#x} bytes on, must be even and not empty, from a page on"
+            );
             io::Error::new(io::ErrorKind::InvalidInput, text)
         })?;
         let map = MmapOptions::new().offset(start).len(total).map_raw(file)?;
@@ -318,7 +321,7 @@ mod tests {
         window.write16(0x1E, 0xCAFE).unwrap();
         assert_eq!(window.read16(0x20), None);
         assert_eq!(Mapping::new(&file, 0, 4 * page).unwrap().read16(2 * page + 0x2E), Some(0xCAFE));
-        assert!(Mapping::within(&file, 0, 1, 2).is_err());
+        assert!(Mapping::within(&file, 0, 1, 2).is_err() && Mapping::within(&file, 2, 0, 2).is_err());
         assert!(Mapping::within(&file, 0, usize::MAX - 1, 2).is_err());
     }
 
