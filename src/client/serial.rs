@@ -16,6 +16,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use rustix::termios::{ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
 use super::serial_reply::{Answer, Handshake, Reply, parse, recognise};
+use crate::protocol::control::CANCEL;
 
 /// A silence that ends an answer whose form has no end mark; several characters long at the lowest rate.
 const QUIET: Duration = Duration::from_millis(250);
@@ -25,8 +26,6 @@ const PROBE: Duration = Duration::from_secs(1);
 const PROBES: usize = 3;
 /// More than the longest listing a set-up reads.
 const LONGEST: usize = 64 * 1024;
-/// Empties the line that somebody left half-sent, without carrying it out.
-const CANCEL: u8 = 0x18;
 
 /// The rates a board can be set to, in bits a second.
 pub const BAUD_RATES: [u32; 8] = [1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200];
@@ -134,6 +133,7 @@ impl SerialLine {
         tcflush(&*file, QueueSelector::IOFlush).map_err(|error| port(error.into()))?;
         let handshake = Handshake { line_feeds: false, acknowledge: false, checksum: false };
         let mut line = Self { path: path.to_owned(), baud, file, handshake };
+        // What somebody left half-sent is not carried out.
         line.write(&[CANCEL])?;
         line.recognise()?;
         Ok(line)

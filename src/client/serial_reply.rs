@@ -12,13 +12,12 @@
 //! follows each data line and the end.
 
 use crate::protocol::answer;
+use crate::protocol::control::CANCEL;
 
 const ACK: u8 = 0x06;
 const BELL: u8 = 0x07;
 const LF: u8 = b'\n';
 const CR: u8 = b'\r';
-/// A board with I63=1 echoes the ^X that emptied its line.
-const CANCEL: u8 = 0x18;
 
 /// The handshake a board uses: the bits of I3, and bit 0 of I4.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,6 +60,7 @@ pub struct BoardError {
 /// The handshake in use, told from `bytes`, the whole answer to the question `I4`; `None` when it is no such answer.
 #[must_use]
 pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
+    // A board with I63=1 echoes the ^X that emptied its line.
     let bytes: Vec<u8> = bytes.iter().copied().filter(|&byte| byte != CANCEL).collect();
     let line_feeds = bytes.first() == Some(&LF);
     let text = &bytes[usize::from(line_feeds)..];

@@ -46,8 +46,6 @@ use crate::map::{AsciiPort, errors};
 
 /// How long after a command was given up an acknowledgement may still be its.
 const DOUBT: Duration = Duration::from_secs(10);
-/// `<CTRL-X>`: PMAC empties its command and response queues.
-pub const CANCEL: u8 = 0x18;
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 /// How long after its last line, or after the line was taken, a reply without an end mark counts as complete.
@@ -179,7 +177,10 @@ impl DpramPort {
 
     /// Lets pass what still comes before the next line is begun.
     pub fn settle(&mut self, now: Instant) {
-        self.settle_next(now);
+        self.settles = true;
+        if self.is_idle() {
+            self.rest(now);
+        }
     }
 
     /// Whether a line of ours lies before the board, or it has the first part of one and the second is to follow, as far as was seen.
@@ -217,16 +218,6 @@ impl DpramPort {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle
-    }
-
-    /// Whether something is expected from the board, so that polls should come often.
-    #[must_use]
-    pub fn is_waiting(&self) -> bool {
-        match self.state {
-            State::Idle => false,
-            State::Held(hold) => hold.is_busy(),
-            _ => true,
-        }
     }
 
     /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
@@ -367,11 +358,11 @@ impl DpramPort {
         Ok(true)
     }
 
-    /// Takes back a line the board has not taken, and nothing else.
+    /// Clears the flag of a line.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+    fn withdraw_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
         bus.write16(self.words.command_loaded.word, 0)?;
         bus.order_writes();
         Ok(())
@@ -493,7 +484,10 @@ impl DpramPort {
         }
         if sent == self.length && sent > self.first_part() {
             // The board has not taken the second part: it is the first one's.
-            return Ok(is_mark && self.first_part_was_answered());
+            if is_mark {
+                self.first_part_was_answered();
+            }
+            return Ok(is_mark);
         }
         let doubtful = now < self.doubt_until;
         if control == response::LINE && !self.gave_up {

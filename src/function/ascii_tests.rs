@@ -7,7 +7,7 @@ use super::late_mark::FIRST;
 use super::*;
 use crate::device::FileBoard;
 use crate::map::{FAMILIES, Family, HostOffset};
-use crate::protocol::control::ABORT;
+use crate::protocol::control::{ABORT, CANCEL};
 
 #[path = "ascii/control_tests.rs"]
 mod control;

@@ -24,6 +24,7 @@ use std::time::{Duration, Instant};
 
 use super::ascii::{AsciiEvent, ResponseText};
 use crate::device::{ByteBus, ByteBusError};
+use crate::protocol::control::CANCEL;
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -47,8 +48,6 @@ const ACKNOWLEDGE: u8 = 0x06;
 const BELL: u8 = 0x07;
 const LINE_FEED: u8 = 0x0A;
 const RETURN: u8 = 0x0D;
-/// `<CTRL-X>`: PMAC empties its command and response queues.
-const CANCEL: u8 = 0x18;
 
 const fn mailbox(number: usize) -> u32 {
     2 * number as u32 + 1
@@ -218,12 +217,6 @@ impl MailboxPort {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle && self.lone.is_none()
-    }
-
-    /// Whether something is expected from the board.
-    #[must_use]
-    pub fn is_waiting(&self) -> bool {
-        !self.is_idle()
     }
 
     /// Whether the board has taken the whole command under way, as far as polls have seen.

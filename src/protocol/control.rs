@@ -19,6 +19,8 @@ pub const RUN: u8 = 0x12;
 pub const STEP: u8 = 0x13;
 /// `^U`: the rotary buffers are opened, as by `OPEN ROT`.
 pub const OPEN_ROTARY: u8 = 0x15;
+/// `^X`: PMAC empties its command and response queues. A line that is half sent is not carried out.
+pub const CANCEL: u8 = 0x18;
 /// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
 pub const SERIAL: u8 = 0x1A;
 
@@ -43,7 +45,13 @@ pub fn parse(text: &str) -> Option<u8> {
 /// How people write the control character `byte`: `^K` for 0x0B.
 #[must_use]
 pub fn name(byte: u8) -> String {
-    format!("^{}", char::from((byte & 0x1F) + 64))
+    format!("^{}", letter(byte))
+}
+
+/// The letter of the control character `byte`, for who may not allocate: `K` for 0x0B.
+#[must_use]
+pub const fn letter(byte: u8) -> char {
+    ((byte & 0x1F) + 64) as char
 }
 
 #[cfg(test)]

@@ -12,9 +12,9 @@
 use std::time::{Duration, Instant};
 
 use super::response_buffer::Untold;
-use super::{CANCEL, DpramPort, State};
+use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
-use crate::protocol::control::{ABORT, HOLD, KILL, QUIT, STEP, only_reports};
+use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
 
 /// How long the board may take for a character before the flag is set too.
 pub const FLAG_AFTER: Duration = Duration::from_millis(20);
@@ -36,7 +36,7 @@ impl DpramPort {
     /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
     /// the last one yet, or its reply would mix with another; try later. With `has_reply` the lines that follow
     /// come as [`super::AsciiEvent::Line`] and end, after a silence, with [`super::AsciiEvent::Done`]; without, nothing
-    /// comes. What stops motion, and `^X`, may go over a question of our own that the board has not taken.
+    /// comes. `^A`, `^K` and `^X` may go over a question of our own that the board has not taken.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -109,7 +109,7 @@ impl DpramPort {
             bus.order_writes();
             bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
             bus.order_writes();
-            self.settle_next(now);
+            self.settle(now);
         }
         Ok(true)
     }

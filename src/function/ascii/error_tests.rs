@@ -1,6 +1,7 @@
 //! An error while a line is under way: its own, or one that a program's `CMD` has made.
 
 use super::*;
+use crate::protocol::control::CANCEL;
 
 /// A board that is known to send no `<ACK>` behind an error, at a line that it has taken.
 fn at_a_line(family: &'static Family) -> Rig {

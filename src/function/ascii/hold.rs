@@ -18,8 +18,9 @@
 
 use std::time::{Duration, Instant};
 
-use super::{CANCEL, DpramPort, State};
+use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
+use crate::protocol::control::CANCEL;
 
 /// How long the response buffer must have been silent before a port that was held is used again.
 pub const SETTLE: Duration = Duration::from_millis(50);
@@ -144,11 +145,6 @@ impl Hold {
             self.quiet_since = now;
         }
     }
-
-    /// Whether something is to be done soon, so that polls should come often.
-    pub(super) const fn is_busy(&self) -> bool {
-        !matches!(self.asking, Asking::Due { .. })
-    }
 }
 
 impl DpramPort {
@@ -198,14 +194,6 @@ impl DpramPort {
             && let Asking::Lies { what, .. } = hold.asking
         {
             hold.asking = Asking::Due { from: now + ASK_AGAIN, what };
-        }
-    }
-
-    /// A silence is needed before the next line.
-    pub(super) fn settle_next(&mut self, now: Instant) {
-        self.settles = true;
-        if self.is_idle() {
-            self.rest(now);
         }
     }
 

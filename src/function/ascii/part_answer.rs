@@ -65,9 +65,8 @@ impl DpramPort {
     }
 
     /// The board answers first parts.
-    pub(super) fn first_part_was_answered(&mut self) -> bool {
+    pub(super) const fn first_part_was_answered(&mut self) {
         self.part_answer = Follows::Yes;
-        true
     }
 
     /// Hands over the second part.
@@ -91,8 +90,11 @@ impl DpramPort {
         let State::FirstTaken { sent, until } = self.state else { return AsciiEvent::Stale(control) };
         match (control, errors::from_control(control)) {
             (response::LINE | response::ACKNOWLEDGE, _) => {
-                let ends = control == response::ACKNOWLEDGE && self.first_part_was_answered();
-                // Behind lines the end follows.
+                let ends = control == response::ACKNOWLEDGE;
+                if ends {
+                    self.first_part_was_answered();
+                }
+                // After lines an `<ACK>` is still to come.
                 let until = until.filter(|_| !ends).map(|until| until.max(now + EXPECTED));
                 self.state = State::FirstTaken { sent, until };
                 if ends && text.as_bytes().is_empty() {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::function::ascii::control::{FLAG_BEHIND_HALF_AFTER, goes_over_line};
 use crate::function::ascii::stop::Stopped;
-use crate::protocol::control::KILL;
+use crate::protocol::control::{CANCEL, KILL};
 
 /// A line of two parts.
 fn long_line(family: &Family) -> String {

@@ -6,11 +6,12 @@ use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
+use crate::function::ascii::REPLY_END;
 use crate::function::ascii::hold::SETTLE;
-use crate::function::ascii::{CANCEL, REPLY_END};
 use crate::map::PMAC;
 use crate::map::functions::response;
 use crate::map::readings::ReplyEnd;
+use crate::protocol::control::CANCEL;
 use crate::segment::{CreateOptions, Identity, SegmentName};
 
 #[path = "ascii/buffer_tests.rs"]

@@ -9,10 +9,8 @@ use crate::format::TextOrder;
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::map::{AsciiPort, HostOffset};
 use crate::protocol::control;
+use crate::protocol::control::CANCEL;
 use crate::recording::{Answer, Replies};
-
-/// `<CTRL-X>`: PMAC empties its queues.
-const CANCEL: u8 = 0x18;
 
 /// The port, as PMAC sees it.
 pub struct AsciiHalf {

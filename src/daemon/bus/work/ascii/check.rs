@@ -115,6 +115,7 @@ impl Check {
     }
 
     /// Which line is next: one that has not as many values as the line that was given up has questions for variables, as `P1`.
+    /// Of a line of more than 60 characters only the beginning is known.
     fn next_kind(&self, asks: Asks) -> usize {
         let is_question = |pair: &&[u8]| pair[0].is_ascii_alphabetic() && pair[1].is_ascii_digit();
         let count = |line: &[u8]| line.windows(2).filter(is_question).count();

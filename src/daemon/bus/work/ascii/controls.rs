@@ -6,9 +6,9 @@ use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
-use crate::function::ascii::CANCEL;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
 use crate::function::ascii::stop::Stopped;
+use crate::protocol::control::CANCEL;
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 

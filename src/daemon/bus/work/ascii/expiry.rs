@@ -11,8 +11,8 @@ use crate::daemon::shared::queue::{
     Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
 };
 use crate::device::Bus;
-use crate::function::ascii::CANCEL;
 use crate::protocol::CommandState;
+use crate::protocol::control::{self, CANCEL};
 use crate::segment::{Counter, Publisher};
 
 impl AsciiQueue {
@@ -93,7 +93,7 @@ impl AsciiQueue {
                 Some((*ticket, *origin))
             }
             InFlight::Control(WaitingControl { ticket, uid, character, .. }) => {
-                let shown = Text::of(&format_args!("^{}", char::from((character & 0x1F) + 64)));
+                let shown = Text::of(&format_args!("^{}", control::letter(*character)));
                 Some((*ticket, Origin { uid: *uid, shown, stays: false }))
             }
             InFlight::Identify | InFlight::Scan | InFlight::Buffer | InFlight::Check => None,
