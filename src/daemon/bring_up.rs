@@ -27,6 +27,7 @@ use crate::clock::Clock;
 use crate::device::machine::cpu_latency::NODE;
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
+use crate::format::Visible;
 use crate::process::log_sink::{LogSink, LogWriter};
 use crate::process::survive_file_size_limit;
 use crate::protocol::socket_place::socket_places;
@@ -71,7 +72,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(failure) => {
             // `eprintln!` would panic if stderr is closed.
             let prefix = if in_journal { journal::prefix(Level::Error) } else { "pmacd: " };
-            let _ = writeln!(std::io::stderr(), "{prefix}{failure}");
+            let _ = writeln!(std::io::stderr(), "{prefix}{}", Visible(&failure));
             ExitCode::from(failure.status)
         }
     }
@@ -102,6 +103,13 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         // This comes after the change of user, which would undo it.
         crate::process::end_with_parent(parent).map_err(|error| Failure::new(exit::SYSTEM, error))?;
     }
+    // A long recording takes seconds to read. Nobody shall take a daemon that reads for one that hangs.
+    let early = match early {
+        None if matches!(settings.board, BoardSpec::Replay(_)) => {
+            Some(Machine::open(settings, &inherited, &clock)?)
+        }
+        early => early,
+    };
     let publisher = Publisher::create(&segment_options(settings, &clock)?)?;
     let machine = match early {
         Some(machine) => machine,

@@ -66,6 +66,7 @@ impl ReplayBoard {
         order: TextOrder,
         clock: Clock,
     ) -> Result<OpenedReplay, RecordingError> {
+        info!("replay: reads {}", directory.display());
         let recording = Recording::read(directory)?;
         let about = &recording.about;
         info!(
@@ -77,6 +78,10 @@ impl ReplayBoard {
         );
         if let Some(why) = &about.cut_short {
             warn!("replay: the recording was cut short: {why}");
+        }
+        if about.dropped > 0 {
+            let (all, dropped) = (about.accesses + about.dropped, about.dropped);
+            warn!("replay: of {all} accesses {dropped} were not recorded; what they showed is missing");
         }
         Ok(Self::of(&recording, family, order, clock))
     }

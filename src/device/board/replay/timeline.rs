@@ -7,7 +7,6 @@
 //! A word that reads as the host wrote it was not written by PMAC. The words of the ASCII port are left out: the replay answers
 //! there by itself. What the trace does not tell, later images do ([`super::images`]).
 
-use std::collections::HashMap;
 use std::ops::Range;
 
 use super::images::{LaterImage, later_images};
@@ -218,18 +217,19 @@ impl Report {
         self.close();
         let is_data = |word: u16| word != self.timer;
         self.whole.retain(|update| update.words.iter().any(|(word, _)| is_data(*word)));
-        let mut counts: HashMap<u16, usize> = HashMap::new();
-        for update in &self.whole {
-            let mut words: Vec<u16> = update.words.iter().map(|(word, _)| *word).collect();
-            words.sort_unstable();
-            words.dedup();
-            words.into_iter().for_each(|word| *counts.entry(word).or_default() += 1);
-        }
+        let first = self.words.start;
+        let places = |update: &Update| {
+            let mut places: Vec<_> = update.words.iter().map(|(word, _)| usize::from(word - first)).collect();
+            places.sort_unstable();
+            places.dedup();
+            places
+        };
+        let mut counts = vec![0; self.words.len()];
+        self.whole.iter().flat_map(places).for_each(|place| counts[place] += 1);
         let most = self.whole.len() / 2;
-        let needed: Vec<u16> =
-            counts.into_iter().filter(|(_, count)| *count > most).map(|(word, _)| word).collect();
+        let needed = counts.iter().filter(|count| **count > most).count();
         let is_whole =
-            |update: &Update| needed.iter().all(|needed| update.words.iter().any(|(word, _)| word == needed));
+            |update: &Update| places(update).iter().filter(|place| counts[**place] > most).count() == needed;
         let flag = self.flag;
         let whole = std::mem::take(&mut self.whole).into_iter().filter(is_whole);
         whole
