@@ -1,6 +1,6 @@
 //! Every capture in `tests/captures`: played back, and compared with the simulator that is started from it.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -8,9 +8,9 @@ use pmac_dpram::map::Family;
 use pmac_dpram::recording::{Op, Recording};
 use pmac_dpram::segment::Counter;
 
-use crate::replay::replayed;
+use crate::replay::followed;
 use crate::support::VirtualSite;
-use crate::support::tape::{record, updates};
+use crate::support::tape::record;
 
 /// How long the simulator is recorded.
 const TIME: Duration = Duration::from_millis(200);
@@ -25,6 +25,11 @@ fn captures() -> Vec<PathBuf> {
     all.sort();
     assert!(!all.is_empty());
     all
+}
+
+/// Whether it was made by [`make_the_captures_of_the_simulator`].
+fn is_simulated(directory: &Path) -> bool {
+    directory.file_name().is_some_and(|name| name.to_string_lossy().starts_with("simulator-"))
 }
 
 /// What is asked of a board of `family`: who it is, and all its I-variables.
@@ -51,13 +56,13 @@ fn site(family: &Family, simulator: &[&str], moves: bool) -> VirtualSite {
     site
 }
 
-/// Of each update, by its timer: the words of the first motor's block, as the trace has them.
-fn recorded_blocks(recording: &Recording, family: &Family) -> HashMap<u32, Vec<u16>> {
+/// Of each update that was read whole, between two looks at the same timer: the timer, and the words of the first motor's block.
+fn recorded_blocks(recording: &Recording, family: &Family) -> BTreeMap<u32, Vec<u16>> {
     let servo = &family.servo;
     let (first, words) = (servo.motors.first.word(), servo.motors.words);
-    let (mut low, mut flag) = (0, 0);
+    let (mut flag, mut last, mut read) = (0, None, 0);
     let mut block = vec![0; words];
-    let mut found = HashMap::new();
+    let mut found = BTreeMap::new();
     for access in recording.accesses.iter().filter(|access| access.op == Op::Read) {
         for half in 0..usize::from(access.width / 16) {
             let (word, value) = (access.offset.word() + half, (access.value >> (16 * half)) as u16);
@@ -65,12 +70,15 @@ fn recorded_blocks(recording: &Recording, family: &Family) -> HashMap<u32, Vec<u
                 flag = value;
             }
             if word == servo.timer.low.word() {
-                low = value;
+                let timer = servo.timer.value(value, flag);
+                if last == Some(timer) && read >= words {
+                    found.insert(timer, block.clone());
+                }
+                (last, read) = (Some(timer), 0);
             }
             if let Some(place) = word.checked_sub(first).and_then(|at| block.get_mut(at)) {
                 *place = value;
-                // Overwritten until its last word was read; what a torn copy leaves, the next one replaces.
-                found.insert(servo.timer.value(low, flag), block.clone());
+                read += 1;
             }
         }
     }
@@ -83,12 +91,14 @@ fn e6_the_mirror_of_every_capture_shows_what_was_recorded() {
         let recording = Recording::read(&directory).unwrap();
         let family = recording.about.family(&directory).unwrap();
         let recorded = recorded_blocks(&recording, family);
-        let site = replayed(&directory);
+        let (site, shown) = followed(&directory);
         let servo = &family.servo;
-        let shown = updates(&site, 1);
-        // Of the first and the last, the trace may lack a part.
-        let most = recorded.len();
-        assert!(shown.len() + 2 >= most && shown.len() > 2, "{directory:?}: {} of {most}", shown.len());
+        let (most, is_exact) = (recorded.len(), is_simulated(&directory));
+        // The simulator's were made in virtual time: each update is shown, but for the first and the last, of which the trace may lack a
+        // part. In real time some were found late, two at once, and one of them is missed; and until the period is learnt, many.
+        let least = if is_exact { most - 2 } else { most / 20 };
+        assert!(shown.len() > 2 && shown.len() >= least, "{directory:?}: {} of {most}", shown.len());
+        assert!(!is_exact || site.attach().counter(Counter::Missed) == 0, "{directory:?}");
         for image in &shown {
             let timer = servo
                 .timer
@@ -97,13 +107,14 @@ fn e6_the_mirror_of_every_capture_shows_what_was_recorded() {
             let block = &image[start..start + servo.motors.words];
             assert_eq!(recorded.get(&timer).map(Vec::as_slice), Some(block), "{directory:?}: timer {timer}");
         }
-        assert_eq!(site.attach().counter(Counter::Missed), 0, "{directory:?}");
         let (_, motors, _) = site.pmacctl(&["motors", "--json"]);
         let motors: serde_json::Value = serde_json::from_str(&motors).unwrap();
         let first = &motors["motors"][0];
         assert!(first["following_error"].is_object() && first["actual_position"].is_object(), "{motors}");
         site.stop_daemon();
-        assert!(site.log().contains("nothing else was asked than was recorded"), "{}", site.log());
+        let log = site.log();
+        // A later pmacd may ask a board more: then the log says what.
+        assert!(!is_exact || log.contains("nothing else was asked than was recorded"), "{log}");
     }
 }
 
@@ -117,12 +128,9 @@ fn e6_no_simulated_capture_differs_from_the_simulator_that_is_started_from_it() 
         let asked = asked(family);
         let (again, _) = record(&site, &asked.iter().map(String::as_str).collect::<Vec<_>>(), TIME);
         let (status, stdout, stderr) = site.pmacctl(&["compare", &from, again.to_str().unwrap()]);
-        // A real board may differ: then this says where.
-        if recording.about.board == "file" {
-            assert_eq!(status, 0, "{stdout}{stderr}");
-        } else {
-            println!("{stdout}{stderr}");
-        }
+        // A real board may differ: this says where.
+        assert!(status == 0 || status == 1 && !is_simulated(&directory), "{stdout}{stderr}");
+        println!("{stdout}{stderr}");
     }
 }
 

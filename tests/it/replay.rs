@@ -23,6 +23,22 @@ pub fn replayed(directory: &Path) -> VirtualSite {
     site
 }
 
+/// As [`replayed`], and the words of every update that was shown meanwhile, however many there are.
+pub fn followed(directory: &Path) -> (VirtualSite, Vec<Vec<u16>>) {
+    let site = VirtualSite::new();
+    site.hold();
+    site.start_daemon_on(&format!("replay:{}", directory.display()), &[]);
+    let mut shown = Vec::new();
+    let mut is_over = false;
+    while !is_over {
+        is_over = site.log().contains("the recording is over");
+        site.run_for(Duration::from_millis(300));
+        shown.extend(updates(&site, shown.len() as u64 + 1));
+    }
+    site.go_on();
+    (site, shown)
+}
+
 fn moving(family: &str) -> VirtualSite {
     let site = VirtualSite::configured(&["--family", family], &format!("family = \"{family}\"\n"));
     site.wait_for_axes();
