@@ -32,10 +32,11 @@ fn with_values(program: Command) -> Command {
     let names = Source::names(&Layout::new(&PMAC, None));
     let names: Vec<String> = names.split(", ").map(str::to_owned).collect();
     let registers = PossibleValuesParser::new(names);
-    let watched = registers.clone();
+    let (watched, shown) = (registers.clone(), registers.clone());
     program
         .mut_arg("name", |name| name.value_parser([BOARDS]))
         .mut_subcommand("gather", |gather| gather.mut_arg("source", |source| source.value_parser(registers)))
+        .mut_subcommand("top", |top| top.mut_arg("watches", |watch| watch.value_parser(shown)))
         .mut_subcommand("variable", |variable| {
             variable.mut_subcommand("watch", |watch| {
                 watch.mut_arg("registers", |register| register.value_parser(watched))

@@ -134,7 +134,9 @@ const scope = (() => {
     const style = getComputedStyle(document.body);
     const ink = style.getPropertyValue('--ink');
     const grid = { stroke: style.getPropertyValue('--line'), width: 1 };
-    const axis = { stroke: ink, grid, ticks: grid, size: 72 };
+    // Room for the longest number beside the label.
+    const size = (_, numbers) => 56 + 7 * Math.max(2, ...(numbers ?? []).map((number) => number.length));
+    const axis = { stroke: ink, grid, ticks: grid, size };
     const series = traces.map((trace, index) => ({
       label: `#${trace.replace('.', ' ').replaceAll('_', ' ')} (${unit(trace) || 'raw'})`,
       stroke: COLOURS[index % COLOURS.length], width: 1.5, scale: unit(trace), spanGaps: false,

@@ -1,5 +1,6 @@
 """A simulated board, pmacd and pmac-web as processes, and a browser without a screen."""
 
+import os
 import pathlib
 import re
 import shutil
@@ -75,6 +76,14 @@ def board():
 def turbo():
     """A Turbo board of one's own."""
     yield from shown(simulator=("--family", "turbo2"), configuration='family = "turbo2"\n')
+
+
+@pytest.fixture(autouse=True)
+def picture(request):
+    """Saves what is seen in the end, for somebody to look at, if PMAC_PICTURES names a directory."""
+    yield
+    if (directory := os.environ.get("PMAC_PICTURES")) and "browser" in request.fixturenames:
+        request.getfixturevalue("browser").save_screenshot(str(pathlib.Path(directory) / f"{request.node.name}.png"))
 
 
 @pytest.fixture(scope="module")
