@@ -34,6 +34,8 @@ use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSp
 use super::bus::{RamBus, register};
 use super::tape::Tape;
 
+/// The number of a report after all those that are not believed yet.
+const LATE_REPORT: u64 = 1 << 60;
 /// The families whose boards are played.
 const FAMILIES: [&Family; 2] = [&PMAC, &TURBO2_8K];
 /// When it begins, in nanoseconds.
@@ -165,8 +167,8 @@ impl Bench<'_> {
         match how {
             0 => self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap(),
             1 => self.functions.ascii.queue_mut().doubt(self.clock.now()),
-            2 => self.functions.ascii.queue_mut().see_buffer(Some((true, u64::MAX))),
-            3 => self.functions.ascii.queue_mut().see_buffer(Some((false, u64::MAX))),
+            2 => self.functions.ascii.queue_mut().see_buffer(Some((true, LATE_REPORT))),
+            3 => self.functions.ascii.queue_mut().see_buffer(Some((false, LATE_REPORT))),
             4 => self.functions.ascii.queue_mut().set_interrupt(true),
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {
