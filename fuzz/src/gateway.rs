@@ -4,6 +4,7 @@
 use pmac_gateway::board::Place;
 use pmac_gateway::packet::{DATA_MAX, HEADER, Packet, REPLY_MAX};
 use pmac_gateway::session::{Answer, Rules, Session};
+use pmac_gateway::texts::Texts;
 
 /// Nobody listens there.
 const NOWHERE: &str = "/nonexistent/pmac0.sock";
@@ -16,6 +17,7 @@ pub fn body(data: &[u8]) {
         read_only: who & 1 != 0,
         keep_jogs: who & 8 != 0,
         version: (who & 2 != 0).then(|| "1.94".to_owned()),
+        texts: Texts::default(),
     };
     let mut session = match who & 4 {
         0 => Session::new("fuzzer".to_owned(), rules),

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! client ⇄ tcp, udp → packet → session → text, memory → board ⇒ pmacd        (⇒ = process boundary)
+//!                                  session ← texts ⇐ pmacd
 //! ```
 //!
 //! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use speak it.
-//! A client has one thread and one connection to `pmacd`, made when it is needed first. Everything is bounded: clients,
-//! buffers, waits.
+//! A client has one thread and one connection to `pmacd`, made when it is needed first; what the board's programs send by themselves
+//! comes over one connection for all. Everything is bounded: clients, buffers, waits.
 //!
 //! Where the board has refused a line, or nothing was sent, the client is told an error. Where it is not known what the board
 //! has done, no answer is made up: the client's connection ends.
@@ -22,4 +23,5 @@ pub mod reply;
 pub mod session;
 pub mod tcp;
 pub mod text;
+pub mod texts;
 pub mod udp;

@@ -51,6 +51,8 @@ fn run(options: &Options) -> Result<(), String> {
         let started = thread::Builder::new().name(name.to_owned()).spawn(run);
         started.map(drop).map_err(|error| format!("a thread: {error}"))
     };
+    let (place, texts) = (rules.place.clone(), rules.texts.clone());
+    start("texts", Box::new(move || texts.hear(&place)))?;
     let own = rules.clone();
     start("tcp", Box::new(move || tcp::serve(&listener, &own)))?;
     start("udp", Box::new(move || udp::serve(&socket, &rules)))?;

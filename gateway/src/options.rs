@@ -9,6 +9,7 @@ use pmac_dpram::segment::{SegmentError, SegmentName};
 
 use crate::board::Place;
 use crate::session::Rules;
+use crate::texts::Texts;
 
 /// The board that is meant where none is named.
 const DEFAULT_NAME: &str = "pmac0";
@@ -69,6 +70,7 @@ impl Options {
             read_only: self.read_only,
             keep_jogs: self.keep_jogs,
             version: self.version_as.clone(),
+            texts: Texts::default(),
         })
     }
 

@@ -107,6 +107,12 @@ impl Pending {
         }
     }
 
+    /// Adds a text that a program of the board has sent by itself, with its mark. Nothing acknowledges it.
+    pub fn text(&mut self, text: String, handshake: Handshake) {
+        self.bytes.push_back(STX);
+        self.lines(&[text], handshake);
+    }
+
     /// Adds an error, which nothing acknowledges.
     pub fn error(&mut self, code: u16, handshake: Handshake) {
         self.bytes.push_back(BELL);

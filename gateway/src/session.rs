@@ -12,6 +12,7 @@ use crate::journal::MOTION;
 use crate::packet::{Packet, Request};
 use crate::reply::{Handshake, Pending};
 use crate::text::Addressed;
+use crate::texts::Texts;
 
 /// One byte that says: done.
 pub(crate) const DONE: u8 = b'@';
@@ -36,6 +37,8 @@ pub struct Rules {
     pub keep_jogs: bool,
     /// What `VERSION` is answered, if not by the board.
     pub version: Option<String>,
+    /// What the board's programs send by themselves.
+    pub texts: Texts,
 }
 
 /// What a client is answered.
@@ -72,6 +75,8 @@ pub struct Session {
     /// The same of what moves or stops something, behind a line with an address that the board has refused.
     pub(crate) moves_say_whom: bool,
     has_moved: bool,
+    /// The number of the next text of the board's programs that he gets.
+    next_text: u64,
     write_error: [u8; 4],
 }
 
@@ -80,6 +85,7 @@ impl Session {
     #[must_use]
     pub fn new(peer: String, rules: Rules) -> Self {
         let board = Board::new(rules.place.clone(), rules.keep_jogs);
+        let next_text = rules.texts.end();
         Self {
             peer,
             is_gone: Box::new(|| false),
@@ -90,6 +96,7 @@ impl Session {
             says_whom: false,
             moves_say_whom: false,
             has_moved: false,
+            next_text,
             write_error: [0; 4],
         }
     }
@@ -151,15 +158,24 @@ impl Session {
         let answer = match request {
             Request::SendLine => self.text(&packet.data).map(|()| vec![DONE]),
             Request::GetResponse => {
-                self.pending.clear();
+                self.flush();
                 self.text(&packet.data).map(|()| self.pending.take())
             }
-            Request::GetBuffer => Ok(self.pending.take()),
-            Request::GetLine => Ok(self.pending.take_line()),
-            Request::ReadReady => Ok(vec![u8::from(!self.pending.is_empty()), 0]),
+            Request::GetBuffer => {
+                self.look_for_text();
+                Ok(self.pending.take())
+            }
+            Request::GetLine => {
+                self.look_for_text();
+                Ok(self.pending.take_line())
+            }
+            Request::ReadReady => {
+                self.look_for_text();
+                Ok(vec![u8::from(!self.pending.is_empty()), 0])
+            }
             // ^X would end the line that the board is at, whosever it is. Here each client has a port of his own.
             Request::Flush => {
-                self.pending.clear();
+                self.flush();
                 Ok(vec![DONE])
             }
             Request::ControlResponse => self.control_response(value),
@@ -192,6 +208,29 @@ impl Session {
         }
     }
 
+    /// Empties what there is to be fetched, texts of the board's programs, too.
+    fn flush(&mut self) {
+        self.pending.clear();
+        self.next_text = self.rules.texts.end();
+    }
+
+    /// Where nothing else is there to be fetched, a text of the board's programs is. One at a time: what is not fetched stays bounded.
+    fn look_for_text(&mut self) {
+        if !self.pending.is_empty() {
+            return;
+        }
+        let Some((number, text)) = self.rules.texts.next(self.next_text) else { return };
+        let lost = number - self.next_text;
+        if lost > 0 {
+            self.tell(
+                "lost",
+                &format!("{lost} texts of the board's programs, which he did not fetch in time"),
+            );
+        }
+        self.next_text = number.saturating_add(1);
+        self.pending.text(text, self.port.handshake);
+    }
+
     /// Puts a refusal where the client fetches it.
     pub(crate) fn refused(&mut self, code: u16, lines: &[String], why: Option<&str>) {
         self.pending.lines(lines, self.port.handshake);
@@ -220,7 +259,7 @@ impl Session {
         /// `^U ^L` open and close the rotary buffers, for whoever sends lines.
         const OPENS_ROTARY: [u8; 2] = [0x15, 0x0C];
         if character == CANCEL {
-            self.pending.clear();
+            self.flush();
             return Ok(Vec::new());
         }
         if OPENS_ROTARY.contains(&character) {
@@ -239,7 +278,7 @@ impl Session {
     }
 
     fn control_response(&mut self, value: u16) -> Result<Vec<u8>, Failure> {
-        self.pending.clear();
+        self.flush();
         let character = u8::try_from(value).ok().filter(|character| (1..=31).contains(character));
         let character = character
             .ok_or_else(|| Failure::unsent(board::ILLEGAL, "no control character has this number"))?;

@@ -7,3 +7,4 @@ mod lines;
 mod roles;
 mod site;
 mod strangers;
+mod texts;
