@@ -10,6 +10,8 @@ enum Form {
     Word,
     Whole,
     Number,
+    /// A number by which the driver divides.
+    NotZero,
     /// So many hexadecimal digits.
     Digits(usize),
 }
@@ -22,6 +24,7 @@ impl Form {
             Self::Word => !answer.is_empty() && answer.bytes().all(|byte| byte.is_ascii_alphanumeric()),
             Self::Whole => answer.strip_prefix('$').map_or(answer.parse::<i64>().is_ok(), hexadecimal),
             Self::Number => answer.parse::<f64>().is_ok(),
+            Self::NotZero => answer.parse::<f64>().is_ok_and(|number| number != 0.0),
             Self::Digits(count) => answer.len() == count && hexadecimal(answer),
         }
     }
@@ -52,10 +55,27 @@ fn check(client: &mut Client, questions: &[(String, Form)]) {
     }
 }
 
+/// What a site has on its board for the driver: where the processor's times are, as in its `BRICK_M_variables.pmc`, and a motion
+/// program. A real board fills the times in; on a simulated one nothing takes any.
+const SITE: [&str; 9] = [
+    "M70->X:$FFFF8C,0,24 M71->X:$37,0,24",
+    "M72->Y:$37,0,24 M73->X:$B,0,24",
+    "M70=2400 M71=120 M72=300 M73=500",
+    "&2#2->1000X",
+    "#2J/",
+    "OPEN PROG 10 CLEAR",
+    "DWELL1",
+    "CLOSE",
+    "#1&1",
+];
+
 #[test]
 fn d4_the_epics_drivers_questions_are_answered_in_their_forms() {
     const CARD: &str = "602413";
     let site = Site::of("turbo2", &[]);
+    for line in SITE {
+        site.ask(line);
+    }
     let mut client = site.client();
     assert_eq!(client.line("I3=2 I6=1"), "\x06");
     // One by one: the card, its processor, how many coordinate systems there are.
@@ -66,7 +86,10 @@ fn d4_the_epics_drivers_questions_are_answered_in_their_forms() {
     }
     let mut fast = vec![("???".to_owned(), Form::Digits(12))];
     let mut medium = Vec::new();
-    for variable in ["M70", "M71", "M72", "M73", "M4034", "M4039", "M4040", "M4038"] {
+    for variable in ["M70", "M71", "M72", "M73"] {
+        fast.push((variable.to_owned(), Form::NotZero));
+    }
+    for variable in ["M4034", "M4039", "M4040", "M4038"] {
         fast.push((variable.to_owned(), Form::Number));
     }
     for motor in 1..=32 {
@@ -84,7 +107,8 @@ fn d4_the_epics_drivers_questions_are_answered_in_their_forms() {
         }
     }
     let numbers = (5000..5032).chain((0..16).map(|program| 5180 + 100 * program));
-    let outputs = (0..8).flat_map(|bit| [7716, 7740, 7616, 7640].map(|first| first + bit));
+    // Inputs and outputs, on each kind of board elsewhere.
+    let outputs = (0..8).flat_map(|bit| [1, 33, 7716, 7740, 7616, 7640].map(|first| first + bit));
     for number in numbers.chain(outputs) {
         medium.push((format!("M{number}"), Form::Number));
     }
@@ -99,8 +123,15 @@ fn d4_the_epics_drivers_questions_are_answered_in_their_forms() {
         ["I113", "I114", "I130", "I131", "I133"].map(|question| (question.to_owned(), Form::Number)).into();
     check(&mut client, &motors);
     // What it does when it moves and stops, and a trajectory's points.
-    for line in ["I122=32 I120=100 #1 J=100.00", "#1 J/ M140=1", "&1A Q71=Q81", "#1K", "WL:$10700,$123456,$1"]
-    {
+    let moves = [
+        "I122=32 I120=100 #1 J=100.00",
+        "#1 J/ M140=1",
+        "&2Q72=5 Q70=0.000000 B10R",
+        "&1A Q71=Q81",
+        "#1K",
+        "WL:$10700,$123456,$1",
+    ];
+    for line in moves {
         assert_eq!(client.line(line), "\x06", "{line}");
     }
     assert_eq!(client.line("UUU"), "\x07ERR003\r");
