@@ -118,6 +118,18 @@ fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &Token> {
     })
 }
 
+/// Whether `line` moves a motor that it names, starts programs that may move any, or opens a rotary buffer, each line of which may.
+fn may_move(line: &str) -> bool {
+    /// `ENABLEPLC` begins `ENABLEPLCC`, too.
+    const STARTS: [&str; 3] = ["ENABLEPLC", "ENAPLC", "RESUMEPLC"];
+    /// Names of rotary buffers, of lines and of binary words.
+    const ROTARY: [&[u8]; 2] = [b"ROT", b"BINARY"];
+    let plain = plain(line);
+    let opens_rotary = matches!(effect(line.as_bytes()), Some(Effect::Opens(name))
+        if ROTARY.iter().any(|rotary| name.as_bytes().starts_with(rotary)));
+    motors_moved(line) != 0 || STARTS.iter().any(|start| plain.contains(start)) || opens_rotary
+}
+
 /// The pieces of `line`.
 fn pieces(
     line: &str,
@@ -290,7 +302,7 @@ impl Session {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
         let sent = self.commands(line, &tokens);
-        if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || motors_moved(line) != 0 {
+        if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || may_move(line) {
             self.log_motion(line, &sent);
         }
         sent
@@ -357,7 +369,7 @@ impl Session {
             return Err(Failure::unsent(board::NO_ROOM, why));
         }
         let sent = self.board.send(line);
-        if motors_moved(line) != 0 {
+        if may_move(line) {
             self.log_motion(line, &sent);
         }
         self.pending.lines(&sent?, self.port.handshake);

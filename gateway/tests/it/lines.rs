@@ -87,6 +87,26 @@ fn control_characters_go_their_own_way() {
 }
 
 #[test]
+fn what_starts_programs_is_logged_with_who_sent_it() {
+    let site = Site::of("turbo2", &[]);
+    let mut client = site.client();
+    let peer = client.stream.local_addr().unwrap();
+    let starts = ["ENABLE PLC 3", "ena plc 4,5", "ENABLE PLCC 1", "RESUME PLC 3", "OPEN ROT"];
+    for line in ["OPEN PLC 3 CLEAR", "P1=1", "CLOSE", "DISABLE PLC 4", "&1DEFINE ROT 100"] {
+        assert_eq!(client.line(line), "\x06", "{line}");
+    }
+    for line in starts.iter().chain(&["X1", "X2", "CLOSE"]) {
+        client.line(line);
+    }
+    client.line("#1J/");
+    wait_until("the last line of the log", || site.log("pmac-gateway").contains("#1J/"));
+    let log = site.log("pmac-gateway");
+    let logged: Vec<&str> =
+        log.lines().filter_map(|line| line.split_once(&format!("{peer}: "))).map(|(_, told)| told).collect();
+    assert_eq!(logged, starts.iter().copied().chain(["#1J/"]).collect::<Vec<_>>(), "{log}");
+}
+
+#[test]
 fn a_clients_motor_is_his_own() {
     let site = Site::new(&[]);
     let (mut one, mut two) = (site.client(), site.client());
