@@ -36,7 +36,8 @@ impl Handshake {
         Self::VARIABLES.iter().any(|own| covers(first, last, step, *own))
     }
 
-    /// Sets variable `number`. Whether it takes the value: I4 has none but 0, as no check sums are made here.
+    /// Sets variable `number`. Whether it takes the value: I4 has none but 0. Of others a board sends check sums behind the ACK, where
+    /// [`Pending::take`] has ended.
     pub fn set(&mut self, number: u32, value: u32) -> bool {
         match (number, u8::try_from(value)) {
             (3, Ok(value @ 0..=3)) => self.i3 = value,

@@ -328,7 +328,9 @@ impl Session {
             if let Piece::Set(number, value) = piece
                 && !handshake.set(*number, *value)
             {
-                let why = format!("I{number}={value}: a client's own I3 and I6 are 0 to 3, his I4 is 0");
+                let why = format!(
+                    "I{number}={value}: a client's own I3 and I6 are 0 to 3; his I4 is 0, as there are no check sums here"
+                );
                 return Err(Failure::unsent(board::UNKNOWN, why));
             }
         }

@@ -44,6 +44,9 @@ fn i3_i4_and_i6_are_each_clients_own() {
     assert_eq!(one.line("P1 i3 i6"), "7\r0\r0\r");
     assert_eq!(one.line("UUU"), "\x07");
     assert_eq!(two.line("i3=5"), "\x07ERR003\r");
+    // Check sums, of which nobody knows how they are fetched.
+    assert_eq!(two.line("i4=1"), "\x07ERR003\r");
+    assert_eq!(two.line("i4"), "0\r\x06");
     let range = two.line("i0..9");
     let lines: Vec<&str> = range.trim_end_matches('\x06').split_terminator('\r').collect();
     assert_eq!((lines.len(), lines[3], lines[4], lines[6]), (10, "2", "0", "1"));
