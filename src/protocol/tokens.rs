@@ -105,10 +105,24 @@ const WORDS: [(&str, Kind); 35] = [
     ("VID", Kind::Asks(Needs::Nothing)),
 ];
 
-/// What `LIST` lists, without its number (GRAMMAR 4). No word stands before a longer one that begins with it.
-const LISTED: [&str; 16] = [
-    "PROGRAM", "PROG", "PLCC", "PLC", "ROTARY", "ROT", "GATHER", "BLCOMP", "TCOMP", "COMP", "LINK", "LDS",
-    "FORWARD", "INVERSE", "PC", "PE",
+/// What `LIST` lists, without its number (GRAMMAR 4), and what that needs. No word stands before a longer one that begins with it.
+const LISTED: [(&str, Needs); 16] = [
+    ("PROGRAM", Needs::Nothing),
+    ("PROG", Needs::Nothing),
+    ("PLCC", Needs::Nothing),
+    ("PLC", Needs::Nothing),
+    ("ROTARY", Needs::System),
+    ("ROT", Needs::System),
+    ("GATHER", Needs::Nothing),
+    ("BLCOMP", Needs::Motor),
+    ("TCOMP", Needs::Motor),
+    ("COMP", Needs::Motor),
+    ("LINK", Needs::Nothing),
+    ("LDS", Needs::Nothing),
+    ("FORWARD", Needs::System),
+    ("INVERSE", Needs::System),
+    ("PC", Needs::System),
+    ("PE", Needs::System),
 ];
 /// The digits of the longest hexadecimal address, `$07FFFF` on Turbo boards.
 const ADDRESS_DIGITS: usize = 6;
@@ -389,7 +403,10 @@ impl Reader<'_> {
     /// `LIST`, what is listed, and of it which part. What stands behind it is another command: `LIST LINK HM`.
     fn list(&mut self) -> Kind {
         self.at += "LIST".len();
-        let _ = LISTED.iter().any(|word| self.takes(word)) && self.takes("DEF");
+        let listed = LISTED.iter().find(|(word, _)| self.takes(word));
+        if listed.is_some() {
+            self.takes("DEF");
+        }
         let mut end = self.at;
         loop {
             // `,S,80`: what tools ask for the next lines by. An S elsewhere is a step.
@@ -403,7 +420,7 @@ impl Reader<'_> {
             end = self.at;
         }
         self.at = end;
-        Kind::Asks(Needs::System)
+        Kind::Asks(listed.map_or(Needs::System, |(_, needs)| *needs))
     }
 
     /// `MS0,I910`: a variable of a MACRO station.

@@ -52,6 +52,19 @@ fn d2_what_stands_behind_a_question_is_a_command_of_its_own() {
 }
 
 #[test]
+fn a_list_needs_an_address_only_where_it_is_somebodys() {
+    for (needs, lines) in [
+        (Needs::Nothing, &["LIST PROG 7", "list plc3,0,2", "LISTPLCC1", "LIST LINK", "LIST GATHER 0,5"][..]),
+        (Needs::Motor, &["LIST COMP", "LIST TCOMP DEF", "LISTBLCOMP"]),
+        (Needs::System, &["LIST", "LIST PC,,5", "LIST ROT", "LIST FORWARD"]),
+    ] {
+        for line in lines {
+            assert_eq!(kinds(line), [Kind::Asks(needs)], "{line}");
+        }
+    }
+}
+
+#[test]
 fn what_clients_poll_only_asks() {
     for line in [
         "i65???&1??%#1?PVF m190 p99#2?PVF m290 p99",

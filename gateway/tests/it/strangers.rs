@@ -64,6 +64,12 @@ fn d2_of_who_only_reads_no_address_reaches_the_board() {
 fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
     let site = Site::new(&[]);
     let (one, two) = (site.udp(), site.udp());
+    for line in ["OPEN PLC 5 CLEAR", "P1=0", "CLOSE"] {
+        site.ask(line);
+    }
+    // These are nobody's.
+    assert_eq!(datagram(&one, "LIST PLC 5"), "P1=0\r\x06");
+    assert_eq!(datagram(&one, "LIST"), "\x07ERR003\r");
     // Nothing is known of him: whom he means neither.
     assert_eq!(datagram(&one, "J/"), "\x07ERR003\r");
     assert_eq!(datagram(&one, "P"), "\x07ERR003\r");
