@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! client ⇄ tcp, udp → packet → session → text, memory → board ⇒ pmacd        (⇒ = process boundary)
-//!                                  session ← texts ⇐ pmacd
+//!                                 │         └ addressed
+//!                                 └ texts ⇐ pmacd
 //! ```
 //!
 //! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use speak it.
@@ -12,6 +13,7 @@
 //! Where the board has refused a line, or nothing was sent, the client is told an error. Where it is not known what the board
 //! has done, no answer is made up: the client's connection ends.
 
+mod addressed;
 pub mod board;
 pub mod journal;
 mod memory;
@@ -22,6 +24,6 @@ mod quota;
 pub mod reply;
 pub mod session;
 pub mod tcp;
-pub mod text;
+mod text;
 pub mod texts;
 pub mod udp;

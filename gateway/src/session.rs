@@ -7,11 +7,11 @@ use pmac_dpram::format::Visible;
 use pmac_dpram::protocol::control;
 use pmac_dpram::protocol::password::without_password;
 
+use crate::addressed::Addressed;
 use crate::board::{self, Board, Failure, Place};
 use crate::journal::MOTION;
 use crate::packet::{Packet, Request};
 use crate::reply::{Handshake, Pending};
-use crate::text::Addressed;
 use crate::texts::Texts;
 
 /// One byte that says: done.
@@ -256,13 +256,12 @@ impl Session {
     /// Sends a control character, and returns its reply; nothing for most of them.
     pub(crate) fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
         const CANCEL: u8 = 0x18;
-        /// `^U ^L` open and close the rotary buffers, for whoever sends lines.
-        const OPENS_ROTARY: [u8; 2] = [0x15, 0x0C];
         if character == CANCEL {
             self.flush();
             return Ok(Vec::new());
         }
-        if OPENS_ROTARY.contains(&character) {
+        // They open and close the buffers for whoever sends lines.
+        if matches!(character, control::OPEN_ROTARY | control::CLOSE_ROTARY) {
             let why = "a buffer is a client's own only if he opens it by a line, as OPEN ROT, and closes it by CLOSE";
             return Err(Failure::unsent(board::NOT_NOW, why));
         }

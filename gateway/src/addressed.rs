@@ -1,0 +1,84 @@
+//! Whom a client addresses: the motor and the coordinate system that his lines mean where they do not say it.
+
+use pmac_dpram::protocol::line::plain;
+use pmac_dpram::protocol::tokens::{Kind, Needs, Token};
+
+/// Whom a client addresses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Addressed {
+    pub(crate) motor: Option<u32>,
+    pub(crate) system: Option<u32>,
+}
+
+/// The number behind the last `sign` in `text`, outside of quotes.
+fn last_address(text: &str, sign: char) -> Option<u32> {
+    let plain = plain(text);
+    let (_, behind) = plain.rsplit_once(sign)?;
+    let digits = behind.find(|c: char| !c.is_ascii_digit()).unwrap_or(behind.len());
+    behind[..digits].parse().ok()
+}
+
+impl Addressed {
+    /// Whom a board addresses that has come up.
+    const AT_POWER_UP: Self = Self { motor: Some(1), system: Some(1) };
+
+    /// What both know.
+    pub(crate) fn common(self, other: Self) -> Self {
+        let same = |one: Option<u32>, other| one.filter(|_| one == other);
+        Self { motor: same(self.motor, other.motor), system: same(self.system, other.system) }
+    }
+
+    /// Goes through a line.
+    pub(crate) fn follow_all(&mut self, line: &str, tokens: &[Token]) {
+        tokens.iter().for_each(|token| self.follow(line, token));
+        if plain(line).contains("$$$") {
+            *self = Self::AT_POWER_UP;
+        }
+    }
+
+    pub(crate) fn follow(&mut self, line: &str, token: &Token) {
+        match token.kind {
+            Kind::Motor(number) | Kind::AxisOf(number) => self.motor = Some(number),
+            Kind::System(number) => self.system = Some(number),
+            // It is not known what this is, but the board goes by the addresses in it.
+            Kind::Unknown => {
+                let text = &line[token.span.clone()];
+                self.motor = last_address(text, '#').or(self.motor);
+                self.system = last_address(text, '&').or(self.system);
+            }
+            _ => {}
+        }
+    }
+
+    /// What has to stand before `tokens` so that they mean whom is addressed.
+    pub(crate) fn prefix(self, tokens: &[Token]) -> String {
+        let is_needed = |needs| uses_of(tokens, needs).next().is_some();
+        let system = self.system.filter(|_| is_needed(Needs::System));
+        let motor = self.motor.filter(|_| is_needed(Needs::Motor));
+        let system = system.map(|number| format!("&{number}")).unwrap_or_default();
+        motor.map_or(system.clone(), |number| format!("{system}#{number}"))
+    }
+
+    /// Whether it is known whom `tokens` mean, as far as that is known of each of them.
+    pub(crate) fn suffices(self, tokens: &[Token]) -> bool {
+        let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind != Kind::Unknown);
+        (self.motor.is_some() || !is_needed(Needs::Motor))
+            && (self.system.is_some() || !is_needed(Needs::System))
+    }
+}
+
+/// The commands that mean the motor, or the coordinate system, that was addressed before `tokens`.
+pub(crate) fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &Token> {
+    let is_other = move |token: &&Token| match token.kind {
+        Kind::Motor(_) | Kind::AxisOf(_) => needs != Needs::Motor,
+        Kind::System(_) => needs != Needs::System,
+        _ => true,
+    };
+    tokens.iter().take_while(is_other).filter(move |token| match token.kind {
+        Kind::Asks(found) | Kind::Moves(found) => found == needs,
+        Kind::AxisOf(_) => needs == Needs::System,
+        // `#3->100X`, `UNDEFINE`: what it addresses is not known.
+        Kind::Unknown => true,
+        _ => false,
+    })
+}
