@@ -10,6 +10,18 @@ pub(crate) struct Addressed {
     pub(crate) system: Option<u32>,
 }
 
+/// Of whom a line has to say itself whom it means, unless its client has said it since.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Doubt {
+    pub(crate) motor: bool,
+    pub(crate) system: bool,
+}
+
+impl Doubt {
+    /// Nothing is known of the client.
+    pub(crate) const ALL: Self = Self { motor: true, system: true };
+}
+
 /// The number behind the last `sign` in `text`, outside of quotes.
 fn last_address(text: &str, sign: char) -> Option<u32> {
     let plain = plain(text);
@@ -59,11 +71,12 @@ impl Addressed {
         motor.map_or(system.clone(), |number| format!("{system}#{number}"))
     }
 
-    /// Whether it is known whom `tokens` mean, as far as that is known of each of them.
-    pub(crate) fn suffices(self, tokens: &[Token]) -> bool {
+    /// Whether it is known whom `tokens` mean, where that is in `doubt`, as far as it is known of each of them what it needs.
+    pub(crate) fn suffices(self, tokens: &[Token], doubt: Doubt) -> bool {
         let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind != Kind::Unknown);
-        (self.motor.is_some() || !is_needed(Needs::Motor))
-            && (self.system.is_some() || !is_needed(Needs::System))
+        let is_open =
+            |in_doubt: bool, known: Option<u32>, needs| in_doubt && known.is_none() && is_needed(needs);
+        !is_open(doubt.motor, self.motor, Needs::Motor) && !is_open(doubt.system, self.system, Needs::System)
     }
 }
 

@@ -7,7 +7,7 @@ use pmac_dpram::format::Visible;
 use pmac_dpram::protocol::control;
 use pmac_dpram::protocol::password::without_password;
 
-use crate::addressed::Addressed;
+use crate::addressed::{Addressed, Doubt};
 use crate::board::{self, Board, Failure, Place};
 use crate::journal::MOTION;
 use crate::packet::{Packet, Request};
@@ -72,8 +72,8 @@ pub struct Session {
     pub(crate) pending: Pending,
     /// What this client addressed before may have been forgotten: a line has to say whom it addresses, until one has.
     pub(crate) says_whom: bool,
-    /// The same of what moves or stops something, behind a line with an address that the board has refused.
-    pub(crate) moves_say_whom: bool,
+    /// The same of what moves or stops something, behind a line that the board has refused, of what that line has addressed.
+    pub(crate) doubt: Doubt,
     has_moved: bool,
     /// The number of the next text of the board's programs that he gets.
     next_text: u64,
@@ -94,7 +94,7 @@ impl Session {
             port: Port::default(),
             pending: Pending::default(),
             says_whom: false,
-            moves_say_whom: false,
+            doubt: Doubt::default(),
             has_moved: false,
             next_text,
             write_error: [0; 4],

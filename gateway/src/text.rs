@@ -10,7 +10,7 @@ use pmac_dpram::protocol::line::plain;
 use pmac_dpram::protocol::moved_motors::{EndlessJogs, motors_moved};
 use pmac_dpram::protocol::tokens::{self, Kind, Needs, Token};
 
-use crate::addressed::{Addressed, uses_of};
+use crate::addressed::{Addressed, Doubt, uses_of};
 use crate::board::{self, Failure};
 use crate::reply::Handshake;
 use crate::session::{READ_ONLY, Session};
@@ -232,8 +232,12 @@ impl Session {
     /// A line whose commands are known.
     fn commands(&mut self, line: &str, tokens: &[Token]) -> Result<(), Failure> {
         let mut addressed = self.port.addressed;
-        let moves = || tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_)));
-        if (self.says_whom || self.moves_say_whom && moves()) && !addressed.suffices(tokens) {
+        let doubt = match tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) {
+            _ if self.says_whom => Doubt::ALL,
+            true => self.doubt,
+            false => Doubt::default(),
+        };
+        if !addressed.suffices(tokens, doubt) {
             let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
             return Err(Failure::unsent(board::UNKNOWN, why));
         }
@@ -274,11 +278,11 @@ impl Session {
         match failure {
             Failure::Unanswered(_) => {}
             Failure::Refused { is_sent: false, .. } => self.port.addressed = before,
-            Failure::Refused { .. } | Failure::Gone(_) if self.port.addressed != before => {
+            Failure::Refused { .. } | Failure::Gone(_) => {
+                self.doubt.motor |= self.port.addressed.motor != before.motor;
+                self.doubt.system |= self.port.addressed.system != before.system;
                 self.port.addressed = self.port.addressed.common(before);
-                self.moves_say_whom = true;
             }
-            Failure::Refused { .. } | Failure::Gone(_) => {}
         }
     }
 

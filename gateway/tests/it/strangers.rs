@@ -112,6 +112,19 @@ fn d2_behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
 }
 
 #[test]
+fn d2_a_refused_line_leaves_in_doubt_only_what_it_addressed() {
+    let site = Site::new(&[]);
+    let mut client = site.client();
+    assert!(client.line("P99999999 #3").starts_with("\x07ERR"));
+    assert_eq!(client.line("J/"), "\x07ERR003\r");
+    assert_eq!(client.line("A"), "\x06", "no line of his has addressed a coordinate system");
+    assert!(client.line("P99999999 &2").starts_with("\x07ERR"));
+    assert_eq!(client.line("A"), "\x07ERR003\r");
+    assert_eq!(client.line("#1J/"), "\x06");
+    assert_eq!(client.line("&1A"), "\x06");
+}
+
+#[test]
 fn d2_who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
     let site = Site::new(&[]);
     let one = site.udp();
