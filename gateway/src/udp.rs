@@ -3,10 +3,10 @@
 //! Each address is a client with a thread of its own, so that none waits for another's line. Who asks nothing for long loses it, and
 //! what he has open; whom he addressed and what his port is like is remembered.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -31,31 +31,60 @@ const LOOK: Duration = Duration::from_secs(1);
 /// How long receiving pauses when the system refuses it.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// The clients, and of those who have lost their thread what is remembered.
+/// The clients, each by a number that is never used again: the thread of one whose place was taken may still be at work when he is
+/// back, and has another place.
 struct Clients {
-    places: Places<SocketAddr, SyncSender<Packet>>,
-    remembered: Mutex<VecDeque<(SocketAddr, Port)>>,
+    places: Places<u64, SyncSender<Packet>>,
+    known: Mutex<Known>,
+}
+
+/// Who is where.
+#[derive(Debug, Default)]
+struct Known {
+    /// The number of each address's last thread, while that is at work.
+    numbers: BTreeMap<SocketAddr, u64>,
+    /// The number that was given out last.
+    last: u64,
+    /// Of clients without a thread.
+    remembered: VecDeque<(SocketAddr, Port)>,
+}
+
+impl Known {
+    /// A number for a client who may get a place.
+    fn number(&mut self) -> u64 {
+        self.last += 1;
+        self.last
+    }
+
+    /// The client at `peer` has a place by this `number`: what is remembered of him.
+    fn comes(&mut self, peer: SocketAddr, number: u64) -> Option<Port> {
+        self.numbers.insert(peer, number);
+        let at = self.remembered.iter().position(|(other, _)| *other == peer)?;
+        self.remembered.remove(at).map(|(_, port)| port)
+    }
+
+    /// The thread of client `number` has ended. What it knows is remembered, unless he is back, and has another.
+    fn leaves(&mut self, peer: SocketAddr, number: u64, port: Port) {
+        if self.numbers.get(&peer) != Some(&number) {
+            return;
+        }
+        self.numbers.remove(&peer);
+        if self.remembered.len() >= REMEMBERED_MAX {
+            self.remembered.pop_front();
+        }
+        self.remembered.push_back((peer, port));
+    }
 }
 
 impl Clients {
-    fn forget(&self, peer: SocketAddr, port: Port) {
-        let mut remembered = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
-        if remembered.len() >= REMEMBERED_MAX {
-            remembered.pop_front();
-        }
-        remembered.push_back((peer, port));
-    }
-
-    fn recall(&self, peer: SocketAddr) -> Option<Port> {
-        let mut remembered = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = remembered.iter().position(|(other, _)| *other == peer)?;
-        remembered.remove(at).map(|(_, port)| port)
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Serves whoever sends something, for ever.
 pub fn serve(socket: &Arc<UdpSocket>, rules: &Rules) {
-    let clients = Arc::new(Clients { places: Places::new(CLIENTS_MAX), remembered: Mutex::default() });
+    let clients = Arc::new(Clients { places: Places::new(CLIENTS_MAX), known: Mutex::default() });
     let mut bytes = [0; HEADER + DATA_MAX];
     loop {
         let (count, peer) = match socket.recv_from(&mut bytes) {
@@ -87,7 +116,9 @@ fn hand_over(
     packet: Packet,
     rules: &Rules,
 ) -> Result<(), String> {
-    let packet = match clients.places.with(&peer, |requests| requests.try_send(packet.clone())) {
+    let number = clients.known().numbers.get(&peer).copied();
+    let hand = |number| clients.places.with(&number, |requests| requests.try_send(packet.clone()));
+    let packet = match number.and_then(hand) {
         Some(Ok(())) => return Ok(()),
         Some(Err(TrySendError::Full(_))) => return Err(format!("{WAITING_MAX} wait already")),
         Some(Err(TrySendError::Disconnected(packet))) => packet,
@@ -95,24 +126,28 @@ fn hand_over(
     };
     let (sender, requests) = sync_channel(WAITING_MAX);
     let _ = sender.try_send(packet);
-    match clients.places.take(peer, sender, SILENT, Instant::now()) {
+    let number = clients.known().number();
+    match clients.places.take(number, sender, SILENT, Instant::now()) {
         // The thread of the other reads that nobody sends to it any more.
         Taken::Free | Taken::InsteadOf(..) => {}
         Taken::Full => return Err(format!("{CLIENTS_MAX} clients are served already")),
     }
-    let session = Session::again(format!("{peer} (UDP)"), rules.clone(), clients.recall(peer));
+    let port = clients.known().comes(peer, number);
+    let session = Session::again(format!("{peer} (UDP)"), rules.clone(), port);
     let (socket, own) = (Arc::clone(socket), Arc::clone(clients));
     let run = move || {
         let mut session = session;
-        if let Some(why) = attend(&own, &socket, peer, &requests, &mut session) {
+        let client = (peer, number);
+        if let Some(why) = attend(&own, &socket, client, &requests, &mut session) {
             info!("{peer} (UDP): without an answer: {}", Visible(why));
         }
-        own.forget(peer, session.into_port());
-        own.places.leave(&peer);
+        own.known().leaves(peer, number, session.into_port());
+        own.places.leave(&number);
     };
     let started = thread::Builder::new().name("udp".to_owned()).spawn(run);
     if started.is_err() {
-        clients.places.leave(&peer);
+        clients.known().numbers.remove(&peer);
+        clients.places.leave(&number);
     }
     started.map(drop).map_err(|error| error.to_string())
 }
@@ -121,7 +156,7 @@ fn hand_over(
 fn attend(
     clients: &Clients,
     socket: &UdpSocket,
-    peer: SocketAddr,
+    (peer, number): (SocketAddr, u64),
     requests: &Receiver<Packet>,
     session: &mut Session,
 ) -> Option<String> {
@@ -129,18 +164,43 @@ fn attend(
     loop {
         match requests.recv_timeout(session.renews_in().unwrap_or(LOOK)) {
             Ok(packet) => {
-                clients.places.asks(&peer, None, Instant::now());
+                clients.places.asks(&number, None, Instant::now());
                 match session.answer(&packet) {
                     // An answer may get lost; the client asks again.
                     Answer::Reply(reply) => drop(socket.send_to(&reply, peer)),
                     Answer::End(why) => return Some(why),
                 }
                 last = Instant::now();
-                clients.places.asks(&peer, session.gives_way().map(|_| SILENT), last);
+                clients.places.asks(&number, session.gives_way().map(|_| SILENT), last);
             }
             Err(RecvTimeoutError::Disconnected) => return None,
             Err(RecvTimeoutError::Timeout) if last.elapsed() >= KEPT => return None,
             Err(RecvTimeoutError::Timeout) => session.renew(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::addressed::Addressed;
+
+    #[test]
+    fn a_thread_whose_client_is_back_takes_neither_his_place_nor_his_memory() {
+        let peer = "127.0.0.1:4711".parse().unwrap();
+        let port =
+            |motor| Port { addressed: Addressed { motor: Some(motor), system: None }, ..Port::default() };
+        let mut known = Known::default();
+        let (first, second) = (known.number(), known.number());
+        assert!(known.comes(peer, first).is_none());
+        // His place was taken, and he is back before the first thread has ended.
+        assert!(known.comes(peer, second).is_none());
+        known.leaves(peer, first, port(3));
+        assert_eq!(known.numbers.get(&peer), Some(&second));
+        known.leaves(peer, second, port(5));
+        let third = known.number();
+        let remembered = known.comes(peer, third).unwrap();
+        assert_eq!(remembered.addressed.motor, Some(5), "what he said last");
+        assert!(known.remembered.is_empty());
     }
 }
