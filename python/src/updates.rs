@@ -8,7 +8,7 @@ use pmac_dpram::client::{Board as Client, ClientError, Follower, Staleness, Step
 use pmac_dpram::segment::Counter;
 use pyo3::prelude::*;
 
-use crate::board::SLICE;
+use crate::board::{SLICE, duration};
 use crate::data::Snapshot;
 use crate::errors::{of_client, stale};
 
@@ -27,6 +27,8 @@ struct Taking {
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Updates {
     taking: Mutex<Taking>,
+    /// Apart from the taking: who takes does not wait for who waits.
+    waiting: Mutex<Client>,
     timeout: Duration,
 }
 
@@ -57,10 +59,6 @@ impl Taking {
             Ok::<_, ClientError>(())
         })
     }
-
-    fn wait(&mut self, time: Duration) -> Result<bool, ClientError> {
-        Ok(self.take()? || self.client.wait(self.follower.next() - 1, time)? && self.take()?)
-    }
 }
 
 impl Updates {
@@ -70,8 +68,9 @@ impl Updates {
         let subscriber = client.subscriber();
         let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
         let (taken, lost, missed) = (VecDeque::new(), 0, 0);
+        let waiting = Client::attach(client.name().as_str()).map_err(of_client)?;
         let taking = Taking { client, follower, taken, lost, missed, missed_before, generation };
-        Ok(Self { taking: Mutex::new(taking), timeout })
+        Ok(Self { taking: Mutex::new(taking), waiting: Mutex::new(waiting), timeout })
     }
 
     fn taking(&self) -> MutexGuard<'_, Taking> {
@@ -81,13 +80,41 @@ impl Updates {
 
 #[pymethods]
 impl Updates {
-    /// The next update, if there is one already.
-    fn take(&self, py: Python<'_>) -> PyResult<Option<Snapshot>> {
+    /// The next update, if there is one already. Where there is none for one who has waited for `timeout` it raises `StaleData` or
+    /// `DaemonGone`.
+    #[pyo3(signature = (waited = 0.0))]
+    fn take(&self, py: Python<'_>, waited: f64) -> PyResult<Option<Snapshot>> {
+        let is_over = duration(waited)? >= self.timeout;
         let update = py.detach(|| {
             let mut taking = self.taking();
-            taking.take().map(|_| taking.taken.pop_front())
+            taking.take()?;
+            let update = taking.taken.pop_front();
+            let found = if update.is_none() && is_over { Some(taking.client.snapshot()?) } else { None };
+            Ok((update, found))
         });
-        update.map_err(of_client)
+        let (update, found) = update.map_err(of_client)?;
+        let Some(found) = found else { return Ok(update) };
+        let servo = found.servo.and_then(|servo| servo.stale);
+        let silent = Staleness::NoUpdates { age_ns: self.timeout.as_nanos() as u64 };
+        Err(stale(found.stale.or(servo).unwrap_or(silent)))
+    }
+
+    /// Sleeps until there is an update, for a moment at most. Takes nothing: nothing is lost with who does not wait any more.
+    #[pyo3(signature = (waited = 0.0))]
+    fn wait(&self, py: Python<'_>, waited: f64) -> PyResult<()> {
+        let left = self.timeout.saturating_sub(duration(waited)?);
+        let waited = py.detach(|| {
+            let after = {
+                let taking = self.taking();
+                if !taking.taken.is_empty() {
+                    return Ok(true);
+                }
+                taking.follower.next() - 1
+            };
+            let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+            waiting.wait(after, left.min(SLICE))
+        });
+        waited.map(drop).map_err(of_client)
     }
 
     /// The updates that have come already, at most `most`. Does not wait.
@@ -108,19 +135,12 @@ impl Updates {
 
     /// The next update. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.
     fn next(&self, py: Python<'_>) -> PyResult<Snapshot> {
-        let end = Instant::now() + self.timeout;
+        let began = Instant::now();
         loop {
-            if let Some(update) = self.take(py)? {
+            if let Some(update) = self.take(py, began.elapsed().as_secs_f64())? {
                 return Ok(update);
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                let found = py.detach(|| self.taking().client.snapshot()).map_err(of_client)?;
-                let servo = found.servo.and_then(|servo| servo.stale);
-                let silent = Staleness::NoUpdates { age_ns: self.timeout.as_nanos() as u64 };
-                return Err(stale(found.stale.or(servo).unwrap_or(silent)));
-            }
-            py.detach(|| self.taking().wait(left.min(SLICE))).map_err(of_client)?;
+            self.wait(py, began.elapsed().as_secs_f64())?;
             py.check_signals()?;
         }
     }

@@ -157,6 +157,51 @@ def test_updates_can_be_awaited_beside_other_work(site):
     assert numbers == list(range(numbers[0], numbers[0] + 200)) and ticks > 10
 
 
+def test_a_cancelled_wait_takes_no_update(site):
+    updates = site.connect().updates()
+
+    async def follow():
+        before, cancelled = await anext(updates), 0
+        while cancelled < 300:
+            try:
+                # Less than from one update to the next: most waits end before there is one.
+                async with asyncio.timeout(0.0002):
+                    update = await anext(updates)
+            except TimeoutError:
+                cancelled += 1
+                continue
+            lost = update.gap[1] if update.gap else 0
+            assert update.sequence == before.sequence + 1 + lost, f"after {cancelled} cancelled waits"
+            before = update
+
+    asyncio.run(follow())
+    # Another event loop does not wait for what the first has left.
+    asyncio.run(asyncio.wait_for(anext(updates), 60))
+
+
+def test_cancelled_waits_for_a_silent_board_hold_up_neither_each_other_nor_the_end(site):
+    updates = site.connect().updates(timeout=1.0)
+    site.simulator.send_signal(signal.SIGSTOP)
+
+    async def wait():
+        # What has come before is taken first.
+        with pytest.raises(TimeoutError):
+            while True:
+                await asyncio.wait_for(anext(updates), 0.1)
+        threads = threading.active_count()
+        for _ in range(50):
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(anext(updates), 0.005)
+        assert threading.active_count() <= threads + 1
+        with pytest.raises(pmac_dpram.StaleData):
+            await anext(updates)
+
+    try:
+        asyncio.run(wait())
+    finally:
+        site.simulator.send_signal(signal.SIGCONT)
+
+
 def test_history_is_what_is_still_there(site):
     board = site.connect()
     last = board.snapshot().sequence

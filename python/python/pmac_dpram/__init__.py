@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import time
 from collections.abc import AsyncIterator, Iterable, Iterator
 from pathlib import Path
 
@@ -53,6 +54,7 @@ class Updates:
 
     def __init__(self, native: _native.Updates) -> None:
         self._native = native
+        self._waiting: asyncio.Future[None] | None = None
 
     def __iter__(self) -> Iterator[Snapshot]:
         return self
@@ -64,10 +66,19 @@ class Updates:
         return self
 
     async def __anext__(self) -> Snapshot:
-        update = self._native.take()
-        if update is None:
-            update = await asyncio.get_running_loop().run_in_executor(None, self._native.next)
+        began = time.monotonic()
+        while (update := self._native.take(waited := time.monotonic() - began)) is None:
+            await self._wait(waited)
         return update
+
+    async def _wait(self, waited: float) -> None:
+        # Another thread waits, and takes nothing: this task may be cancelled meanwhile. The thread cannot be; who comes next joins
+        # it, so that there is never more than one.
+        loop = asyncio.get_running_loop()
+        waiting = self._waiting
+        if waiting is None or waiting.done() or waiting.get_loop() is not loop:
+            waiting = self._waiting = loop.run_in_executor(None, self._native.wait, waited)
+        await asyncio.shield(waiting)
 
     def take(self, most: int = 65536) -> list[Snapshot]:
         """The updates that have come already, at most ``most``. Does not wait, and does not mind a daemon that is gone."""
