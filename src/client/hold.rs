@@ -1,14 +1,18 @@
 //! A jog that lasts only as long as somebody holds it.
 //!
 //! The daemon requests the stop by itself when it has not heard from the holder for 200 ms, whatever the reason: killed,
-//! stopped, or the machine it ran on is too busy. So the jog never outlives this process.
+//! stopped, or the machine it ran on is too busy. So the jog never outlives this process. That holds of a jog by the control panel
+//! and of one by command line; the daemon also stops the second one as soon as the holder's connection is gone.
 
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::command::{CommandError, Connection};
+use super::command::{CommandError, Connection, SendAs};
+use crate::protocol::{CallError, deadlines};
 
+/// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
+const LEASE_MS: u64 = 200;
 /// How often the lease is renewed; three times before it is over.
 const RENEW: Duration = Duration::from_millis(60);
 
@@ -28,6 +32,49 @@ impl HeldJog {
     /// As [`Connection::panel`]. Whatever the board has taken then is stopped by the daemon.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
         connection.panel_hold(action, numbers)?;
+        Ok(Self::renewed(connection, numbers, Connection::panel_renew))
+    }
+
+    /// As [`Self::begin`], but by the command line `#1J-` or `#1J+`: for a daemon that does not use the control panel. The line
+    /// addresses the motor, and enters no program buffer. Nobody else is kept from the motor: a command of somebody else ends the
+    /// hold, and no stop follows then.
+    ///
+    /// # Errors
+    /// As [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
+    pub fn begin_by_line(
+        mut connection: Connection,
+        action: &str,
+        numbers: &[u8],
+    ) -> Result<Self, CommandError> {
+        let command = match action {
+            "jog-" => "J-",
+            "jog+" => "J+",
+            _ => return Err(CallError::invalid("action", "jog- or jog+").into()),
+        };
+        let line: String = numbers.iter().map(|number| format!("#{number}{command}")).collect();
+        let send_as = SendAs {
+            into_buffer: Some(false),
+            while_connected: Some(true),
+            silence_ms: Some(LEASE_MS),
+            ..SendAs::default()
+        };
+        connection.send_as(&line, deadlines::PLAIN, send_as)?;
+        Ok(Self::renewed(connection, numbers, |connection| {
+            if connection.jog_renew()? {
+                return Ok(());
+            }
+            let reason =
+                "the jog is over: the motor stands, or has been given another command; no stop was sent";
+            Err(CallError::Refused { reason: reason.to_owned() }.into())
+        }))
+    }
+
+    /// One that has begun, and is renewed by `renew`.
+    fn renewed(
+        mut connection: Connection,
+        numbers: &[u8],
+        renew: fn(&mut Connection) -> Result<(), CommandError>,
+    ) -> Self {
         let (tell, told) = sync_channel::<()>(0);
         let renewing = std::thread::spawn(move || {
             loop {
@@ -35,12 +82,12 @@ impl HeldJog {
                     Err(RecvTimeoutError::Timeout) => {}
                     Ok(()) | Err(RecvTimeoutError::Disconnected) => return (connection, None),
                 }
-                if let Err(error) = connection.panel_renew() {
+                if let Err(error) = renew(&mut connection) {
                     return (connection, Some(error));
                 }
             }
         });
-        Ok(Self { numbers: numbers.to_vec(), tell: Some(tell), renewing: Some(renewing) })
+        Self { numbers: numbers.to_vec(), tell: Some(tell), renewing: Some(renewing) }
     }
 
     /// Whether it is still renewed; false when the daemon has ended it or cannot be reached.
@@ -62,7 +109,7 @@ impl HeldJog {
         drop(self.tell.take());
         let ended = self.renewing.take().and_then(|renewing| renewing.join().ok());
         let Some((mut connection, before)) = ended else {
-            return Err(crate::protocol::CallError::Protocol("the hold is over".to_owned()).into());
+            return Err(CallError::Protocol("the hold is over".to_owned()).into());
         };
         // Where the daemon has ended the hold it has also seen to the stop: another one could close the loop of a killed motor.
         if let Some(error) = before {
