@@ -6,6 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, OwnBuffer, Staleness};
+use pmac_dpram::protocol::Function;
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
 use pmac_dpram::segment::{SegmentName, UserUnit};
@@ -263,7 +264,8 @@ impl Board {
         stream(py, owner, board, name, text, &wish)
     }
 
-    /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs.
+    /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs. By the control panel, or by
+    /// command line where the daemon does not use that.
     fn jog(&self, py: Python<'_>, motor: u8, direction: &str) -> PyResult<Jog> {
         let action = match direction {
             "+" => "jog+",
@@ -288,14 +290,20 @@ pub struct Jog {
     held: Mutex<Option<HeldJog>>,
 }
 
+/// Begins the jog in the way that the daemon has.
+fn hold(mut connection: Connection, action: &str, motor: u8) -> Result<HeldJog, CommandError> {
+    let has_panel = connection.settings()?.functions.has(Function::Panel);
+    let begin = if has_panel { HeldJog::begin } else { HeldJog::begin_by_line };
+    begin(connection, action, &[motor])
+}
+
 #[pymethods]
 impl Jog {
     fn __enter__<'py>(jog: Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, Self>> {
         let this = jog.get();
         let connection = this.connection.lock().unwrap_or_else(PoisonError::into_inner).take();
         let connection = connection.ok_or_else(|| refused("this jog is over; ask for another one"))?;
-        let held =
-            py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
+        let held = py.detach(|| hold(connection, this.action, this.motor)).map_err(of_command)?;
         *this.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(held);
         Ok(jog)
     }

@@ -3,6 +3,8 @@
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -292,6 +294,84 @@ def test_a_jog_lasts_as_long_as_its_block(site):
     site.until(lambda: abs(board.snapshot().motor[1].velocity) < 1, "the motor to stand")
     with pytest.raises(pmac_dpram.PmacError, match="no direction"):
         board.jog(1, "up")
+
+
+WITHOUT_PANEL = [
+    {"simulator": ("--family", "turbo2"), "configuration": 'family = "turbo2"\n'},
+    {"configuration": 'functions = ["servo", "background", "ascii"]\n'},
+]
+
+# Jogs, says so, and goes on until it is killed.
+JOGS = """
+import sys, time, pmac_dpram
+with pmac_dpram.connect(*sys.argv[1:]).jog(2, "-"):
+    print("jogs", flush=True)
+    time.sleep(600)
+"""
+
+
+def motor_of(board, number):
+    return board.snapshot(stale_ok=True).motor[number]
+
+
+def stands(board, number):
+    # A Turbo board reports no velocity.
+    return motor_of(board, number).status.desired_velocity_zero
+
+
+def has_passed(board, number, position):
+    return (motor_of(board, number).position - position) * (1 if position > 0 else -1) > 0
+
+
+@pytest.mark.parametrize("settings", WITHOUT_PANEL, ids=["turbo", "switched-off"])
+def test_without_a_panel_a_jog_is_held_by_command_line(new_site, settings):
+    site = new_site(**settings)
+    board = site.connect()
+    board.command("#1J/#2J/")
+    with board.jog(1, "+") as jog:
+        site.until(lambda: has_passed(board, 1, 50), "the motor to move")
+        time.sleep(0.5)
+        assert jog.is_held and not stands(board, 1), "it is renewed"
+    site.until(lambda: stands(board, 1), "the motor to stand")
+    assert not jog.is_held
+    with board.jog(1, "-"):
+        site.until(lambda: has_passed(board, 1, -50), "the motor to move the other way")
+        for line in ("OPEN PROG 1 CLEAR", "X1"):
+            board.command(line)
+    site.until(lambda: stands(board, 1), "the motor to stand, whatever buffer is open")
+    with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 1 open"), board.jog(1, "+"):
+        raise AssertionError("it began in an open program buffer")
+    board.command("CLOSE")
+    assert board.command("LIST PROG 1") == ["X1"], "neither jog nor stop has become a line of the program"
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_jog_by_command_line_ends_with_its_process(new_site, end):
+    site = new_site(**WITHOUT_PANEL[0])
+    board = site.connect()
+    board.command("#2J/")
+    child = subprocess.Popen([sys.executable, "-c", JOGS, site.name, site.socket], stdout=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout.readline() == "jogs\n"
+        site.until(lambda: has_passed(board, 2, -50), "the motor to move")
+        child.send_signal(end)
+        site.until(lambda: stands(board, 2), "the motor to stand", patience=10)
+    finally:
+        child.kill()
+        child.wait()
+        child.stdout.close()
+
+
+def test_a_jog_by_command_line_that_somebody_else_ends_sends_no_stop(new_site):
+    site = new_site(**WITHOUT_PANEL[0])
+    board = site.connect()
+    board.command("#1J/")
+    with pytest.raises(pmac_dpram.PmacError, match="no stop was sent"):
+        with board.jog(1, "+") as jog:
+            site.until(lambda: has_passed(board, 1, 50), "the motor to move")
+            board.command("#1K")
+            site.until(lambda: not jog.is_held, "the end of the hold")
+    assert motor_of(board, 1).status.open_loop
 
 
 def test_at_9_khz_none_is_lost(new_site):

@@ -170,9 +170,11 @@ def test_without_a_board_it_says_why(site):
 def test_a_turbo_board_has_no_pins_for_what_it_does_not_report(turbo_site):
     own = {f"motor.{motor}.{pin}" for motor in (1, 2) for pin in ("position", "ferror", "jog", "jogging", "abort")}
     assert turbo_site.pins() == own | {"live", "heartbeat"}
+    turbo_site.connect().command("#1J/")
     turbo_site.set("motor.1.jog", 1)
-    turbo_site.until(lambda: "motor 1: no jog: " in turbo_site.log(), "the refusal")
-    assert turbo_site.get("motor.1.jogging") == "FALSE" and turbo_site.stands(1)
+    turbo_site.until(lambda: turbo_site.get("motor.1.jogging") == "TRUE" and not turbo_site.stands(1), "the jog")
+    turbo_site.set("motor.1.jog", 0)
+    turbo_site.until(lambda: turbo_site.get("motor.1.jogging") == "FALSE" and turbo_site.stands(1), "the stop")
     run_programs(turbo_site, {1: 2})
     turbo_site.set("motor.2.abort", 1)
     turbo_site.until(lambda: not runs(turbo_site, 1), "the end of the program", 10)
