@@ -84,6 +84,8 @@ class Motor:
         builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **put)
         # Moves that were asked for before a stop are not begun after it.
         self._stops = 0
+        # A stop waits for its turn.
+        self._stop_waits = False
         # Reports of before that time (monotonic) do not tell that the latest move is done.
         self._done_from = 0.0
         self._done_lock = threading.Lock()
@@ -176,9 +178,18 @@ class Motor:
 
     async def _stop(self, _):
         self._stops += 1
+        if self._stop_waits:
+            # It is sent after this one was asked for, too. So a stop of another motor waits for one of each motor, not for a crowd.
+            return
+
+        def halt():
+            self._stop_waits = False
+            self._halt()
+
+        self._stop_waits = True
         self._message.clear()
         try:
-            await self._acting.run("stops", self._halt)
+            await self._acting.run("stops", halt)
         except pmac_dpram.PmacError as error:
             self._message.tell(f"STOP: {error}")
 

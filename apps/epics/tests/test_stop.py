@@ -1,6 +1,7 @@
 """Stops: one that comes while a move is on its way to the board, and those of motors in open loop."""
 
 import asyncio
+import concurrent.futures
 import time
 import types
 
@@ -20,7 +21,7 @@ class Pmacd:
 
     def snapshot(self, **_):
         motor = types.SimpleNamespace(status=types.SimpleNamespace(open_loop=self._open_loop))
-        return types.SimpleNamespace(motor={1: motor}, time_ns=time.monotonic_ns() - self._age_ns)
+        return types.SimpleNamespace(motor={1: motor, 2: motor}, time_ns=time.monotonic_ns() - self._age_ns)
 
     def jog_to(self, motor, position):
         self._on_jog()
@@ -54,3 +55,28 @@ def test_a_stop_leaves_a_motor_alone_that_is_known_to_be_in_open_loop(name, age_
     motor = Motor(name, 1, "motor 1", "counts", 1.0, acting, True)
     asyncio.run(motor._stop(1))
     assert lines == sent
+
+
+def test_a_stop_waits_for_no_crowd_of_stops_of_another_motor():
+    lines = []
+
+    class Slow(Pmacd):
+        def command(self, line):
+            time.sleep(0.02)
+            super().command(line)
+
+    async def stop():
+        before = len(lines)
+        await motor._stop(1)
+        # One is under way, one waits.
+        assert lines.index("#1J/") <= before + 2
+
+    async def crowd():
+        await asyncio.gather(*(other._stop(1) for _ in range(3000)), stop())
+        await other._stop(1)
+
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        acting = Acting(lambda: Slow(lines, None), {"moves": None, "stops": pool})
+        other, motor = (Motor("CROWD:", number, f"motor {number}", "counts", 1.0, acting, True) for number in (2, 1))
+        asyncio.run(crowd())
+    assert lines[-1] == "#2J/", "a later one is sent again"
