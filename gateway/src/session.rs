@@ -255,8 +255,7 @@ impl Session {
 
     /// Sends a control character, and returns its reply; nothing for most of them.
     pub(crate) fn control(&mut self, character: u8) -> Result<Vec<String>, Failure> {
-        const CANCEL: u8 = 0x18;
-        if character == CANCEL {
+        if character == control::CANCEL {
             self.flush();
             return Ok(Vec::new());
         }
