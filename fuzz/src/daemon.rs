@@ -42,8 +42,9 @@ const FAMILIES: [&Family; 2] = [&PMAC, &TURBO2_8K];
 const BEGIN_NS: u64 = 1_000_000_000_000;
 /// Most steps of one input.
 const STEPS: usize = 300;
-/// Most accesses of one piece of work: copies of the servo data that were torn again and again.
-const ONE_GO: u32 = 1200;
+/// How often servo data that were torn are copied in one piece of work, and most accesses of one besides.
+const COPIES: usize = 3;
+const BESIDES: u32 = 500;
 /// Passes that must be enough to answer everything once the board does nothing more and time goes on.
 const LAST_PASSES: usize = 400;
 
@@ -156,7 +157,7 @@ impl Bench<'_> {
             10 => self.hear(),
             11 => {
                 self.turn(how, tape);
-                self.bounded(ONE_GO);
+                self.bounded(one_go(self.family));
             }
             _ => self.pass(how),
         }
@@ -227,7 +228,7 @@ impl Bench<'_> {
         if let Some(event) = answer {
             self.take(event);
         }
-        self.bounded(ONE_GO);
+        self.bounded(one_go(self.family));
     }
 
     /// A job as the command socket lets one through.
@@ -321,7 +322,7 @@ impl Bench<'_> {
         if let Some(event) = told {
             self.take(event);
         }
-        self.bounded(ONE_GO);
+        self.bounded(one_go(self.family));
     }
 
     fn in_context<T>(&mut self, act: impl FnOnce(&mut FunctionTable, &mut Context<'_, RamBus>) -> T) -> T {
@@ -379,6 +380,11 @@ impl Bench<'_> {
             self.asked.iter().filter(|(_, times)| **times == 0).map(|(number, _)| number).collect();
         assert!(open.is_empty(), "never answered: {open:?}");
     }
+}
+
+/// Most accesses of one piece of work with a board of `family`.
+fn one_go(family: &Family) -> u32 {
+    (COPIES * family.servo.words()) as u32 + BESIDES
 }
 
 /// Whether the host may write to the word at `offset` of a board of `family`.
