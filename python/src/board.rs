@@ -12,6 +12,7 @@ use pmac_dpram::protocol::control::parse;
 use pmac_dpram::segment::{SegmentName, UserUnit};
 use pyo3::prelude::*;
 
+use crate::columns::Columns;
 use crate::data::Snapshot;
 use crate::errors::{of_client, of_command, refused, stale};
 use crate::gather::{Gathered, gather};
@@ -169,6 +170,22 @@ impl Board {
         let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
         let samples = history.samples.into_iter().map(|update| Snapshot::of_update(update, None));
         Ok((samples.collect(), history.lost))
+    }
+
+    /// As [`Self::history`], as columns.
+    #[pyo3(signature = (columns, since = 1, most = 65536))]
+    fn history_columns(
+        &self,
+        py: Python<'_>,
+        columns: Vec<String>,
+        since: u64,
+        most: usize,
+    ) -> PyResult<Columns> {
+        let mut taken = Columns::new(columns)?;
+        let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
+        taken.lose(history.lost);
+        history.samples.iter().for_each(|update| taken.push(update));
+        Ok(taken)
     }
 
     /// The name of each motor that `pmacd`'s configuration gives one.

@@ -50,6 +50,11 @@ impl Snapshot {
         Self(Arc::new(Moment { servo, background: None, gap }))
     }
 
+    /// The servo report, and how many updates are lost before it.
+    pub fn servo(&self) -> (&View<ServoData>, u64) {
+        (&self.0.servo, self.0.gap.map_or(0, |gap| gap.lost))
+    }
+
     /// Why the servo data are not live.
     pub fn servo_staleness(&self) -> Option<pmac_dpram::client::Staleness> {
         self.0.servo.stale

@@ -1,6 +1,7 @@
 //! `pmac_dpram._native`: the Rust client for Python. What users see is `python/pmac_dpram`.
 
 mod board;
+mod columns;
 mod data;
 mod errors;
 mod gather;
@@ -15,6 +16,8 @@ use pyo3::prelude::*;
 mod _native {
     #[pymodule_export]
     use crate::board::{Board, Jog};
+    #[pymodule_export]
+    use crate::columns::Columns;
     #[pymodule_export]
     use crate::data::{Motor, Motors, Snapshot, Status, System, Systems};
     #[pymodule_export]

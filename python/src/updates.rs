@@ -9,6 +9,7 @@ use pmac_dpram::segment::Counter;
 use pyo3::prelude::*;
 
 use crate::board::{SLICE, duration};
+use crate::columns::Columns;
 use crate::data::Snapshot;
 use crate::errors::{of_client, stale};
 
@@ -58,6 +59,17 @@ impl Taking {
             }
             Ok::<_, ClientError>(())
         })
+    }
+
+    /// Hands what has come to `push`, at most `most`.
+    fn take_most(&mut self, most: usize, mut push: impl FnMut(Snapshot)) -> Result<(), ClientError> {
+        let mut left = most;
+        while left > 0 && self.take()? {
+            let count = left.min(self.taken.len());
+            self.taken.drain(..count).for_each(&mut push);
+            left -= count;
+        }
+        Ok(())
     }
 }
 
@@ -120,17 +132,22 @@ impl Updates {
     /// The updates that have come already, at most `most`. Does not wait.
     #[pyo3(signature = (most = 65536))]
     fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
-        let taken = py.detach(|| {
-            let mut taking = self.taking();
-            let mut taken = Vec::new();
-            while taken.len() < most && taking.take()? {
-                let left = most - taken.len();
-                let count = left.min(taking.taken.len());
-                taken.extend(taking.taken.drain(..count));
-            }
-            Ok(taken)
-        });
-        taken.map_err(of_client)
+        let mut taken = Vec::new();
+        py.detach(|| self.taking().take_most(most, |update| taken.push(update))).map_err(of_client)?;
+        Ok(taken)
+    }
+
+    /// As [`Self::take_all`], as columns.
+    #[pyo3(signature = (columns, most = 65536))]
+    fn take_columns(&self, py: Python<'_>, columns: Vec<String>, most: usize) -> PyResult<Columns> {
+        let mut taken = Columns::new(columns)?;
+        let push = |update: Snapshot| {
+            let (servo, lost) = update.servo();
+            taken.lose(lost);
+            taken.push(servo);
+        };
+        py.detach(|| self.taking().take_most(most, push)).map_err(of_client)?;
+        Ok(taken)
     }
 
     /// The next update. After `timeout` without one it raises `StaleData` or `DaemonGone`; the next call waits again.

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 
+import numpy
 import pmac_dpram
 import pytest
 
@@ -210,6 +211,40 @@ def test_history_is_what_is_still_there(site):
     samples, lost = board.history(last - 99, 100)
     assert [sample.sequence for sample in samples] == list(range(last - 99, last + 1)) and lost == 0
     assert samples[0].servo_timer < samples[-1].servo_timer
+
+
+COLUMNS = ["sequence", "realtime_ns", "servo_timer", "1.position", "2.following_error", "9.position"]
+
+
+def test_columns_are_what_the_objects_are(site):
+    board = site.connect()
+    board.command("#1J=2000")
+    since = board.snapshot().sequence - 500
+    (samples, _), found = board.history(since, 400), board.history_columns(COLUMNS, since, 400)
+    table = numpy.frombuffer(found.data, found.dtype)
+    assert len(table) == len(found) == 400 and found.lost == 0
+    assert table.dtype.names == tuple(COLUMNS) and table["realtime_ns"].dtype == numpy.int64
+    for row, sample in zip(table, samples, strict=True):
+        assert (row["sequence"], row["realtime_ns"]) == (sample.sequence, sample.realtime_ns)
+        assert (row["servo_timer"], row["1.position"]) == (sample.servo_timer, sample.motor[1].position)
+        assert row["2.following_error"] == sample.motor[2].following_error and numpy.isnan(row["9.position"])
+    for wrong in ("nonsense", "1.nonsense", "0.position", "x.position", "1"):
+        with pytest.raises(pmac_dpram.PmacError, match="no column.*1.position"):
+            board.history_columns([wrong])
+
+
+def test_columns_are_taken_once_and_count_what_is_lost(site):
+    updates = site.connect().updates()
+    last = next(updates).sequence
+    for pause, most in ((0.1, 50), (0.1, 65536), (2.5, 65536)):
+        time.sleep(pause)
+        found = updates.take_columns(["sequence"], most)
+        numbers = numpy.frombuffer(found.data, found.dtype)["sequence"]
+        assert 0 < len(found) <= most and numpy.all(numpy.diff(numbers, prepend=last) >= 1)
+        assert numbers[-1] - last == len(found) + found.lost
+        last = numbers[-1]
+    assert found.lost > 0, "the segment holds 1.8 s"
+    assert last + 1 == next(updates).sequence
 
 
 def test_who_waits_holds_nobody_up(site):

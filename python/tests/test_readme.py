@@ -20,6 +20,8 @@ def test_the_examples_of_the_page_run(site, monkeypatch, capsys, example):
         assert printed.startswith("1 0.0 ") and printed.endswith("['32', '1']\n")
     elif "gather" in example:
         assert printed.endswith(" 0 ['servo_timer [servo cycles]', '1.actual_position [count]']\n"), printed
+    elif "history" in example:
+        assert printed.endswith(" 0 [0. 0. 0.]\n"), printed
     elif "updates" in example:
         assert printed.splitlines()[-1].startswith("0 ")
     else:
@@ -27,4 +29,4 @@ def test_the_examples_of_the_page_run(site, monkeypatch, capsys, example):
 
 
 def test_there_are_examples():
-    assert len(EXAMPLES) == 4
+    assert len(EXAMPLES) == 5

@@ -18,15 +18,16 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from . import _native
-from ._native import Gathered, Identity, Jog, Motor, Motors, Snapshot, Status, Streamed, System, Systems
+from ._native import Columns, Gathered, Identity, Jog, Motor, Motors, Snapshot, Status, Streamed, System, Systems
 from .errors import DaemonGone, PmacError, StaleData
 
 __all__ = [
     "Board",
+    "Columns",
     "DaemonGone",
     "Gathered",
     "Identity",
@@ -83,6 +84,15 @@ class Updates:
     def take(self, most: int = 65536) -> list[Snapshot]:
         """The updates that have come already, at most ``most``. Does not wait, and does not mind a daemon that is gone."""
         return self._native.take_all(most)
+
+    def take_columns(self, columns: Sequence[str], most: int = 65536) -> Columns:
+        """As :meth:`take`, for ``numpy.frombuffer(found.data, found.dtype)``: no object is made of an update.
+
+        ``columns`` are named as the attributes: ``sequence``, ``time_ns``, ``realtime_ns``, ``servo_timer``; ``1.position``,
+        ``1.commanded_position``, ``1.following_error``, ``1.velocity``, ``1.master_position``. What would be None is NaN, and so
+        is a motor that is not reported.
+        """
+        return self._native.take_columns(columns, most)
 
     @property
     def lost(self) -> int:
