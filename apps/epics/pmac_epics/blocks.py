@@ -7,7 +7,7 @@ last, so that a table whose ``first`` is not ``block`` was read between two bloc
 import numpy
 from softioc import alarm, builder
 
-from .records import Shown, motor_of
+from .records import Shown
 
 # Reports of one block. More than seven seconds at 2.26 kHz: what a busy machine delays comes in one longer block.
 MOST = 16384
@@ -31,7 +31,13 @@ class Blocks:
         self._lost = self._scalar(f"{prefix}LOST", "lost")
         self._missed = self._scalar(f"{prefix}MISSED", "missed")
         self._block = self._scalar(f"{prefix}BLOCK", "block", trigger="*")
-        self._number, self._reports = 0, []
+        kinds = ("position", "following_error")
+        self._names = [
+            *("sequence", "servo_timer", "realtime_ns"),
+            *(f"{number}.{kind}" for kind in kinds for number in motors),
+        ]
+        # What has been taken and is not posted yet, and what was lost by then.
+        self._number, self._reports, self._losses = 0, [], 0
 
     def _member(self, record, field, trigger=""):
         member = {"+type": "plain", "+channel": "VAL", "+putorder": self._order, "+trigger": trigger}
@@ -60,29 +66,30 @@ class Blocks:
     def post(self):
         """Posts the reports that have come since the last block, unless that one is not out yet."""
         # Taken in any case: here is room for more than in the segment.
-        self._reports += self._updates.take(MOST - len(self._reports))
+        taken = self._updates.take_columns(self._names, MOST - sum(map(len, self._reports)))
+        self._losses += taken.lost
+        if len(taken) > 0:
+            self._reports.append(numpy.frombuffer(taken.data, taken.dtype))
         if not self._reports or self._block.get_field("VAL") != str(self._number):
             return
-        reports, self._reports = self._reports, []
-        seconds = reports[-1].realtime_ns / 1e9
-        good = {"timestamp": seconds}
+        reports, self._reports = numpy.concatenate(self._reports), []
+        seconds = reports["realtime_ns"] / 1e9
+        good = {"timestamp": seconds[-1]}
         self._number += 1
         self._first.set(self._number, **good)
-        self._update.set([float(report.sequence) for report in reports], **good)
-        self._timer.set([float(report.servo_timer) for report in reports], **good)
-        self._time.set([report.realtime_ns / 1e9 for report in reports], **good)
+        self._update.set(reports["sequence"], **good)
+        self._timer.set(reports["servo_timer"], **good)
+        self._time.set(seconds, **good)
         for number, (_, scale) in self._motors.items():
-            motors = [motor_of(report, number) for report in reports]
-            self._post(self._positions[number], [motor and motor.position for motor in motors], scale, good)
-            self._post(self._errors[number], [motor and motor.following_error for motor in motors], scale, good)
-        self._lost.set(self._updates.lost, **good)
+            self._post(self._positions[number], reports[f"{number}.position"] / scale, good)
+            self._post(self._errors[number], reports[f"{number}.following_error"] / scale, good)
+        self._lost.set(self._losses, **good)
         self._missed.set(self._updates.missed, **good)
         # Last: this is what sends the table.
         self._block.set(self._number, **good)
 
     @staticmethod
-    def _post(record, counts, scale, good):
-        values = numpy.array([numpy.nan if value is None else value for value in counts]) / scale
+    def _post(record, values, good):
         if numpy.isnan(values).any():
             record.set(values, severity=alarm.INVALID_ALARM, alarm=alarm.UDF_ALARM, **good)
         else:
