@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::command::{CommandError, Connection};
 use pmac_dpram::daemon::shared::info::Info;
+use pmac_dpram::daemon::shared::queue::at_once;
 use pmac_dpram::daemon::shared::status::BoardStatus;
 use pmac_dpram::map::{HostOffset, PMAC};
 use pmac_dpram::protocol::{
@@ -18,7 +19,7 @@ use varlink::OrgVarlinkServiceInterface;
 use varlink_parser::{IDL, VStruct, VStructOrEnum, VType, VTypeExt};
 
 use crate::support::PATIENCE;
-use crate::support::bench::{Bench, no_socket};
+use crate::support::bench::{Bench, RELEASE, no_socket};
 use crate::support::raw::{Raw, call, error_name};
 
 fn connect(bench: &Bench) -> Connection {
@@ -165,29 +166,24 @@ fn an_invalid_line_never_reaches_the_bus_thread() {
 
 #[test]
 fn a_silent_bus_thread_ends_in_a_time_out() {
-    let bench = Bench::new();
-    let mut board = connect(&bench);
-    assert_eq!(
-        refused(board.send("SILENT", Duration::from_millis(50))),
-        CallError::TimedOut { lines: Vec::new() }
-    );
     // What came of a reply without its end is told, though nothing woke anybody.
-    assert_eq!(
-        refused(board.send("HALF", Duration::from_millis(50))),
-        CallError::TimedOut { lines: vec!["half".to_owned()] }
-    );
-    assert_eq!(board.send("still there", PATIENCE).unwrap(), ["still there"]);
+    for (line, lines) in [("SILENT", vec![]), ("HALF", vec!["half".to_owned()])] {
+        let bench = Bench::new();
+        let mut board = connect(&bench);
+        assert_eq!(refused(board.send(line, Duration::from_millis(50))), CallError::TimedOut { lines });
+        assert_eq!(board.send("still there", PATIENCE).unwrap(), ["still there"]);
+    }
 }
 
 #[test]
 fn interleaved_clients_get_their_own_replies() {
     let bench = Bench::new();
-    let mut clients: Vec<_> = (0..6).map(|_| Raw::new(&bench)).collect();
+    let mut clients = [(); at_once::LINES].map(|()| Raw::new(&bench));
     for (number, client) in clients.iter_mut().enumerate() {
         client.call("Send", json!({"line": format!("HOLD{number}")}));
         bench.wait_seen(&format!("HOLD{number}"));
     }
-    connect(&bench).send("RELEASE", PATIENCE).unwrap();
+    connect(&bench).control(RELEASE).unwrap();
     for (number, client) in clients.iter_mut().enumerate() {
         let reply = client.receive().unwrap();
         assert_eq!(reply, json!({"parameters": {"lines": ["first of two", format!("HOLD{number}")]}}));
@@ -360,8 +356,7 @@ fn a_client_that_fetches_nothing_is_dropped() {
 #[test]
 fn a_client_that_leaves_in_mid_command_disturbs_nobody() {
     let bench = Bench::new();
-    // The bus thread gets no more than eight lines at a time.
-    for number in 0..7 {
+    for number in 0..at_once::LINES {
         let mut leaving = Raw::new(&bench);
         leaving.call("Send", json!({"line": format!("HOLD{number}")}));
         leaving.call("Send", json!({"line": "never begun"}));
@@ -369,7 +364,7 @@ fn a_client_that_leaves_in_mid_command_disturbs_nobody() {
         drop(leaving);
     }
     let mut board = connect(&bench);
-    assert!(board.send("RELEASE", PATIENCE).unwrap().is_empty());
+    assert!(board.control(RELEASE).unwrap().is_empty());
     assert_eq!(board.send("mine", PATIENCE).unwrap(), ["mine"]);
     assert!(!bench.seen.lock().unwrap().iter().any(|line| line == "never begun"));
 }

@@ -150,12 +150,15 @@ pub fn no_socket() -> &'static Path {
     Path::new("/nonexistent/pmac0.sock")
 }
 
+/// The control character that has the lines called `HOLD` answered.
+pub const RELEASE: u8 = 7;
+
 struct FakeBus {
     commands: Receive<Command>,
     events: Sender<Event>,
     seen: Arc<Mutex<Vec<String>>>,
     stop: Arc<AtomicBool>,
-    /// Lines to answer when `RELEASE` comes, the last one first.
+    /// Lines to answer when [`RELEASE`] comes, the last one first.
     held: Vec<(Ticket, String)>,
     servo_counter: u32,
 }
@@ -238,13 +241,6 @@ impl FakeBus {
                         }
                         self.done(ticket, Outcome::Done);
                     }
-                    "RELEASE" => {
-                        for (ticket, line) in std::mem::take(&mut self.held).into_iter().rev() {
-                            self.line(ticket, &line);
-                            self.done(ticket, Outcome::Done);
-                        }
-                        self.done(ticket, Outcome::Done);
-                    }
                     held if held.starts_with("HOLD") => {
                         self.line(ticket, "first of two");
                         self.held.push((ticket, line));
@@ -260,6 +256,12 @@ impl FakeBus {
             Command::Control { ticket, character, .. } => {
                 let name = pmac_dpram::protocol::control::name(character);
                 self.seen.lock().unwrap().push(name);
+                if character == RELEASE {
+                    for (ticket, line) in std::mem::take(&mut self.held).into_iter().rev() {
+                        self.line(ticket, &line);
+                        self.done(ticket, Outcome::Done);
+                    }
+                }
                 self.done(ticket, Outcome::Done);
             }
             Command::ReadWords { ticket, first, count } => {
