@@ -192,7 +192,8 @@ fn b1_2_what_somebody_else_sets_during_a_move_stays() {
     let site = site();
     let before = site.ask(SET);
     let child = moving(&site);
-    // Not 5, which is the tune's own: its line that puts I122 back may still be under way.
+    // By then pmacd has asked what I122 is that the tune itself has put back.
+    site.wait_until("the motor to move", || site.ask("#1P")[0].parse::<f64>().unwrap() > 10.0);
     site.ask("I111=1600 I119=0.5 I122=7");
     let ran = end(&site, child);
     assert_eq!(ran.code, Some(1), "{ran:?}");
