@@ -84,8 +84,8 @@ class Motor:
         builder.Action(f"{at}STOP", on_update=self._stop, DESC=name, **put)
         # Moves that were asked for before a stop are not begun after it.
         self._stops = 0
-        # A stop waits for its turn.
-        self._stop_waits = False
+        # The stop that waits for its turn.
+        self._next_stop = None
         # Reports of before that time (monotonic) do not tell that the latest move is done.
         self._done_from = 0.0
         self._done_lock = threading.Lock()
@@ -178,18 +178,20 @@ class Motor:
 
     async def _stop(self, _):
         self._stops += 1
-        if self._stop_waits:
-            # It is sent after this one was asked for, too. So a stop of another motor waits for one of each motor, not for a crowd.
-            return
 
         def halt():
-            self._stop_waits = False
+            # Who asks from now on gets a stop of his own.
+            self._next_stop = None
             self._halt()
 
-        self._stop_waits = True
-        self._message.clear()
+        # One that waits for its turn is sent after this one was asked for, too. So a stop of another motor waits for one of each
+        # motor, not for a crowd.
+        stop = self._next_stop
+        if stop is None or stop.done():
+            self._message.clear()
+            stop = self._next_stop = asyncio.ensure_future(self._acting.run("stops", halt))
         try:
-            await self._acting.run("stops", halt)
+            await asyncio.shield(stop)
         except pmac_dpram.PmacError as error:
             self._message.tell(f"STOP: {error}")
 

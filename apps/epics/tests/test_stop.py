@@ -68,11 +68,15 @@ def test_a_stop_waits_for_no_crowd_of_stops_of_another_motor():
     async def stop():
         before = len(lines)
         await motor._stop(1)
-        # One is under way, one waits.
+        # It is over when it was sent. One was under way, one waited.
         assert lines.index("#1J/") <= before + 2
 
+    async def asked_again():
+        await other._stop(1)
+        assert "#2J/" in lines, "a stop that joins another is over when that was sent"
+
     async def crowd():
-        await asyncio.gather(*(other._stop(1) for _ in range(3000)), stop())
+        await asyncio.gather(*(other._stop(1) for _ in range(3000)), asked_again(), stop())
         await other._stop(1)
 
     with concurrent.futures.ThreadPoolExecutor(1) as pool:
