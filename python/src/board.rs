@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 
 use crate::columns::Columns;
 use crate::data::Snapshot;
-use crate::errors::{of_client, of_command, refused, stale};
+use crate::errors::{of_client, of_command, of_command_saying, refused, stale};
 use crate::gather::{Gathered, gather};
 use crate::identity::Identity;
 use crate::rotary::{Streamed, Wish, stream};
@@ -314,6 +314,21 @@ fn hold(mut connection: Connection, action: &str, motor: u8) -> Result<HeldJog, 
     begin(connection, action, &[motor])
 }
 
+impl Jog {
+    /// Without `pmacd` nobody stops the motor: that has to be said, and not only that the stop was not carried out.
+    fn not_stopped(&self, error: CommandError) -> PyErr {
+        if matches!(error, CommandError::Refused(_)) {
+            return of_command(error);
+        }
+        let message = format!(
+            "motor {} may be moving: pmacd did not confirm the stop, and one that is started again does not stop it; use the \
+             emergency stop, or #{0}J/ once pmacd runs ({error})",
+            self.motor
+        );
+        of_command_saying(error, &message)
+    }
+}
+
 #[pymethods]
 impl Jog {
     fn __enter__<'py>(jog: Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, Self>> {
@@ -336,7 +351,7 @@ impl Jog {
     fn __exit__(&self, py: Python<'_>, _error: Bound<'_, pyo3::types::PyTuple>) -> PyResult<bool> {
         let held = self.held.lock().unwrap_or_else(PoisonError::into_inner).take();
         match held {
-            Some(held) => py.detach(|| held.stop()).map(|_| false).map_err(of_command),
+            Some(held) => py.detach(|| held.stop()).map(|_| false).map_err(|error| self.not_stopped(error)),
             None => Ok(false),
         }
     }

@@ -409,6 +409,13 @@ def test_a_jog_by_command_line_that_somebody_else_ends_sends_no_stop(new_site):
     assert motor_of(board, 1).status.open_loop
 
 
+def test_a_jog_whose_daemon_is_gone_says_that_the_motor_may_be_moving(new_site):
+    site = new_site()
+    with pytest.raises(pmac_dpram.DaemonGone, match="motor 1 may be moving: pmacd did not confirm the stop"):
+        with site.connect().jog(1, "+"):
+            site.kill_daemon()
+
+
 def test_at_9_khz_none_is_lost(new_site):
     seconds = int(os.environ.get("PMAC_UPDATES_SECONDS", "3"))
     updates = new_site(simulator=("--servo-hz", "9000")).connect().updates()
