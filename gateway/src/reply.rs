@@ -110,8 +110,8 @@ impl Pending {
 
     /// Adds a text that a program of the board has sent by itself, with its mark. Nothing acknowledges it.
     pub fn text(&mut self, text: String, handshake: Handshake) {
-        self.bytes.push_back(STX);
-        self.lines(&[text], handshake);
+        // The mark stands right before the text: a client who fetches line by line would take a text without it for a reply.
+        self.lines(&[format!("{}{text}", char::from(STX))], handshake);
     }
 
     /// Adds an error, which nothing acknowledges.
@@ -182,6 +182,13 @@ mod tests {
         let mut handshake = Handshake::default();
         assert!(handshake.set(3, i3) && handshake.set(6, i6));
         handshake
+    }
+
+    #[test]
+    fn a_text_is_fetched_with_its_mark_line_by_line_too() {
+        let mut pending = Pending::default();
+        pending.text("x".to_owned(), handshake(3, 1));
+        assert_eq!((pending.take_line(), pending.take_line()), (b"\n".to_vec(), b"\x02x\r".to_vec()));
     }
 
     #[test]
