@@ -1,4 +1,4 @@
-//! The clock of everything on the bus side: the machine's, or one that a test moves (layer 0).
+//! The clock of everything on the bus side: the machine's, or one that a test or a replay moves (layer 0).
 //!
 //! Code that needs the time gets a [`Clock`] or a time; none asks the machine. A test can so step a whole daemon
 //! through hours in milliseconds, and each run does the same things at the same times.
@@ -56,7 +56,7 @@ impl Clock {
         u64::try_from(instant.saturating_duration_since(self.zero).as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// Whether time moves only when a test moves it.
+    /// Whether it shows a [`ManualTime`].
     #[must_use]
     pub fn is_manual(&self) -> bool {
         self.manual.is_some()
@@ -69,7 +69,7 @@ pub fn sleep_until(ns: u64) {
     let _ = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &until);
 }
 
-/// Time that only a test moves. Its clocks follow it in every thread.
+/// Time that a test or a replay moves. Its clocks follow it in every thread.
 #[derive(Debug, Clone)]
 pub struct ManualTime {
     ns: Arc<AtomicU64>,
@@ -81,6 +81,14 @@ impl ManualTime {
     #[must_use]
     pub fn at(ns: u64) -> Self {
         Self { ns: Arc::new(AtomicU64::new(ns)), zero: Instant::now() }
+    }
+
+    /// Time that stands `by` before now. Only its [`Instant`]s tell so: its nanoseconds have a beginning of their own.
+    #[must_use]
+    pub fn ago(by: Duration) -> Self {
+        let time = Self::at(1_000_000_000);
+        let zero = time.zero.checked_sub(by + Duration::from_secs(1)).unwrap_or(time.zero);
+        Self { zero, ..time }
     }
 
     /// A clock that follows this time.
@@ -130,6 +138,17 @@ mod tests {
         );
         assert_eq!(clock.ns_of(clock.at(ns)), ns);
         assert!(!clock.is_manual());
+    }
+
+    #[test]
+    fn time_that_begins_long_ago_is_now_when_that_has_passed() {
+        let day = Duration::from_secs(24 * 3600);
+        let time = ManualTime::ago(day);
+        let clock = time.clock();
+        assert_eq!(clock.ns(), 1_000_000_000);
+        time.advance(day);
+        let now = Instant::now();
+        assert!(clock.now() <= now && now < clock.now() + Duration::from_secs(1));
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use log::{Level, info, warn};
@@ -23,7 +24,7 @@ use super::service::socket_directory;
 use super::service::supervisor::{Manager, Signals, until_asked_to_end};
 use super::socket::options::ServeOptions;
 use super::socket::server::serve;
-use crate::clock::Clock;
+use crate::clock::{Clock, ManualTime};
 use crate::device::machine::cpu_latency::NODE;
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
@@ -33,6 +34,9 @@ use crate::process::survive_file_size_limit;
 use crate::protocol::socket_place::socket_places;
 use crate::segment::Publisher;
 use crate::usage::usage_with;
+
+/// A replay in virtual time begins so long ago. What is longer goes on in real time.
+const LONGEST_RECORDING: Duration = Duration::from_secs(24 * 3600);
 
 /// The whole program. It exits with a status of [`exit`].
 #[must_use]
@@ -91,7 +95,9 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let inherited = Inherited::take_all();
     let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
-    let clock = Clock::real();
+    let virtual_time = matches!(settings.board, BoardSpec::Replay { at_once: true, .. })
+        .then(|| ManualTime::ago(LONGEST_RECORDING));
+    let clock = virtual_time.as_ref().map_or_else(Clock::real, ManualTime::clock);
     let early =
         needs_rights(&settings.board).then(|| Machine::open(settings, &inherited, &clock)).transpose()?;
     let usual = socket_places(settings.name.as_str());
@@ -105,7 +111,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     // A long recording takes seconds to read. Nobody shall take a daemon that reads for one that hangs.
     let early = match early {
-        None if matches!(settings.board, BoardSpec::Replay(_)) => {
+        None if matches!(settings.board, BoardSpec::Replay { .. }) => {
             Some(Machine::open(settings, &inherited, &clock)?)
         }
         early => early,
@@ -138,7 +144,10 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
 
     let bus_thread = std::thread::Builder::new()
         .name("bus".to_owned())
-        .spawn(move || board_loop.run())
+        .spawn(move || match &virtual_time {
+            Some(time) => board_loop.run_in(time),
+            None => board_loop.run(),
+        })
         .map_err(|error| Failure::system("the bus thread", error))?;
     info!(
         "pmacd {} serves board {} as {} on {}",

@@ -15,7 +15,7 @@ pub use board::file::FileBoard;
 pub use board::open::{OpenedBoard, open};
 pub use board::refusal::OpenError;
 pub use board::replay::{OpenedReplay, ReplayBoard};
-pub use board::spec::{BoardSpec, Place, WindowSpec};
+pub use board::spec::{BoardSpec, Place, WindowSpec, without_paths};
 pub use board::window::WindowBoard;
 pub use bus::{Access, Board, Bus, BusError, Presence};
 pub use decorators::counted::Counted;

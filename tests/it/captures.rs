@@ -1,16 +1,18 @@
 //! Every capture in `tests/captures`: played back, and compared with the simulator that is started from it.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::process::Command;
+use std::time::{Duration, Instant};
 
 use pmac_dpram::map::Family;
 use pmac_dpram::recording::{Op, Recording};
-use pmac_dpram::segment::Counter;
+use pmac_dpram::segment::{Counter, Subscriber};
 
 use crate::replay::followed;
-use crate::support::VirtualSite;
 use crate::support::tape::record;
+use crate::support::{Site, VirtualSite, wait_until};
 
 /// How long the simulator is recorded.
 const TIME: Duration = Duration::from_millis(200);
@@ -116,6 +118,33 @@ fn e6_the_mirror_of_every_capture_shows_what_was_recorded() {
         // A later pmacd may ask a board more: then the log says what.
         assert!(!is_exact || log.contains("nothing else was asked than was recorded"), "{log}");
     }
+}
+
+#[test]
+fn e6_a_replay_in_virtual_time_is_over_at_once_and_goes_on_in_real_time() {
+    let site = Site::new();
+    let recording = Recording::read(&home().join("simulator-pmac")).unwrap();
+    let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"))
+        .args(["--board", &format!("replay:{},time=virtual", home().join("simulator-pmac").display())])
+        .args(["--name", &site.name, "--socket"])
+        .arg(site.socket())
+        .stderr(File::create(site.path("log")).unwrap())
+        .spawn()
+        .unwrap();
+    let log = || std::fs::read_to_string(site.path("log")).unwrap();
+    wait_until("the end of the recording", || log().contains("the recording is over"));
+    let segment = Subscriber::attach(&site.segment()).unwrap();
+    let updates = recorded_blocks(&recording, recording.about.family(&home()).unwrap()).len() as u64;
+    assert!(segment.counter(Counter::Updates) >= updates / 2, "{}", log());
+    assert_eq!(segment.counter(Counter::Missed), 0);
+    // Deadlines of clients are in real time.
+    let asked = Instant::now();
+    let reply = site.connection().send("TYPE", Duration::from_secs(5)).unwrap();
+    assert!(reply[0].contains("PMAC") && asked.elapsed() < Duration::from_secs(4), "{reply:?}");
+    nix::sys::signal::kill(nix::unistd::Pid::from_raw(daemon.id() as i32), nix::sys::signal::Signal::SIGTERM)
+        .unwrap();
+    assert!(daemon.wait().unwrap().success(), "{}", log());
+    assert!(log().contains("nothing else was asked than was recorded"), "{}", log());
 }
 
 #[test]

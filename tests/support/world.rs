@@ -96,7 +96,7 @@ impl World {
         let mut settings = Settings::decide(&options).map_err(|error| error.to_string())?;
         // A thousand questions more: what is not about them goes without.
         settings.ask_m_variables &= options.config.as_deref().is_some_and(names_the_questions);
-        self.replays = matches!(settings.board, BoardSpec::Replay(_));
+        self.replays = matches!(settings.board, BoardSpec::Replay { .. });
         let failed = |failure: Failure| failure.to_string();
         let settings = self.look(settings, &options).map_err(failed)?;
         let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;

@@ -98,7 +98,7 @@ pub fn probe_board(
                 "sim has no window to read; start pmac-sim and probe file: with its path".to_owned(),
             ));
         }
-        BoardSpec::Replay(_) => {
+        BoardSpec::Replay { .. } => {
             return Err(Failure::Request(
                 "replay has no window to read; pmacctl compare tells what the recording holds".to_owned(),
             ));
@@ -121,7 +121,7 @@ pub fn probe_board(
 fn family_by_size(spec: &BoardSpec) -> &'static Family {
     let size = match spec {
         BoardSpec::File { path, .. } => std::fs::metadata(path).map_or(0, |file| file.len()),
-        BoardSpec::Simulator(_) | BoardSpec::Replay(_) | BoardSpec::Window(_) => 0,
+        BoardSpec::Simulator(_) | BoardSpec::Replay { .. } | BoardSpec::Window(_) => 0,
     };
     if size == u64::from(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
 }

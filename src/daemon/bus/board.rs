@@ -64,7 +64,7 @@ pub fn open(
         BoardSpec::File { path, interrupt, access } => {
             of_file(open_file(path.clone(), dpram, order, *access), interrupt.clone(), system, inherited)
         }
-        BoardSpec::Replay(directory) => {
+        BoardSpec::Replay { directory, .. } => {
             let opened = ReplayBoard::open(directory, settings.family, settings.text_order, clock.clone())?;
             let OpenedReplay { board, replies } = opened;
             // It never goes away.
@@ -98,7 +98,7 @@ pub fn open_to_look(
     let order = settings.word_order;
     match &settings.board {
         BoardSpec::Simulator(_) => Err("a simulator is not looked at".into()),
-        BoardSpec::Replay(_) => Err("a replay is not looked at".into()),
+        BoardSpec::Replay { .. } => Err("a replay is not looked at".into()),
         BoardSpec::File { path, .. } => Ok(open_file(path.clone(), bytes, order, Access::Bits16)()?.bus),
         BoardSpec::Window(spec) => Ok(open_window(spec, bytes, order, system, inherited)?.bus),
     }

@@ -7,6 +7,7 @@
 //! The loop alone reacts, here and in `life`: its parts find out, and give what they found as a value.
 
 mod life;
+mod virtual_time;
 
 use std::os::fd::AsFd;
 use std::sync::Arc;

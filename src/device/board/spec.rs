@@ -28,7 +28,12 @@ pub enum BoardSpec {
         access: Access,
     },
     /// `replay:DIR`: a recording that `pmacctl capture` wrote.
-    Replay(PathBuf),
+    Replay {
+        /// Where it lies.
+        directory: PathBuf,
+        /// Whether it plays in virtual time, as fast as it goes, and not in real time.
+        at_once: bool,
+    },
     /// A window of the machine's memory: a board in a slot.
     Window(WindowSpec),
 }
@@ -139,7 +144,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR][,reading=NAME=VALUE], replay:DIR, file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR][,reading=NAME=VALUE], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
     or vme:NODE, each but sim and replay with [,irq=SOURCE], each but sim, replay and vme with [,access=32]"
 )]
 pub struct SpecError {
@@ -152,7 +157,7 @@ impl BoardSpec {
     #[must_use]
     pub fn recording(&self) -> Option<&Path> {
         match self {
-            Self::Replay(directory) => Some(directory),
+            Self::Replay { directory, .. } => Some(directory),
             Self::Simulator(simulator) => simulator.from.as_deref(),
             _ => None,
         }
@@ -162,10 +167,25 @@ impl BoardSpec {
     #[must_use]
     pub const fn access(&self) -> Access {
         match self {
-            Self::Simulator(_) | Self::Replay(_) => Access::Bits16,
+            Self::Simulator(_) | Self::Replay { .. } => Access::Bits16,
             Self::File { access, .. } | Self::Window(WindowSpec { access, .. }) => *access,
         }
     }
+}
+
+/// The specification `text` without the paths of files and directories in it: what others may see.
+#[must_use]
+pub fn without_paths(text: &str) -> String {
+    let kind = text.split_once(':').map_or(text, |(kind, _)| kind);
+    if matches!(kind, "file" | "replay") {
+        return kind.to_owned();
+    }
+    let short = |option: &str| match option {
+        from if from.starts_with("from=") => "from".to_owned(),
+        irq if irq.starts_with("irq=unix:") => "irq=unix".to_owned(),
+        other => other.to_owned(),
+    };
+    text.split(',').map(short).collect::<Vec<_>>().join(",")
 }
 
 impl FromStr for BoardSpec {
@@ -182,7 +202,14 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
     }
     let (kind, rest) = spec.split_once(':').unwrap_or((spec, ""));
     if kind == "replay" {
-        return Ok(BoardSpec::Replay(needed(kind, "directory", rest)?.into()));
+        // The directory's name may hold commas.
+        let (directory, time) = rest.rsplit_once(",time=").unwrap_or((rest, "real"));
+        let at_once = match time {
+            "real" => false,
+            "virtual" => true,
+            _ => return Err(format!("time={time}: write time=real or time=virtual")),
+        };
+        return Ok(BoardSpec::Replay { directory: needed(kind, "directory", directory)?.into(), at_once });
     }
     let (subject, mut given) = Given::split(rest)?;
     let board = match Place::parse(kind, subject, &mut given)? {
@@ -351,6 +378,20 @@ fn access(option: &str, value: &str) -> Result<Access, String> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn e6_others_see_no_path_of_a_board() {
+        for (text, shown) in [
+            ("file:/home/me/dpram,irq=unix:/home/me/irq", "file"),
+            ("replay:/home/me/board,time=virtual", "replay"),
+            ("sim,family=turbo2,from=/home/me/board", "sim,family=turbo2,from"),
+            ("sim,from=/home/me/board", "sim,from"),
+            ("mem:0xd4000,irq=unix:/home/me/irq", "mem:0xd4000,irq=unix"),
+            ("pci:0000:03:00.0,bar=2,irq=uio:/dev/uio0", "pci:0000:03:00.0,bar=2,irq=uio:/dev/uio0"),
+        ] {
+            assert_eq!(without_paths(text), shown);
+        }
+    }
+
     fn window(place: Place) -> WindowSpec {
         WindowSpec { place, offset: 0, length: None, interrupt: None, access: Access::Bits16 }
     }
@@ -369,7 +410,8 @@ mod tests {
                     ..SimulatorSpec::default()
                 }),
             ),
-            ("replay:/captures/a,b", BoardSpec::Replay("/captures/a,b".into())),
+            ("replay:/captures/a,b", BoardSpec::Replay { directory: "/captures/a,b".into(), at_once: false }),
+            ("replay:a,b,time=virtual", BoardSpec::Replay { directory: "a,b".into(), at_once: true }),
             (
                 "sim,from=captures/x",
                 BoardSpec::Simulator(SimulatorSpec {

@@ -1,0 +1,32 @@
+//! A replay in virtual time: it jumps to whatever is due next.
+
+use std::os::fd::AsFd;
+use std::time::{Duration, Instant};
+
+use super::{BoardLoop, Connections};
+use crate::clock::ManualTime;
+use crate::daemon::bus::readable::Readable;
+use crate::device::Presence;
+
+impl BoardLoop {
+    /// As [`BoardLoop::run`], in `time`, which must have begun in the past. While a recording plays, time jumps to what is due
+    /// next. At its end it jumps to now, and goes on as it does everywhere, so that clients' deadlines hold.
+    pub fn run_in(mut self, time: &ManualTime) {
+        loop {
+            let due_ns = self.poll();
+            if due_ns == u64::MAX {
+                return;
+            }
+            let real_ns = self.clock.ns_of(Instant::now());
+            if due_ns < real_ns && self.bus.replay().is_some_and(|replay| !replay.over) {
+                time.move_to(due_ns);
+                continue;
+            }
+            let left = Duration::from_nanos(due_ns.saturating_sub(real_ns));
+            let Connections { intake, stop, .. } = &self.connections;
+            // The poll looks what it was.
+            let _ = Readable::wait(stop.as_fd(), intake.descriptor(), [None; 3], left);
+            time.move_to(self.clock.ns_of(Instant::now()));
+        }
+    }
+}
