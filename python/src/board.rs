@@ -6,7 +6,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, OwnBuffer, Staleness};
-use pmac_dpram::protocol::Function;
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
 use pmac_dpram::segment::{SegmentName, UserUnit};
@@ -307,13 +306,6 @@ pub struct Jog {
     held: Mutex<Option<HeldJog>>,
 }
 
-/// Begins the jog in the way that the daemon has.
-fn hold(mut connection: Connection, action: &str, motor: u8) -> Result<HeldJog, CommandError> {
-    let has_panel = connection.settings()?.functions.has(Function::Panel);
-    let begin = if has_panel { HeldJog::begin } else { HeldJog::begin_by_line };
-    begin(connection, action, &[motor])
-}
-
 impl Jog {
     /// Without `pmacd` nobody stops the motor: that has to be said, and not only that the stop was not carried out.
     fn not_stopped(&self, error: CommandError) -> PyErr {
@@ -335,7 +327,7 @@ impl Jog {
         let this = jog.get();
         let connection = this.connection.lock().unwrap_or_else(PoisonError::into_inner).take();
         let connection = connection.ok_or_else(|| refused("this jog is over; ask for another one"))?;
-        let held = py.detach(|| hold(connection, this.action, this.motor)).map_err(of_command)?;
+        let held = py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
         *this.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(held);
         Ok(jog)
     }

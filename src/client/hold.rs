@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
-use crate::protocol::{CallError, deadlines};
+use crate::protocol::{CallError, Function, deadlines};
 
 /// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
 const LEASE_MS: u64 = 200;
@@ -26,26 +26,22 @@ pub struct HeldJog {
 }
 
 impl HeldJog {
-    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on.
+    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on: by the control panel, or, where the
+    /// daemon does not use that, as on a Turbo board, by the command line `#1J-` or `#1J+`. The line addresses the motor, enters no
+    /// program buffer, and needs the role engineer. It keeps nobody else from the motor: a command of somebody else ends the hold,
+    /// and no stop follows then.
     ///
     /// # Errors
-    /// As [`Connection::panel`]. Whatever the board has taken then is stopped by the daemon.
+    /// As [`Connection::panel`] and [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
+        if !connection.settings()?.functions.has(Function::Panel) {
+            return Self::begin_by_line(connection, action, numbers);
+        }
         connection.panel_hold(action, numbers)?;
         Ok(Self::renewed(connection, numbers, Connection::panel_renew))
     }
 
-    /// As [`Self::begin`], but by the command line `#1J-` or `#1J+`: for a daemon that does not use the control panel. The line
-    /// addresses the motor, and enters no program buffer. Nobody else is kept from the motor: a command of somebody else ends the
-    /// hold, and no stop follows then.
-    ///
-    /// # Errors
-    /// As [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
-    pub fn begin_by_line(
-        mut connection: Connection,
-        action: &str,
-        numbers: &[u8],
-    ) -> Result<Self, CommandError> {
+    fn begin_by_line(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
         let command = match action {
             "jog-" => "J-",
             "jog+" => "J+",

@@ -185,6 +185,24 @@ fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
 }
 
 #[test]
+fn e2_a_turbo_boards_motor_jogs_by_line_while_its_armed_key_is_held_down() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    let mut seat = Seat::at(&site, &[]);
+    seat.sees("in-position");
+    seat.jogs(&site);
+    // The key is released.
+    wait_until("a motor that stands", || !moves(&site));
+    seat.sees("#1: the board has taken the stop");
+    seat.disarms();
+    seat.jogs(&site);
+    seat.signal(Signal::SIGKILL);
+    wait_until("a motor that stands", || !moves(&site));
+    site.assert_no_violations();
+}
+
+#[test]
 fn e2_a_jog_ends_with_the_screen_however_that_ends() {
     let site = running();
     for end in ["kill", "term", "key"] {

@@ -11,9 +11,8 @@ use std::time::{Duration, Instant};
 use crate::cli::act::panel::may_be_moving;
 use crate::client::{CommandError, Connection, HeldJog};
 use crate::function::panel::PanelAction;
-use crate::map::{Family, Function};
+use crate::map::Function;
 use crate::protocol::CallError;
-use crate::protocol::function::Functions;
 use crate::segment::SegmentName;
 
 /// The longest sleep during a jog.
@@ -148,14 +147,18 @@ fn run(daemon: &Daemon, orders: &Receiver<Order>, tell: &Sender<Told>) {
 
 /// Why this user may not jog. The daemon decides; it is asked, so that this is known before a key is pressed.
 fn may_jog(daemon: &Daemon) -> Result<(), String> {
-    let info = daemon.connect().and_then(|mut connection| connection.info());
-    let info = info.map_err(|error| error.to_string())?;
-    if let Some("observe" | "stop") = info.role.as_deref() {
-        return Err(CallError::NotPermitted { role_needed: "operate".to_owned() }.to_string());
-    }
-    match Family::by_name(&info.family) {
-        Ok(family) if !family.functions.contains(&Function::Panel) => {
-            Err(Functions::all(family).why_not(Function::Panel, family))
+    let asked = daemon.connect().and_then(|mut connection| Ok((connection.info()?, connection.settings()?)));
+    let (info, settings) = asked.map_err(|error| error.to_string())?;
+    // Without the panel a jog is a command line.
+    let by_panel = settings.functions.has(Function::Panel);
+    let (needed, less): (_, &[&str]) = if by_panel {
+        ("operate", &["observe", "stop"])
+    } else {
+        ("engineer", &["observe", "stop", "operate"])
+    };
+    match info.role.as_deref() {
+        Some(role) if less.contains(&role) => {
+            Err(CallError::NotPermitted { role_needed: needed.to_owned() }.to_string())
         }
         _ => Ok(()),
     }

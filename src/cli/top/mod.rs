@@ -48,11 +48,14 @@ pub struct Top {
     /// command line (role engineer)
     #[arg(value_name = "NAME")]
     pub watches: Vec<String>,
-    /// The most pictures a second
+    /// The most pictures a second; 2.5 at least
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Duration,
 }
 
+/// The longest time between two pictures, whatever `--rate` says: in less the daemon's ring of updates is never overrun, and a stop
+/// that nobody confirms is said in time.
+const SLOWEST: Duration = Duration::from_millis(400);
 /// The shortest time between two pictures while keys are pressed.
 const KEYS: Duration = Duration::from_millis(30);
 
@@ -80,7 +83,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
         look: Look::of_environment(),
         tty: Tty::open().map_err(|error| Failure::Request(format!("the terminal: {error}")))?,
     };
-    let ended = screen.show(options.rate, &signals);
+    let ended = screen.show(options.rate.min(SLOWEST), &signals);
     let Screen { hand, tty, .. } = screen;
     // First the motor, then the terminal.
     let faults = hand.end();

@@ -30,6 +30,10 @@ impl Source {
         }
         let history = self.board.history(self.next, MOST)?;
         self.next = history.next;
+        if history.lost > 0 {
+            // Nobody knows what was in them.
+            traces.add(&[], true, Instant::now());
+        }
         let stale = !snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());
         traces.add(&history.samples, stale, Instant::now());
         Ok(snapshot)

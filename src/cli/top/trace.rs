@@ -1,10 +1,11 @@
 //! The following errors of the last seconds. Of all servo updates between two pictures the largest counts: no peak is missed.
+//! Besides, how fast the motors went between two pictures, for boards that report no velocity.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use crate::client::View;
-use crate::decode::ServoData;
+use crate::decode::{ServoData, ServoMotor};
 
 /// How far back a trace goes.
 pub const WINDOW: Duration = Duration::from_secs(20);
@@ -15,7 +16,18 @@ const UNKNOWN: char = '·';
 
 /// The traces of all motors, by number.
 #[derive(Debug, Default)]
-pub struct Traces(BTreeMap<usize, Trace>);
+pub struct Traces {
+    errors: BTreeMap<usize, Trace>,
+    speeds: Speeds,
+}
+
+/// Velocities from the first to the last update of each picture, in counts a second.
+#[derive(Debug, Default)]
+struct Speeds {
+    /// The last update that was seen: its time, and the actual positions in counts.
+    last: Option<(u64, BTreeMap<usize, f64>)>,
+    now: BTreeMap<usize, f64>,
+}
 
 /// One motor's: its following error in counts; `None` where no live data told it.
 #[derive(Debug, Default)]
@@ -24,7 +36,13 @@ pub struct Trace(VecDeque<(Instant, Option<f64>)>);
 impl Traces {
     /// Takes in what came since the last call, until `now`. What is empty, or `stale`, leaves a gap.
     pub fn add(&mut self, samples: &[View<ServoData>], stale: bool, now: Instant) {
-        let mut peaks: BTreeMap<usize, Option<f64>> = self.0.keys().map(|motor| (*motor, None)).collect();
+        if stale {
+            self.speeds = Speeds::default();
+        } else if let Some(last) = samples.last() {
+            self.speeds.add(last);
+        }
+        let mut peaks: BTreeMap<usize, Option<f64>> =
+            self.errors.keys().map(|motor| (*motor, None)).collect();
         for motor in samples.iter().flat_map(|sample| &sample.data.motors).filter(|_| !stale) {
             let error = motor.following_error.and_then(|error| error.value);
             let peak = peaks.entry(motor.motor).or_default();
@@ -33,12 +51,32 @@ impl Traces {
             }
         }
         for (motor, peak) in peaks {
-            self.0.entry(motor).or_default().push(now, peak);
+            self.errors.entry(motor).or_default().push(now, peak);
         }
     }
 
     pub fn of(&self, motor: usize) -> Option<&Trace> {
-        self.0.get(&motor)
+        self.errors.get(&motor)
+    }
+
+    /// How fast `motor` went from the picture before to this one; `None` where its positions are not known in counts.
+    pub fn velocity(&self, motor: usize) -> Option<f64> {
+        self.speeds.now.get(&motor).copied()
+    }
+}
+
+impl Speeds {
+    fn add(&mut self, view: &View<ServoData>) {
+        let position = |motor: &ServoMotor| Some((motor.motor, motor.actual_position?.value?));
+        let positions: BTreeMap<_, _> = view.data.motors.iter().filter_map(position).collect();
+        self.now.clear();
+        if let Some((before_ns, before)) = &self.last
+            && let Some(took) = view.time_ns.checked_sub(*before_ns).filter(|took| *took > 0)
+        {
+            let gone = positions.iter().filter_map(|(motor, now)| Some((*motor, now - before.get(motor)?)));
+            self.now.extend(gone.map(|(motor, counts)| (motor, counts / (took as f64 / 1e9))));
+        }
+        self.last = Some((view.time_ns, positions));
     }
 }
 

@@ -66,20 +66,28 @@ impl Copies {
                         SourceAt::One(source) => [source; 3],
                         SourceAt::Choice(sources) => sources,
                     };
-                    copies.push(block.count, number, sources, row.offset.plus_words(step));
+                    copies.push(block.count, number, sources, row.offset.plus_words(step), row.width);
                 }
             }
         }
         copies
     }
 
-    fn push(&mut self, count: usize, number: usize, sources: [PmacAddress; 3], offset: HostOffset) {
+    fn push(
+        &mut self,
+        count: usize,
+        number: usize,
+        sources: [PmacAddress; 3],
+        offset: HostOffset,
+        width: Width,
+    ) {
         self.numbers.resize(self.numbers.len().max(count), Vec::new());
         let list = if count == 0 { &mut self.board } else { &mut self.numbers[number - 1] };
-        let pair = matches!(sources[0].space, Space::D | Space::L);
-        for half in 0..if pair { 2 } else { 1 } {
+        // Of a long register that has one long here it is the X half (FACTS-TURBO 4, the filtered velocity).
+        let halves_copied = if width == Width::Pair { 0..2 } else { 1..2 };
+        for (place, half) in halves_copied.enumerate() {
             let sources = sources.map(|source| halves(source)[half]);
-            list.push(CopiedWord { sources, offset: offset.plus_words(2 * half) });
+            list.push(CopiedWord { sources, offset: offset.plus_words(2 * place) });
         }
     }
 }

@@ -77,6 +77,14 @@ impl Picture<'_> {
         let Ok(snapshot) = self.snapshot else { return Vec::new() };
         let found = motors::motors(snapshot);
         let mut table = motors::table(&found);
+        // A board that reports no velocity tells it by its positions.
+        if found.first().is_some_and(|motor| !motor.is_reported("actual_velocity")) {
+            let velocity = |motor: usize| {
+                self.traces.velocity(motor).map_or_else(|| NOT_READ.to_owned(), |counts| fixed(counts, 1))
+            };
+            let all = found.iter().map(|motor| velocity(motor.servo.motor));
+            table.column_before_last("velocity", Align::Right, all);
+        }
         let small = |motor: usize| {
             let trace = self.traces.of(motor);
             trace.map_or_else(|| NOT_READ.to_owned(), |trace| trace.small(COLUMNS, self.now))

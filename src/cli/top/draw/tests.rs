@@ -170,6 +170,32 @@ fn e2_of_32_motors_those_around_the_selected_one_are_shown() {
 }
 
 #[test]
+fn e2_a_board_that_reports_no_velocity_tells_it_by_its_positions() {
+    let mut board = Board::of(&TURBO2, 2);
+    let seen = board.snapshot.as_ref().unwrap().servo.as_ref().unwrap().data.clone();
+    let add = |board: &mut Board, ms: u64, counts: f64, stale: bool| {
+        let mut data = seen.clone();
+        data.motors[1].actual_position = Some(Quantity { raw: 0, value: Some(counts), unit: "count" });
+        board.traces.add(&[View { time_ns: 1_000_000 * ms, ..view(data) }], stale, board.now);
+    };
+    let velocity = |board: &Board| {
+        let screen = board.screen(80, 24);
+        let heading = screen.iter().find(|line| line.contains("motor ")).unwrap();
+        assert!(heading.contains("velocity"), "{screen:#?}");
+        let motor = screen.iter().find(|line| line.trim_start().starts_with("#2 ")).unwrap();
+        motor.contains("-2500.0")
+    };
+    add(&mut board, 1000, 100.0, false);
+    assert!(!velocity(&board), "of one update nothing is known");
+    add(&mut board, 1100, -150.0, false);
+    assert!(velocity(&board));
+    board.traces.add(&[], false, board.now);
+    assert!(velocity(&board), "two pictures of one update");
+    add(&mut board, 1200, -400.0, true);
+    assert!(!velocity(&board), "stale");
+}
+
+#[test]
 fn e2_what_is_not_live_says_so_and_why() {
     let said = |board: &Board| board.screen(80, 24)[1].clone();
     let board = Board::of(&PMAC, 8).stale(Staleness::DaemonGone);
