@@ -16,7 +16,20 @@ pub struct Quantity {
     pub unit: &'static str,
 }
 
+/// The units of registers that have no scale: their integer is all there is.
+const WITHOUT_SCALE: [&str; 3] = [BITS, ADDRESS, AVERAGED];
+const BITS: &str = "bits";
+const ADDRESS: &str = "PMAC address";
+const AVERAGED: &str = "1/(Ix09*32) count per servo cycle at the default I60 and I61";
+
 impl Quantity {
+    /// The value, or the integer of a register that has no scale. `None` where there is a scale which is not known: its integer
+    /// would pass for a value that is off by thousands.
+    #[must_use]
+    pub fn number(&self) -> Option<f64> {
+        self.value.or_else(|| WITHOUT_SCALE.contains(&self.unit).then_some(self.raw as f64))
+    }
+
     /// `raw` counted in 1/(`scale`*32) of `unit`, for which `raw_unit` stands while the scale is not known.
     fn scaled(raw: i64, scale: Option<f64>, unit: &'static str, raw_unit: &'static str) -> Self {
         // A scale of zero switches the loop off; nothing can be said about counts then.
@@ -55,8 +68,7 @@ impl Quantity {
     /// Averaged over servo cycles and shifted as I60 and I61 say, which are not known here (Turbo Software Reference p. 65): no
     /// value can be told.
     pub(super) fn averaged_velocity(raw: i32) -> Self {
-        let unit = "1/(Ix09*32) count per servo cycle at the default I60 and I61";
-        Self { raw: raw.into(), value: None, unit }
+        Self { raw: raw.into(), value: None, unit: AVERAGED }
     }
 
     pub(super) fn dac(raw: i32) -> Self {
@@ -80,11 +92,11 @@ impl Quantity {
     }
 
     pub(super) fn bits(raw: u32) -> Self {
-        Self { raw: raw.into(), value: None, unit: "bits" }
+        Self { raw: raw.into(), value: None, unit: BITS }
     }
 
     pub(super) fn address(raw: u32) -> Self {
-        Self { raw: raw.into(), value: None, unit: "PMAC address" }
+        Self { raw: raw.into(), value: None, unit: ADDRESS }
     }
 }
 
@@ -171,6 +183,18 @@ mod tests {
             let position = Quantity::position(3072, scales);
             assert_eq!((position.value, position.unit), (None, "1/(Ix08*32) count"));
         }
+    }
+
+    #[test]
+    fn e1_an_integer_whose_scale_is_not_known_is_no_number() {
+        let unknown = MotorScales::default();
+        let known = MotorScales { position_scale: Some(96.0), ..unknown };
+        assert_eq!(Quantity::position(6144, unknown).number(), None);
+        assert_eq!(Quantity::position(6144, known).number(), Some(2.0));
+        assert_eq!(Quantity::velocity_per_second(6144, unknown, Some(5e5)).number(), None);
+        assert_eq!(Quantity::bits(6144).number(), Some(6144.0));
+        assert_eq!(Quantity::averaged_velocity(-3).number(), Some(-3.0));
+        assert_eq!(Quantity::address(5).number(), Some(5.0));
     }
 
     #[test]

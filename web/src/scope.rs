@@ -38,7 +38,8 @@ impl Traces {
     }
 
     /// A batch as JSON: `t` in seconds of the board's servo timer (in servo cycles where a cycle's length is not known: then `cycles`
-    /// is true), `v` an array a trace, null where the update has no value; `stale` where nothing comes after it.
+    /// is true), `v` an array a trace, null where the update has no value; `unscaled` whether that is for want of a scale; `stale`
+    /// where nothing comes after it.
     #[must_use]
     pub fn json(&self, batch: &Batch) -> String {
         let mut json = String::from("{\"t\":[");
@@ -47,11 +48,17 @@ impl Traces {
         json.push_str("],\"v\":[");
         for (index, trace) in self.0.iter().enumerate() {
             json.push_str(if index == 0 { "[" } else { ",[" });
-            list(&mut json, batch.updates.iter().map(|update| trace.value(&update.data.motors)));
+            let numbers = batch.updates.iter().map(|update| trace.quantity(&update.data.motors)?.number());
+            list(&mut json, numbers);
             json.push(']');
         }
+        let is_unscaled = |update: &View<ServoData>| {
+            let mut quantities = self.0.iter().filter_map(|trace| trace.quantity(&update.data.motors));
+            quantities.any(|quantity| quantity.number().is_none())
+        };
+        let unscaled = batch.updates.last().is_some_and(is_unscaled);
         let stale = batch.stale.map(|stale| stale.to_string());
-        let rest = serde_json::json!({ "generation": batch.generation, "lost": batch.lost, "stale": stale,
+        let rest = serde_json::json!({ "generation": batch.generation, "lost": batch.lost, "stale": stale, "unscaled": unscaled,
             "cycles": batch.cycle_s.is_none() });
         json.push_str("],");
         json.push_str(rest.to_string().trim_start_matches('{'));
@@ -60,10 +67,9 @@ impl Traces {
 }
 
 impl Trace {
-    fn value(&self, motors: &[ServoMotor]) -> Option<f64> {
+    fn quantity(&self, motors: &[ServoMotor]) -> Option<Quantity> {
         let motor = motors.iter().find(|motor| motor.motor == self.motor)?;
-        let quantity = motor.quantities()[motor.place(&self.field)?]?;
-        Some(quantity.value.unwrap_or(quantity.raw as f64))
+        motor.quantities()[motor.place(&self.field)?]
     }
 }
 

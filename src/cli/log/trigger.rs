@@ -70,7 +70,16 @@ impl Condition {
                 (name, motor.status.is_none_or(known))
             }
         };
-        (!has).then(|| format!("--trigger: the servo report has no {name:?}; {FORM}"))
+        if !has {
+            return Some(format!("--trigger: the servo report has no {name:?}; {FORM}"));
+        }
+        let quantity = motor.place(name).and_then(|place| motor.quantities()[place]);
+        quantity.filter(|quantity| quantity.number().is_none()).map(|quantity| {
+            format!(
+                "--trigger: {name} of motor {} is known in units of {} only; pmacd asks the board for the scale: try again, or see pmacctl doctor",
+                self.motor, quantity.unit
+            )
+        })
     }
 
     /// Whether it is true. A value that is not known makes no condition true.
@@ -80,8 +89,7 @@ impl Condition {
             Test::Flag { name, is_set } => motor.status.is_some_and(|flags| flags.has(name) == *is_set),
             Test::Value { field, is_absolute, comparison, limit } => {
                 let quantity = motor.place(field).and_then(|place| motor.quantities()[place]);
-                let value =
-                    quantity.map_or(f64::NAN, |quantity| quantity.value.unwrap_or(quantity.raw as f64));
+                let value = quantity.and_then(|quantity| quantity.number()).unwrap_or(f64::NAN);
                 let value = if *is_absolute { value.abs() } else { value };
                 match comparison {
                     Comparison::Above => value > *limit,
