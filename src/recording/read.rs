@@ -1,9 +1,13 @@
 //! Reads a recording.
 
-use std::fs::{self, File};
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
+use nix::errno::Errno;
+use nix::fcntl::OFlag;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
@@ -47,6 +51,7 @@ impl Recording {
         let answers = answers.map(|line| line.map(|(_, answer)| answer)).collect::<Result<_, _>>()?;
         let mut images: Vec<Image> = Vec::new();
         let mut times = Lines::<ImageAt>::open(directory, files::IMAGE_TIMES, &about, MOST_IMAGES)?;
+        let mut named = BTreeSet::new();
         while let Some(line) = times.next() {
             let (number, at) = line?;
             let damaged = |what: &str| times.damaged(number, what.to_owned());
@@ -55,6 +60,10 @@ impl Recording {
             }
             if images.last().is_some_and(|last| last.t_ns > at.t_ns) {
                 return Err(damaged("earlier than the image before it"));
+            }
+            // Otherwise a few bytes of a hostile capture would become gigabytes of memory.
+            if !named.insert(at.file.clone()) {
+                return Err(damaged("an image that is there already"));
             }
             images.push(image(&directory.join(files::IMAGES).join(&at.file), at.t_ns, &about)?);
         }
@@ -86,9 +95,17 @@ impl About {
     }
 }
 
-/// Opens a plain file. Another one, as a FIFO, could keep this program waiting.
+/// Opens a plain file. Another one, as a FIFO, could keep this program waiting, and what a link leads to is no part of a capture.
 fn open(path: &Path) -> io::Result<File> {
-    if fs::metadata(path)?.is_file() { File::open(path) } else { Err(io::Error::other("no plain file")) }
+    let flags = OFlag::O_NOFOLLOW | OFlag::O_NONBLOCK;
+    let file = OpenOptions::new().read(true).custom_flags(flags.bits()).open(path).map_err(|error| {
+        if error.raw_os_error() == Some(Errno::ELOOP as i32) {
+            io::Error::other("a link, no plain file")
+        } else {
+            error
+        }
+    })?;
+    if file.metadata()?.is_file() { Ok(file) } else { Err(io::Error::other("no plain file")) }
 }
 
 /// Reads [`files::ABOUT`].

@@ -1,21 +1,31 @@
 //! Writes a recording piece by piece.
 
-use std::fs::{self, File};
-use std::io::{Seek as _, SeekFrom, Write as _};
+use std::fs::{self, DirBuilder, File, Metadata, OpenOptions};
+use std::io::{self, Seek as _, SeekFrom, Write as _};
+use std::os::fd::AsFd as _;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
+
+use nix::fcntl::OFlag;
+use nix::unistd::{getegid, geteuid};
 
 use serde::Serialize;
 use serde_json::Value;
 
 use super::{About, Access, Answer, FORMAT, ImageAt, RecordingError, files};
+use crate::process::path_of;
 
 /// Lines are collected up to this many bytes.
 const COLLECTED: usize = 1 << 16;
 
 /// A recording that is being written. Until [`Writer::finish`], its [`About`] says that it is cut short.
+///
+/// It stays in the directory that it began in, whatever is put in its place meanwhile, and nobody else can put a link there: who
+/// records as root would write over another file by it.
 #[derive(Debug)]
 pub struct Writer {
     directory: PathBuf,
+    held: File,
     trace: LineFile,
     answers: LineFile,
     image_times: LineFile,
@@ -25,19 +35,27 @@ impl Writer {
     /// Begins one in `directory`, which is made where there is none.
     ///
     /// # Errors
-    /// `directory` is not empty, or cannot be written to.
+    /// `directory` is not empty, others may write into it, or it cannot be written to.
     pub fn create(directory: &Path, about: &About) -> Result<Self, RecordingError> {
-        fs::create_dir_all(directory).map_err(RecordingError::io(directory))?;
-        let mut entries = fs::read_dir(directory).map_err(RecordingError::io(directory))?;
-        if entries.next().is_some() {
-            let what = "not empty: name a directory that is not there yet".to_owned();
+        let held = made(directory).map_err(RecordingError::io(directory))?;
+        let inside = path_of(held.as_fd());
+        let metadata = held.metadata().map_err(RecordingError::io(directory))?;
+        let mut entries = fs::read_dir(&inside).map_err(RecordingError::io(directory))?;
+        let what = match (others(&metadata), entries.next()) {
+            (Some(others), _) => Some(others),
+            (None, Some(_)) => Some("it is not empty".to_owned()),
+            (None, None) => None,
+        };
+        if let Some(what) = what {
+            let what = format!("{what}: name a directory that is not there yet");
             return Err(RecordingError::Unfit { path: directory.to_owned(), what });
         }
-        let images = directory.join(files::IMAGES);
-        fs::create_dir(&images).map_err(RecordingError::io(images))?;
-        let file = |name: &str| LineFile::create(directory.join(name));
+        fs::create_dir(inside.join(files::IMAGES))
+            .map_err(RecordingError::io(directory.join(files::IMAGES)))?;
+        let file = |name: &str| LineFile::create(&inside.join(name), directory.join(name));
         let writer = Self {
             directory: directory.to_owned(),
+            held,
             trace: file(files::TRACE)?,
             answers: file(files::ANSWERS)?,
             image_times: file(files::IMAGE_TIMES)?,
@@ -129,15 +147,37 @@ impl Writer {
 
     /// Writes a file as a whole, or leaves what was there before.
     fn put(&self, name: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
-        let path = self.directory.join(name);
+        let path = path_of(self.held.as_fd()).join(name);
         let beside = path.with_extension("partial");
-        let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, &path));
+        let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, path));
         written.map_err(|error| {
             // The partial file is useless now.
             let _ = fs::remove_file(&beside);
-            RecordingError::io(path)(error)
+            RecordingError::io(self.directory.join(name))(error)
         })
     }
+}
+
+/// The directory, opened: a new one, or the one that is there.
+fn made(directory: &Path) -> io::Result<File> {
+    if let Some(parent) = directory.parent() {
+        fs::create_dir_all(parent)?;
+    }
+    match DirBuilder::new().mode(0o755).create(directory) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+        _ => {}
+    }
+    let flags = OFlag::O_DIRECTORY | OFlag::O_NOFOLLOW;
+    OpenOptions::new().read(true).custom_flags(flags.bits()).open(directory)
+}
+
+/// Who else may write into a directory.
+fn others(directory: &Metadata) -> Option<String> {
+    let (mode, is_our_group) = (directory.mode(), directory.gid() == getegid().as_raw());
+    if directory.uid() != geteuid().as_raw() {
+        return Some(format!("it belongs to uid {}", directory.uid()));
+    }
+    (mode & 0o002 != 0 || mode & 0o020 != 0 && !is_our_group).then(|| "others may write into it".to_owned())
 }
 
 /// A file of lines, each a JSON document. When a write fails, whole lines remain.
@@ -153,8 +193,9 @@ struct LineFile {
 }
 
 impl LineFile {
-    fn create(path: PathBuf) -> Result<Self, RecordingError> {
-        let file = File::create_new(&path).map_err(RecordingError::io(&path))?;
+    /// The file `at`, which is told as `path`.
+    fn create(at: &Path, path: PathBuf) -> Result<Self, RecordingError> {
+        let file = File::create_new(at).map_err(RecordingError::io(&path))?;
         Ok(Self { path, file, collected: Vec::new(), collected_lines: 0, lines: 0, length: 0 })
     }
 

@@ -14,7 +14,7 @@ pub const IDENTITY: [&str; 8] = ["TYPE", "VERSION", "DATE", "SIZE", "???", "CPU"
 /// The most accesses that may come before the flag of a line.
 const HELD: usize = 4096;
 
-/// Whether `line` asks for variables or identity, and does nothing else.
+/// Whether `line` has only what questions for variables and identity have: no text of anybody's can be in it.
 fn is_question(line: &str) -> bool {
     let line = line.trim().to_ascii_uppercase();
     let is_of_question = |letter: char| letter.is_ascii_digit() || " ,.->IPQM".contains(letter);

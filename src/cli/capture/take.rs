@@ -16,9 +16,9 @@ use crate::cli::context::{Context, Failure};
 use crate::cli::files::saved::{Saved, What};
 use crate::client::{Board, CommandError, Connection};
 use crate::device::machine::facts::facts;
-use crate::device::{BoardSpec, System};
+use crate::device::{BoardSpec, System, without_paths};
 use crate::map::{AsciiPort, Family, Generation, HostOffset};
-use crate::protocol::{BoardInfo, CallError, control};
+use crate::protocol::{CallError, control};
 use crate::recording::{
     About, Access, Answer, FORMAT, MOST_ACCESSES, MOST_IMAGES, Op, RecordingError, Writer,
 };
@@ -35,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(2);
 /// How long the trace is taken in one turn, and how few accesses are worth no other reply.
 const TURN: Duration = Duration::from_millis(20);
 const FEW: usize = 1000;
-/// Accesses that are enough. Some are still collected, and one more reply comes: all together a recording takes them.
+/// Stop at so many: what is still collected and one more reply fit below [`MOST_ACCESSES`].
 const ENOUGH: u64 = MOST_ACCESSES as u64 - (1 << 16);
 /// Replies that hold what is left at the end; more than the daemon has memory for.
 const LAST_REPLIES: usize = 1000;
@@ -116,6 +116,12 @@ impl<'a> Taking<'a> {
     ) -> Result<Self, Failure> {
         let family = Context::family(None, connection)?;
         let (info, settings) = (connection.info()?, connection.settings()?);
+        // Before a directory is made.
+        if info.role.as_deref().is_some_and(|role| role != "engineer") {
+            return Err(
+                CommandError::from(CallError::NotPermitted { role_needed: "engineer".to_owned() }).into()
+            );
+        }
         let dpram_bytes = dpram_bytes(connection, family)?;
         let began_ns = board.subscriber().now_ns();
         let spec: Option<BoardSpec> = info.board.parse().ok();
@@ -126,7 +132,7 @@ impl<'a> Taking<'a> {
             pmacd: info.version.clone(),
             taken: rfc3339_now(),
             began_ns,
-            board: without_path(&info),
+            board: without_paths(&info.board),
             name: info.name,
             family: info.family,
             board_type: info.board_type,
@@ -232,7 +238,10 @@ impl<'a> Taking<'a> {
     /// Writes what is still to be written, and what became of it.
     pub fn finish(mut self, failure: Option<Failure>) -> Result<Taken, Failure> {
         let cut_short = match &failure {
-            Some(failure) => Some(failure.to_string()),
+            // Its path may name a user.
+            Some(failure) => {
+                Some(failure.to_string().replace(&self.options.directory.display().to_string(), "DIR"))
+            }
             None => self.stop.came().then(|| "ended by a signal".to_owned()),
         };
         let updates = self.board.subscriber().counter(Counter::Updates);
@@ -286,7 +295,7 @@ impl<'a> Taking<'a> {
             self.about.left_out.push("variables and definitions: --no-variables".to_owned());
             return Ok(());
         }
-        match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1)) {
+        match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1), Some(&self.stop)) {
             Ok(saved) => self.writer.variables(&saved.text())?,
             // A board that cannot be asked is worth a capture all the same.
             Err(Failure::Refused(why)) => self.lacks("variables and definitions", &why),
@@ -335,7 +344,7 @@ impl<'a> Taking<'a> {
             subscriber.counters().map(|(counter, value)| (counter.name().to_owned(), json!(value))).collect();
         json!({
             "machine": self.facts,
-            "latencies": { "question": self.questions.document(), "read_of_512_words": self.reads.document(),
+            "latencies": { "question": self.questions.document(), "read_of_words": self.reads.document(),
                 "wake_up": self.wake_ups.document() },
             "counters": counters,
         })
@@ -362,12 +371,4 @@ fn access(numbers: &[u64], t_ns: u64) -> Option<Access> {
     };
     let offset = HostOffset::checked(u32::try_from(offset).ok()?)?;
     Some(Access { t_ns: t_ns.checked_add(after_ns)?, op, offset, width, value: u32::try_from(value).ok()? })
-}
-
-/// How the board is reached, without a path of the user's.
-fn without_path(info: &BoardInfo) -> String {
-    match info.board.split_once(':') {
-        Some(("file", _)) => "file".to_owned(),
-        _ => info.board.clone(),
-    }
 }

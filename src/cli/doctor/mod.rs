@@ -119,11 +119,11 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
         report.0.extend(once_up(context, &system).0);
     }
     if let Some(path) = &options.report {
-        parcel::write(context, &report, path)?;
+        let is_whole = parcel::write(context, &report, path)?;
         for check in report.0.iter().filter(|check| check.level == Level::Fail) {
             context.output.line(check)?;
         }
-        return Ok(report.is_passed().into());
+        return Ok((report.is_passed() && is_whole).into());
     }
     tell(context, &report)
 }

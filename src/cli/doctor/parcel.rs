@@ -1,8 +1,9 @@
 //! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without names and
 //! paths of the user's.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -13,6 +14,7 @@ use super::report::Report;
 use crate::cli::capture::{self, Capture, Taken};
 use crate::cli::context::{Context, Failure};
 use crate::cli::show::status;
+use crate::device::without_paths;
 
 /// How long the bus accesses are traced: a few megabytes.
 const TRACED: Duration = Duration::from_millis(200);
@@ -21,34 +23,43 @@ const INSIDE: &str = "pmac-report";
 /// Keys of documents that name users.
 const USERS: [&str; 2] = ["owner_uid", "uid"];
 
-/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it.
-pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<(), Failure> {
+/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it. Whether nothing has cut
+/// the capture short.
+pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool, Failure> {
     let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
     let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}.partial", std::process::id()));
-    let directory = Beside(PathBuf::from(beside));
-    let written = fill(context, report, file, &directory.0);
-    let note = written.inspect_err(|_| {
+    let written = Own::make().and_then(|directory| fill(context, report, file, &directory.0));
+    let (note, is_whole) = written.inspect_err(|_| {
         // A part of it is of no use.
         let _ = fs::remove_file(path);
     })?;
     context.output.line(&note)?;
     context.output.line(format_args!("{}: look at it before you send it (tar -xf)", path.display()))?;
-    Ok(())
+    Ok(is_whole)
 }
 
-/// A directory that is gone in the end.
-struct Beside(PathBuf);
+/// A directory that nobody else can reach into, and that is gone in the end.
+struct Own(PathBuf);
 
-impl Drop for Beside {
+impl Own {
+    /// Where temporary files go: of what others can write to, only there nobody can put another directory in its place.
+    fn make() -> Result<Self, Failure> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+        let path = std::env::temp_dir().join(format!("pmac-report-{}-{now}", std::process::id()));
+        let made = DirBuilder::new().mode(0o700).create(&path);
+        made.map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Own {
     fn drop(&mut self) {
         // If it cannot be removed, it is told by its name.
         let _ = fs::remove_dir_all(&self.0);
     }
 }
 
-fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Result<String, Failure> {
+fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Result<(String, bool), Failure> {
     let status = status::look(context)?;
     let private = Private::of(&status);
     let options = Capture { directory: directory.to_owned(), seconds: TRACED, no_variables: false };
@@ -62,7 +73,7 @@ fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Res
         tar.add_directory("capture", directory)?;
     }
     tar.end()?;
-    Ok(note)
+    Ok((note, taken.is_ok_and(|taken| taken.summary.cut_short.is_none())))
 }
 
 /// What is in the file and what is not.
@@ -78,30 +89,31 @@ fn note(taken: &Result<Taken, Failure>) -> String {
             if let Some(why) = &taken.summary.cut_short {
                 note += &format!("  The capture is cut short: {why}\n");
             }
-            note += "What it does not hold:\n";
-            for sentence in &taken.summary.left_out {
-                note += &format!("  {sentence}\n");
-            }
         }
-        Err(why) => note += &format!("It holds no capture: {why}\n"),
+        Err(why) => note += &format!("  no capture: {why}\n"),
+    }
+    note += "What it does not hold:\n";
+    for sentence in taken.iter().flat_map(|taken| &taken.summary.left_out) {
+        note += &format!("  {sentence}\n");
     }
     note + "  paths of the socket and of your home directory, numbers of users"
 }
 
 /// What documents tell of the user: texts to replace, and by what.
-struct Private(Vec<(String, &'static str)>);
+struct Private(Vec<(String, String)>);
 
 impl Private {
     /// What is known by `status` and by the environment.
     fn of(status: &Value) -> Self {
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         let home = std::env::var("HOME").unwrap_or_default();
-        let board = Some(text(&status["socket"]["board"])).filter(|board| board.starts_with("file:"));
+        let board = text(&status["socket"]["board"]);
+        let shown = without_paths(&board);
         let all = [
-            (board.unwrap_or_default(), "file"),
-            (text(&status["socket"]["path"]), "SOCKET"),
+            (board, shown),
+            (text(&status["socket"]["path"]), "SOCKET".to_owned()),
             // Of root it is in many names.
-            (if home == "/" { String::new() } else { home }, "~"),
+            (if home == "/" { String::new() } else { home }, "~".to_owned()),
         ];
         Self(all.into_iter().filter(|(from, _)| !from.is_empty()).collect())
     }
@@ -153,9 +165,10 @@ impl Tar {
         entries.sort_by_key(fs::DirEntry::file_name);
         for entry in entries {
             let name = format!("{name}/{}", entry.file_name().to_string_lossy());
-            if entry.file_type()?.is_dir() {
+            let kind = entry.file_type()?;
+            if kind.is_dir() {
                 self.add_directory(&name, &entry.path())?;
-            } else {
+            } else if kind.is_file() {
                 self.add(&name, &fs::read(entry.path())?)?;
             }
         }
