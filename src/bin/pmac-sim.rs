@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
+use pmac_dpram::format::Visible;
 use pmac_dpram::process::{capabilities, survive_file_size_limit};
 use pmac_dpram::sim::process::Simulator;
 use pmac_dpram::sim::process::options::Options;
@@ -27,7 +28,7 @@ fn main() -> ExitCode {
     match simulator.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("pmac-sim: {error}");
+            eprintln!("pmac-sim: {}", Visible(&error));
             ExitCode::FAILURE
         }
     }
@@ -35,6 +36,6 @@ fn main() -> ExitCode {
 
 /// The request could not be made.
 fn refuse(why: &str) -> ExitCode {
-    eprintln!("pmac-sim: {why}");
+    eprintln!("pmac-sim: {}", Visible(why));
     ExitCode::from(2)
 }

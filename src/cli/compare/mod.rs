@@ -13,6 +13,7 @@ use serde_json::json;
 
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::settings_file::{Item, parse};
+use crate::format::Visible;
 use crate::map::Function;
 use crate::recording::{Recording, Replies};
 use seen::Seen;
@@ -90,8 +91,8 @@ fn print(
         context.output.line(format_args!(
             "{name}: {}, type {}, firmware {}, {} accesses, {} images",
             about.family,
-            told(&about.board_type),
-            told(&about.firmware),
+            Visible(told(&about.board_type)),
+            Visible(told(&about.firmware)),
             recording.accesses.len(),
             recording.images.len()
         ))?;
@@ -99,6 +100,7 @@ fn print(
     for kind in ["answer", "variable", "words", "update", "handshake"] {
         let of_kind: Vec<_> = found.iter().filter(|difference| difference.kind == kind).collect();
         for Difference { what, first, second, .. } in of_kind.iter().take(PRINTED) {
+            let [what, first, second] = [what, first, second].map(Visible);
             context
                 .output
                 .line(format_args!("{kind} {what}\n  recorded   {first}\n  {second_name:<10} {second}"))?;

@@ -27,6 +27,11 @@ impl Interrupt {
         Self(Arc::default())
     }
 
+    /// What becomes true when one comes.
+    pub fn flag(&self) -> &AtomicBool {
+        &self.0
+    }
+
     /// Whether one has come.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::fcntl::{FcntlArg, Flock, FlockArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::cli::console::interrupt::Interrupt;
@@ -103,6 +103,7 @@ fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()
 pub struct Rows {
     path: PathBuf,
     file: File,
+    _lock: Option<Flock<File>>,
     kind: Kind,
     stop: Interrupt,
     collected: Vec<u8>,
@@ -137,8 +138,25 @@ impl Rows {
         } else {
             followed(path).and_then(|(target, there)| open(path, target, there.as_ref(), stop))
         };
-        let (file, kind) = opened.map_err(|error| failed(path, error))?;
+        opened.and_then(|opened| Self::over(path, opened, stop)).map_err(|error| failed(path, error))
+    }
+
+    /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn create_new(path: &Path, stop: &Interrupt) -> Result<Option<Self>, Failure> {
+        let made = match OpenOptions::new().write(true).create_new(true).open(path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
+            made => made.map(|file| (file, Kind::New(path.to_owned()))),
+        };
+        made.and_then(|made| Self::over(path, made, stop)).map(Some).map_err(|error| failed(path, error))
+    }
+
+    fn over(path: &Path, (file, kind): (File, Kind), stop: &Interrupt) -> io::Result<Self> {
+        let lock = if kind == Kind::Stream { None } else { claim(&file)? };
         Ok(Self {
+            _lock: lock,
             path: path.to_owned(),
             file,
             kind,
@@ -259,6 +277,20 @@ impl Seek for Rows {
         self.rewinds = to != SeekFrom::End(0);
         self.file.seek(to)
     }
+}
+
+/// The lock of who writes `file`; `None` on a file system without locks.
+fn claim(file: &File) -> io::Result<Option<Flock<File>>> {
+    match Flock::lock(file.try_clone()?, FlockArg::LockExclusiveNonblock) {
+        Ok(lock) => Ok(Some(lock)),
+        Err((_, Errno::EWOULDBLOCK)) => Err(io::Error::other("another program of this package writes it")),
+        Err(_) => Ok(None),
+    }
+}
+
+/// Whether another [`Rows`] writes `file`.
+pub fn is_in_use(file: &File) -> bool {
+    claim(file).is_err()
 }
 
 fn open(
@@ -388,6 +420,18 @@ mod tests {
     }
 
     #[test]
+    fn e1_two_do_not_write_one_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let (stop, path) = (Interrupt::never(), directory.path().join("x"));
+        let first = Rows::open(&path, &stop).unwrap();
+        let second = Rows::open(&path, &stop).err().unwrap().to_string();
+        assert!(second.ends_with("x: another program of this package writes it"), "{second}");
+        drop(first);
+        assert!(Rows::open(&path, &stop).is_ok());
+        assert!(Rows::create_new(&path, &stop).unwrap().is_none());
+    }
+
+    #[test]
     fn nothing_is_touched_before_the_first_rows_are_written() {
         let directory = tempfile::tempdir().unwrap();
         let stop = Interrupt::never();
@@ -402,6 +446,7 @@ mod tests {
         rows.end_row().unwrap();
         rows.discard();
         assert_eq!(fs::read(&path).unwrap(), b"what was there before");
+        drop(rows);
         let mut rows = Rows::open(&path, &stop).unwrap();
         rows.write_all(b"row\n").unwrap();
         rows.end_row().unwrap();

@@ -52,7 +52,23 @@ impl TableFile {
     /// # Errors
     /// [`Failure`]. A NumPy file must be a regular file.
     pub fn open(path: &Path, form: Form, fields: &[Field], stop: &Interrupt) -> Result<Self, Failure> {
-        let rows = Rows::open(path, stop)?;
+        Self::over(Rows::open(path, stop)?, form, fields)
+    }
+
+    /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn create_new(
+        path: &Path,
+        form: Form,
+        fields: &[Field],
+        stop: &Interrupt,
+    ) -> Result<Option<Self>, Failure> {
+        Rows::create_new(path, stop)?.map(|rows| Self::over(rows, form, fields)).transpose()
+    }
+
+    fn over(rows: Rows, form: Form, fields: &[Field]) -> Result<Self, Failure> {
         if form == Form::Npy && !rows.is_regular() {
             let error = io::Error::other(
                 "not a regular file; .npy needs one, because its header gets the number of rows at the end; use .csv",

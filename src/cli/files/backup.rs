@@ -84,7 +84,7 @@ pub struct Restore {
 
 pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
-    let saved = Saved::ask(&mut connection, "backup", &options.what, options.programs)?;
+    let saved = Saved::ask(&mut connection, "backup", &options.what, options.programs, None)?;
     let text = if context.output.is_json() { saved.document()? } else { saved.text() };
     match &options.output {
         Some(path) if !sink::is_stdout(path) => sink::put(path, text.as_bytes())?,

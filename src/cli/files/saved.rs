@@ -7,6 +7,7 @@ use std::io::{self, Write as _};
 use clap::ValueEnum;
 use serde_json::json;
 
+use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::time::rfc3339_now;
 use crate::cli::context::Failure;
 use crate::cli::files::listings::read;
@@ -57,7 +58,7 @@ pub struct Saved {
 
 impl Saved {
     /// Asks the board for `wanted`, in a sequence that others are told is a `kind`; of motion programs, for those of the range
-    /// `programs`.
+    /// `programs`. A `stop` that comes ends it behind the line under way.
     ///
     /// # Errors
     /// The board refuses a question or gives an unexpected answer, or cannot be asked.
@@ -66,9 +67,13 @@ impl Saved {
         kind: &str,
         wanted: &[What],
         programs: (u16, u16),
+        stop: Option<&Interrupt>,
     ) -> Result<Self, Failure> {
         let info = connection.info()?;
         let mut board = begin(connection, kind, true);
+        if let Some(stop) = stop {
+            board.stop_on(stop.flag());
+        }
         let items = items(wanted, programs, &info.family);
         // Ask the board: a daemon that has just started does not know them yet.
         let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);

@@ -317,7 +317,7 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
 }
 
 /// The addressed motor and coordinate system are everybody's: has the daemon address them again at the end, where `items` need
-/// others.
+/// others. What the board answers becomes part of a line then: it has to be a number and nothing else.
 ///
 /// # Errors
 /// As `ask`.
@@ -327,10 +327,17 @@ pub fn keep_address(
 ) -> Result<(), Failure> {
     if !sequence.has_end() && items.any(|item| item.system().is_some()) {
         let said = ask(sequence, &["&", "#"])?;
-        if let [Some(system), Some(motor)] = [0, 1].map(|line| said.get(line).and_then(|reply| reply.first()))
-        {
-            sequence.at_end(vec![format!("&{system}#{motor}")]);
-        }
+        let number = |line: usize| {
+            let text = said.get(line)?.first()?.trim();
+            let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
+            is_number.then(|| text.to_owned())
+        };
+        let [Some(system), Some(motor)] = [0, 1].map(number) else {
+            let why = "the board does not say which coordinate system and motor are addressed, so that they could not be \
+                       addressed again";
+            return Err(Failure::Refused(why.to_owned()));
+        };
+        sequence.at_end(vec![format!("&{system}#{motor}")]);
     }
     Ok(())
 }

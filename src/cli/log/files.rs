@@ -3,13 +3,14 @@
 //! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
 
 use std::ffi::OsStr;
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::row::GAP;
 use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::sink::is_stdout;
+use crate::cli::console::sink::{is_in_use, is_stdout};
 use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::Failure;
 use crate::client::Gap;
@@ -19,8 +20,10 @@ use crate::table::Field;
 const TRY_AGAIN: Duration = Duration::from_secs(1);
 /// How often rows go to the file, whether it is time for them or not, and old files are looked at.
 const TEND: Duration = Duration::from_secs(1);
-/// Digits of a file's number.
+/// Digits of a file's number, at least.
 const DIGITS: usize = 6;
+/// The highest number: a file with the date in its name (`run-20261126.csv`) is none of a series.
+const MOST: u64 = 9_999_999;
 
 /// When another file is begun, and how much is kept.
 #[derive(Debug, Clone, Copy, Default)]
@@ -91,9 +94,8 @@ pub struct Files {
     tended: Instant,
     /// Another file found no room: when to try again.
     rotates_from: Option<Instant>,
-    /// The number of the present file of a series, and of the first one.
-    number: u64,
-    first: u64,
+    /// The numbers of this log's files, the present one's last; 0 alone where it is no series.
+    numbers: Vec<u64>,
     /// What is in the files.
     written: Tally,
     /// The rows handed to the present file that it may not hold yet.
@@ -124,8 +126,11 @@ impl Files {
         if is_stdout(path) && rotation.is_wanted() {
             return Err(Failure::Request("stdout is one file: it cannot rotate or keep less".to_owned()));
         }
-        let number = if rotation.is_wanted() { newest(path)? + 1 } else { 0 };
-        let file = TableFile::open(&place(path, number), form, &fields, stop)?;
+        let (number, file) = if rotation.is_wanted() {
+            next(path, newest(path)? + 1, form, &fields, stop)?
+        } else {
+            (0, TableFile::open(path, form, &fields, stop)?)
+        };
         Ok(Self {
             path: path.to_owned(),
             form,
@@ -135,8 +140,7 @@ impl Files {
             began: Instant::now(),
             tended: Instant::now(),
             rotates_from: None,
-            number,
-            first: number,
+            numbers: vec![number],
             written: Tally::default(),
             pending: Vec::new(),
             kept: 0,
@@ -150,7 +154,12 @@ impl Files {
 
     /// The name of the present file.
     pub fn present(&self) -> PathBuf {
-        place(&self.path, self.number)
+        place(&self.path, self.number())
+    }
+
+    /// The number of the present file.
+    fn number(&self) -> u64 {
+        self.numbers.last().copied().unwrap_or_default()
     }
 
     /// What stands in the files, and what found no room.
@@ -224,10 +233,10 @@ impl Files {
         if self.file.kept() == 0 {
             return Ok(());
         }
-        match TableFile::open(&place(&self.path, self.number + 1), self.form, &self.fields, &self.stop) {
-            Ok(file) => {
+        match next(&self.path, self.number() + 1, self.form, &self.fields, &self.stop) {
+            Ok((number, file)) => {
                 self.file = file;
-                self.number += 1;
+                self.numbers.push(number);
                 self.kept = 0;
                 self.rotates_from = None;
                 self.remove_oldest();
@@ -247,10 +256,10 @@ impl Files {
     /// As [`Files::row`].
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        if self.number > self.first && self.file.kept() == 0 {
+        if self.numbers.len() > 1 && self.file.kept() == 0 {
             // The last row has filled the file before: this one has none.
             self.file.discard();
-            self.number -= 1;
+            self.numbers.pop();
         }
         self.remove_oldest();
         Ok(())
@@ -294,16 +303,21 @@ impl Files {
     }
 
     /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it becomes.
+    /// A file that another log writes stays.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
-        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
+        let own = self.number();
+        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != own).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
         let mut bytes = present + others.iter().map(|(_, _, length)| length).sum::<u64>();
         for (_, path, length) in others {
             if bytes <= keep {
                 break;
+            }
+            if File::open(&path).is_ok_and(|file| is_in_use(&file)) {
+                continue;
             }
             match std::fs::remove_file(&path) {
                 Ok(()) => bytes -= length,
@@ -313,6 +327,23 @@ impl Files {
             }
         }
     }
+}
+
+/// Makes the file `number` of the series `path`, or of those behind it the first that is not there yet. Returns its number.
+fn next(
+    path: &Path,
+    number: u64,
+    form: Form,
+    fields: &[Field],
+    stop: &Interrupt,
+) -> Result<(u64, TableFile), Failure> {
+    for number in number..=MOST {
+        if let Some(file) = TableFile::create_new(&place(path, number), form, fields, stop)? {
+            return Ok((number, file));
+        }
+    }
+    let name = path.display();
+    Err(Failure::Request(format!("{name}: there is no number left for another file; log under another name")))
 }
 
 /// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 is no series.
@@ -333,8 +364,8 @@ fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
         let (stem, rest) = (path.file_stem()?.to_str()?, name.to_str()?);
         let digits = rest.strip_prefix(stem)?.strip_prefix('-')?;
         let digits = digits.strip_suffix(path.extension()?.to_str()?)?.strip_suffix('.')?;
-        let is_number = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
-        if is_number { digits.parse().ok() } else { None }
+        let number = digits.parse().ok().filter(|number| *number <= MOST)?;
+        (digits == format!("{number:0DIGITS$}")).then_some(number)
     };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(directory)? {
@@ -407,6 +438,37 @@ mod tests {
         files.tend().unwrap();
         let left: Vec<_> = (1..=4).map(|number| place(&path, number).exists()).collect();
         assert_eq!((left, stranger.exists()), (vec![false, true, true, true], true));
+    }
+
+    #[test]
+    fn e1_no_file_of_somebody_elses_is_written_over_or_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        let path = at("log.csv");
+        let precious = [
+            "log-20261126.csv",
+            "log-18446744073709551615.csv",
+            "log-0000001.csv",
+            "log-+00001.csv",
+            "log.csv",
+            "target",
+        ];
+        precious.iter().for_each(|name| std::fs::write(at(name), vec![b'x'; 900_000]).unwrap());
+        std::os::unix::fs::symlink(at("target"), at("log-000001.csv")).unwrap();
+        nix::unistd::mkfifo(&at("log-000002.csv"), nix::sys::stat::Mode::S_IRWXU).unwrap();
+        let rotation = Rotation { keep: Some(20_000), ..Rotation::default() };
+        // Two logs by one name.
+        let open = || Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+        let mut both = [open(), open()];
+        for update in 0..3000 {
+            both.iter_mut().for_each(|files| files.row(&row(update), Meaning::Update).unwrap());
+            let present = both[1].present();
+            assert!(present.exists() && present != both[0].present(), "row {update}: {present:?}");
+        }
+        both.iter_mut().for_each(|files| files.finish().unwrap());
+        for name in precious {
+            assert_eq!(std::fs::read(at(name)).unwrap().len(), 900_000, "{name}");
+        }
     }
 
     #[test]

@@ -43,13 +43,13 @@ pub struct Log {
     /// Duration in seconds, counted from the trigger if there is one; without it until ^C
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// Begin another file, FILE-000001 and following, once one has so many bytes: 100M
+    /// Begin another file, run-000001.csv and following for run.csv, once one has so many bytes: 100M
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     rotate_bytes: Option<u64>,
     /// Begin another file after this time, in seconds
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     rotate_seconds: Option<Duration>,
-    /// Remove the oldest files of FILE-000001 and following, so that all take at most so many bytes: 10G
+    /// Remove the oldest of these files, so that all take at most so many bytes: 10G
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     keep: Option<u64>,
     /// At the end draw the file, as pmacctl plot does: a name that ends in .svg or .png
@@ -91,7 +91,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         let identity = board.identity()?;
         run.servo_period_ns = identity::scales(&identity).servo_period_ns();
         let mut came = false;
-        // Before the updates are taken: what comes later, however long that takes, is none that is missing.
+        // Read the clock first: an update that comes while updates are taken must not count as missing.
         let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
         let stale = follower.advance(&mut board, |step| {
             came = true;
@@ -279,9 +279,6 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
             context.output.line(summary)?;
         }
     }
-    if let (Some(picture), true) = (&options.plot, updates > 0) {
-        draw_file(&options.output, &[], picture)?;
-    }
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
@@ -290,7 +287,15 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
         let why = stale.map_or_else(String::new, |stale| format!(" ({})", stale.name()));
         said.push(format!("no update came for the last {:.1} s{why}", time.as_secs_f64()));
     }
-    if said.is_empty() { Ok((updates > 0).into()) } else { Err(Failure::Refused(said.join("; "))) }
+    let drawn = match &options.plot {
+        Some(picture) if updates > 0 => draw_file(&options.output, &[], picture),
+        _ => Ok(()),
+    };
+    if said.is_empty() {
+        return drawn.map(|()| (updates > 0).into());
+    }
+    said.extend(drawn.err().map(|failure| failure.to_string()));
+    Err(Failure::Refused(said.join("; ")))
 }
 
 /// What is to be said of lost updates: of those a row tells, or none does.

@@ -112,7 +112,7 @@ impl Rows {
         row
     }
 
-    /// Makes the time of the update before time 0, and returns what it was.
+    /// Time 0 becomes that of the latest update. Returns what its time was until now.
     pub fn zero(&mut self) -> f64 {
         let Some((_, time)) = &mut self.last else { return 0.0 };
         self.zero.0 = self.last_timer;

@@ -61,7 +61,14 @@ impl std::str::FromStr for PicturePath {
             Some("png") => true,
             _ => return Err("the name must end in .svg or .png; - is SVG on stdout".to_owned()),
         };
-        Ok(Self { path, is_png })
+        let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
+        match directory.map(fs::metadata) {
+            Some(Err(error)) => return Err(format!("its directory: {error}")),
+            Some(Ok(found)) if !found.is_dir() => {
+                return Err("it would be in what is no directory".to_owned());
+            }
+            _ => Ok(Self { path, is_png }),
+        }
     }
 }
 

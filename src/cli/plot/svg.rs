@@ -58,7 +58,8 @@ fn hex([red, green, blue]: Color) -> String {
 
 /// Without what ends a text, or is none in XML.
 fn escaped(text: &str) -> String {
-    let text: String = text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect();
+    let is_none = |letter: char| letter.is_control() || matches!(letter, '\u{fffe}' | '\u{ffff}');
+    let text: String = text.chars().map(|letter| if is_none(letter) { ' ' } else { letter }).collect();
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
@@ -68,6 +69,6 @@ mod tests {
 
     #[test]
     fn a_name_cannot_end_the_text_it_stands_in() {
-        assert_eq!(escaped("</text>&\u{1}x"), "&lt;/text&gt;&amp; x");
+        assert_eq!(escaped("</text>&\u{fffe}x"), "&lt;/text&gt;&amp; x");
     }
 }

@@ -150,7 +150,7 @@ impl Plan {
                 (time, [limit_sixteenths, 2.0 * steepest, 2.0 * quarter, quarter, speed])
             }
         };
-        Ok(Self { time_s: time_ms / 1e3, limit, values })
+        Ok(Self { time_s: time_ms / 1e3, limit: limit_sixteenths / PER_COUNT, values })
     }
 
     /// The lines that set the motor's jog variables.

@@ -1,5 +1,6 @@
 //! Sequences of command lines, which the daemon runs for this connection alone.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, fault, milliseconds, read_reply};
@@ -7,7 +8,7 @@ use crate::protocol::board::RunLinesReply;
 use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
-use crate::protocol::{BOARD, Call, calls, deadlines};
+use crate::protocol::{BOARD, Call, CallError, calls, deadlines};
 
 /// Lines that the daemon is given at a time: few, so that whoever wants to end the sequence does not wait long.
 const AT_ONCE: usize = 8;
@@ -31,12 +32,13 @@ pub struct LineSequence<'c> {
     options: LinesOptions<'c>,
     at_end: Option<Vec<String>>,
     over: Option<RunLinesReply>,
+    stop: Option<&'c AtomicBool>,
 }
 
 impl Connection {
     /// Begins a sequence with its first lines: no other one runs until it is over.
     pub fn lines<'c>(&'c mut self, options: LinesOptions<'c>) -> LineSequence<'c> {
-        LineSequence { connection: self, options, at_end: None, over: None }
+        LineSequence { connection: self, options, at_end: None, over: None, stop: None }
     }
 
     /// Runs `lines` as one sequence. `told` is given what becomes of each, as it happens; a `false` of it ends the sequence soon.
@@ -63,7 +65,13 @@ impl Connection {
     }
 }
 
-impl LineSequence<'_> {
+impl<'c> LineSequence<'c> {
+    /// From now on gives the sequence up once `stop` is true, behind the line under way: the connection is closed, and the daemon
+    /// ends the sequence.
+    pub fn stop_on(&mut self, stop: &'c AtomicBool) {
+        self.stop = Some(stop);
+    }
+
     /// Lines that the daemon sends at the end, whatever the end is: what puts the board back.
     pub fn at_end(&mut self, lines: Vec<String>) {
         self.at_end = Some(lines);
@@ -154,6 +162,10 @@ impl LineSequence<'_> {
                 return Ok(());
             }
             told(&reply?);
+            if self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+                self.over = Some(RunLinesReply::default());
+                return Err(CallError::Refused { reason: "stopped by a signal".to_owned() }.into());
+            }
         }
     }
 }
