@@ -216,6 +216,9 @@ fn begin(
     if let Some(mistake) = options.trigger.as_ref().and_then(|trigger| trigger.mistake(&first.data)) {
         return Err(Failure::Request(mistake));
     }
+    if let Some(why) = options.trigger.as_ref().and_then(|trigger| trigger.lacks_scale(&first.data)) {
+        let _ = writeln!(io::stderr(), "{why}");
+    }
     let fields = rows.fields();
     let numbers = options.before.as_nanos() as f64 / servo_period_ns.unwrap_or(1e5) * fields.len() as f64;
     if options.trigger.is_some() && numbers > MOST_BEFORE {

@@ -70,15 +70,16 @@ impl Condition {
                 (name, motor.status.is_none_or(known))
             }
         };
-        if !has {
-            return Some(format!("--trigger: the servo report has no {name:?}; {FORM}"));
-        }
-        let quantity = motor.place(name).and_then(|place| motor.quantities()[place]);
-        quantity.filter(|quantity| quantity.number().is_none()).map(|quantity| {
-            format!(
-                "--trigger: {name} of motor {} is known in units of {} only; pmacd asks the board for the scale: try again, or see pmacctl doctor",
-                self.motor, quantity.unit
-            )
+        (!has).then(|| format!("--trigger: the servo report has no {name:?}; {FORM}"))
+    }
+
+    /// Why it cannot be true yet: the board has not told what scales its value in `update`.
+    pub fn lacks_scale(&self, update: &ServoData) -> Option<String> {
+        let Test::Value { field, .. } = &self.test else { return None };
+        let motor = update.motors.iter().find(|motor| motor.motor == self.motor)?;
+        let quantity = motor.quantities()[motor.place(field)?]?;
+        quantity.number().is_none().then(|| {
+            format!("--trigger: of {}.{field} only the integer is known; until the board tells its scale, it is not true", self.motor)
         })
     }
 
