@@ -4,6 +4,7 @@
 
 use std::sync::Arc;
 
+use log::warn;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::config::family::FamilyKnown;
@@ -89,6 +90,14 @@ impl Parts {
             identifier = identifier.without_reports();
         }
         let tells = replies.as_ref().is_none_or(|all| all.has_definitions(m_variables(settings.family)));
+        let uses_more =
+            Function::ALL.iter().any(|one| *one != Function::Ascii && reading.functions.has(*one));
+        if settings.ask_m_variables && !asks && uses_more && replies.is_none() {
+            warn!(
+                "the board is not asked where its M-variables point: the configuration leaves out \"ascii\", or has ask_board = false. \
+                 If its programs keep data in the DPRAM, ask it by another way first: docs/operations.md, Programs that use the DPRAM too"
+            );
+        }
         let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
         let ports = if asks { ports.after_another_host(now) } else { ports.silent_until_used() };

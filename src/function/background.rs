@@ -39,6 +39,8 @@ pub struct BackgroundReader {
     block: &'static BackgroundBlock,
     selection: Selection,
     numbers: usize,
+    /// Of these so many at most, as the board was told by somebody else; `None` where the host tells it.
+    as_found: Option<usize>,
     /// What is read of a block, in words from its start.
     runs: Vec<Range<usize>>,
     image: Box<[u16]>,
@@ -51,6 +53,9 @@ pub struct BackgroundReader {
     /// Host-Busy is set: PMAC makes no other report meanwhile.
     holds: bool,
 }
+
+/// Of the count's word the bits that are the count.
+const COUNT: u16 = 0xFF;
 
 impl BackgroundReader {
     /// A reader of all of `block` that has seen nothing yet.
@@ -70,6 +75,7 @@ impl BackgroundReader {
             block,
             selection,
             numbers: block.blocks.count,
+            as_found: None,
             runs,
             image,
             count_found: None,
@@ -91,11 +97,21 @@ impl BackgroundReader {
         self.next_block = None;
     }
 
+    /// Whether to leave the report's count as it is found, and read so many blocks: the words of the others may be somebody's.
+    pub fn keep_as_found(&mut self, as_found: bool) {
+        self.as_found = (as_found && self.block.count.is_some()).then_some(0);
+    }
+
+    /// How many blocks are read at most.
+    fn count(&self) -> usize {
+        self.as_found.map_or(self.numbers, |found| found.min(self.numbers))
+    }
+
     /// The buffer as last taken, from the region's first word on, up to the last block read. Words the host does not read
     /// (the spares, what was not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
-        let numbers = self.selection.last_number(self.numbers);
+        let numbers = self.selection.last_number(self.count());
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
@@ -116,7 +132,7 @@ impl BackgroundReader {
             return 0;
         }
         let status = self.image.iter().skip(self.block.index(flag.word)).step_by(blocks.words);
-        let read = status.take(self.numbers).enumerate().filter(|(at, _)| self.selection.has_number(at + 1));
+        let read = status.take(self.count()).enumerate().filter(|(at, _)| self.selection.has_number(at + 1));
         read.fold(0, |mask, (at, word)| mask | u32::from(!flag.is_set(*word)) << at)
     }
 
@@ -140,7 +156,9 @@ impl BackgroundReader {
     /// When the bus cannot be reached.
     pub fn ask(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
         self.reset();
-        if let Some(count) = self.block.count {
+        if let (Some(count), Some(found)) = (self.block.count, &mut self.as_found) {
+            *found = usize::from(bus.read16(count)? & COUNT);
+        } else if let Some(count) = self.block.count {
             let found = match self.count_found {
                 Some([found, _]) => found,
                 None => bus.read16(count)?,
@@ -217,7 +235,7 @@ impl BackgroundReader {
 
     /// The first block from `next` on that is to be read.
     fn selected_from(&self, next: usize) -> Option<usize> {
-        (next..self.numbers).find(|block| self.selection.has_number(block + 1))
+        (next..self.count()).find(|block| self.selection.has_number(block + 1))
     }
 
     /// Reads the global words if PMAC has a report ready.

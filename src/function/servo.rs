@@ -95,6 +95,8 @@ pub struct ServoReader {
     motors: u32,
     /// The report's mask is to be written.
     mask_due: bool,
+    /// But not now: words of motors that the board was not told to report may be somebody's.
+    as_found: bool,
     /// The mask as it was found, and as it was written over that.
     mask_found: Option<[u32; 2]>,
     /// So many updates more until the mask is read again.
@@ -123,6 +125,7 @@ impl ServoReader {
             told: None,
             motors: u32::MAX,
             mask_due: false,
+            as_found: false,
             mask_found: None,
             mask_updates: 0,
             // Room for any selection, so that it is not allocated later.
@@ -159,7 +162,17 @@ impl ServoReader {
     pub fn set_motors(&mut self, motors: u32) {
         self.told = Some(motors);
         self.mask_due = self.block.mask.is_some();
+        self.mask_updates = 0;
         self.read_motors(motors);
+    }
+
+    /// Whether to leave the report's mask as it is found, and read the motors that it has.
+    pub fn keep_as_found(&mut self, as_found: bool) {
+        self.as_found = as_found;
+        self.mask_updates = 0;
+        if let Some(told) = self.told.filter(|_| !as_found) {
+            self.read_motors(told);
+        }
     }
 
     fn read_motors(&mut self, motors: u32) {
@@ -287,7 +300,7 @@ impl ServoReader {
 
     /// Writes the mask when that is due, and now and then reads what another host has made of it.
     fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
-        if self.mask_due {
+        if self.mask_due && !self.as_found {
             let found = match self.mask_found {
                 Some([found, _]) => found,
                 None => read32(bus, mask)?,

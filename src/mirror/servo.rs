@@ -198,6 +198,11 @@ impl ServoMirror {
         self.reader.mask_is_lost();
     }
 
+    /// Whether to leave the host's words that say what is reported as they are found.
+    pub fn keep_as_found(&mut self, as_found: bool) {
+        self.reader.keep_as_found(as_found);
+    }
+
     /// Puts the host's words that say what is reported back as they were found.
     ///
     /// # Errors

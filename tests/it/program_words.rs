@@ -196,6 +196,67 @@ fn c3_words_that_turn_out_to_be_a_programs_are_put_back() {
     assert_theirs(&site, "put back");
 }
 
+/// A board that reports two motors and two coordinate systems, with words of its programs where it would report others.
+fn site_with_data_in_unreported_words() -> VirtualSite {
+    let mask_and_count =
+        ["I48=0 I49=0", "M20->DP:$6001C", "M20=3", "M20->*", "M21->Y:$6019D,0,16", "M21=2", "M21->*"];
+    let data = ["M211->DP:$60080", "M211=305419896", "M8000->DP:$60300", "M8000=305419896", "I48=1 I49=1"];
+    let site = site("turbo2", &[&mask_and_count[..], &data].concat(), "functions = [\"ascii\"]\n");
+    site.stop_daemon();
+    site
+}
+
+/// The mask, the count, and the data.
+fn reported_and_kept(site: &VirtualSite) -> [u16; 7] {
+    [0x70, 0x72, 0x674, 4 * 0x80, 4 * 0x80 + 2, 4 * 0x300, 4 * 0x300 + 2].map(|offset| word(site, offset))
+}
+
+#[test]
+fn c3_the_board_is_told_to_report_no_more_than_before_until_its_definitions_are_known() {
+    let site = site_with_data_in_unreported_words();
+    let before = reported_and_kept(&site);
+    assert_eq!(before, [3, 0, 2, 0x5678, 0x1234, 0x5678, 0x1234]);
+    site.control("fault ascii_slow 300ms");
+    start_asking(&site);
+    site.wait_for_live_servo();
+    site.run_for(Duration::from_secs(3));
+    assert_eq!(reported_and_kept(&site), before, "while they are asked for");
+    let (_, motors, _) = site.pmacctl(&["motors"]);
+    assert!(motors.contains("#2 ") && !motors.contains("#3 "), "{motors}");
+    site.wait_until("the coordinate systems", || site.pmacctl(&["coordinates"]).1.contains("&2 "));
+    assert_eq!(reported_and_kept(&site), before, "with the coordinate systems");
+    site.control("fault ascii_slow off");
+    wait_until_known(&site);
+    let names: Vec<_> = held(&site).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["servo", "background"]);
+    assert_eq!(reported_and_kept(&site), before, "at the end");
+}
+
+#[test]
+fn c1_what_the_board_reports_is_as_before_when_the_daemon_ends() {
+    let site =
+        site("turbo2", &["M20->DP:$6001C", "M20=3", "M21->Y:$6019D,0,16", "M21=2", "M20->* M21->*"], ASKS);
+    let chosen = || CHOSEN.map(|offset| word(&site, offset));
+    wait_until_known(&site);
+    site.wait_until("all motors and coordinate systems", || chosen() == [u16::MAX, u16::MAX, 16]);
+    site.stop_daemon();
+    assert_eq!(chosen(), [3, 0, 2]);
+}
+
+#[test]
+fn c3_a_daemon_that_cannot_ask_the_board_says_so() {
+    let warning = "the board is not asked where its M-variables point";
+    for (config, is_told) in [
+        ("ask_m_variables = true\nfunctions = [\"servo\"]\n", true),
+        ("ask_m_variables = true\nfunctions = [\"ascii\"]\n", false),
+        (ASKS, false),
+    ] {
+        let site = site("turbo2", &[], config);
+        site.run_for(Duration::from_secs(1));
+        assert_eq!(site.log().contains(warning), is_told, "{config}: {}", site.log());
+    }
+}
+
 /// Who asks the board for long lists all the time neither stops the questions nor makes pmacd give them up.
 #[test]
 fn c3_lines_of_others_do_not_make_the_board_one_that_does_not_tell() {
@@ -263,14 +324,17 @@ fn c3_a_board_that_cannot_be_asked_is_used_as_before() {
     assert_eq!(socket_of(&site)["program_words"].as_array().unwrap().len(), 0);
 }
 
+/// Somebody else may have it open for long: what he keeps in the DPRAM stays until the board can tell.
 #[test]
-fn c3_no_question_enters_an_open_buffer_and_nobody_waits_for_it() {
+fn c3_no_question_enters_an_open_buffer_and_functions_wait_until_it_is_closed() {
     let site = site("pmac", &["OPEN PROG 77 CLEAR", "X1"], ASKS);
     site.wait_for_live_servo();
-    wait_until_known(&site);
-    assert!(site.log().contains("the board does not tell"), "{}", site.log());
+    site.run_for(Duration::from_secs(30));
+    let waiting = socket_of(&site)["waiting"].to_string();
+    assert!(waiting.contains("gather") && !site.log().contains("does not tell"), "{waiting}: {}", site.log());
     let (code, _, error) = site.hurried(|| site.pmacctl(&["send", "CLOSE"]));
     assert_eq!(code, 0, "{error}");
+    wait_until_known(&site);
     let (_, listed, _) = site.hurried(|| site.pmacctl(&["send", "LIST PROG 77"]));
     assert!(!listed.contains("->"), "{listed}");
 }

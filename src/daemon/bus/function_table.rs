@@ -66,9 +66,13 @@ impl FunctionTable {
         clock: Clock,
     ) -> Self {
         let now = clock.now();
+        let (asks, shared) = (ascii.queue().scan.is_wanted(), settings.shared_functions.clone());
+        let (mut servo, mut background) = (servo, background);
+        servo.keep_as_found(asks && !shared.has(Function::Servo));
+        background.keep_as_found(asks && !shared.has(Function::Background));
         Self {
-            uses: FunctionUse::new(settings, ascii.queue().scan.is_wanted()),
-            shared: settings.shared_functions.clone(),
+            uses: FunctionUse::new(settings, asks),
+            shared,
             servo_sign: ServoSign::default(),
             servo,
             background,
@@ -273,8 +277,8 @@ impl FunctionTable {
         &self.uses
     }
 
-    /// The board says that it works at these: their words are its own, and who waits for where M-variables point need not
-    /// wait any more.
+    /// The board says that it works at these: the words that it writes are its own, and who waits for where M-variables point need
+    /// not wait any more. Which motors and coordinate systems it is told to report stays as it is until that is known.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -315,6 +319,10 @@ impl FunctionTable {
             // Of these no M-variable is known that points into their words.
             Function::ALL.into_iter().for_each(|function| self.uses.begin(function));
         }
+        if outcome != ScanOutcome::More {
+            self.servo.keep_as_found(false);
+            self.background.keep_as_found(false);
+        }
         self.follow_use(&before, context)
     }
 
@@ -347,14 +355,8 @@ impl FunctionTable {
                 (Use::On, Use::Held) => {
                     self.row(function).leave(context.bus)?;
                     match function {
-                        Function::Servo => {
-                            self.servo.give_back(context.bus)?;
-                            self.servo.end(context.publisher);
-                        }
-                        Function::Background => {
-                            self.background.give_back(context.bus)?;
-                            self.background.end(context.publisher);
-                        }
+                        Function::Servo => self.servo.end(context.publisher),
+                        Function::Background => self.background.end(context.publisher),
                         _ => {}
                     }
                 }

@@ -477,11 +477,12 @@ impl AsciiQueue {
         self.identifier.is_overdue(now) || scan_is_overdue
     }
 
-    /// Whether callers' commands hold the port, at a board that answers them.
+    /// Whether the board cannot be asked because of others: their commands hold the port, at a board that answers them, or a program
+    /// buffer is open.
     fn others_hold(&self) -> bool {
         let command = self.under_way.as_ref().map(|under_way| &under_way.command);
         let is_others = matches!(command, Some(InFlight::Line(_) | InFlight::Control(_)));
-        self.state == CommandState::Answers && (is_others || !self.lines.is_empty())
+        self.buffer.is_open() || self.state == CommandState::Answers && (is_others || !self.lines.is_empty())
     }
 
     fn is_under_way(&self) -> bool {

@@ -24,6 +24,7 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.give_back(bus)?;
         self.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
@@ -55,6 +56,7 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
+        self.give_back(bus)?;
         self.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
