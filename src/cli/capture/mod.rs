@@ -9,6 +9,7 @@ use std::io::{self, Write as _};
 
 use serde_json::json;
 
+pub use self::private::without_users;
 pub use self::take::{Capture, Taken};
 use self::take::{Summary, Taking};
 use crate::cli::console::interrupt::Interrupt;

@@ -21,6 +21,20 @@ fn is_question(line: &str) -> bool {
     IDENTITY.contains(&line.as_str()) || (!line.is_empty() && line.chars().all(is_of_question))
 }
 
+/// `text`, in which others are named as `uid 1000 (pid 77)`, without the numbers.
+pub fn without_users(text: &str) -> String {
+    let mut rest = text;
+    let mut shown = String::new();
+    while let Some(at) = ["uid ", "pid "].iter().filter_map(|what| rest.find(what)).min() {
+        let (before, behind) = rest.split_at(at + "uid ".len());
+        let digits = behind.bytes().take_while(u8::is_ascii_digit).count();
+        shown += before;
+        shown += if digits > 0 { "N" } else { "" };
+        rest = &behind[digits..];
+    }
+    shown + rest
+}
+
 /// What to show of a trace's texts.
 pub struct TextFilter {
     port: &'static AsciiPort,
@@ -139,6 +153,18 @@ impl TextFilter {
 mod tests {
     use super::*;
     use crate::map::PMAC;
+
+    #[test]
+    fn e6_users_and_processes_are_named_without_their_numbers() {
+        for (text, shown) in [
+            ("PROG 5 is open: opened by uid 1000 (pid 9400)", "PROG 5 is open: opened by uid N (pid N)"),
+            ("uid 0 pid 7 sent uid ", "uid N pid N sent uid "),
+            ("the fluid 3 and stupid x", "the fluid N and stupid x"),
+            ("", ""),
+        ] {
+            assert_eq!(without_users(text), shown);
+        }
+    }
 
     const PORT: &AsciiPort = &PMAC.ascii;
 

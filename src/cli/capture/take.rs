@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::image::{ImageReading, dpram_bytes};
 use super::latency::Times;
-use super::private::{IDENTITY, TextFilter};
+use super::private::{IDENTITY, TextFilter, without_users};
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::time::rfc3339_now;
@@ -240,7 +240,8 @@ impl<'a> Taking<'a> {
         let cut_short = match &failure {
             // Its path may name a user.
             Some(failure) => {
-                Some(failure.to_string().replace(&self.options.directory.display().to_string(), "DIR"))
+                let text = failure.to_string().replace(&self.options.directory.display().to_string(), "DIR");
+                Some(without_users(&text))
             }
             None => self.stop.came().then(|| "ended by a signal".to_owned()),
         };
@@ -307,7 +308,7 @@ impl<'a> Taking<'a> {
     /// What was not told, and why.
     fn lacks(&mut self, what: &str, why: &str) {
         self.lacks_answers = true;
-        self.about.left_out.push(format!("{what}: {why}"));
+        self.about.left_out.push(format!("{what}: {}", without_users(why)));
     }
 
     /// Asks the board; what it refuses is an answer. A question enters no program buffer.
@@ -326,7 +327,7 @@ impl<'a> Taking<'a> {
                 | CallError::TimedOut { .. }
                 | CallError::Unavailable { .. }
                 | CallError::Busy),
-            )) => (Vec::new(), Some(error.to_string())),
+            )) => (Vec::new(), Some(without_users(&error.to_string()))),
             Err(error) => return Err(error.into()),
         };
         self.questions.note(began.elapsed());

@@ -97,6 +97,15 @@ fn print(
             recording.images.len()
         ))?;
     }
+    for (name, recording) in [("recorded", first), (second_name, second)] {
+        let about = &recording.about;
+        if let Some(why) = &about.cut_short {
+            context.output.line(format_args!("{name}: cut short: {}", Visible(why)))?;
+        }
+        if about.dropped > 0 {
+            context.output.line(format_args!("{name}: {} more accesses were not recorded", about.dropped))?;
+        }
+    }
     for kind in ["answer", "variable", "words", "update", "handshake"] {
         let of_kind: Vec<_> = found.iter().filter(|difference| difference.kind == kind).collect();
         for Difference { what, first, second, .. } in of_kind.iter().take(PRINTED) {
@@ -223,11 +232,14 @@ fn orders(seen: &Sides<Seen>) -> Vec<Difference> {
     let kind = |order: &str| order.split(", ").next().unwrap_or_default().to_owned();
     let kinds =
         seen.each_ref().map(|seen| seen.orders.iter().map(|order| kind(order)).collect::<BTreeSet<_>>());
+    // A host that looks late sees what came meanwhile in the order in which it looks. So a kind of which both boards have shown one
+    // order is no difference.
+    let shared: BTreeSet<_> = seen[0].orders.intersection(&seen[1].orders).map(|order| kind(order)).collect();
     let mut found = Vec::new();
     for (at, side) in seen.iter().enumerate() {
         let other = 1 - at;
-        let only = side.orders.difference(&seen[other].orders);
-        for order in only.filter(|order| kinds[other].contains(&kind(order))) {
+        let ours = |order: &&String| kinds[other].contains(&kind(order)) && !shared.contains(&kind(order));
+        for order in side.orders.iter().filter(ours) {
             let mut sides = ["not seen".to_owned(), "not seen".to_owned()];
             sides[at].clone_from(order);
             let [first, second] = sides;

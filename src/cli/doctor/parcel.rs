@@ -73,7 +73,7 @@ fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Res
         tar.add_directory("capture", directory)?;
     }
     tar.end()?;
-    Ok((note, taken.is_ok_and(|taken| taken.summary.cut_short.is_none())))
+    Ok((note, taken.is_ok_and(|taken| taken.summary.cut_short.is_none() && !taken.summary.lacks_answers)))
 }
 
 /// What is in the file and what is not.
@@ -128,7 +128,9 @@ impl Private {
     fn clean(&self, value: &mut Value) {
         match value {
             Value::String(text) => {
-                *text = self.0.iter().fold(std::mem::take(text), |text, (from, to)| text.replace(from, to));
+                let told =
+                    self.0.iter().fold(std::mem::take(text), |text, (from, to)| text.replace(from, to));
+                *text = capture::without_users(&told);
             }
             Value::Array(values) => values.iter_mut().for_each(|value| self.clean(value)),
             Value::Object(fields) => {
