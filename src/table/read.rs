@@ -9,6 +9,9 @@ pub enum ReadError {
     /// Nothing in it.
     #[error("the file is empty")]
     Empty,
+    /// No table: one line without a comma.
+    #[error("no table: neither a NumPy file nor names and numbers between commas")]
+    NoTable,
     /// The line, from 1, has another number of values than the head.
     #[error("line {line} has {found} values, the first line {expected} names")]
     Width {
@@ -83,6 +86,10 @@ fn csv(text: &str) -> Result<Table, ReadError> {
         })
         .collect();
     let mut columns = vec![Vec::new(); fields.len()];
+    let mut lines = lines.peekable();
+    if fields.len() == 1 && lines.peek().is_none() {
+        return Err(ReadError::NoTable);
+    }
     for (index, line) in lines {
         let line_number = index + 1;
         let found = line.split(',').count();

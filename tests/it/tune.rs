@@ -235,11 +235,16 @@ fn e3_each_variable_is_put_back_once() {
 
 #[test]
 fn e3_a_move_that_does_not_come_to_its_end_has_no_figures() {
-    for stops in ["kill", "interrupt"] {
+    for stops in ["kill", "interrupt", "reset"] {
         let site = site();
         let child = moving(&site);
         match stops {
             "kill" => assert_eq!(site.run(&["kill"]).code, Some(0)),
+            // So near to its end that the size alone is that of the whole move.
+            "reset" => {
+                site.wait_until("most of the way", || site.ask("#1P")[0].parse::<f64>().unwrap() > 9_950.0);
+                site.control("reset");
+            }
             _ => kill(Pid::from_raw(child.id().cast_signed()), Signal::SIGINT).unwrap(),
         }
         let ran = end(&site, child);

@@ -18,7 +18,7 @@ use crate::table::Field;
 
 /// How long until a full disk is tried again.
 const TRY_AGAIN: Duration = Duration::from_secs(1);
-/// How often rows go to the file, whether it is time for them or not, and old files are looked at.
+/// How often rows go to the file though the buffer is not full, and old files are removed.
 const TEND: Duration = Duration::from_secs(1);
 /// Digits of a file's number, at least.
 const DIGITS: usize = 6;
@@ -212,15 +212,15 @@ impl Files {
     /// # Errors
     /// As [`Files::row`].
     pub fn tend(&mut self) -> Result<(), Failure> {
+        if self.rotation.age.is_some_and(|age| self.began.elapsed() >= age) {
+            self.rotate()?;
+        }
         if self.tended.elapsed() < TEND {
             return Ok(());
         }
         self.tended = Instant::now();
         self.flush()?;
         self.remove_oldest();
-        if self.rotation.age.is_some_and(|age| self.began.elapsed() >= age) {
-            self.rotate()?;
-        }
         Ok(())
     }
 

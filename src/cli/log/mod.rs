@@ -43,7 +43,7 @@ pub struct Log {
     /// Duration in seconds, counted from the trigger if there is one; without it until ^C
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// Begin another file, run-000001.csv and following for run.csv, once one has so many bytes: 100M
+    /// Begin another file, run-000001.csv and following for run.csv, once one has so many bytes (100M), or a quarter of --keep
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     rotate_bytes: Option<u64>,
     /// Begin another file after this time, in seconds

@@ -97,3 +97,34 @@ fn paint([red, green, blue]: Color) -> Paint<'static> {
     paint.set_color_rgba8(red, green, blue, 255);
     paint
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn e3_letters_are_where_they_stand() {
+        let text = |text: &str| Text {
+            at: [50.0, 40.0],
+            text: text.to_owned(),
+            size: 20.0,
+            anchor: Anchor::Start,
+            color: [0; 3],
+            upwards: false,
+        };
+        let dark = |letters: &str| {
+            let shapes = vec![Shape::Text(text(letters))];
+            let bytes = png(&Scene { width: 200.0, height: 60.0, shapes }, &Font::new()).unwrap();
+            let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
+            let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut pixels).unwrap();
+            let dots = pixels.chunks(3).enumerate().filter(|(_, dot)| dot[0] < 128);
+            dots.map(|(at, _)| [at % 400 / 2, at / 400 / 2]).collect::<Vec<_>>()
+        };
+        let drawn = dark("Motor 1");
+        assert!(drawn.len() > 100, "{drawn:?}");
+        let is_inside = |[x, y]: &[usize; 2]| (50..140).contains(x) && (20..41).contains(y);
+        assert!(drawn.iter().all(is_inside), "{drawn:?}");
+        assert!(dark(" ").is_empty());
+    }
+}

@@ -208,6 +208,10 @@ impl State {
     }
 
     fn arm(&mut self, live: bool) -> Option<Effect> {
+        if self.page != Page::Board {
+            self.alarm("not armed: the motors are not on the screen; Esc shows them");
+            return None;
+        }
         let motor = u8::try_from(self.selected).ok().filter(|motor| *motor > 0);
         if !live || motor.is_none() {
             self.alarm("not armed: the data are not live, so nobody can see what the motor does");

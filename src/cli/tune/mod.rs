@@ -222,8 +222,9 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
             short(start)
         )
     }));
-    // Of a move that did not come to its end there is nothing to tell.
-    let is_whole = |response: &Response| (response.size - size).abs() <= NEAR + 0.01 * size.abs();
+    // Of a move that did not come to its end, or was not seen to, there is nothing to tell.
+    let is_seen = record.failure.is_none() && !record.interrupted && has_stopped;
+    let is_whole = |response: &Response| is_seen && (response.size - size).abs() <= NEAR + 0.01 * size.abs();
     let response = record.recording.response(wanted.settles()).filter(is_whole);
     if context.output.is_json() {
         context.output.json(&json!({
