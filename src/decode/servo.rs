@@ -148,6 +148,12 @@ fn address(block: &Block, at: usize, _: MotorScales) -> Option<Quantity> {
     block.unsigned(at).map(Quantity::address)
 }
 
+/// Whether the report of some family has a field called `name`.
+#[must_use]
+pub fn is_field(name: &str) -> bool {
+    FIELDS.iter().any(|field| field.name == name)
+}
+
 /// How many fields a motor's block may have.
 pub const MOTOR_FIELDS: usize = FIELDS.len();
 

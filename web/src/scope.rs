@@ -2,7 +2,10 @@
 
 use std::fmt::Write as _;
 
-use pmac_dpram::decode::ServoMotor;
+use pmac_dpram::client::View;
+use pmac_dpram::decode::servo::is_field;
+use pmac_dpram::decode::{Quantity, ServoData, ServoMotor};
+use pmac_dpram::map::FAMILIES;
 
 use crate::feed::Batch;
 
@@ -29,8 +32,9 @@ impl Traces {
         let one = |text: &str| {
             let (motor, field) = text.split_once('.')?;
             let motor: u8 = motor.parse().ok()?;
-            let is_name = field.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_');
-            (motor > 0 && is_name).then(|| Trace { motor: motor.into(), field: field.to_owned() })
+            // Where the board's family has no such motor or field, the values are null.
+            let has_motor = motor > 0 && FAMILIES.iter().any(|family| usize::from(motor) <= family.motors);
+            (has_motor && is_field(field)).then(|| Trace { motor: motor.into(), field: field.to_owned() })
         };
         let traces: Option<Vec<Trace>> = text.split(',').map(one).collect();
         let traces = traces.ok_or("write traces as 1.actual_position,2.following_error")?;
@@ -92,7 +96,8 @@ mod tests {
         let traces = Traces::parse("1.actual_position,32.following_error").unwrap();
         assert_eq!(traces.0[1], Trace { motor: 32, field: "following_error".to_owned() });
         let many = vec!["1.velocity"; TRACES + 1].join(",");
-        for wrong in ["", "1", "0.velocity", "999.velocity", "1.<script>", "1.velocity,", &many] {
+        for wrong in ["", "1", "0.velocity", "33.velocity", "1.nonsense", "1.<script>", "1.velocity,", &many]
+        {
             assert!(Traces::parse(wrong).is_err(), "{wrong}");
         }
     }
