@@ -274,7 +274,8 @@ impl Source<'_> {
         if is_hex(word) || self.names.contains_key(word) {
             return word;
         }
-        let starts = (1..word.len()).rev().map(|at| word.split_at(at));
+        // A part that is no word may be one letter of several bytes.
+        let starts = word.char_indices().rev().map(|(at, _)| word.split_at(at));
         starts
             .filter(|(name, rest)| self.names.contains_key(*name) && is_hex(rest))
             .map(|(name, _)| name)
@@ -508,9 +509,16 @@ mod tests {
         assert!(run(&[("f", &text)]).unwrap_err()[0].contains("longer than 4096"));
     }
 
+    #[test]
+    fn b5_5_what_is_no_program_file_is_refused_with_its_place() {
+        let mistakes = run(&[("f", "P1=1\nCMD\"$\u{e9}\"\n#define B 1\nM1->X:$\u{fffd}B,0\n")]).unwrap_err();
+        let places: Vec<&str> = mistakes.iter().filter_map(|mistake| mistake.get(..4)).collect();
+        assert_eq!(places, ["f:2:", "f:4:"], "{mistakes:?}");
+    }
+
     proptest::proptest! {
         #[test]
-        fn no_text_can_harm(text in "(#define|#include|#ifdef|#endif|\"|;|//|A|B| |\n|\u{e9})*") {
+        fn no_text_can_harm(text in "(#define|#include|#ifdef|#endif|\"|;|//|[$]|A|B| |\n|\u{e9}|\u{fffd})*") {
             let _ = run(&[("f", &text)]);
         }
     }
