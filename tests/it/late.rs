@@ -99,6 +99,23 @@ fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
 }
 
 #[test]
+fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
+    let site = board("line_flag=done");
+    site.control("fault ascii_slow 20000ms");
+    // The first is with the board and the second with the bus thread, or on its way to it. The third waits in the socket's thread.
+    let _slow = waiting(&site, "P5=3");
+    site.run_for(Duration::from_millis(100));
+    let _patient = [waiting(&site, "P6=1"), waiting(&site, "P7=1")];
+    site.run_for(Duration::from_millis(100));
+    let took = seconds(&site, || {
+        let refused = site.connection().send("P8=1", Duration::from_secs(1)).unwrap_err().to_string();
+        assert!(refused.contains("the board still works on \"P5=3\" of uid "), "{refused}");
+        assert!(refused.contains("nothing was sent"), "{refused}");
+    });
+    assert!(took < 1.2, "{took} s");
+}
+
+#[test]
 fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
     for reading in ["line_flag=taken", "line_flag=done"] {
         let site = board(reading);

@@ -201,11 +201,11 @@ impl BoardLoop {
             let result = self.check_board();
             self.note_failure(result);
         }
-        self.tell_clients(beats);
+        self.tell_clients(beats, self.clock.at(now));
     }
 
     /// Tells the clients what has changed; counts alone only `with_counts`.
-    fn tell_clients(&mut self, with_counts: bool) {
+    fn tell_clients(&mut self, with_counts: bool, now: Instant) {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
         let queue = ascii.queue();
         let program_buffer = self.functions.program_buffer_open().map(|(open, _)| open);
@@ -221,7 +221,7 @@ impl BoardLoop {
             status.enabling = queue.identifier.enabling();
             status.changes = queue.identifier.changes();
             status.reply_end = queue.ports().dpram.reply_end();
-            (status.buffer, status.given_up) = queue.standing();
+            (status.buffer, status.holds_port) = queue.standing(now);
             status.open_loops = self.functions.open_loops();
             status.loops_left_open = self.functions.loops_left_open();
             status.motion = servo.motion();

@@ -152,10 +152,10 @@ impl Info {
         self.status.loops_left_open
     }
 
-    /// The command that was given up and holds the port for command lines.
+    /// The command that holds the port for command lines: one that was given up, or a slow line.
     #[must_use]
-    pub fn given_up(&self) -> Option<GivenUp> {
-        self.status.given_up
+    pub fn holds_port(&self) -> Option<GivenUp> {
+        self.status.holds_port
     }
 
     /// Which motors move.

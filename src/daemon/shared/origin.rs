@@ -20,7 +20,8 @@ pub struct Origin {
     pub stays: bool,
 }
 
-/// A command that was given up. Nothing else is sent until the board has shown that it works on it no more.
+/// A command that the board works on, or that was given up. Nothing else is sent until the board has shown that it works on it
+/// no more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GivenUp {
     /// Whose it was.

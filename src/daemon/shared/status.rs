@@ -59,8 +59,8 @@ pub struct BoardStatus {
     pub reply_end: ReplyEnd,
     /// The program buffer that is open.
     pub buffer: Standing,
-    /// The command that was given up and holds the port.
-    pub given_up: Option<GivenUp>,
+    /// The command that holds the port: one that was given up, or a slow line.
+    pub holds_port: Option<GivenUp>,
     /// What the I-variables that switch functions on were when asked.
     pub enabling: Enabling,
     /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
@@ -98,7 +98,7 @@ impl BoardStatus {
         changes: [None; CHANGES],
         reply_end: ReplyEnd::Ack,
         buffer: Standing { is_open: false, opened: None, is_unsaid: false },
-        given_up: None,
+        holds_port: None,
         enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,
         loops_left_open: 0,

@@ -19,8 +19,8 @@ use crate::function::variable_read::VariableEntry;
 use crate::protocol::CallError;
 use crate::protocol::line_ends::LineEnds;
 
-/// How much longer than asked the bus thread may take before it is not believed to answer at all: more than a port takes to
-/// be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
+/// How much longer than asked the bus thread may take for what it was given before it is not believed to answer at all: more
+/// than a port takes to be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
 const GRACE: Duration = Duration::from_millis(1500);
 /// How long the board may take to answer a question of the daemon's own.
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
@@ -94,8 +94,10 @@ impl Then {
 #[derive(Debug)]
 struct Pending {
     caller: Caller,
-    /// When to stop believing that the bus thread will answer.
+    /// How long its caller waits.
     deadline: Instant,
+    /// The bus thread has its command, and so has the last word on it.
+    is_handed: bool,
     /// The board's reply so far, and its length in bytes.
     lines: Vec<String>,
     length: usize,
@@ -112,8 +114,23 @@ impl Pending {
     fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
         let ends = ends_of(command);
         let jogs = if matches!(then, Then::ReplyHeld) { 0 } else { jogged_by(command) };
-        let deadline = deadline + GRACE;
-        Self { caller, deadline, lines: Vec::new(), length: 0, then, ends, jogs, is_logged: false }
+        Self {
+            caller,
+            deadline,
+            is_handed: false,
+            lines: Vec::new(),
+            length: 0,
+            then,
+            ends,
+            jogs,
+            is_logged: false,
+        }
+    }
+
+    /// When its caller is answered without the bus thread: at his own deadline where it has not got the command, which is
+    /// certainly not sent then.
+    fn given_up_at(&self) -> Instant {
+        if self.is_handed { self.deadline + GRACE } else { self.deadline }
     }
 }
 
@@ -196,23 +213,23 @@ impl CallTable {
         if own >= at_once::STOPS || self.commands.try_send(command).is_err() {
             return false;
         }
-        self.pending.insert(ticket, pending);
+        self.pending.insert(ticket, Pending { is_handed: true, ..pending });
         true
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// nearly up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait while a command
-    /// that was `given_up` holds the port. What is handed over and can move a machine is told to `log`.
+    /// up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait for what `holds` the port.
+    /// What is handed over and can move a machine is told to `log`.
     pub(super) fn hand_out(
         &mut self,
-        given_up: Option<GivenUp>,
+        holds: Option<GivenUp>,
         now: Instant,
         hears: impl Fn(u64) -> bool,
         mut log: impl FnMut(Caller, &str),
     ) -> Vec<(Ended, Outcome)> {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
-            let outcome = not_begun(turn.is_for_port(), given_up, now);
+            let outcome = not_begun(turn.is_for_port(), holds, now);
             let Turn { ticket, mut command, audit } = turn;
             if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command
                 && self.is_own_question(ticket)
@@ -220,13 +237,14 @@ impl CallTable {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }
-            let pending = self.pending.get(&ticket).filter(|pending| {
+            let pending = self.pending.get_mut(&ticket).filter(|pending| {
                 let Caller { client, oneway, .. } = pending.caller;
-                (oneway || hears(client)) && now + GRACE < pending.deadline
+                (oneway || hears(client)) && now < pending.deadline
             });
-            let caller = pending.map(|pending| pending.caller);
-            match caller {
-                Some(caller) if self.commands.try_send(command).is_ok() => {
+            match pending {
+                Some(pending) if self.commands.try_send(command).is_ok() => {
+                    pending.is_handed = true;
+                    let caller = pending.caller;
                     if let Some(what) = audit {
                         log(caller, &what);
                     }
@@ -270,14 +288,13 @@ impl CallTable {
         self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
     }
 
-    /// Takes out the calls whose time is over, each with how it ended. Lines wait while a command that was `given_up`
-    /// holds the port.
-    pub(super) fn expire(&mut self, given_up: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
+    /// Takes out the calls whose time is over, each with how it ended. Lines wait for what `holds` the port.
+    pub(super) fn expire(&mut self, holds: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
-        let late = self.pending.extract_if(|_, pending| pending.deadline <= now);
+        let late = self.pending.extract_if(|_, pending| pending.given_up_at() <= now);
         late.map(|(ticket, Pending { caller, lines, then, ends, jogs, is_logged, .. })| {
             let outcome = match queue.take_back(ticket) {
-                Some(turn) => not_begun(turn.is_for_port(), given_up, now),
+                Some(turn) => not_begun(turn.is_for_port(), holds, now),
                 None => Outcome::TimedOut,
             };
             (Ended { caller, lines, is_overlong: false, then, ends, jogs, is_logged }, outcome)
@@ -321,7 +338,7 @@ impl CallTable {
 
     /// When the first call is given up.
     pub(super) fn next_deadline(&self) -> Option<Instant> {
-        self.pending.values().map(|pending| pending.deadline).min()
+        self.pending.values().map(Pending::given_up_at).min()
     }
 
     /// Whether [`Self::hand_out`] has something to hand over.
@@ -345,7 +362,7 @@ impl CallTable {
     }
 }
 
-/// How a command ends that was not handed over. The bare "busy" is for what no given-up command holds up.
-fn not_begun(is_for_port: bool, given_up: Option<GivenUp>, now: Instant) -> Outcome {
-    given_up.filter(|_| is_for_port).map_or(Outcome::Busy, |given_up| Outcome::Refused(given_up.reason(now)))
+/// How a command ends that was not handed over. The bare "busy" is for what waited for no command that `holds` the port.
+fn not_begun(is_for_port: bool, holds: Option<GivenUp>, now: Instant) -> Outcome {
+    holds.filter(|_| is_for_port).map_or(Outcome::Busy, |holds| Outcome::Refused(holds.reason(now)))
 }

@@ -394,7 +394,7 @@ impl Service {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);
         }
-        for (mut ended, outcome) in self.calls.expire(self.info.given_up(), now) {
+        for (mut ended, outcome) in self.calls.expire(self.info.holds_port(), now) {
             self.note_stop(&mut ended, outcome, now);
             self.give_up(ended, outcome, now);
         }

@@ -30,9 +30,9 @@ use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::bus::work::kill::Kill;
-use crate::daemon::shared::open_buffer::{OpenBuffer, Standing, Writer};
+use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
-    Command, Event, GivenUp, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
 };
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
@@ -227,12 +227,6 @@ impl AsciiQueue {
         self.check.reset();
         self.poll_now(now);
         self.ports.start(now)
-    }
-
-    /// The program buffer that is open, as far as known, and the command that was given up and holds the port.
-    #[must_use]
-    pub const fn standing(&self) -> (Standing, Option<GivenUp>) {
-        (self.buffer.standing(), self.check.given_up())
     }
 
     /// Whether an answer waits for room in the socket's queue, so that nothing more is taken from the board.

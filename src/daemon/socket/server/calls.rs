@@ -317,7 +317,7 @@ impl Service {
             let role = clients.get(caller.client).map(Client::role);
             audit.tell_done(caller.peer, role, what, now);
         };
-        for (ended, outcome) in calls.hand_out(info.given_up(), now, |client| clients.hears(client), log) {
+        for (ended, outcome) in calls.hand_out(info.holds_port(), now, |client| clients.hears(client), log) {
             self.give_up(ended, outcome, now);
         }
     }

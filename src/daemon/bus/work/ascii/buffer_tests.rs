@@ -17,7 +17,7 @@ fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
             assert_eq!(rig.ended(), [(1, Outcome::Done)]);
         } else {
             assert_eq!(rig.ended(), [(1, Outcome::Barred(Barred::Open(None)))]);
-            assert!(rig.queue.standing().0.is_open);
+            assert!(rig.queue.standing(rig.now).0.is_open);
         }
     }
 }
@@ -79,7 +79,7 @@ fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
     rig.poll();
     assert_eq!(rig.take(), "SIZE");
     rig.respond(response::ACKNOWLEDGE);
-    assert!(!rig.queue.standing().0.is_unsaid);
+    assert!(!rig.queue.standing(rig.now).0.is_unsaid);
     let mut line = String::new();
     for _ in 0..100 {
         rig.poll();
@@ -103,9 +103,9 @@ fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
         }
     }
     assert_eq!(line, "P5=7");
-    assert!(rig.queue.standing().0.is_unsaid);
+    assert!(rig.queue.standing(rig.now).0.is_unsaid);
     rig.queue.see_buffer(Some((false, 1)));
-    assert!(!rig.queue.standing().0.is_unsaid, "a report tells");
+    assert!(!rig.queue.standing(rig.now).0.is_unsaid, "a report tells");
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! What becomes of commands whose deadline is over, or that somebody has cancelled.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use log::warn;
 
 use super::wait::Wait;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::open_buffer::Standing;
 use crate::daemon::shared::queue::{
     Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
 };
@@ -14,6 +15,9 @@ use crate::device::Bus;
 use crate::protocol::CommandState;
 use crate::protocol::control::{self, CANCEL};
 use crate::segment::{Counter, Publisher};
+
+/// A line that takes so long is one that others are told they wait for.
+const SLOW: Duration = Duration::from_millis(50);
 
 impl AsciiQueue {
     /// Gives up on what is past its deadline or cancelled, and on lines that are not to be sent any more.
@@ -39,12 +43,13 @@ impl AsciiQueue {
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
                 continue;
             }
-            let Some(&first) = self.lines.front().filter(|first| now >= first.wait.begin_by) else { break };
-            self.lines.pop_front();
+            // Wherever it stands: one that waits longer may be before it.
+            let late = self.lines.iter().position(|line| now >= line.wait.begin_by);
+            let Some(late) = late.and_then(|index| self.lines.remove(index)) else { break };
             if self.under_way.is_none() && self.ports.is_idle() {
                 self.ports.hold_if_loaded(bus, now)?;
             }
-            self.not_begun(events, publisher, first.ticket, first.wait, now);
+            self.not_begun(events, publisher, late.ticket, late.wait, now);
         }
         Ok(())
     }
@@ -163,6 +168,26 @@ impl AsciiQueue {
         }
     }
 
+    /// What others wait for: the command that was given up, or the line under way.
+    fn holds_port(&self) -> Option<GivenUp> {
+        let line = match self.under_way {
+            Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
+                Some(GivenUp { by: origin, since })
+            }
+            _ => None,
+        };
+        self.check.given_up().or(line)
+    }
+
+    /// The program buffer that is open, as far as known, and what holds the port: not of each quick line, lest the socket is
+    /// told twice of every one.
+    #[must_use]
+    pub fn standing(&self, now: Instant) -> (Standing, Option<GivenUp>) {
+        let is_given_up = self.check.given_up().is_some();
+        let holds = self.holds_port().filter(|holds| is_given_up || now >= holds.since + SLOW);
+        (self.buffer.standing(), holds)
+    }
+
     /// Tells a caller that nothing of his command was sent, and why.
     pub(super) fn not_begun(
         &mut self,
@@ -174,14 +199,8 @@ impl AsciiQueue {
     ) {
         // That it waited for others says nothing of the board.
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
-        let line_before = match self.under_way {
-            Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
-                Some(GivenUp { by: origin, since })
-            }
-            _ => None,
-        };
-        if let Some(given_up) = self.check.given_up().or(line_before) {
-            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(given_up.reason(now))));
+        if let Some(holds) = self.holds_port() {
+            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
         } else if waited && !self.ports.in_doubt() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {

@@ -1,6 +1,7 @@
 //! Until when a command may be begun.
 
 use super::*;
+use crate::daemon::shared::queue::GivenUp;
 
 #[test]
 fn a_line_whose_time_is_over_is_never_begun() {
@@ -62,6 +63,27 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     assert_eq!(rig.take(), "P3");
     assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Busy)]);
     assert_eq!(rig.queue.state(), CommandState::Answers);
+}
+
+#[test]
+fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(60));
+    rig.send(2, "P2", Duration::from_secs(30));
+    rig.send(3, "P3", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    let begun = rig.now;
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    let by = Origin { uid: 1000, shown: Text::of(&"SLOW"), stays: false };
+    let holds = GivenUp { by, since: begun };
+    assert_eq!(rig.ended(), [(3, Outcome::Refused(holds.reason(rig.now)))]);
+    assert_eq!(rig.queue.standing(rig.now).1, Some(holds), "so those are told who wait before the socket");
+    rig.respond(response::ACKNOWLEDGE);
+    rig.poll();
+    assert_eq!(rig.take(), "P2");
+    assert_eq!(rig.queue.standing(rig.now).1, None, "not of every quick line");
 }
 
 #[test]
