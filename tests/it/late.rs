@@ -116,6 +116,20 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
 }
 
 #[test]
+fn b1_8_what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behind_it() {
+    let site = board("line_flag=done");
+    site.control("fault ascii_slow 20000ms");
+    let _slow: Vec<Raw> = ["P5=3", "P6=1", "P7=1"].map(|line| waiting(&site, line)).into();
+    site.run_for(Duration::from_millis(100));
+    // It stops the programs of a coordinate system, so it is done before the board is asked whether it has an effect.
+    let mut client = Raw::at(&site.socket());
+    client.call("FeedOverride", json!({ "coordinate_system": 1, "raw": 0 }));
+    let reply = client.receive().unwrap();
+    let notes = reply["parameters"]["notes"].to_string();
+    assert!(notes.contains("could not be asked"), "{reply}");
+}
+
+#[test]
 fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
     for reading in ["line_flag=taken", "line_flag=done"] {
         let site = board(reading);

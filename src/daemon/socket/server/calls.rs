@@ -353,6 +353,8 @@ impl Service {
             Then::PanelStop { target, ends_hold } => {
                 self.stop_by_line(target, Some(ended.caller), ends_hold, now);
             }
+            // What was to be asked comes behind what is done, or refused, already.
+            Then::Notes(_) | Then::Reason(..) => self.on_end(ended, outcome, now),
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
         }
     }
