@@ -173,6 +173,30 @@ fn b1_7_a_download_notices_a_reset_between_two_lines() {
 }
 
 #[test]
+fn b1_7_a_restore_notices_a_reset_between_two_lines() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let lines: String = (0..900).map(|number| format!("P{number}={}\n", number + 1)).collect();
+    let file = site.file("long.pmc", &lines);
+    let child = site.command(&["restore", &file, "--yes", "--json"]);
+    let child = { child }.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    site.wait_until("the restore to run", || site.log().matches("(restore) sends \"P").count() > 300);
+    site.control("reset");
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let told = ran.stderr.lines().find(|line| line.contains("reset between line"));
+    let told = told.unwrap_or_else(|| panic!("{ran:?}"));
+    let place = told.strip_prefix(&format!("{file}:")).and_then(|rest| rest.split(':').next());
+    let line: u64 = place.unwrap().parse().unwrap();
+    assert!((280..900).contains(&line), "{told}");
+    assert!(ran.stderr.contains("the board took ") && ran.stderr.contains(" of 900 lines"), "{ran:?}");
+    let errors = ran.json()["errors"].clone();
+    let is_told =
+        |error: &Value| error["message"].as_str().is_some_and(|what| what.contains("reset between"));
+    assert!(errors.as_array().unwrap().iter().any(is_told), "{errors}");
+}
+
+#[test]
 fn b1_7_a_download_into_a_program_says_that_a_reset_took_it() {
     // Without servo data, only the board's refusal (ERR005) shows that its buffer is not open any more.
     for before in [None, Some("ENDGATHER")] {

@@ -14,10 +14,10 @@ use crate::cli::console::sink;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings::read;
 use crate::cli::files::saved::{Saved, What, complain, finish, name};
-use crate::cli::files::sequence::begin;
+use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
-use crate::protocol::board::{LineFailure, LineOutcome};
+use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 
 /// Largest file. All variables of any board fit.
 const LARGEST: u64 = 16 << 20;
@@ -229,12 +229,16 @@ impl Report<'_> {
             .iter()
             .flat_map(|entry| entry.item.lines(&entry.text).into_iter().map(move |line| (*entry, line)));
         let (owners, lines): (Vec<&Entry>, Vec<String>) = parts.unzip();
-        let mut parts = owners.into_iter().zip(&lines);
+        let mut parts = owners.iter().copied().zip(&lines);
         let mut refused: BTreeSet<Item> = BTreeSet::new();
         let mut done = BTreeSet::new();
         let mut stopped = None;
+        let mut first = None;
+        let mut taken = 0;
         let ran = board.run(&lines, |reply| {
             let Some((entry, line)) = parts.next() else { return false };
+            first = first.or(reply.line);
+            taken += u64::from(reply.failure.is_none());
             match &reply.failure {
                 None => drop(done.insert(entry.item)),
                 Some(failure) if failure.outcome == LineOutcome::Refused => {
@@ -260,14 +264,27 @@ impl Report<'_> {
             complain(format_args!("{}:{}: {what}", self.file, entry.line));
             self.errors.push((entry, failure.message.clone()));
             ran?;
+            let over = board.finish()?;
+            self.reset(&over, first, &owners, &lines);
+            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
             return Err(Failure::Refused(failure.message));
         }
-        ran?;
-        let taken = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
-        let held = read(&mut board, taken().map(|entry| entry.item));
-        finish(board)?;
+        if !ran? {
+            let over = board.finish()?;
+            self.reset(&over, first, &owners, &lines);
+            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
+            return Ok(());
+        }
+        let accepted = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
+        let held = read(&mut board, accepted().map(|entry| entry.item));
+        let over = board.finish()?;
+        if self.reset(&over, first, &owners, &lines) {
+            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
+            return Ok(());
+        }
+        over.notes.iter().for_each(|note| complain(format_args!("{note}")));
         let held = held?;
-        for entry in taken().collect::<Vec<_>>() {
+        for entry in accepted().collect::<Vec<_>>() {
             let now = held.get(&entry.item).map_or("", String::as_str);
             // A register that hardware also writes changes by itself. Report it all the same.
             if !entry.item.same(&entry.text, now) {
@@ -315,6 +332,26 @@ impl<'a> Report<'a> {
     fn fail(&mut self, entry: &'a Entry, what: String, line: &str) {
         complain(format_args!("{}:{}: {what}: {line}", self.file, entry.line));
         self.errors.push((entry, what));
+    }
+
+    /// Takes note of the reset that the end of the sequence tells of, at the line where it was noticed; `first` is the number of
+    /// the first of `lines` in the sequence. Whether there was one.
+    fn reset(
+        &mut self,
+        over: &RunLinesReply,
+        first: Option<u64>,
+        owners: &[&'a Entry],
+        lines: &[String],
+    ) -> bool {
+        let Some(failure) = &over.failure else { return false };
+        let behind = over.line.unwrap_or(0).saturating_sub(first.unwrap_or(0));
+        // Where it was noticed at what was asked afterwards, it took all of them.
+        let number = usize::try_from(behind).unwrap_or(usize::MAX).min(lines.len().saturating_sub(1));
+        match (owners.get(number), lines.get(number)) {
+            (Some(entry), Some(line)) => self.fail(entry, failure.message.clone(), line),
+            _ => complain(format_args!("{}: {}", self.file, failure.message)),
+        }
+        true
     }
 }
 

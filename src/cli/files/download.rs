@@ -18,6 +18,7 @@ use super::mistakes::mistaken;
 use super::prose;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
+use crate::cli::files::sequence::left;
 use crate::client::Connection;
 use crate::client::circles::{self, is_circle};
 use crate::client::command::lines::LinesOptions;
@@ -202,8 +203,7 @@ impl Run<'_> {
         if is_whole {
             notes.iter().for_each(|note| say(format_args!("warning: {note}")));
         } else {
-            let notes = notes.iter().map(|note| format!("; {note}")).collect::<String>();
-            say(format_args!("the board took {} of {} lines{notes}", self.taken, self.lines.len()));
+            say(format_args!("{}", left(self.taken, self.lines.len(), notes)));
         }
     }
 

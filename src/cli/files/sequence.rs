@@ -15,6 +15,12 @@ pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool
     connection.lines(LinesOptions { kind, timeout: PATIENCE, keep_going })
 }
 
+/// What is said of lines that were not all taken: how many were, and what the sequence leaves on the board.
+pub fn left(taken: u64, lines: usize, notes: &[String]) -> String {
+    let notes = notes.iter().map(|note| format!("; {note}")).collect::<String>();
+    format!("the board took {taken} of {lines} lines{notes}")
+}
+
 /// What the board answers to each of `lines`.
 ///
 /// # Errors
