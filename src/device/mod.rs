@@ -10,7 +10,7 @@ pub mod machine;
 mod testing;
 
 pub use board::byte::{ByteBus, ByteBusError, EvenLane, PortRegisters};
-pub use board::byte_spec::{ByteSpec, open_bytes, open_host_port};
+pub use board::byte_spec::{ByteSpec, open_bytes, open_host_port, open_mailbox};
 pub use board::file::FileBoard;
 pub use board::open::{OpenedBoard, open};
 pub use board::refusal::OpenError;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pmac_dpram::client::CommandError;
+use pmac_dpram::client::{CommandError, Connection};
 use pmac_dpram::protocol::{CallError, CommandPort};
 use pmac_dpram::segment::{Counter, RegionId};
 
@@ -113,6 +113,27 @@ fn b3_8_an_error_has_its_number_whether_its_bell_stands_alone_or_not() {
         }
         site.assert_no_violations();
     }
+}
+
+#[test]
+fn b3_8_a_group_that_begins_with_the_byte_left_in_mailbox_0_is_seen() {
+    let site = vme(&shipped(""), &[], "use = \"always\"\n");
+    identified(&site);
+    let mut board = site.connection();
+    let mut soon = |what: &str, action: &mut dyn FnMut(&mut Connection)| {
+        let before = site.with_world(|world| world.now_ns());
+        action(&mut board);
+        let took = (site.with_world(|world| world.now_ns()) - before) / 1_000_000;
+        assert!(took < 500, "{what}: {took} ms");
+    };
+    for _ in 0..3 {
+        // An <ACK>, which is ^F, lies in mailbox 0 then.
+        soon("P1=5", &mut |board| assert_eq!(board.send("P1=5", PATIENCE).unwrap(), [""; 0]));
+        soon("^F", &mut |board| assert_eq!(board.control(b'F' - 64).unwrap().len(), 1));
+        // The first character of the reply lies there: the next line begins with it.
+        soon("P1", &mut |board| assert_eq!(board.send("P1", PATIENCE).unwrap(), ["5"]));
+    }
+    site.assert_no_violations();
 }
 
 #[test]

@@ -14,6 +14,7 @@ use crate::device::board::spec::{Given, Place, needed};
 use crate::device::machine::inherited::Inherited;
 use crate::device::machine::system::{System, number};
 use crate::device::{ByteBus, ByteBusError, PortRegisters};
+use crate::map::mailbox;
 
 /// The place of a window of byte registers.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -111,20 +112,65 @@ pub fn open_bytes(
             let file = opened.map_err(|error| refuse(raw_node_refused(system, path, error)))?;
             Ok(Box::new(PortRegisters::in_file(file, *base, length)))
         }
+        BytePlace::File(path) => Ok(Box::new(in_file(path, spec, length, system)?)),
+    }
+}
+
+/// The registers in the file at `path`, in which a simulator provides them.
+fn in_file(path: &Path, spec: &ByteSpec, length: usize, system: &System) -> Result<Mapping, OpenError> {
+    let refuse = |why| OpenError::new(spec.to_string(), why);
+    let missing = "is the simulator running?";
+    let permission = "be the user the simulator runs as";
+    let file = OpenOptions::new().read(true).write(true).open(path);
+    let file = file.map_err(|error| refuse(node_refused(system, path, error, missing, permission)))?;
+    let io = |source| refuse(Why::Io { doing: "mapping it".to_owned(), source });
+    let found = file.metadata().map_err(io)?.len();
+    if found < spec.offset.saturating_add(length as u64) {
+        let text = format!("it has {found:#x} bytes, the registers end behind that");
+        return Err(refuse(Why::Unsuitable(text)));
+    }
+    Mapping::new(&file, spec.offset, length).map_err(io)
+}
+
+/// Opens the registers of the VME mailboxes.
+///
+/// # Errors
+/// As [`open_bytes`].
+pub fn open_mailbox(
+    spec: &ByteSpec,
+    system: &System,
+    inherited: &Inherited,
+) -> Result<Box<dyn ByteBus>, OpenError> {
+    match &spec.place {
         BytePlace::File(path) => {
-            let missing = "is the simulator running?";
-            let permission = "be the user the simulator runs as";
-            let file = OpenOptions::new().read(true).write(true).open(path);
-            let file =
-                file.map_err(|error| refuse(node_refused(system, path, error, missing, permission)))?;
-            let io = |source| refuse(Why::Io { doing: "mapping it".to_owned(), source });
-            let found = file.metadata().map_err(io)?.len();
-            if found < spec.offset.saturating_add(length as u64) {
-                let text = format!("it has {found:#x} bytes, the registers end behind that");
-                return Err(refuse(Why::Unsuitable(text)));
-            }
-            Ok(Box::new(Mapping::new(&file, spec.offset, length).map_err(io)?))
+            Ok(Box::new(SimulatedMailbox(in_file(path, spec, mailbox::LENGTH, system)?)))
         }
+        _ => open_bytes(spec, mailbox::LENGTH, system, inherited),
+    }
+}
+
+/// Mailboxes in a file. A board sees each write; its simulator sees memory only, and a byte written over an equal one
+/// leaves no trace there. So the even byte beside it, for which a board's circuit has no register, is made 0 by the same
+/// store of 16 bits: the simulator keeps 0xFF there.
+struct SimulatedMailbox(Mapping);
+
+impl ByteBus for SimulatedMailbox {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        ByteBus::read8(&mut self.0, offset)
+    }
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        let at = offset as usize;
+        match at.checked_sub(1).filter(|_| at % 2 == 1) {
+            Some(even) => {
+                let word = u16::from_le_bytes([0, value]);
+                let length = self.0.length();
+                self.0.write16(even, word).ok_or(ByteBusError::OutOfRange { offset, length })
+            }
+            None => ByteBus::write8(&mut self.0, offset, value),
+        }
+    }
+    fn order_accesses(&mut self) {
+        self.0.order_accesses();
     }
 }
 
@@ -214,6 +260,28 @@ mod tests {
             port.write8(8, 0x67).unwrap();
             port.write8(9, 0x7F).unwrap();
             assert_eq!(std::fs::read(fake.path(file)).unwrap()[8..13], written, "{spec}");
+        }
+    }
+
+    #[test]
+    fn b3_8_a_simulated_mailbox_shows_each_write_and_a_mapped_one_is_written_by_its_byte_alone() {
+        let fake = FakeSystem::new();
+        fake.memory("registers", mailbox::LENGTH as u64);
+        fake.memory("dev/mem", 0x10_0000);
+        let simulated = format!("file:{}", fake.path("registers").display());
+        for (spec, file, at, written) in [
+            (simulated.as_str(), "registers", 0, [0xFF, 6, 0, 6]),
+            ("mem:0xE0000", "dev/mem", 0xE_0000, [0xFF, 6, 0xFF, 6]),
+        ] {
+            let mut bytes = std::fs::read(fake.path(file)).unwrap();
+            bytes[at..at + 4].copy_from_slice(&[0xFF, 6, 0xFF, 6]);
+            std::fs::write(fake.path(file), bytes).unwrap();
+            let mut registers =
+                open_mailbox(&spec.parse().unwrap(), &fake.system, &Inherited::default()).unwrap();
+            registers.write8(3, 6).unwrap();
+            assert_eq!(registers.read8(3).unwrap(), 6, "{spec}");
+            assert_eq!(std::fs::read(fake.path(file)).unwrap()[at..at + 4], written, "{spec}");
+            assert!(registers.write8(mailbox::LENGTH as u32 + 1, 6).is_err(), "{spec}");
         }
     }
 

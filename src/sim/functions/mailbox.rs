@@ -15,9 +15,10 @@
 //!
 //! A file does not show a write of the value that is already there. So PMAC leaves bytes there that no host writes: 0 in
 //! mailbox 0 after it has taken a group, 0xFF in mailbox 1 after it has taken the permission, 0xFF in the page register
-//! after a reset. Only one write goes unnoticed: a group that begins with the first character of the response before it.
-//! PMAC always notices a host that writes 16 bits at base+2n, the character in the high byte, because PMAC keeps 0xFF
-//! in the even bytes, as an empty byte lane reads.
+//! after a reset. PMAC always notices a host that writes 16 bits at base+2n, the character in the high byte, because PMAC
+//! keeps 0xFF in the even bytes, as an empty byte lane reads. So `pmacd` writes to such a file, and to it alone. Of a host
+//! that writes bytes one write goes unnoticed: a group that begins with the first character of the response before it. A
+//! board sees that, too.
 
 use std::fs::File;
 use std::path::Path;

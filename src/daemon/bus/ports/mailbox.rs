@@ -11,7 +11,7 @@ use crate::daemon::bus::board::{self, link};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
 use crate::device::board::refusal::OpenError;
-use crate::device::{ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_bytes};
+use crate::device::{ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 
@@ -31,7 +31,7 @@ fn open(
     system: &System,
     inherited: &Inherited,
 ) -> Result<Box<dyn ByteBus>, OpenError> {
-    let bus = open_bytes(&config.registers, mailbox::LENGTH, system, inherited)?;
+    let bus = open_mailbox(&config.registers, system, inherited)?;
     Ok(match config.lane {
         Lane::Odd => bus,
         Lane::Even => Box::new(EvenLane(bus)),
