@@ -327,7 +327,8 @@ impl Jog {
         let this = jog.get();
         let connection = this.connection.lock().unwrap_or_else(PoisonError::into_inner).take();
         let connection = connection.ok_or_else(|| refused("this jog is over; ask for another one"))?;
-        let held = py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
+        let held =
+            py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
         *this.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(held);
         Ok(jog)
     }
