@@ -71,7 +71,7 @@ fn saved(text: &str) {
 fn image(bytes: &[u8]) {
     let mut tape = Tape::new(bytes);
     let (way, offset) = (tape.u8(), u32::from(tape.u16()));
-    let family = Family::by_name(["pmac", "pmac2"][usize::from(way % 2)]).unwrap();
+    let family = Family::by_name(["pmac", "pmac2", "turbo", "turbo2"][usize::from(way % 4)]).unwrap();
     let order = if way & 4 == 0 { WordOrder::Little } else { WordOrder::Swapped };
     let layout = if way & 8 == 0 { Float48Layout::Register } else { Float48Layout::Printed };
     let dump = tape.rest();

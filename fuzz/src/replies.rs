@@ -11,7 +11,7 @@ use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, in
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
-use pmac_dpram::map::{Family, Firmware, Layout, PMAC, errors, status};
+use pmac_dpram::map::{Family, Firmware, Layout, PMAC, TURBO2, errors, status};
 use pmac_dpram::protocol::line_ends::LineEnds;
 use pmac_dpram::protocol::{LINE_MAX, check_line, control};
 use pmac_dpram::rotary::Constant;
@@ -53,7 +53,8 @@ fn serial(bytes: &[u8]) {
 /// The daemon's own questions, and what comes back.
 fn identify(bytes: &[u8]) {
     let mut now = Instant::now();
-    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
+    let family = if bytes.len() % 2 == 0 { &PMAC } else { &TURBO2 };
+    let mut identifier = Identifier::new(family, Identity::default(), true, now);
     let mut questions = 0;
     for reply in bytes.split(|&byte| byte == 0x06).take(64) {
         now += Duration::from_millis(300);

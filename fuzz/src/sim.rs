@@ -4,7 +4,7 @@ use std::cell::Cell;
 
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::sim::board::Statistics;
-use pmac_dpram::sim::board::firmware;
+use pmac_dpram::sim::board::families::SIMULATED;
 use pmac_dpram::sim::control::{self, Answer};
 use pmac_dpram::sim::judge::Judge;
 use pmac_dpram::sim::world::World;
@@ -17,7 +17,7 @@ const CYCLES: u32 = 64;
 /// A board, switched on with its functions (first byte odd), and pieces with a letter before each: what is done with them.
 pub fn body(data: &[u8]) {
     let Some((&way, rest)) = data.split_first() else { return };
-    let kind = if way & 2 == 0 { &firmware::PMAC } else { &firmware::PMAC2 };
+    let kind = SIMULATED[usize::from(way >> 1) % SIMULATED.len()];
     let mut world = match BOARD.take() {
         Some((which, world)) if which == kind.family.name => fresh(world),
         _ => World::alone(kind).unwrap(),
@@ -50,10 +50,10 @@ pub fn body(data: &[u8]) {
             }
             4 => {
                 // The host's words: most of what it writes is ASCII, rotary and variable buffers.
-                let offset = u32::from(tape.u16());
+                let (offset, last) = (u32::from(tape.u16()), kind.family.length - 2);
                 for (word, at) in tape.piece().chunks(2).zip(0..) {
                     let value = u16::from_le_bytes([word[0], word.get(1).copied().unwrap_or(0)]);
-                    world.board.memory.dpram.write16(HostOffset::new((offset + 2 * at) & 0x3FFE), value);
+                    world.board.memory.dpram.write16(HostOffset::new((offset + 2 * at) & last), value);
                 }
             }
             _ => run(&mut world, u32::from(what / 6) % 16 + 1, &mut cycles),

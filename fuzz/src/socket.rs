@@ -7,8 +7,8 @@ use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
 use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
 use pmac_dpram::daemon::socket::policy::{Characters, Role};
-use pmac_dpram::map::PMAC;
 use pmac_dpram::map::pmac;
+use pmac_dpram::map::{PMAC, TURBO2};
 use pmac_dpram::protocol::message::encode;
 use pmac_dpram::protocol::{
     BOARD, BoardInfo, BoardSettings, CALL_MAX, Call, Inbox, LINE_MAX, READ_MAX, Reply,
@@ -60,9 +60,11 @@ fn handle(message: &[u8], role: Role) {
 }
 
 fn judge(call: &Call, role: Role) {
-    thread_local!(static INFO: RefCell<Info> =
-        RefCell::new(Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())));
-    let action = INFO.with_borrow(|info| parse_call(call, role, Characters::default(), info));
+    thread_local!(static INFOS: RefCell<[Info; 2]> = RefCell::new(
+        [&PMAC, &TURBO2].map(|family| Info::new(family, BoardInfo::default(), BoardSettings::default()))
+    ));
+    let which = call.method.len() % 2;
+    let action = INFOS.with_borrow(|infos| parse_call(call, role, Characters::default(), &infos[which]));
     match action {
         Err(error) => {
             let reply = Reply::of_error(&error);
