@@ -205,9 +205,18 @@ def test_cancelled_waits_for_a_silent_board_hold_up_neither_each_other_nor_the_e
         site.simulator.send_signal(signal.SIGCONT)
 
 
+def sequence_of_at_least(count, board):
+    """The number of the latest update, once there have been so many."""
+    deadline = time.monotonic() + 10
+    while (last := board.snapshot().sequence) < count:
+        assert time.monotonic() < deadline, last
+        time.sleep(0.01)
+    return last
+
+
 def test_history_is_what_is_still_there(site):
     board = site.connect()
-    last = board.snapshot().sequence
+    last = sequence_of_at_least(100, board)
     samples, lost = board.history(last - 99, 100)
     assert [sample.sequence for sample in samples] == list(range(last - 99, last + 1)) and lost == 0
     assert samples[0].servo_timer < samples[-1].servo_timer
@@ -219,7 +228,7 @@ COLUMNS = ["sequence", "realtime_ns", "servo_timer", "1.position", "2.following_
 def test_columns_are_what_the_objects_are(site):
     board = site.connect()
     board.command("#1J=2000")
-    since = board.snapshot().sequence - 500
+    since = sequence_of_at_least(501, board) - 500
     (samples, _), found = board.history(since, 400), board.history_columns(COLUMNS, since, 400)
     table = numpy.frombuffer(found.data, found.dtype)
     assert len(table) == len(found) == 400 and found.lost == 0
