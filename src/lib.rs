@@ -69,7 +69,8 @@
 //! Kept by shape:
 //! * One thread owns the bus ([`daemon::bus::board_loop`]), so no lock guards it. After start it waits for no client.
 //! * Every wait is bounded. [`function`]s never wait: they do what can be done now and return.
-//! * Family, firmware, DPRAM size, byte and text order are data and settings, not cases in the code.
+//! * What lies where, and in which format, is data of a family; firmware, DPRAM size, byte and text order are settings. Code asks
+//!   for the generation only where the boards answer or are asked otherwise.
 
 // The segment is an array of 64-bit words that readers load from a read-only mapping.
 #[cfg(not(target_pointer_width = "64"))]

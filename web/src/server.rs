@@ -32,7 +32,8 @@ use crate::places::{Place as Held, Places};
 use crate::scope::Traces;
 use crate::{metrics, pages};
 
-/// Connections at a time. When there are so many, an idle one ends for who comes; where none is, who comes waits.
+/// Connections at a time. When all are taken, the one that has been idle the longest is closed for a new one; if none is idle,
+/// the new one waits.
 pub const CONNECTIONS: usize = 64;
 /// Streams at a time, of state or of traces: less than the connections, so that others get in.
 pub const STREAMS: usize = 48;

@@ -194,7 +194,7 @@ impl Watch {
     }
 }
 
-/// What the servo period may be: the usual one from update to update, and the shortest and the longest of stretches but for outliers.
+/// What the servo period may be: the median from update to update, widened by that of stretches without their outliers.
 /// When the machine does other things, the daemon looks late, and a simulator's updates come late, so these differ.
 fn periods(updates: &[(u64, u32)], range: u32) -> Option<(f64, f64)> {
     let sorted = |least_ns: u64| {

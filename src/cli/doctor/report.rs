@@ -50,7 +50,7 @@ impl fmt::Display for Check {
 pub struct Report(pub Vec<Check>);
 
 impl Report {
-    /// Whether nothing is wrong that a board which comes up shows, too.
+    /// Whether no check failed and the board takes commands. A board that comes up may show warnings.
     pub fn is_well(&self) -> bool {
         let is_wrong = |check: &Check| match check.level {
             Level::Fail => true,

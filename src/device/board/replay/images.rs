@@ -1,6 +1,6 @@
 //! What the images behind the first one tell that the trace does not: all where there is no trace, and what lay there in a gap.
 //!
-//! A word that the trace tells of until the next image is the trace's. A report comes from an image as a whole, and only where the
+//! Where the trace has a word between an image and the next, the trace decides; else the image. A report comes from an image as a whole, and only where the
 //! trace has no update of it from the image before to the one behind. PMAC may have made an update while the image was read:
 //! so its words may be of two.
 

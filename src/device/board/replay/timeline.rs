@@ -197,7 +197,8 @@ impl Report {
         Some((image.at_ns, words))
     }
 
-    /// The updates that were read to their end: those with every word that most of them have; and those of `images` where there are none.
+    /// The updates that were read to their end: those with every word that more than half of all updates have. Where the trace has
+    /// none, those of `images`.
     /// The first one of the trace lay there in the beginning, if it `begins_late`.
     fn finish(mut self, images: &[LaterImage<'_>], begins_late: bool) -> Vec<(u64, Vec<(u16, u16)>)> {
         let shown: Vec<_> =
