@@ -2,6 +2,8 @@
 
 /// Deltas looked at before a period that nobody told is taken as learnt.
 const LEARN: u64 = 32;
+/// The most updates for which gaps are made up for when the period is told.
+const REMEMBERED: u64 = 1 << 16;
 
 /// What is known of the servo cycles from update to update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,13 +24,29 @@ pub struct UpdateCounter {
     divisor: u64,
     seen: u64,
     passed: u64,
+    /// No period is learnt before one was told.
+    must_be_told: bool,
 }
 
 impl UpdateCounter {
+    /// One for a board that may make each update when the host has taken the last: the steps are then those of the host's
+    /// own polls, so they tell no period.
+    #[must_use]
+    pub fn told() -> Self {
+        Self { must_be_told: true, ..Self::default() }
+    }
+
+    /// Whether any servo cycle may bring an update, as far as known.
+    #[must_use]
+    pub fn is_untold(&self) -> bool {
+        self.must_be_told && self.period == Period::Unknown
+    }
+
     /// Takes the period in servo cycles (I19, on a Turbo I47) as told by the board. What passed while it was unknown is
     /// counted with the next update. 0 is no period: every update that was read counts as 1.
     pub fn expect_cycles(&mut self, cycles: u32) {
         self.period = if cycles == 0 { Period::Absent } else { Period::Cycles(cycles) };
+        self.must_be_told &= cycles == 0;
     }
 
     /// Servo cycles from update to update, as far as known.
@@ -61,6 +79,12 @@ impl UpdateCounter {
         };
         self.seen += 1;
         self.passed += passed;
+        if self.must_be_told {
+            if self.seen >= REMEMBERED {
+                self.forget();
+            }
+            return 1;
+        }
         if self.seen < LEARN {
             return 1;
         }

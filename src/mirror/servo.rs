@@ -11,7 +11,7 @@ use crate::device::{Bus, BusError};
 use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
 use crate::map::readings::GlobalWords;
-use crate::map::{Selection, ServoBlock};
+use crate::map::{BusyRule, Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -60,6 +60,11 @@ pub struct ServoMirror {
     updates: u64,
     /// Which copy of the global status is which, as the board has told.
     global_words: Option<GlobalWords>,
+    /// A servo cycle and the report's period in servo cycles, as the board has told.
+    cycle_ns: Option<u64>,
+    cycles: Option<u32>,
+    /// The board makes an update in the servo cycle after the last one was taken.
+    on_request: bool,
 }
 
 impl ServoMirror {
@@ -84,7 +89,11 @@ impl ServoMirror {
             clock: UpdateClock::default(),
             timer: ServoTimer::new(block.timer.bits()),
             continuity: Continuity::new(block.timer.bits()),
-            gaps: UpdateCounter::default(),
+            // Only boards that say when data are ready can wait until they are taken.
+            gaps: match block.busy {
+                BusyRule::ClearWhileWriting => UpdateCounter::told(),
+                BusyRule::SetWhileWriting => UpdateCounter::default(),
+            },
             freshness: Freshness::new(STALE_NS),
             last_poll_ns: 0,
             published_period_ns: 0,
@@ -92,6 +101,9 @@ impl ServoMirror {
             was_reset: false,
             updates: 0,
             global_words: None,
+            cycle_ns: None,
+            cycles: None,
+            on_request: false,
         }
     }
 
@@ -115,7 +127,24 @@ impl ServoMirror {
         if let Some(period) = servo_period_ns {
             self.continuity.expect_cycle(period);
         }
-        if let (Some(period), Some(cycles @ 1..)) = (servo_period_ns, cycles) {
+        (self.cycle_ns, self.cycles) = (servo_period_ns, cycles);
+        self.expect_period();
+    }
+
+    /// Takes note of whether the board makes each update when the last one was taken, in the next servo cycle (Turbo User
+    /// Manual p. 403: I47=0).
+    pub fn set_on_request(&mut self, on_request: bool) {
+        if self.on_request != on_request {
+            self.on_request = on_request;
+            self.expect_period();
+        }
+    }
+
+    /// Tells the clock the period that the board has told. Of a report on request that is a servo cycle: what is learnt from
+    /// the polls that ask for it would be the time from poll to poll.
+    fn expect_period(&mut self) {
+        let cycles = if self.on_request { Some(1) } else { self.cycles.filter(|cycles| *cycles > 0) };
+        if let (Some(period), Some(cycles)) = (self.cycle_ns, cycles) {
             self.clock.expect_period(period.saturating_mul(cycles.into()));
         }
     }
@@ -280,9 +309,12 @@ impl ServoMirror {
         let passed = self.continuity.whole(passed, time_ns);
         // What the board did while it reported nothing is no update that could have been missed.
         let updates = if was_live { self.gaps.updates(passed) } else { 1 };
+        // The clock keeps to the servo cycles where each of them may bring an update.
+        let every_cycle = self.on_request || self.gaps.is_untold();
+        let steps = if every_cycle && was_live { passed } else { updates };
         self.continuity.on_update(time_ns, was_live.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
-        self.clock.on_update(time_ns, updates);
+        self.clock.on_update(time_ns, steps);
         self.updates += 1;
         let not_read = updates - 1;
         let skipped = self.skipped(not_read);

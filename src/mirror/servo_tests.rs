@@ -306,3 +306,40 @@ fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
     rig.poll();
     assert_eq!(rig.counter(Counter::Missed), 2, "a period that is told counts");
 }
+
+#[test]
+fn c1_a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
+    // Section 4, step 3b: "I47 = 0: checks every servo cycle, copies only while ready = 0 (the host has taken the last set)".
+    // The board tells I47 before the first update, or in the middle. A poll wakes up late, at times very late.
+    const CYCLES: u64 = 20_000;
+    let late = [400_000, 90_000, 2_000_000, 20_000, 900_000];
+    for told_at in [0, CYCLES / 2, CYCLES] {
+        let mut rig = Rig::new(ServoReading::Optimistic);
+        rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());
+        let start = rig.time.ns();
+        let (mut wake, mut last_quarter) = (0, 0);
+        for cycle in 0..CYCLES {
+            if cycle == told_at {
+                rig.mirror.configure(MASK, Some(CYCLE_NS), Some(0));
+                rig.mirror.set_on_request(true);
+            }
+            while wake < start + cycle * CYCLE_NS {
+                rig.time.move_to(wake);
+                rig.mirror.poll(&mut rig.bus, &mut rig.publisher).unwrap();
+                let updates = rig.mirror.updates() as usize;
+                let held = if updates % 97 == 0 { late[updates / 97 % late.len()] } else { 40_000 };
+                wake = rig.mirror.due_ns().max(wake) + held;
+            }
+            rig.time.move_to(start + cycle * CYCLE_NS);
+            if rig.bus.read16(HostOffset::new(0x006E)).unwrap() & 1 << 15 == 0 {
+                rig.update(cycle as u32 + 1);
+            }
+            if cycle == CYCLES * 3 / 4 {
+                last_quarter = rig.mirror.updates();
+            }
+        }
+        let taken = rig.mirror.updates() - last_quarter;
+        assert!(taken > CYCLES / 4 * 19 / 20, "told at {told_at}: {taken} of {} cycles", CYCLES / 4);
+        assert_eq!(rig.counter(Counter::Missed), 0, "told at {told_at}");
+    }
+}

@@ -231,3 +231,24 @@ fn b5_5_a_held_jog_without_input_goes_by_its_time() {
     let went = value(&motor(&site), "commanded_position");
     assert!(went > 0.0 && took >= Duration::from_millis(300), "{went} counts in {took:?}");
 }
+
+#[test]
+fn c1_a_report_on_request_stays_as_fast_as_it_was() {
+    // Turbo User Manual p. 403: with I47=0 the board makes a report in the servo cycle after the host has taken the last one.
+    let site = VirtualSite::new();
+    site.start_simulator(&["--family", "turbo2", "--dpram-startup"]);
+    site.with_board(|board| board.execute(b"I57=0 I47=0 I48=1"));
+    let config =
+        site.file("pmacd.toml", "family = \"turbo2\"\nask_m_variables = false\n[servo]\nmotors = [1]\n");
+    site.start_daemon(&["--config", &config]);
+    site.wait_for_identity();
+    site.run_for(Duration::from_secs(8));
+    let status = site.hurried(|| site.pmacctl(&["status", "--json"]).1);
+    let status: serde_json::Value = serde_json::from_str(&status).unwrap();
+    assert_eq!(status["counters"]["missed"], 0, "{status}");
+    let period = status["regions"]["servo"]["period_ns"].as_u64().unwrap();
+    assert!((410_000..475_000).contains(&period), "{period} ns");
+    let updates = status["counters"]["updates"].as_u64().unwrap();
+    assert!(updates > 8 * 2258 * 9 / 10, "{updates} in 8 s of 2258 a second");
+    site.assert_no_violations();
+}

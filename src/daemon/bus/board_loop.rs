@@ -339,7 +339,11 @@ impl BoardLoop {
 
     /// Publishes what has become known of the board, and works by it.
     fn take_identity(&mut self) {
-        let Some(identity) = self.functions.ascii.queue_mut().identifier.take_update() else { return };
+        let identifier = &mut self.functions.ascii.queue_mut().identifier;
+        let on_request = identifier.on_request();
+        let identity = identifier.take_update();
+        self.functions.servo.set_on_request(on_request);
+        let Some(identity) = identity else { return };
         if !self.reporter.is_new(&identity) {
             return;
         }

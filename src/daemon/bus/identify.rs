@@ -71,6 +71,8 @@ pub struct Identifier {
     asked: Instant,
     /// Which copy of the global status is which.
     comparison: Option<Comparison>,
+    /// The servo report has no period, but is not made in the background either.
+    on_request: bool,
 }
 
 impl Identifier {
@@ -103,6 +105,7 @@ impl Identifier {
                 .find_map(Option::as_ref)
                 .filter(|_| ask)
                 .map(Comparison::new),
+            on_request: false,
         }
     }
 
@@ -274,8 +277,9 @@ impl Identifier {
                     Meaning::ServoReport => asking.servo_report = value,
                     Meaning::ServoInBackground if value == Some(1) => {
                         (asking.servo_report, asking.servo_report_cycles) = (value, Some(0));
+                        self.on_request = false;
                     }
-                    Meaning::ServoInBackground => {}
+                    Meaning::ServoInBackground => self.on_request = asking.servo_report_cycles == Some(0),
                     Meaning::BackgroundReport => asking.background_report = value,
                     Meaning::Reported => asking.motor_mask = value.map(first_motors),
                     // Asked before the last change: it says nothing.
@@ -341,6 +345,12 @@ impl Identifier {
     #[must_use]
     pub fn enabling(&self) -> Enabling {
         self.enabling
+    }
+
+    /// Whether the board makes each servo report when the host has taken the last, as far as it has said.
+    #[must_use]
+    pub fn on_request(&self) -> bool {
+        self.on_request
     }
 
     /// What has become known since the last call.

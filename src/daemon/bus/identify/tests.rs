@@ -158,14 +158,17 @@ fn a_family_is_asked_for_the_variables_it_has() {
 
 #[test]
 fn c1_a_report_in_the_background_is_told_without_a_period() {
-    for (in_background, cycles) in [("1", 0), ("0", 10)] {
+    for (in_background, i47, cycles, on_request) in
+        [("1", "10", 0, false), ("0", "10", 10, false), ("0", "0", 0, true), ("1", "0", 0, false)]
+    {
         let now = Instant::now();
         let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
         answer(&mut identifier, now, &["TURBO2, X4"]);
         answer(&mut identifier, now, &["1.947"]);
         // Turbo User Manual p. 403: I57=1 is the report in the background, by I50.
-        answer(&mut identifier, now, &["3713991", "10", "0", in_background, "1", "0", "2"]);
-        assert_eq!(identifier.asking.servo_report_cycles, Some(cycles), "I57={in_background}");
+        answer(&mut identifier, now, &["3713991", i47, "0", in_background, "1", "0", "2"]);
+        assert_eq!(identifier.asking.servo_report_cycles, Some(cycles), "I57={in_background} I47={i47}");
+        assert_eq!(identifier.on_request(), on_request, "I57={in_background} I47={i47}");
     }
 }
 
