@@ -88,6 +88,7 @@ pub fn gather(
     let settings = connection.settings().map_err(of_command)?;
     let found = client.identity().map_err(of_client)?;
     let family = identity::family(&found).ok_or_else(|| refused("the board's family is not known"))?;
+    let family = connection.info().map_err(of_command)?.sized(family);
     for function in [Function::Gather, Function::Ascii] {
         if !settings.functions.has(function) {
             return Err(refused(&format!("cannot gather: {}", settings.functions.why_not(function, family))));

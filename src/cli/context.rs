@@ -177,15 +177,15 @@ impl Context {
         given: Option<&'static Family>,
         connection: &mut Connection,
     ) -> Result<&'static Family, Failure> {
-        let told = connection.info()?.family;
-        match (given, Family::by_name(&told)) {
+        let info = connection.info()?;
+        match (given, info.known_family()) {
             (Some(family), Ok(board)) if family.base != board.base => Err(Failure::Request(format!(
                 "--family {}: the board is a {}, whose DPRAM is laid out otherwise",
                 family.name, board.title
             ))),
-            (Some(family), _) => Ok(family),
+            (Some(family), _) => Ok(info.sized(family)),
             (None, Ok(board)) => Ok(board),
-            (None, Err(_)) if told == NO_FAMILY => Err(Failure::request(UNKNOWN_FAMILY)),
+            (None, Err(_)) if info.family == NO_FAMILY => Err(Failure::request(UNKNOWN_FAMILY)),
             (None, Err(error)) => Err(Failure::request(error)),
         }
     }

@@ -227,6 +227,7 @@ fn board_info(settings: &Settings, publisher: &Publisher) -> BoardInfo {
             _ => settings.family.name.to_owned(),
         },
         firmware: settings.firmware.clone(),
+        dpram_bytes: (settings.family_known != FamilyKnown::Unknown).then_some(settings.family.length),
         motors: settings.motors.unwrap_or(settings.family.motors as u32),
         generation: publisher.generation(),
         pid: std::process::id(),

@@ -3,8 +3,8 @@
 use std::fmt;
 
 use super::program_words::{DefinitionsRead, ProgramWords};
-use crate::map::Function;
 use crate::map::readings::ReplyEnd;
+use crate::map::{Family, Function, UnknownFamily};
 use serde::{Deserialize, Serialize};
 
 /// Whether the data in the segment can be trusted now. The segment holds the number.
@@ -76,6 +76,9 @@ pub struct BoardInfo {
     pub firmware: Option<String>,
     /// The answer to `TYPE`, when it is known.
     pub board_type: Option<String>,
+    /// How many bytes its DPRAM has, as far as `pmacd` uses it; `None` while the family is not known.
+    #[serde(default)]
+    pub dpram_bytes: Option<u32>,
     /// How many motors the board reports.
     pub motors: u32,
     /// The servo cycle in nanoseconds, when it is known.
@@ -138,6 +141,20 @@ pub struct BoardInfo {
 }
 
 impl BoardInfo {
+    /// The board's family, with as much DPRAM as the board has.
+    ///
+    /// # Errors
+    /// A family that is not known here, or not known to the daemon.
+    pub fn known_family(&self) -> Result<&'static Family, UnknownFamily> {
+        Family::by_name(&self.family).map(|family| self.sized(family))
+    }
+
+    /// `family` with as much DPRAM as the board has.
+    #[must_use]
+    pub fn sized(&self, family: &'static Family) -> &'static Family {
+        self.dpram_bytes.and_then(|bytes| family.with_length(bytes)).unwrap_or(family)
+    }
+
     /// Whether no M-variable keeps the daemon from using `function`.
     #[must_use]
     pub fn leaves_free(&self, function: Function) -> bool {

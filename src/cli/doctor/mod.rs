@@ -69,7 +69,7 @@ const LATELY: Duration = Duration::from_secs(60);
 
 /// Checks whether the board takes command lines.
 fn commands(report: &mut Report, info: &BoardInfo) {
-    let (port, enabled) = match (info.command_port, Family::by_name(&info.family)) {
+    let (port, enabled) = match (info.command_port, info.known_family()) {
         (CommandPort::Dpram, Ok(family)) => ("the DPRAM", format!("I{}=1", family.i.ascii_enable)),
         (CommandPort::Dpram, Err(_)) => ("the DPRAM", "ASCII communication switched on".to_owned()),
         (CommandPort::Mailbox, _) => ("the VME mailboxes", "I3=2".to_owned()),
@@ -173,7 +173,7 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
         {
             unscaled(report, board);
         }
-        if let (Some(settings), Ok(family)) = (&settings, Family::by_name(&info.family)) {
+        if let (Some(settings), Ok(family)) = (&settings, info.known_family()) {
             left_out(report, family, settings);
         }
     }
@@ -492,7 +492,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     if info.family == NO_FAMILY {
         report.add(Level::Fail, "family", UNKNOWN_FAMILY);
     }
-    if let (Some(answer), Ok(family)) = (&info.board_type, Family::by_name(&info.family))
+    if let (Some(answer), Ok(family)) = (&info.board_type, info.known_family())
         && let Some(other) = family.contradicted_by_type(answer)
     {
         let level = if other.is_laid_out_otherwise() { Level::Fail } else { Level::Ok };

@@ -35,7 +35,8 @@ impl Prepared {
         let family = identity::family(&board.identity()?).unwrap_or(DEFAULT_FAMILY);
         check_functions(&settings, family, &[Function::Gather, Function::Ascii])?;
         let (layout, scales, firmware) = board_layout(&mut board)?;
-        let layout = settings.layout(layout.family(), firmware);
+        // The segment tells the family, but not how much DPRAM the board has.
+        let layout = settings.layout(connection.info()?.sized(layout.family()), firmware);
         let sources = sources(&layout).map_err(Failure::request)?;
         let sample_longs = sources.iter().map(|source| source.register.longs()).sum();
         let kept = BufferLayout::new(&layout, &settings.plan).map_err(Failure::request)?;
