@@ -79,7 +79,7 @@ fn look(
     mut pause: impl FnMut() -> u64,
 ) -> Result<Recognised, Failure> {
     // PMAC's DPRAM has 8K x 16 bits (so the DPRAM manual's title); 32K came with Turbo (Turbo User Manual p. 397).
-    if file_length(&settings.board).is_some_and(|length| length >= TURBO2.length as usize) {
+    if settings.board.file_bytes().is_some_and(|length| length >= TURBO2.length) {
         return Ok(Some(&TURBO2));
     }
     let bus = board::open_to_look(settings, WINDOW, &System::here(), inherited);
@@ -102,19 +102,13 @@ fn ask(
 fn of_size(seen: &'static Family, board: &BoardSpec) -> &'static Family {
     let length = match board {
         BoardSpec::Window(window) => window.length,
-        _ => file_length(board),
+        _ => board.file_bytes().map(|bytes| bytes as usize),
     };
     match seen.generation {
         Generation::Pmac => &PMAC,
         Generation::Turbo if length.is_some_and(|length| length >= TURBO2.length as usize) => &TURBO2,
         Generation::Turbo => &TURBO2_8K,
     }
-}
-
-/// The length of a board that is a file, which is that of its DPRAM.
-fn file_length(board: &BoardSpec) -> Option<usize> {
-    let BoardSpec::File { path, .. } = board else { return None };
-    std::fs::metadata(path).ok().map(|file| file.len() as usize)
 }
 
 /// Why the configuration's family cannot be the board's. What the board does not show contradicts nothing.

@@ -162,3 +162,24 @@ fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
     let error = refusal(&board(&["--family", "turbo2"]), "family = \"pmac\"\n");
     assert!(error.contains("is a Turbo PMAC2 by what it shows or answers"), "{error}");
 }
+
+#[test]
+fn c1_clients_know_how_large_the_dpram_is() {
+    // Turbo User Manual p. 402: the last locations are $060FFF and $063FFF. Each size with the family that comes with the other.
+    for (family, size, last, beyond) in
+        [("turbo", "32k", "Y:$063FFF", "Y:$064000"), ("turbo2", "8k", "Y:$060FFF", "Y:$061000")]
+    {
+        let site = board(&["--family", family, "--dpram", size, "--dpram-startup"]);
+        configured(&site, &format!("family = \"{family}\"\nask_m_variables = false\n"));
+        site.wait_for_live_servo();
+        let run = |arguments: &[&str]| site.hurried(|| site.pmacctl(arguments));
+        assert_eq!(run(&["read", last]).0, 0, "{family} {size}");
+        let (code, _, error) = run(&["read", beyond]);
+        assert!(code == 2 && error.contains("lies outside the DPRAM"), "{code} {error}");
+        site.wait_until("a board that takes commands", || run(&["send", "I10"]).0 == 0);
+        let gather = ["gather", "--source", "1.actual_position", "--seconds", "0.1", "-o", "-"];
+        let (code, text, error) = run(&gather);
+        assert!(code == 0 && text.lines().count() > 100, "{family} {size}: {code} {error}");
+        site.assert_no_violations();
+    }
+}

@@ -90,7 +90,7 @@ pub fn probe_board(
     family: Option<&'static Family>,
     system: &System,
 ) -> Result<(), Failure> {
-    let family = family.unwrap_or_else(|| family_by_size(spec));
+    let family = family.map_or_else(|| family_by_size(spec), |family| of_size(family, spec));
     let dpram = family.length as usize;
     let mut bus: Box<dyn Board> = match spec {
         BoardSpec::Simulator(_) => {
@@ -119,11 +119,12 @@ pub fn probe_board(
 
 /// A Turbo PMAC2 where the board is a file that only its memory fits.
 fn family_by_size(spec: &BoardSpec) -> &'static Family {
-    let size = match spec {
-        BoardSpec::File { path, .. } => std::fs::metadata(path).map_or(0, |file| file.len()),
-        BoardSpec::Simulator(_) | BoardSpec::Replay { .. } | BoardSpec::Window(_) => 0,
-    };
-    if size == u64::from(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
+    if spec.file_bytes() == Some(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
+}
+
+/// `family` with as much DPRAM as the board has, if it is a file.
+fn of_size(family: &'static Family, spec: &BoardSpec) -> &'static Family {
+    spec.file_bytes().and_then(|bytes| family.with_length(bytes)).unwrap_or(family)
 }
 
 fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Failure> {

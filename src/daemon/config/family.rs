@@ -72,7 +72,7 @@ pub(super) fn candidates(
     }
 }
 
-/// `family` with as much DPRAM as `board` shows. A VME board shows 16 KiB at a time, and an ISA board has a window of 16 KiB unless
+/// `family` with as much DPRAM as `board` shows. A file is as long as its DPRAM. A VME board shows 16 KiB at a time, and an ISA board has a window of 16 KiB unless
 /// it is set up otherwise (Turbo User Manual pp. 399, 400): what lies behind that is another card's. Every function lies in
 /// them. A length that is written says that more is shown.
 fn in_window(board: &BoardSpec, family: &'static Family) -> &'static Family {
@@ -80,7 +80,7 @@ fn in_window(board: &BoardSpec, family: &'static Family) -> &'static Family {
         BoardSpec::Window(WindowSpec { place, length: None, .. }) if is_small(place) => {
             family.with_length(WINDOW).unwrap_or(family)
         }
-        _ => family,
+        _ => board.file_bytes().and_then(|bytes| family.with_length(bytes)).unwrap_or(family),
     }
 }
 
@@ -96,7 +96,7 @@ const fn is_small(place: &Place) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{PMAC2, TURBO, TURBO2_8K};
+    use crate::map::{PMAC2, TURBO, TURBO_32K, TURBO2_8K};
 
     fn known(
         board: &str,
@@ -116,6 +116,19 @@ mod tests {
             assert_eq!(known("mem:0xD4000", Some(name), None).0, [shown], "{name}");
             assert_eq!(known("mem:0xC0000,length=0x10000", Some(name), None).0, [all], "{name}");
             assert_eq!(known("mem:0xFEBD0000", Some(name), None).0, [all], "a PCI board: {name}");
+        }
+    }
+
+    #[test]
+    fn c1_a_file_is_of_the_size_of_its_familys_dpram() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let board = format!("file:{}", file.path().display());
+        for (length, turbo, turbo2) in [(0x4000, &TURBO, &TURBO2_8K), (0x1_0000, &TURBO_32K, &TURBO2)] {
+            file.as_file().set_len(length).unwrap();
+            assert_eq!(known(&board, Some("turbo"), None).0, [turbo], "{length:#x}");
+            assert_eq!(known(&board, Some("turbo2"), None).0, [turbo2], "{length:#x}");
+            // What does not fit is refused when the file is opened.
+            assert_eq!(known(&board, Some("pmac"), None).0, [&PMAC], "{length:#x}");
         }
     }
 

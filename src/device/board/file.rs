@@ -8,6 +8,7 @@ use super::exclusive_lock;
 use crate::device::board::mapped::Mapped;
 use crate::device::board::mapping::Mapping;
 use crate::device::{Access, Presence};
+use crate::map::{FAMILIES, Family};
 
 /// Why a file cannot serve as a board.
 #[derive(Debug, thiserror::Error)]
@@ -30,7 +31,7 @@ pub enum FileBoardError {
         path: PathBuf,
     },
     /// The file is not as long as the DPRAM.
-    #[error("{path} has {found} bytes, a DPRAM has {expected}; is this the simulator's memory file?")]
+    #[error("{path} has {found} bytes, a DPRAM has {expected}; {}", whose(*found))]
     Length {
         /// The file.
         path: PathBuf,
@@ -45,6 +46,17 @@ pub enum FileBoardError {
         /// The file.
         path: PathBuf,
     },
+}
+
+/// What a file of `bytes` may be instead.
+fn whose(bytes: u64) -> String {
+    let has = |family: &&&Family| family.lengths().any(|length| u64::from(length) == bytes);
+    let names: Vec<_> =
+        FAMILIES.iter().filter(has).map(|family| format!("family = \"{}\"", family.name)).collect();
+    match names.as_slice() {
+        [] => "is this the simulator's memory file?".to_owned(),
+        names => format!("that is the DPRAM of {}", names.join(" or ")),
+    }
 }
 
 /// A board whose DPRAM is an ordinary file.
@@ -164,6 +176,17 @@ mod tests {
             FileBoard::open(Path::new("/nonexistent/dpram"), BYTES),
             Err(FileBoardError::Open { .. })
         ));
+    }
+
+    #[test]
+    fn c2_a_file_of_another_size_tells_whose_dpram_it_is() {
+        let large = memory(0x1_0000);
+        let error = FileBoard::open(large.path(), BYTES).err().unwrap().to_string();
+        let end =
+            "65536 bytes, a DPRAM has 16384; that is the DPRAM of family = \"turbo\" or family = \"turbo2\"";
+        assert!(error.ends_with(end), "{error}");
+        let error = FileBoard::open(memory(5).path(), BYTES).err().unwrap().to_string();
+        assert!(error.ends_with("is this the simulator's memory file?"), "{error}");
     }
 
     #[test]

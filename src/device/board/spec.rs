@@ -66,6 +66,15 @@ pub struct WindowSpec {
     pub access: Access,
 }
 
+impl BoardSpec {
+    /// The length of a board that is a file, which is that of its DPRAM.
+    #[must_use]
+    pub fn file_bytes(&self) -> Option<u32> {
+        let Self::File { path, .. } = self else { return None };
+        std::fs::metadata(path).ok().and_then(|file| u32::try_from(file.len()).ok())
+    }
+}
+
 impl WindowSpec {
     /// How many bytes to map for a DPRAM of `dpram` bytes.
     ///
