@@ -84,6 +84,10 @@ impl From<CommandError> for Failure {
 /// The board that is meant where none is named.
 const DEFAULT_NAME: &str = "pmac0";
 
+/// Why a command that writes nothing does not go on where the daemon does not know the board's family.
+pub const GIVE_FAMILY: &str =
+    "pmacd does not know the board's family; give --family pmac, pmac2, turbo or turbo2";
+
 /// What every command gets.
 pub struct Context {
     /// `--name`.
@@ -168,6 +172,21 @@ impl Context {
         match self.connect() {
             Err(error @ CommandError::OtherBoard { .. }) => Err(error),
             _ => Ok(()),
+        }
+    }
+
+    /// The family of the daemon's board; `None` where no daemon answers.
+    ///
+    /// # Errors
+    /// [`Failure`], which names `--family`, where the daemon does not know it.
+    pub fn board_family(&self) -> Result<Option<&'static Family>, Failure> {
+        let Some(info) = self.connection().ok().and_then(|mut connection| connection.info().ok()) else {
+            return Ok(None);
+        };
+        match info.known_family() {
+            Ok(family) => Ok(Some(family)),
+            Err(_) if info.family == NO_FAMILY => Err(Failure::request(GIVE_FAMILY)),
+            Err(error) => Err(Failure::request(error)),
         }
     }
 

@@ -61,7 +61,7 @@ impl TypedAddress {
     /// [`AddressError`] when the text has another shape, or names a place outside the family's DPRAM.
     pub fn parse(text: &str, family: &Family) -> Result<Self, AddressError> {
         let text = text.trim();
-        if let Some(digits) = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        if let Some(digits) = host_digits(text) {
             return host(text, digits, family);
         }
         let (space, number) = split_space(text).ok_or_else(|| shape(text))?;
@@ -80,11 +80,22 @@ impl TypedAddress {
         Ok(Self { space, offset })
     }
 
+    /// Whether `text` is a host offset, which means the same word in every family.
+    #[must_use]
+    pub fn is_host_offset(text: &str) -> bool {
+        host_digits(text.trim()).is_some()
+    }
+
     /// The same place as a PMAC address.
     #[must_use]
     pub const fn pmac_address(self, family: &Family) -> PmacAddress {
         PmacAddress::new(self.space, family.pmac_number(self.offset))
     }
+}
+
+/// What follows the `0x` of a host offset.
+fn host_digits(text: &str) -> Option<&str> {
+    text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"))
 }
 
 fn host(text: &str, digits: &str, family: &Family) -> Result<TypedAddress, AddressError> {

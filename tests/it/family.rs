@@ -164,6 +164,50 @@ fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
 }
 
 #[test]
+fn c2_words_are_read_by_their_offset_while_the_family_is_not_known() {
+    let site = board(&["--family", "turbo2", "--dpram", "8k", "--garbage", "3"]);
+    configured(&site, AUTO);
+    site.wait_until("a daemon that has given up", || status(&site)["condition"] == "family_unknown");
+    let run = |arguments: &[&str]| site.hurried(|| site.pmacctl(arguments));
+    let word = u16::from_le_bytes(memory(&site)[0x70..0x72].try_into().unwrap());
+    let (code, text, error) = run(&["read", "0x0070", "0x0070,0,16", "--json"]);
+    assert_eq!(code, 0, "{error}");
+    let found: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(
+        (&found[0]["words"][0], &found[1]["value"]["word"].is_null()),
+        (&word.into(), &true),
+        "{text}"
+    );
+    assert_eq!(found[0]["pmac_address"], Value::Null, "nobody knows it");
+    let (code, text, _) = run(&["read", "0x0070"]);
+    assert!(code == 0 && text.lines().last().unwrap().starts_with("0x0070   0x0070"), "{text}");
+    // The others mean other words on a PMAC than on a Turbo board.
+    for arguments in [
+        &["read", "Y:$06001C"] as &[&str],
+        &["read", "0x0070", "Y:$D001"],
+        &["map"],
+        &["setup", "enable", "servo"],
+    ] {
+        let (code, _, error) = run(arguments);
+        assert!(code == 2 && error.contains("--family"), "{arguments:?}: {code} {error}");
+        let family = if arguments.contains(&"Y:$D001") { "pmac" } else { "turbo" };
+        let (code, _, error) = run(&[arguments, &["--family", family]].concat());
+        assert_eq!(code, 0, "{arguments:?}: {error}");
+    }
+}
+
+#[test]
+fn c1_map_and_setup_answer_for_the_board_that_is_there() {
+    let site = board(&["--family", "turbo2", "--dpram-startup"]);
+    configured(&site, "family = \"turbo2\"\n");
+    for arguments in [&["map"] as &[&str], &["setup", "enable", "servo"]] {
+        let run = |more: &[&str]| site.hurried(|| site.pmacctl(&[arguments, more].concat())).1;
+        assert_eq!(run(&[]), run(&["--family", "turbo2"]), "{arguments:?}");
+        assert_ne!(run(&[]), run(&["--family", "pmac"]), "{arguments:?}");
+    }
+}
+
+#[test]
 fn c1_clients_know_how_large_the_dpram_is() {
     // Turbo User Manual p. 402: the last locations are $060FFF and $063FFF. Each size with the family that comes with the other.
     for (family, size, last, beyond) in

@@ -57,7 +57,11 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     };
     match &mut serial {
         Some(way) => told_over(way, &mut command)?,
-        None => command.is_for(|| Context::family(None, &mut context.connection().ok()?).ok()),
+        None if command.is_of_a_family() => {}
+        None => {
+            let board = context.board_family()?;
+            command.is_for(|| board);
+        }
     }
     let answer = setup::answer(&command, servo_runs).map_err(Failure::Request)?;
     if !sending.send {

@@ -5,17 +5,17 @@ use clap::Args;
 use crate::cli::args::values::{GatherSize, family};
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::map::{Family, Firmware, Layout, MapRecord, Readings};
+use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord, Readings};
 
 /// The column that only a family has whose registers not all stand in its own DPRAM manual.
 const CONFIDENCE: &str = "confidence";
 
 #[derive(Debug, Args)]
 pub struct Map {
-    /// The board's family. For Turbo boards a register's confidence is told: H a manual or two sources, M one source, L worked
+    /// The board's family; without it that of the board that pmacd reaches, or pmac if there is none. For Turbo boards a register's confidence is told: H a manual or two sources, M one source, L worked
     /// out
-    #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
-    pub family: &'static Family,
+    #[arg(long, value_name = "FAMILY", value_parser = family)]
+    pub family: Option<&'static Family>,
     /// The board's firmware, as VERSION answers; without it, the map in the printed manual
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
@@ -25,8 +25,12 @@ pub struct Map {
 }
 
 pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
+    let family = match options.family {
+        Some(family) => family,
+        None => context.board_family()?.unwrap_or(DEFAULT_FAMILY),
+    };
     let readings = Readings { gather_size_word: options.gather_size.into(), ..Readings::default() };
-    let layout = Layout::read_by(options.family, options.firmware, readings);
+    let layout = Layout::read_by(family, options.firmware, readings);
     let records = layout.records();
     if context.output.is_json() {
         context.output.json(&records)?;

@@ -5,11 +5,13 @@ use serde::Serialize;
 
 use crate::cli::args::values::{Float48, family};
 use crate::cli::console::table::{Align, Table};
-use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::context::{Context, Failure, GIVE_FAMILY, Verdict};
+use crate::client::Connection;
 use crate::client::number::{float32, short};
 use crate::decode::{Value, value};
 use crate::format::join32;
-use crate::map::{BitField, Family, Field, Space};
+use crate::map::{BitField, Family, Field, Space, TURBO2, TypedAddress};
+use crate::protocol::function::NO_FAMILY;
 
 #[derive(Debug, Args)]
 pub struct Read {
@@ -29,7 +31,8 @@ pub struct Read {
 struct Found {
     /// The address, as typed.
     address: String,
-    pmac_address: String,
+    /// None while the family is not known.
+    pmac_address: Option<String>,
     host_offset: u32,
     /// The bits of the value, if not all.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -49,13 +52,15 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
         fields(options, family)?;
     }
     let mut connection = context.connection()?;
-    let family = Context::family(options.family, &mut connection)?;
+    let family = board_family(options, &mut connection)?;
     let mut found = Vec::new();
-    for (address, Field { location, bits }) in options.addresses.iter().zip(fields(options, family)?) {
+    // Of offsets alone the daemon knows the end.
+    let fields = fields(options, family.unwrap_or(&TURBO2))?;
+    for (address, Field { location, bits }) in options.addresses.iter().zip(fields) {
         let (time_ns, words) = connection.read(location.offset, location.space.words())?;
         found.push(Found {
             address: address.clone(),
-            pmac_address: location.pmac_address(family).to_string(),
+            pmac_address: family.map(|family| location.pmac_address(family).to_string()),
             bits,
             host_offset: location.offset.bytes(),
             time_ns,
@@ -73,6 +78,17 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
         context.output.text(table(&found))?;
     }
     Ok(Verdict::Yes)
+}
+
+/// The board's family. Host offsets are read without it, too.
+fn board_family(options: &Read, connection: &mut Connection) -> Result<Option<&'static Family>, Failure> {
+    if options.family.is_some() || connection.info()?.family != NO_FAMILY {
+        return Context::family(options.family, connection).map(Some);
+    }
+    if options.addresses.iter().all(|text| TypedAddress::is_host_offset(text)) {
+        return Ok(None);
+    }
+    Err(Failure::Request(format!("{GIVE_FAMILY}, or host offsets alone, which need none")))
 }
 
 fn fields(options: &Read, family: &Family) -> Result<Vec<Field>, Failure> {
@@ -98,12 +114,14 @@ fn table(found: &[Found]) -> Table {
         ("value", Align::Right),
     ]);
     for found in found {
+        let offset = format!("0x{:04X}", found.host_offset);
+        let address = found.pmac_address.as_ref().unwrap_or(&offset);
         table.row([
             match found.bits {
-                None => found.pmac_address.clone(),
-                Some(bits) => format!("{},{},{}", found.pmac_address, bits.offset, bits.width),
+                None => address.clone(),
+                Some(bits) => format!("{address},{},{}", bits.offset, bits.width),
             },
-            format!("0x{:04X}", found.host_offset),
+            offset,
             found.words.iter().map(|word| format!("{word:04X}")).collect::<Vec<_>>().join(" "),
             match found.value {
                 Some(Value::Float(value)) if found.space == Space::F => float32(value),
