@@ -469,6 +469,8 @@ pub struct IVariables {
     pub reported: Option<u16>,
     /// Servo cycles between two background reports; 0 is on request. `None`: always on request.
     pub background_period: Option<u16>,
+    /// The base of the one DPRAM that all functions use, of which the board may have several. `None`: there is one.
+    pub dpram_base: Option<u16>,
     /// Set to 1, has the servo report made in the background, and switches [`IVariables::servo_enable`] off.
     pub servo_in_background: Option<u16>,
     /// Enable of both variable tables.

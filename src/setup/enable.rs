@@ -135,7 +135,7 @@ pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Resul
     functions.sort_unstable();
     functions.dedup();
     let together = functions.contains(&Function::Servo) && functions.contains(&Function::Gather);
-    let plans = functions
+    let mut plans = functions
         .iter()
         .map(|function| match function {
             Function::Ascii => Ok(ascii(options, family)),
@@ -147,6 +147,13 @@ pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Resul
             Function::Gather => Ok(gather(options, family, together)?),
         })
         .collect::<Result<Vec<_>, _>>()?;
+    // Said once.
+    if let (Some(setting), Some(first)) = (family.dpram_setting(), plans.first_mut()) {
+        first.notes.push(format!(
+            "of several DPRAMs the board uses one for all functions: no function works here without {setting}, the bus's own, which \
+             the board sets by itself where it finds that one"
+        ));
+    }
     Ok(EnablePlan { commands: commands(&plans, options.save), plans })
 }
 

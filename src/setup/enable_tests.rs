@@ -199,3 +199,14 @@ fn a_report_that_runs_takes_no_gather() {
     assert_eq!(both.commands.iter().filter(|line| *line == "GATHER").count(), 1);
     assert!(both.plans[0].notes[0].contains("GATHER is left out"), "{:?}", both.plans[0].notes);
 }
+
+#[test]
+fn c1_a_turbo_board_is_told_which_dpram_its_functions_use() {
+    // Turbo User Manual p. 45: I24 names the one DPRAM of all functions; the board finds it at a re-initialisation.
+    for (family, told) in [(&TURBO2, 1), (&PMAC, 0)] {
+        let plans =
+            enable::plan(&[Function::Servo, Function::Ascii], &Options::default(), family).unwrap().plans;
+        let notes = plans.iter().flat_map(|plan| &plan.notes);
+        assert_eq!(notes.filter(|note| note.contains("I24=$60000")).count(), told, "{}", family.name);
+    }
+}

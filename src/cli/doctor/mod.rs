@@ -442,7 +442,11 @@ fn missing(region: RegionId, identity: &Identity) -> String {
         );
     }
     let what = if region == RegionId::Servo { "servo interrupt" } else { "background cycle" };
-    format!("the board has {told}, which is enough; check that its {what} runs")
+    let setting = family.dpram_setting();
+    let other = setting.map_or_else(String::new, |setting| {
+        format!(", and that it has {setting}: with another value no report comes into this DPRAM")
+    });
+    format!("the board has {told}, which is enough; check that its {what} runs{other}")
 }
 
 /// Functions that the configuration switches off, and reports that it reads in part.
@@ -469,6 +473,18 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     }
 }
 
+/// What is said of a board that shows nothing.
+fn no_answer(info: &BoardInfo) -> String {
+    let text = format!(
+        "{} does not answer; check its power, cable and address; one with I48, I49 and I58 off looks alike",
+        info.board
+    );
+    let setting = info.known_family().ok().and_then(Family::dpram_setting);
+    setting.map_or(text.clone(), |setting| {
+        format!("{text}, and one without {setting}, which uses another DPRAM")
+    })
+}
+
 fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
     let who: Vec<_> = who.into_iter().flatten().collect();
@@ -482,11 +498,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
             report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", ")));
         }
         State::Stale | State::Dead => {
-            let text = format!(
-                "{} does not answer; check its power, cable and address; one with I48, I49 and I58 off looks alike",
-                info.board
-            );
-            report.add(Level::Fail, "board", text);
+            report.add(Level::Fail, "board", no_answer(info));
         }
     }
     if info.family == NO_FAMILY {
@@ -545,7 +557,31 @@ fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::TURBO2;
+    use crate::map::{PMAC, TURBO2};
+
+    #[test]
+    fn c1_a_turbo_board_that_reports_nothing_may_use_another_dpram() {
+        // Turbo User Manual p. 45: I24 is the base of the one DPRAM that serves all automatic functions.
+        let told = |family: &Family| Identity {
+            family: Some(family.number),
+            servo_report: Some(1),
+            servo_report_cycles: Some(1),
+            background_report: Some(1),
+            motor_mask: Some(1),
+            ..Identity::default()
+        };
+        for region in [RegionId::Servo, RegionId::Background] {
+            let why = missing(region, &told(&TURBO2));
+            assert!(why.contains("which is enough") && why.contains("I24=$60000"), "{why}");
+            assert!(!missing(region, &told(&PMAC)).contains("I24"));
+        }
+        let silent =
+            |family: &str| no_answer(&BoardInfo { family: family.to_owned(), ..BoardInfo::default() });
+        assert!(silent("turbo").ends_with("and one without I24=$60000, which uses another DPRAM"));
+        for other in ["pmac2", NO_FAMILY] {
+            assert!(silent(other).ends_with("I58 off looks alike"), "{other}");
+        }
+    }
 
     #[test]
     fn c1_a_report_in_the_background_is_not_called_the_other_one() {

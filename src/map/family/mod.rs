@@ -339,6 +339,13 @@ impl Family {
         }
     }
 
+    /// The setting that makes the board use the DPRAM of its bus, `I24=$60000`, where it may use another (Turbo User Manual
+    /// p. 45).
+    #[must_use]
+    pub fn dpram_setting(&self) -> Option<String> {
+        self.i.dpram_base.map(|variable| format!("I{variable}=${:X}", self.base))
+    }
+
     /// The highest PMAC address.
     #[must_use]
     pub const fn last_address(&self) -> u32 {

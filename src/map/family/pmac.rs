@@ -372,6 +372,7 @@ pub const I_VARIABLES: IVariables = IVariables {
     background_enable: 49,
     reported: Some(59),
     background_period: None,
+    dpram_base: None,
     servo_in_background: None,
     variables_enable: 55,
     interrupt: 56,

@@ -382,6 +382,7 @@ pub const I_VARIABLES: IVariables = IVariables {
     background_enable: 49,
     reported: None,
     background_period: Some(50),
+    dpram_base: Some(24),
     servo_in_background: Some(57),
     variables_enable: 55,
     interrupt: 56,
