@@ -13,7 +13,8 @@ use serde::Deserialize;
 
 use super::policy::{Peer, Role};
 use crate::daemon::shared::queue::Unsolicited;
-use crate::protocol::{BOARD, CALL_MAX, Inbox, Message, Reply, frame::TooLong, message::encode};
+use crate::protocol::program_words::ASKS_FIRST;
+use crate::protocol::{BOARD, CALL_MAX, CallError, Inbox, Message, Reply, frame::TooLong, message::encode};
 
 /// No further call is begun while this much output waits, in bytes.
 pub(super) const HIGH_WATER: usize = 64 * 1024;
@@ -74,6 +75,8 @@ pub(super) struct Client {
     hung_up: bool,
     /// It ends as soon as its output is sent.
     closing: bool,
+    /// It was told to ask again, as functions are not used yet.
+    asks_again: bool,
 }
 
 impl Client {
@@ -93,7 +96,16 @@ impl Client {
             input_ended: false,
             hung_up: false,
             closing: false,
+            asks_again: false,
         }
+    }
+
+    /// Whether the refusal `error` is worth a line of the log: not what it is told again and again while it waits for a
+    /// function.
+    pub(super) fn is_worth_telling(&mut self, error: &CallError) -> bool {
+        let waits = matches!(error, CallError::Refused { reason } if reason.contains(ASKS_FIRST));
+        let asked = std::mem::replace(&mut self.asks_again, waits);
+        !matches!(error, CallError::Busy) && !(asked && waits)
     }
 
     /// The other end.
@@ -303,6 +315,20 @@ impl AsFd for Client {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn c3_who_waits_for_a_function_is_told_of_once() {
+        let (stream, _other) = UnixStream::pair().unwrap();
+        let peer = Peer { uid: 0.into(), gid: 0.into(), pid: 1 };
+        let mut client = Client::new(stream, peer, Role::Engineer, Instant::now());
+        let refused = |reason: &str| CallError::Refused { reason: reason.to_owned() };
+        let waits = |read: u32| refused(&format!("not used yet: {ASKS_FIRST} ({read} of 8192 read)"));
+        let told = [waits(0), waits(50), waits(100), refused("another"), waits(150), CallError::Busy];
+        assert_eq!(
+            told.map(|error| client.is_worth_telling(&error)),
+            [true, false, false, true, true, false]
+        );
+    }
 
     #[test]
     fn what_is_urgent_is_known_by_the_name_of_the_method_alone() {

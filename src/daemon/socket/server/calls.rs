@@ -53,7 +53,7 @@ impl Service {
             Ok(None) => return,
             Ok(Some(reply)) => reply,
             Err(error) => {
-                if !matches!(error, CallError::Busy) {
+                if self.clients.get_mut(id).is_some_and(|client| client.is_worth_telling(&error)) {
                     let Peer { uid, pid, .. } = caller.peer;
                     let what = format_args!("refused {:?} of uid {uid} pid {pid}: {error}", call.method);
                     self.audit.tell(uid, what, now);
