@@ -24,7 +24,7 @@ use pmac_dpram::daemon::socket::server::Backend;
 use pmac_dpram::daemon::socket::server::stepper::{ServerStats, ServerStepper};
 use pmac_dpram::function::rotary::RotaryState;
 use pmac_dpram::map::PMAC;
-use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, Enabled, MessageKind, Reply};
+use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, CommandPort, Enabled, MessageKind, Reply};
 
 use super::tape::Tape;
 
@@ -443,7 +443,7 @@ impl Board {
             2 => Outcome::Busy,
             3 => Outcome::Error(5),
             4 => Outcome::TimedOut,
-            5 => Outcome::Unavailable { page: None },
+            5 => Outcome::Unavailable { port: CommandPort::Dpram, page: None },
             6 => Outcome::OutOfRange,
             _ => Outcome::Refused(Text::of(&"no\0t\u{7f} no\"w")),
         };

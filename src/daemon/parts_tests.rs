@@ -10,7 +10,7 @@ use crate::daemon::shared::queue::{Command, Event, Origin, Outcome, Text, Ticket
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
 use crate::map::pmac::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
-use crate::protocol::State;
+use crate::protocol::{CommandPort, State};
 
 const SECOND: u64 = 1_000_000_000;
 const BEGIN_NS: u64 = 1_000 * SECOND;
@@ -122,7 +122,7 @@ fn what_is_begun_and_when_it_is_given_up_goes_by_the_injected_time() {
     assert_eq!(world.ended(), None);
     assert_ne!(world.word(ASCII_OUTPUT_CONTROL), 0, "it waits for the board");
     world.run(Duration::from_secs(2), |_, _| {});
-    assert_eq!(world.ended(), Some((1, Outcome::Unavailable { page: None })));
+    assert_eq!(world.ended(), Some((1, Outcome::Unavailable { port: CommandPort::Dpram, page: None })));
     assert_eq!(world.word(ASCII_OUTPUT_CONTROL), 0, "and was taken back");
 }
 

@@ -18,7 +18,7 @@ use pmac_dpram::daemon::shared::status::BoardStatus;
 use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::{Backend, Server, serve};
 use pmac_dpram::map::PMAC;
-use pmac_dpram::protocol::{BoardInfo, BoardSettings, Enabled, MessageKind, State};
+use pmac_dpram::protocol::{BoardInfo, BoardSettings, CommandPort, Enabled, MessageKind, State};
 
 use super::wait_until;
 
@@ -234,7 +234,7 @@ impl FakeBus {
                         (0..3).for_each(|_| self.line(ticket, "0"));
                         self.done(ticket, Outcome::Done);
                     }
-                    "OFF" => self.done(ticket, Outcome::Unavailable { page: None }),
+                    "OFF" => self.done(ticket, Outcome::Unavailable { port: CommandPort::Dpram, page: None }),
                     "LONG" => {
                         for _ in 0..2000 {
                             self.line(ticket, &"x".repeat(200));

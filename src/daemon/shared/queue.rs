@@ -19,8 +19,8 @@ pub use crate::format::Text;
 use crate::function::ascii::ResponseText;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
+use crate::protocol::{CommandPort, MessageKind, control, deadlines};
 pub use crate::protocol::{LINE_MAX, READ_MAX};
-use crate::protocol::{MessageKind, control, deadlines};
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
@@ -121,8 +121,10 @@ pub enum Outcome {
     TimedOut,
     /// Ended for this reason while the board may have been at it. It may or may not have been carried out.
     Interrupted(Text<REASON_MAX>),
-    /// DPRAM ASCII is off (I58=0), or the board is gone. Nothing of it was sent.
+    /// The port is off (the DPRAM's: I58=0), or the board is gone. Nothing of it was sent.
     Unavailable {
+        /// The port that it would have gone through.
+        port: CommandPort,
         /// The DPRAM's page, where it has one that is written again.
         page: Option<u8>,
     },

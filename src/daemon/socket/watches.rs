@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn a_table_that_is_not_taken_is_sent_again() {
         let now = Instant::now();
-        let refused = Outcome::Unavailable { page: None };
+        let refused = Outcome::Unavailable { port: crate::protocol::CommandPort::Dpram, page: None };
         let mut watches = Watches::new(128);
         watches.watch(1, entries(0..2), None).unwrap();
         watches.sent(Ticket(1));

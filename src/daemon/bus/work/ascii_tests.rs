@@ -436,7 +436,11 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
     const ONES: u16 = u16::MAX;
     // What the words of the flag and of the control character hold when the reset is noticed, and what may be said then.
     for (flag, character, outcome) in [
-        (PMAC.ascii.command_loaded.mask, u16::from(ABORT), Outcome::Unavailable { page: None }),
+        (
+            PMAC.ascii.command_loaded.mask,
+            u16::from(ABORT),
+            Outcome::Unavailable { port: CommandPort::Dpram, page: None },
+        ),
         (0, 0, Outcome::TimedOut),
         (ONES, ONES, Outcome::TimedOut),
     ] {

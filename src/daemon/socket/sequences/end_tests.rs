@@ -9,7 +9,7 @@ use crate::daemon::shared::info::Info;
 use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::Text;
 use crate::map::PMAC;
-use crate::protocol::{BoardInfo, BoardSettings, calls};
+use crate::protocol::{BoardInfo, BoardSettings, CommandPort, calls};
 
 const OWNER: Peer = Peer { uid: Uid::from_raw(1000), gid: Gid::from_raw(1000), pid: 7 };
 const ENDINGS: [Ending; 6] = [
@@ -224,7 +224,7 @@ fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
                 Outcome::TimedOut,
                 Outcome::Interrupted(Text::of(&"^X")),
                 Outcome::Busy,
-                Outcome::Unavailable { page: None },
+                Outcome::Unavailable { port: CommandPort::Dpram, page: None },
             ] {
                 let mut board = Board::new(reports, report_runs);
                 let ends = (STEPS, Ending::OwnerGone);

@@ -9,7 +9,7 @@ use crate::daemon::socket::leases::LeaseEnd;
 use crate::daemon::socket::stop_target::Target;
 use crate::map::errors::meaning;
 use crate::protocol::board::SendReply;
-use crate::protocol::{CallError, Reply};
+use crate::protocol::{CallError, CommandPort, Reply};
 
 /// What a call is answered whose command ended so.
 pub(super) fn outcome_reply(
@@ -38,15 +38,16 @@ pub(super) fn reply_lines(
             Err(CallError::Board { code, meaning, lines })
         }
         Outcome::TimedOut => Err(CallError::TimedOut { lines }),
-        Outcome::Unavailable { page } => {
+        Outcome::Unavailable { port, page } => {
             let written = page.map_or_else(String::new, |page| {
                 format!("; pmacd has written the DPRAM's page 0x{page:02X} again, so try again")
             });
-            Err(CallError::Unavailable {
-                reason: format!(
-                    "the port for command lines is off (DPRAM ASCII: I58=0) or the board does not answer{written}"
-                ),
-            })
+            let off = match port {
+                CommandPort::Dpram => "is off (DPRAM ASCII: I58=0)",
+                CommandPort::Mailbox => "is the VME mailboxes, which need I3=2 and both interrupts,",
+            };
+            let reason = format!("the port for command lines {off} or the board does not answer{written}");
+            Err(CallError::Unavailable { reason })
         }
         Outcome::Busy => Err(CallError::Busy),
         Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
@@ -101,4 +102,20 @@ pub(super) fn stop_not_taken(motors: u32) -> CallError {
 /// What a client is told whose call is not begun any more, or will not be answered.
 pub(super) fn is_stopping() -> CallError {
     CallError::Unavailable { reason: "pmacd is stopping".to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn c1_a_port_that_does_not_answer_is_named() {
+        let told = |port| {
+            let outcome = Outcome::Unavailable { port, page: Some(0x1C) };
+            reply_lines(outcome, Vec::new(), false, Instant::now()).unwrap_err().to_string()
+        };
+        let (dpram, mailbox) = (told(CommandPort::Dpram), told(CommandPort::Mailbox));
+        assert!(dpram.contains("I58=0") && dpram.contains("page 0x1C"), "{dpram}");
+        assert!(mailbox.contains("I3=2") && !mailbox.contains("I58"), "{mailbox}");
+    }
 }

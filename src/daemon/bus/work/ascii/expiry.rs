@@ -218,8 +218,8 @@ impl AsciiQueue {
     ) {
         publisher.counters().add(Counter::AsciiTimeouts, 1);
         self.state = CommandState::Silent;
-        let outcome =
-            if taken { Outcome::TimedOut } else { Outcome::Unavailable { page: self.ports.page() } };
+        let (port, page) = (self.ports.in_use(), self.ports.page());
+        let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable { port, page } };
         self.outbox.tell(events, Event::Done(ticket, outcome));
     }
 }

@@ -38,7 +38,10 @@ fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late(
     rig.poll();
     rig.now += Duration::from_millis(100);
     rig.poll();
-    assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Unavailable { page: None })]);
+    assert_eq!(
+        rig.ended(),
+        [(1, Outcome::Done), (2, Outcome::Unavailable { port: CommandPort::Dpram, page: None })]
+    );
     assert!(rig.loaded(), "it is the board's to clear");
     rig.send(3, "P3", Duration::from_secs(60));
     rig.poll();
