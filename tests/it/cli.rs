@@ -129,6 +129,10 @@ fn an_image_decodes_as_the_live_data_do() {
         one_clear_line(&ran).contains("16384 bytes, not 65536; if it is a Turbo PMAC's: --family turbo"),
         "{ran:?}"
     );
+    // Longer than any: not all of it is read.
+    std::fs::write(file.path(), vec![0; 0x2_0000]).unwrap();
+    let ran = pmacctl(&format!("decode {path}"));
+    assert!(one_clear_line(&ran).ends_with("16384 bytes, and this one has more than 65536"), "{ran:?}");
     assert_eq!(pmacctl("decode /nonexistent").code, Some(2));
     assert_eq!(pmacctl(&format!("decode {path} --motors 9")).code, Some(2));
 }

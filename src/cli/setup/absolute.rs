@@ -51,7 +51,9 @@ pub fn answer(options: &Absolute) -> Result<Answer, String> {
         [] => None,
         words => Some(format.position(words).map_err(|error| error.to_string())?),
     };
-    Answer::done(&Document { format: &format, position }, text(&format, position))
+    // The variable that holds the home position, as the family's manual writes it.
+    let offset = if options.ix10.is_some() { "Ix26" } else { "Ixx26" };
+    Answer::done(&Document { format: &format, position }, text(&format, position, offset))
 }
 
 fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
@@ -72,7 +74,7 @@ fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
 }
 
 // Writing to a String cannot fail.
-fn text(format: &AbsoluteFormat, position: Option<i64>) -> String {
+fn text(format: &AbsoluteFormat, position: Option<i64>, offset: &str) -> String {
     let mut text = format.kind.title().to_owned();
     if let Some(bits) = format.bits {
         let _ = write!(text, ", {bits} bits");
@@ -104,7 +106,7 @@ fn text(format: &AbsoluteFormat, position: Option<i64>) -> String {
         let _ = writeln!(text, "  - {note}");
     }
     if let Some(position) = position {
-        let _ = writeln!(text, "position {position} (the motor's position is this minus Ix26)");
+        let _ = writeln!(text, "position {position} (the motor's position is this minus {offset})");
     }
     text
 }
@@ -161,8 +163,14 @@ mod tests {
         for words in ["--word Y:$078D00=$FFFFFE --word Y:$078D01=$FF", "--word Y:$078D00=-2 Y:$078D01=255"] {
             let answer = answered(&format!("{format} {words}"));
             assert_eq!(answer.document["position"], json!(-2));
-            assert!(answer.text.ends_with("position -2 (the motor's position is this minus Ix26)\n"));
+            assert!(answer.text.ends_with("position -2 (the motor's position is this minus Ixx26)\n"));
         }
+        let pmac = answered("absolute --ix10 0xB1C006 --word Y:$C006=$100");
+        assert!(
+            pmac.text.ends_with("position 1 (the motor's position is this minus Ix26)\n"),
+            "{}",
+            pmac.text
+        );
         let reason = answer(&parsed(&format!("{format} --word Y:$078D00=0"))).unwrap_err();
         assert!(reason.contains("Y:$078D01 is missing"), "{reason}");
     }

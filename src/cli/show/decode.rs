@@ -14,7 +14,7 @@ use crate::cli::show::coordinates::{self, Overrides};
 use crate::cli::show::global_status;
 use crate::cli::show::motors;
 use crate::client::motor::Motor;
-use crate::decode::{BackgroundData, Buffers, Image, Scales, ServoData, ServoDecoder};
+use crate::decode::{BackgroundData, Buffers, Image, ImageError, Scales, ServoData, ServoDecoder};
 use crate::map::{FAMILIES, Family, Firmware, Layout, Selection};
 use crate::segment::Identity;
 
@@ -51,6 +51,14 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     let fault =
         |error: &dyn std::fmt::Display| Failure::Request(format!("{}: {error}", options.file.display()));
     let image = Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|error| {
+        if bytes.len() > largest() {
+            // Only one byte more was read: how long the file is nobody knows.
+            let ImageError { family, expected, .. } = &error;
+            let most = largest();
+            return fault(&format_args!(
+                "an image of the DPRAM of a {family} has {expected} bytes, and this one has more than {most}"
+            ));
+        }
         let other =
             FAMILIES.iter().find(|family| family.lengths().any(|length| length as usize == bytes.len()));
         let other = other.map_or(String::new(), |other| {
@@ -92,9 +100,14 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     Ok(Verdict::Yes)
 }
 
+/// The bytes of the largest image of any family.
+fn largest() -> usize {
+    FAMILIES.iter().flat_map(|family| family.lengths()).max().map_or(0, |bytes| bytes as usize)
+}
+
 /// The file's bytes, at most one more than the largest image of any family. The extra byte is enough to refuse the file.
 fn read(options: &Decode) -> io::Result<Vec<u8>> {
-    let most = FAMILIES.iter().flat_map(|family| family.lengths()).max().map_or(0, u64::from) + 1;
+    let most = largest() as u64 + 1;
     let mut bytes = Vec::new();
     if options.file.as_os_str() == "-" {
         io::stdin().lock().take(most).read_to_end(&mut bytes)?;

@@ -34,13 +34,12 @@ impl fmt::Display for OtherFamily {
         } else {
             f.write_str(", which has the same functions in the same words")?;
         }
+        f.write_str("; ")?;
         // A Turbo board may have a DPRAM of either size (Turbo User Manual p. 397).
-        write!(
-            f,
-            "; if its DPRAM has {} x 16 bits, write family = \"{}\"",
-            says.dpram().to_uppercase(),
-            says.name
-        )
+        if says.lengths().count() > 1 {
+            write!(f, "if its DPRAM has {} x 16 bits, ", says.dpram().to_uppercase())?;
+        }
+        write!(f, "write family = \"{}\"", says.name)
     }
 }
 
@@ -106,5 +105,7 @@ mod tests {
         assert!(!alike.is_laid_out_otherwise());
         assert!(alike.to_string().contains("has the same functions in the same words"), "{alike}");
         assert!(!told(&TURBO, "TURBOU, X4").is_laid_out_otherwise());
+        // All PMACs have a DPRAM of one size.
+        assert!(alike.to_string().ends_with("words; write family = \"pmac2\""), "{alike}");
     }
 }
