@@ -23,7 +23,7 @@ use pmac_dpram::daemon::socket::policy::{Peer, Role};
 use pmac_dpram::daemon::socket::server::Backend;
 use pmac_dpram::daemon::socket::server::stepper::{ServerStats, ServerStepper};
 use pmac_dpram::function::rotary::RotaryState;
-use pmac_dpram::map::PMAC;
+use pmac_dpram::map::{PMAC, TURBO2};
 use pmac_dpram::protocol::{BOARD, BoardInfo, BoardSettings, CommandPort, Enabled, MessageKind, Reply};
 
 use super::tape::Tape;
@@ -158,7 +158,8 @@ impl Scene {
         let (events, from_board) = queue(8).unwrap();
         let settings =
             BoardSettings { functions: serde_json::from_str(FUNCTIONS).unwrap(), ..BoardSettings::default() };
-        let mut info = Info::new(&PMAC, BoardInfo::default(), settings);
+        let family = if way & 16 == 0 { &PMAC } else { &TURBO2 };
+        let mut info = Info::new(family, BoardInfo::default(), settings);
         if way & 2 == 0 {
             // Jobs ask first.
             info.take(BoardStatus { enabled: Enabled::ASCII, ..BoardStatus::UNKNOWN });
