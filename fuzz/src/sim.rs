@@ -77,9 +77,10 @@ fn fresh(world: World) -> World {
     for offset in board.memory.dpram.words() {
         board.memory.dpram.write16(offset, 0);
     }
+    // A board counts its time from its reset on.
+    board.stats = Statistics::default();
     board.reset(true);
     board.judge = Judge::new(board.family());
-    board.stats = Statistics::default();
     board.output.serial.clear();
     World::new(board)
 }
