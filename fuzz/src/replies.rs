@@ -53,7 +53,7 @@ fn serial(bytes: &[u8]) {
 /// The daemon's own questions, and what comes back.
 fn identify(bytes: &[u8]) {
     let mut now = Instant::now();
-    let family = if bytes.len() % 2 == 0 { &PMAC } else { &TURBO2 };
+    let family = if bytes.len().is_multiple_of(2) { &PMAC } else { &TURBO2 };
     let mut identifier = Identifier::new(family, Identity::default(), true, now);
     let mut questions = 0;
     for reply in bytes.split(|&byte| byte == 0x06).take(64) {

@@ -327,7 +327,7 @@ fn c1_a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
                 rig.time.move_to(wake);
                 rig.mirror.poll(&mut rig.bus, &mut rig.publisher).unwrap();
                 let updates = rig.mirror.updates() as usize;
-                let held = if updates % 97 == 0 { late[updates / 97 % late.len()] } else { 40_000 };
+                let held = if updates.is_multiple_of(97) { late[updates / 97 % late.len()] } else { 40_000 };
                 wake = rig.mirror.due_ns().max(wake) + held;
             }
             rig.time.move_to(start + cycle * CYCLE_NS);

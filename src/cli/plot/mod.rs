@@ -63,10 +63,8 @@ impl std::str::FromStr for PicturePath {
         };
         let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
         match directory.map(fs::metadata) {
-            Some(Err(error)) => return Err(format!("its directory: {error}")),
-            Some(Ok(found)) if !found.is_dir() => {
-                return Err("it would be in what is no directory".to_owned());
-            }
+            Some(Err(error)) => Err(format!("its directory: {error}")),
+            Some(Ok(found)) if !found.is_dir() => Err("it would be in what is no directory".to_owned()),
             _ => Ok(Self { path, is_png }),
         }
     }

@@ -105,7 +105,7 @@ impl Client {
     pub(super) fn is_worth_telling(&mut self, error: &CallError) -> bool {
         let waits = matches!(error, CallError::Refused { reason } if reason.contains(ASKS_FIRST));
         let asked = std::mem::replace(&mut self.asks_again, waits);
-        !matches!(error, CallError::Busy) && !(asked && waits)
+        !(matches!(error, CallError::Busy) || asked && waits)
     }
 
     /// The other end.
