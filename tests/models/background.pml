@@ -9,12 +9,15 @@
  * -D...       what changes; what FAILS is told as the counterexample goes
  * CRASH       the host is killed anywhere, any number of times (LIVE: once), and started again
  * RESET       the board is reset anywhere, once, and clears Data-Ready and timer; its timer goes on by one meanwhile (that
- *             the new report has the very timer of the old one is not modelled: 1 in 65536).
+ *             the new report has the very timer of the old one is not modelled: 1 in 65536). With TURBO Host-Busy is set then, or
+ *             as it was.
  * TURBO       PMAC makes reports by itself, unless Host-Busy is set, which a dead or other host may have left
  * FAST        with TURBO and LIVE: PMAC makes the next report as soon as the host has seen that one is there, and each read takes
  *             longer than that. Neither acts between the other's look at a bit and what it does then.
  * NO_HOLD     it is not set. FAILS with FAST (liveness): each report is overtaken while it is read.
  * NO_RELEASE  the host does not clear Host-Busy when it asks. FAILS with TURBO (liveness): PMAC makes no report.
+ * NO_AGAIN    the host does not ask again when no report comes. FAILS with TURBO and RESET (liveness): Host-Busy is set at the
+ *             reset, and nobody clears it.
  * TIMER_FIRST at the end the host reads the timer again, then Data-Ready. FAILS with TURBO: PMAC has cleared Data-Ready and
  *             written the second word, which the host reads; it reads the timer, still the old one, and Data-Ready when PMAC
  *             has set it.
@@ -71,7 +74,13 @@ proctype Pmac() {
 pass:  looked = false
 #endif
     od
-  } unless { atomic { resetting -> resetting = false; ready = 0; timer = 0; number = (number + 1) % NUMBERS } }
+  } unless { atomic { resetting -> resetting = false; ready = 0; timer = 0; number = (number + 1) % NUMBERS
+#ifdef TURBO
+    ; looked = false;
+    if :: copying -> made++ :: else fi;
+    if :: host_busy = 1 :: skip fi                    /* as its power finds it, or as before */
+#endif
+  } }
   od
 }
 
@@ -93,13 +102,23 @@ proctype Host() {
 #endif
 #ifdef TURBO
 #ifdef FAST
-look:  atomic { ready -> taken = false; copying = true; made = 0; looked = true;
+look:  if
+       :: atomic { ready -> taken = false; copying = true; made = 0; looked = true;
 #ifndef NO_HOLD
-         if :: overtaken -> host_busy = 1 :: else fi
+            if :: overtaken -> host_busy = 1 :: else fi
 #endif
-       };
+          }
+#if defined(RESET) && !defined(NO_AGAIN)
+       :: !ready && host_busy -> goto due
+#endif
+       fi;
 #else
-look:  atomic { ready -> taken = false; copying = true; made = 0 };
+look:  if
+       :: atomic { ready -> taken = false; copying = true; made = 0 }
+#if defined(RESET) && !defined(NO_AGAIN)
+       :: !ready && host_busy -> goto due             /* nothing for so long that the reports are stale */
+#endif
+       fi;
        if
        :: overtaken ->
           host_busy = 1;                              /* PMAC begins no other meanwhile */

@@ -3,7 +3,7 @@
  *
  * Pmac mirrors src/sim/functions/servo_report.rs, Host src/function/servo.rs (`poll`, `keep_mask`, `copy_held`, `copy`, `take`,
  * `release`). Every access to the DPRAM is one step; what a side thinks between two accesses goes with the access before it.
- * The data carry the number of their update, and so does the timer. Resets of the board are not here.
+ * The data carry the number of their update, and so does the timer. That a reset may lose the mask is not here.
  *
  * What the rules rest on: PMAC tests Host-Busy, clears Data-Ready, copies the masked motors, stores the timer, sets Data-Ready
  * (Turbo User Manual p. 403, facts 4 step 3). On request it makes a report only while Data-Ready is clear (step 3b). Whether one
@@ -25,12 +25,16 @@
  *             nothing is ready yet, PMAC waits for Host-Busy, and the host for PMAC.
  * CRASH       the host is killed anywhere, any number of times (LIVE: once), and started again
  * NO_RELEASE  ... and does not clear Host-Busy at its start. FAILS with HANDSHAKE: PMAC is stopped for ever.
+ * RESET       the board is reset anywhere, once: Data-Ready and timer are cleared, and Host-Busy is set or as it was
+ * NO_SPEAK    ... and the host does not clear Host-Busy when the data are stale. FAILS (liveness): PMAC is stopped for ever. With
+ *             RESET, NO_REREAD fails with AWAITED, too: the host has read the first motor, and the board makes a new report.
  * OTHER       another host takes motor 2 out of the mask, once. PMAC leaves its word as it was (facts 4: "blocks of unmasked motors
  *             keep old data"); so may the host's copies for two updates, here, until it reads the mask again.
  * NO_MASK     the host does not read the mask again. FAILS with OTHER: an old word passes for new for ever.
  */
 #define READY 2
 #define NUMBERS 16   /* of updates: 3 bits in the low word of the timer, 1 in the high one */
+#define NO_TIME 8    /* the timer of a board that was reset: that an update has the very same is not modelled, 1 in 65536 */
 #define LIMIT 4      /* cycles; a copy that took so long is discarded, less than a turn of the timer */
 
 bit host_busy;
@@ -42,11 +46,14 @@ byte number = 0;     /* of the update that PMAC makes */
 byte cycles = 0;     /* since the copy began; saturates */
 bool copying = false;
 bool killed = false, taken_out = false;
+bool resetting = false;
 byte since = 0;      /* updates that the host took since motor 2 was taken out; saturates */
 bool updated = false, taken = false;
 byte looks_ended = 0; /* LIVE: since the last update ended */
 
 proctype Pmac() {
+  do
+  :: {
     do
     :: atomic {                                       /* one servo cycle; the update is due */
          (!copying || cycles < LIMIT) ->
@@ -71,6 +78,10 @@ proctype Pmac() {
 #endif
 due:   looks_ended = 0
     od
+  } unless { atomic { resetting -> resetting = false; flag = 0; low = NO_TIME; number = (number + 1) % NUMBERS;
+      if :: copying && cycles < LIMIT -> cycles++ :: else fi; updated = false; looks_ended = 0;
+      if :: host_busy = 1 :: skip fi } }
+  od
 }
 
 inline take(status) {
@@ -113,7 +124,7 @@ proctype Host() {
        host_busy = 1;
        flag & READY;
 #endif
-       atomic { before = flag; taken = false; copying = true; cycles = 0; if :: !(before & READY) -> goto done :: else fi };
+       atomic { before = flag; taken = false; copying = true; cycles = 0; if :: !(before & READY) -> goto silent :: else fi };
        before_low = low;
        if
        :: first -> first = false; goto old
@@ -155,6 +166,11 @@ release:
        host_busy = 0;
 #endif
        goto done;
+silent:
+#if defined(RESET) && !defined(NO_SPEAK)
+       if :: host_busy -> host_busy = 0 :: else fi;   /* BoardLoop::let_board_speak, when the data are stale */
+#endif
+       goto done;
 old:   last = (before & 1) << 3 | before_low;
        take(before);
 #ifdef BUSY_FIRST
@@ -172,6 +188,9 @@ done:  atomic {
 proctype Chaos() {
 #ifdef OTHER
   atomic { mask = mask & 1; taken_out = true };
+#endif
+#ifdef RESET
+  resetting = true;
 #endif
 #ifdef CRASH
 #ifdef LIVE
