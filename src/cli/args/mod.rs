@@ -115,7 +115,7 @@ pub enum Command {
     Tune(Tune),
     /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
     Abort(Abort),
-    /// Kill every motor at once by ^K: open loops, no output. Exit status 0: the board took it
+    /// Kill every motor at once by ^K: every loop opens, no output; a vertical axis without a brake falls. Exit status 0: the board took it
     Kill,
     /// Talk to the board line by line, with editing, history and the messages of its programs. Works in a pipe too
     Terminal(Terminal),
