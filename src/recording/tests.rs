@@ -177,3 +177,44 @@ fn e6_a_recording_is_read_in_bounds() {
     fs::write(directory.path().join(files::TRACE), "x\nx\nx\n").unwrap();
     assert_eq!(Accesses::of(directory.path(), &about()).unwrap().count(), 1);
 }
+
+/// Who records as root would write over whatever file a link there names, or copy it.
+#[test]
+fn e6_a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let place = tempfile::tempdir().unwrap();
+    let at = |name: &str| place.path().join(name);
+    let refused = |name: &str| Writer::create(&at(name), &about()).unwrap_err().to_string();
+    for (name, mode) in [("open", 0o777), ("sticky", 0o1777)] {
+        fs::create_dir(at(name)).unwrap();
+        fs::set_permissions(at(name), fs::Permissions::from_mode(mode)).unwrap();
+        assert!(refused(name).contains("others may write into it"), "{}", refused(name));
+    }
+    fs::create_dir(at("empty")).unwrap();
+    symlink(at("empty"), at("link")).unwrap();
+    assert!(refused("link").starts_with(&at("link").display().to_string()), "{}", refused("link"));
+    // What is put in its place meanwhile gets nothing.
+    let writer = Writer::create(&at("own"), &about()).unwrap();
+    fs::rename(at("own"), at("moved")).unwrap();
+    fs::create_dir(at("own")).unwrap();
+    symlink(at("victim"), at("own").join("variables.partial")).unwrap();
+    fs::write(at("victim"), "precious").unwrap();
+    writer.variables("I100=1").unwrap();
+    assert_eq!(fs::read_to_string(at("victim")).unwrap(), "precious");
+    assert_eq!(fs::read_to_string(at("moved").join(files::VARIABLES)).unwrap(), "I100=1");
+
+    write(&at("read"));
+    fs::remove_file(at("read").join(files::VARIABLES)).unwrap();
+    symlink(at("victim"), at("read").join(files::VARIABLES)).unwrap();
+    assert!(fault(&at("read")).contains("a link, no plain file"), "{}", fault(&at("read")));
+}
+
+#[test]
+fn e6_an_image_is_named_once() {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path());
+    let path = place.path().join(files::IMAGE_TIMES);
+    let first = fs::read_to_string(&path).unwrap().lines().next().unwrap().to_owned();
+    fs::write(&path, format!("{first}\n{first}\n")).unwrap();
+    assert!(fault(place.path()).contains("an image that is there already"), "{}", fault(place.path()));
+}

@@ -327,11 +327,7 @@ pub fn keep_address(
 ) -> Result<(), Failure> {
     if !sequence.has_end() && items.any(|item| item.system().is_some()) {
         let said = ask(sequence, &["&", "#"])?;
-        let number = |line: usize| {
-            let text = said.get(line)?.first()?.trim();
-            let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
-            is_number.then(|| text.to_owned())
-        };
+        let number = |line: usize| addressed(said.get(line)?.first()?);
         let [Some(system), Some(motor)] = [0, 1].map(number) else {
             let why = "the board does not say which coordinate system and motor are addressed, so that they could not be \
                        addressed again";
@@ -340,6 +336,13 @@ pub fn keep_address(
         sequence.at_end(vec![format!("&{system}#{motor}")]);
     }
     Ok(())
+}
+
+/// The motor or coordinate system that a reply names; `None` where it says anything else.
+fn addressed(reply: &str) -> Option<&str> {
+    let text = reply.trim();
+    let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
+    is_number.then_some(text)
 }
 
 /// Reads `items` from the board, in a sequence that goes on after a line that the board refuses.
@@ -409,6 +412,14 @@ fn questions(items: &[Item]) -> Vec<(String, &[Item])> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn e6_what_a_board_answers_becomes_an_address_only_if_it_is_a_number() {
+        assert_eq!(["1", " 16 ", "32"].map(addressed), [Some("1"), Some("16"), Some("32")]);
+        for reply in ["1B1R", "1J+", "", "+1", "1 2", "100", "\u{1b}[2J", "-1"] {
+            assert_eq!(addressed(reply), None, "{reply:?}");
+        }
+    }
 
     #[test]
     fn files_are_read_and_what_is_wrong_is_told() {
