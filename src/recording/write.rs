@@ -50,7 +50,10 @@ impl Writer {
             let what = format!("{what}: name a directory that is not there yet");
             return Err(RecordingError::Unfit { path: directory.to_owned(), what });
         }
-        fs::create_dir(inside.join(files::IMAGES))
+        // Not as the umask or a default ACL of the directory above would have it.
+        DirBuilder::new()
+            .mode(0o755)
+            .create(inside.join(files::IMAGES))
             .map_err(RecordingError::io(directory.join(files::IMAGES)))?;
         let file = |name: &str| LineFile::create(&inside.join(name), directory.join(name));
         let writer = Self {
@@ -149,7 +152,9 @@ impl Writer {
     fn put(&self, name: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
         let path = path_of(self.held.as_fd()).join(name);
         let beside = path.with_extension("partial");
-        let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, path));
+        let written = File::create_new(&beside)
+            .and_then(|mut file| file.write_all(bytes))
+            .and_then(|()| fs::rename(&beside, path));
         written.map_err(|error| {
             // The partial file is useless now.
             let _ = fs::remove_file(&beside);

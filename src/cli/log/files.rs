@@ -3,10 +3,13 @@
 //! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
 
 use std::ffi::OsStr;
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+use nix::fcntl::OFlag;
 
 use super::row::GAP;
 use crate::cli::console::interrupt::Interrupt;
@@ -316,7 +319,7 @@ impl Files {
             if bytes <= keep {
                 break;
             }
-            if File::open(&path).is_ok_and(|file| is_in_use(&file)) {
+            if opened(&path).is_ok_and(|file| is_in_use(&file)) {
                 continue;
             }
             match std::fs::remove_file(&path) {
@@ -327,6 +330,12 @@ impl Files {
             }
         }
     }
+}
+
+/// Opens a file to look at its lock. What somebody has put there meanwhile, a FIFO or a link, is not waited for or followed.
+fn opened(path: &Path) -> io::Result<File> {
+    let flags = OFlag::O_NONBLOCK | OFlag::O_NOFOLLOW;
+    OpenOptions::new().read(true).custom_flags(flags.bits()).open(path)
 }
 
 /// Makes the file `number` of the series `path`, or of those behind it the first that is not there yet. Returns its number.
