@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, Flock, FlockArg, OFlag, fcntl};
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::cli::console::interrupt::Interrupt;
@@ -103,7 +103,6 @@ fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()
 pub struct Rows {
     path: PathBuf,
     file: File,
-    _lock: Option<Flock<File>>,
     kind: Kind,
     stop: Interrupt,
     collected: Vec<u8>,
@@ -154,9 +153,10 @@ impl Rows {
     }
 
     fn over(path: &Path, (file, kind): (File, Kind), stop: &Interrupt) -> io::Result<Self> {
-        let lock = if kind == Kind::Stream { None } else { claim(&file)? };
+        if kind != Kind::Stream {
+            claim(&file)?;
+        }
         Ok(Self {
-            _lock: lock,
             path: path.to_owned(),
             file,
             kind,
@@ -279,18 +279,25 @@ impl Seek for Rows {
     }
 }
 
-/// The lock of who writes `file`; `None` on a file system without locks.
-fn claim(file: &File) -> io::Result<Option<Flock<File>>> {
-    match Flock::lock(file.try_clone()?, FlockArg::LockExclusiveNonblock) {
-        Ok(lock) => Ok(Some(lock)),
-        Err((_, Errno::EWOULDBLOCK)) => Err(io::Error::other("another program of this package writes it")),
-        Err(_) => Ok(None),
+/// Locks `file` for who writes it, as long as it is open. Goes without on a file system that has no locks, and where somebody
+/// who can only read it has locked it.
+fn claim(file: &File) -> io::Result<()> {
+    let lock = fcntl(file, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK)));
+    if lock.is_err() && is_in_use(file) {
+        return Err(io::Error::other("another program writes it"));
     }
+    Ok(())
 }
 
-/// Whether another [`Rows`] writes `file`.
+/// Whether another [`Rows`] writes `file`. Only who can write it can lock it so.
 pub fn is_in_use(file: &File) -> bool {
-    claim(file).is_err()
+    let mut lock = lock_of(libc::F_RDLCK);
+    fcntl(file, FcntlArg::F_OFD_GETLK(&mut lock)).is_ok() && libc::c_int::from(lock.l_type) != libc::F_UNLCK
+}
+
+/// Of a whole file.
+fn lock_of(kind: libc::c_int) -> libc::flock {
+    libc::flock { l_type: kind as _, l_whence: libc::SEEK_SET as _, l_start: 0, l_len: 0, l_pid: 0 }
 }
 
 fn open(
@@ -425,10 +432,16 @@ mod tests {
         let (stop, path) = (Interrupt::never(), directory.path().join("x"));
         let first = Rows::open(&path, &stop).unwrap();
         let second = Rows::open(&path, &stop).err().unwrap().to_string();
-        assert!(second.ends_with("x: another program of this package writes it"), "{second}");
+        assert!(second.ends_with("x: another program writes it"), "{second}");
         drop(first);
         assert!(Rows::open(&path, &stop).is_ok());
         assert!(Rows::create_new(&path, &stop).unwrap().is_none());
+        // Who can only read it cannot pass for its writer.
+        let reader = File::open(&path).unwrap();
+        fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_RDLCK))).unwrap();
+        fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK))).unwrap_err();
+        assert!(!is_in_use(&File::open(&path).unwrap()));
+        assert!(Rows::open(&path, &stop).is_ok());
     }
 
     #[test]

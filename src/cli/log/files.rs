@@ -97,8 +97,9 @@ pub struct Files {
     tended: Instant,
     /// Another file found no room: when to try again.
     rotates_from: Option<Instant>,
-    /// The numbers of this log's files, the present one's last; 0 alone where it is no series.
-    numbers: Vec<u64>,
+    /// The number of the present file, 0 where it is no series, and of the one before it.
+    number: u64,
+    previous: Option<u64>,
     /// What is in the files.
     written: Tally,
     /// The rows handed to the present file that it may not hold yet.
@@ -143,7 +144,8 @@ impl Files {
             began: Instant::now(),
             tended: Instant::now(),
             rotates_from: None,
-            numbers: vec![number],
+            number,
+            previous: None,
             written: Tally::default(),
             pending: Vec::new(),
             kept: 0,
@@ -157,12 +159,7 @@ impl Files {
 
     /// The name of the present file.
     pub fn present(&self) -> PathBuf {
-        place(&self.path, self.number())
-    }
-
-    /// The number of the present file.
-    fn number(&self) -> u64 {
-        self.numbers.last().copied().unwrap_or_default()
+        place(&self.path, self.number)
     }
 
     /// What stands in the files, and what found no room.
@@ -236,10 +233,10 @@ impl Files {
         if self.file.kept() == 0 {
             return Ok(());
         }
-        match next(&self.path, self.number() + 1, self.form, &self.fields, &self.stop) {
+        match next(&self.path, self.number + 1, self.form, &self.fields, &self.stop) {
             Ok((number, file)) => {
                 self.file = file;
-                self.numbers.push(number);
+                self.previous = Some(std::mem::replace(&mut self.number, number));
                 self.kept = 0;
                 self.rotates_from = None;
                 self.remove_oldest();
@@ -259,10 +256,12 @@ impl Files {
     /// As [`Files::row`].
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        if self.numbers.len() > 1 && self.file.kept() == 0 {
+        if self.file.kept() == 0
+            && let Some(previous) = self.previous.take()
+        {
             // The last row has filled the file before: this one has none.
             self.file.discard();
-            self.numbers.pop();
+            self.number = previous;
         }
         self.remove_oldest();
         Ok(())
@@ -306,12 +305,11 @@ impl Files {
     }
 
     /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it becomes.
-    /// A file that another log writes stays.
+    /// A file that another log writes stays, and one that cannot be looked into.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
-        let own = self.number();
-        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != own).collect();
+        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
         let mut bytes = present + others.iter().map(|(_, _, length)| length).sum::<u64>();
@@ -319,7 +317,7 @@ impl Files {
             if bytes <= keep {
                 break;
             }
-            if opened(&path).is_ok_and(|file| is_in_use(&file)) {
+            if !opened(&path).is_ok_and(|file| !is_in_use(&file)) {
                 continue;
             }
             match std::fs::remove_file(&path) {

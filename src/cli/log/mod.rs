@@ -49,7 +49,7 @@ pub struct Log {
     /// Begin another file after this time, in seconds
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     rotate_seconds: Option<Duration>,
-    /// Remove the oldest of these files, so that all take at most so many bytes: 10G
+    /// Remove the oldest of these files, so that all take at most so many bytes: 10G; the file that another log writes stays
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     keep: Option<u64>,
     /// At the end draw the file, as pmacctl plot does: a name that ends in .svg or .png
