@@ -301,13 +301,18 @@ impl ServoReader {
     /// Writes the mask when that is due, and now and then reads what another host has made of it.
     fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
         if self.mask_due && !self.as_found {
-            let found = match self.mask_found {
-                Some([found, _]) => found,
-                None => read32(bus, mask)?,
+            let masked = self.masked();
+            let [found, reported] = match self.mask_found {
+                Some(both) => both,
+                None => [read32(bus, mask)?; 2],
             };
-            self.mask_found = Some([found, self.masked()]);
-            write32(bus, mask, self.masked())?;
+            self.mask_found = Some([found, masked]);
+            write32(bus, mask, masked)?;
             self.mask_due = false;
+            if masked & !reported != 0 {
+                // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
+                self.last_timer = None;
+            }
         } else if self.mask_updates == 0 {
             let seen = read32(bus, mask)?;
             let motors = self.told.unwrap_or(u32::MAX) & seen;

@@ -107,8 +107,10 @@ impl BackgroundMirror {
     /// Takes the highest motor that the board reports; where the report has coordinate systems alone, all of them are read.
     pub fn configure(&mut self, motors: usize) {
         self.reader.set_numbers(self.block.reported(motors));
-        // What was half read is read again; it was made when it was.
-        if let Some(asked) = &mut self.asked {
+        if self.block.count.is_some() {
+            self.ask_anew();
+        } else if let Some(asked) = &mut self.asked {
+            // What was half read is read again; it was made when it was.
             asked.began_ns = None;
         }
     }
@@ -179,14 +181,20 @@ impl BackgroundMirror {
 
     /// Starts over, as with another board.
     pub fn reset(&mut self) {
-        self.reader.reset();
         self.timer.reset();
-        self.asked = None;
+        self.ask_anew();
     }
 
     /// Whether to leave the host's words that say what is reported as they are found.
     pub fn keep_as_found(&mut self, as_found: bool) {
         self.reader.keep_as_found(as_found);
+        self.ask_anew();
+    }
+
+    /// The report that was asked for, or is half read, was made under another count: blocks beyond it are old, or somebody's.
+    fn ask_anew(&mut self) {
+        self.reader.reset();
+        self.asked = None;
     }
 
     /// Puts the host's words that say what is reported back as they were found.

@@ -136,6 +136,8 @@ impl ServoMirror {
     pub fn set_on_request(&mut self, on_request: bool) {
         if self.on_request != on_request {
             self.on_request = on_request;
+            // What was learnt of the other way says nothing about this one.
+            self.clock = UpdateClock::default();
             self.expect_period();
         }
     }

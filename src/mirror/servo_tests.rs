@@ -247,6 +247,34 @@ fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
 }
 
 #[test]
+fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_came_in_later() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    rig.mirror.keep_as_found(true);
+    rig.put(0x0070, 1);
+    rig.put(0x0072, 0);
+    for timer in 0..3 {
+        rig.update(timer);
+        rig.poll();
+    }
+    let shown = |rig: &Rig| {
+        let (stamp, data) = rig.latest().unwrap();
+        (stamp.servo_timer, data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>())
+    };
+    let [(before, first), after] = [shown(&rig), {
+        rig.mirror.keep_as_found(false);
+        // This one lies there before the mask is written.
+        rig.update(3);
+        rig.poll();
+        shown(&rig)
+    }];
+    assert_eq!(first, [1]);
+    assert_eq!(after, (before, vec![1]), "it has motor 1 alone");
+    rig.update(4);
+    rig.poll();
+    assert_eq!(shown(&rig), (before + 2, MOTORS.to_vec()));
+}
+
+#[test]
 fn until_somebody_says_which_motors_there_are_the_mask_that_lies_there_counts() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());

@@ -277,8 +277,8 @@ impl FunctionTable {
         &self.uses
     }
 
-    /// The board says that it works at these: the words that it writes are its own, and who waits for where M-variables point need
-    /// not wait any more. Which motors and coordinate systems it is told to report stays as it is until that is known.
+    /// Uses these functions from now on: the board says that it works at them, so the words that it writes are not the site's. Which
+    /// motors and coordinate systems it reports stays as it is until it is known where the M-variables point.
     ///
     /// # Errors
     /// When the board cannot be reached.
