@@ -71,8 +71,9 @@ pub struct Identifier {
     asked: Instant,
     /// Which copy of the global status is which.
     comparison: Option<Comparison>,
-    /// The servo report has no period, but is not made in the background either.
+    /// The servo report has no period, but is not made in the background either: as last told, and as this round says.
     on_request: bool,
+    asking_on_request: bool,
 }
 
 impl Identifier {
@@ -106,6 +107,7 @@ impl Identifier {
                 .filter(|_| ask)
                 .map(Comparison::new),
             on_request: false,
+            asking_on_request: false,
         }
     }
 
@@ -277,9 +279,11 @@ impl Identifier {
                     Meaning::ServoReport => asking.servo_report = value,
                     Meaning::ServoInBackground if value == Some(1) => {
                         (asking.servo_report, asking.servo_report_cycles) = (value, Some(0));
-                        self.on_request = false;
+                        self.asking_on_request = false;
                     }
-                    Meaning::ServoInBackground => self.on_request = asking.servo_report_cycles == Some(0),
+                    Meaning::ServoInBackground => {
+                        self.asking_on_request = value == Some(0) && asking.servo_report_cycles == Some(0);
+                    }
                     Meaning::BackgroundReport => asking.background_report = value,
                     Meaning::Reported => asking.motor_mask = value.map(first_motors),
                     // Asked before the last change: it says nothing.
@@ -318,6 +322,7 @@ impl Identifier {
         }
         self.next += 1;
         if self.next == self.questions.len() {
+            self.on_request = self.asking_on_request;
             self.tell(self.asking.clone());
             self.changing_since = None;
             self.overdue = false;

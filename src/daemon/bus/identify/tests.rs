@@ -168,6 +168,10 @@ fn c1_a_report_in_the_background_is_told_without_a_period() {
         // Turbo User Manual p. 403: I57=1 is the report in the background, by I50.
         answer(&mut identifier, now, &["3713991", i47, "0", in_background, "1", "0", "2"]);
         assert_eq!(identifier.asking.servo_report_cycles, Some(cycles), "I57={in_background} I47={i47}");
+        assert!(!identifier.on_request(), "told with all else of this round");
+        while identifier.next < identifier.questions.len() {
+            identifier.done();
+        }
         assert_eq!(identifier.on_request(), on_request, "I57={in_background} I47={i47}");
     }
 }
