@@ -476,7 +476,7 @@ impl AsciiQueue {
     fn others_hold(&self) -> bool {
         let command = self.under_way.as_ref().map(|under_way| &under_way.command);
         let is_others = matches!(command, Some(InFlight::Line(_) | InFlight::Control(_)));
-        self.buffer.is_open() || self.state == CommandState::Answers && (is_others || !self.lines.is_empty())
+        self.state == CommandState::Answers && (self.buffer.is_open() || is_others || !self.lines.is_empty())
     }
 
     fn is_under_way(&self) -> bool {
