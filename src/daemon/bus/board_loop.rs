@@ -536,7 +536,8 @@ impl BoardLoop {
 
     /// Whether the board does something, as far as what is used of it can tell.
     fn shows_life(&self) -> bool {
-        self.functions.is_live::<BoardBus>().unwrap_or(self.presence.is_there())
+        let is_over = self.bus.replay().is_some_and(|replay| replay.over);
+        !is_over && self.functions.is_live::<BoardBus>().unwrap_or(self.presence.is_there())
     }
 
     fn note_failure(&mut self, result: Result<(), PortError>) {

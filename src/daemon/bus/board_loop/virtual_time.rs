@@ -24,7 +24,7 @@ impl BoardLoop {
             }
             let left = Duration::from_nanos(due_ns.saturating_sub(real_ns));
             let Connections { intake, stop, .. } = &self.connections;
-            // The poll looks what it was.
+            // Only to sleep: the poll itself looks at what became readable.
             let _ = Readable::wait(stop.as_fd(), intake.descriptor(), [None; 3], left);
             time.move_to(self.clock.ns_of(Instant::now()));
         }

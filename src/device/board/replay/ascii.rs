@@ -1,5 +1,5 @@
 //! PMAC's half of the ASCII port, as far as a recording can play it: a line that the recording has an answer to is answered; any
-//! other one is taken, and nothing comes of it.
+//! other one is refused with an error without a number. Silence would hold up whoever asks next.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -69,11 +69,10 @@ impl AsciiHalf {
         }
         let line = String::from_utf8_lossy(&std::mem::take(&mut self.part)).into_owned();
         let answer = if line.trim().is_empty() {
-            Some(Answer { line, reply: Vec::new(), refused: None })
+            Answer { line, reply: Vec::new(), refused: None }
         } else {
             self.answer(line.trim(), differences)
         };
-        let Some(answer) = answer else { return };
         self.responses.extend(answer.reply.into_iter().map(|line| (response::LINE, line)));
         let end = answer.refused.map_or(response::ACKNOWLEDGE, |why| response::ERROR | error_digits(&why));
         self.responses.push_back((end, String::new()));
@@ -93,12 +92,11 @@ impl AsciiHalf {
         self.responses.push_back((response::ACKNOWLEDGE, String::new()));
     }
 
-    fn answer(&self, line: &str, differences: &mut Differences) -> Option<Answer> {
-        let answer = self.replies.to(line);
-        if answer.is_none() {
+    fn answer(&self, line: &str, differences: &mut Differences) -> Answer {
+        self.replies.to(line).unwrap_or_else(|| {
             differences.asked(line);
-        }
-        answer
+            Answer { line: line.to_owned(), reply: Vec::new(), refused: Some(String::new()) }
+        })
     }
 
     /// Puts the next response into the buffer if that is empty: data before flag.
