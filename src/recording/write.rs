@@ -7,7 +7,7 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::OFlag;
-use nix::unistd::{getegid, geteuid};
+use nix::unistd::geteuid;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -112,6 +112,14 @@ impl Writer {
         self.document(files::SYSTEM, document)
     }
 
+    /// The directory that it is in, whatever its path leads to by now.
+    ///
+    /// # Errors
+    /// There is no descriptor left.
+    pub fn directory(&self) -> io::Result<File> {
+        self.held.try_clone()
+    }
+
     /// How many accesses are in the file.
     #[must_use]
     pub fn accesses(&self) -> u64 {
@@ -178,11 +186,10 @@ fn made(directory: &Path) -> io::Result<File> {
 
 /// Who else may write into a directory.
 fn others(directory: &Metadata) -> Option<String> {
-    let (mode, is_our_group) = (directory.mode(), directory.gid() == getegid().as_raw());
     if directory.uid() != geteuid().as_raw() {
         return Some(format!("it belongs to uid {}", directory.uid()));
     }
-    (mode & 0o002 != 0 || mode & 0o020 != 0 && !is_our_group).then(|| "others may write into it".to_owned())
+    (directory.mode() & 0o022 != 0).then(|| "others may write into it".to_owned())
 }
 
 /// A file of lines, each a JSON document. When a write fails, whole lines remain.

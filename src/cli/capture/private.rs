@@ -27,9 +27,10 @@ pub fn without_users(text: &str) -> String {
     let mut shown = String::new();
     while let Some(at) = ["uid ", "pid "].iter().filter_map(|what| rest.find(what)).min() {
         let (before, behind) = rest.split_at(at + "uid ".len());
+        let is_word = !shown.bytes().chain(rest[..at].bytes()).last().is_some_and(|byte| byte.is_ascii_alphanumeric());
         let digits = behind.bytes().take_while(u8::is_ascii_digit).count();
         shown += before;
-        shown += if digits > 0 { "N" } else { "" };
+        shown += if is_word && digits > 0 { "N" } else { &behind[..digits] };
         rest = &behind[digits..];
     }
     shown + rest
@@ -159,7 +160,7 @@ mod tests {
         for (text, shown) in [
             ("PROG 5 is open: opened by uid 1000 (pid 9400)", "PROG 5 is open: opened by uid N (pid N)"),
             ("uid 0 pid 7 sent uid ", "uid N pid N sent uid "),
-            ("the fluid 3 and stupid x", "the fluid N and stupid x"),
+            ("the fluid 3 and stupid x", "the fluid 3 and stupid x"),
             ("", ""),
         ] {
             assert_eq!(without_users(text), shown);

@@ -1,5 +1,6 @@
 //! A capture under way. One thread does everything in turn, and the trace first: the daemon's memory for it is small.
 
+use std::fs::File;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -86,6 +87,8 @@ pub struct Taken {
     pub summary: Summary,
     /// Why it ended early, but for a signal.
     pub failure: Option<Failure>,
+    /// The directory that it is in, whatever its path leads to by now.
+    pub directory: File,
 }
 
 /// A capture under way.
@@ -240,8 +243,9 @@ impl<'a> Taking<'a> {
         let cut_short = match &failure {
             // Its path may name a user.
             Some(failure) => {
-                let text = failure.to_string().replace(&self.options.directory.display().to_string(), "DIR");
-                Some(without_users(&text))
+                let text = failure.to_string();
+                let inside = text.strip_prefix(&self.options.directory.display().to_string());
+                Some(without_users(&inside.map_or(text.clone(), |inside| format!("DIR{inside}"))))
             }
             None => self.stop.came().then(|| "ended by a signal".to_owned()),
         };
@@ -253,13 +257,14 @@ impl<'a> Taking<'a> {
         let (updates, dropped, left_out) =
             (self.about.updates, self.about.dropped, self.about.left_out.clone());
         let mut cut_short = self.about.cut_short.clone();
+        let directory = self.writer.directory()?;
         let finished = self.writer.finish(self.about);
         let accesses = *finished.as_ref().unwrap_or(&0);
         let failure = failure.or(finished.err().map(Failure::from));
         cut_short = cut_short.or(failure.as_ref().map(ToString::to_string));
         let lacks_answers = self.lacks_answers;
         let summary = Summary { updates, accesses, dropped, cut_short, left_out, lacks_answers };
-        Ok(Taken { summary, failure })
+        Ok(Taken { summary, failure, directory })
     }
 
     /// The accesses since the last time; how many came.

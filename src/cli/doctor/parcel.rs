@@ -3,6 +3,7 @@
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::fd::AsFd as _;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -15,6 +16,7 @@ use crate::cli::capture::{self, Capture, Taken};
 use crate::cli::context::{Context, Failure};
 use crate::cli::show::status;
 use crate::device::without_paths;
+use crate::process::path_of;
 
 /// How long the bus accesses are traced: a few megabytes.
 const TRACED: Duration = Duration::from_millis(200);
@@ -42,7 +44,7 @@ pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool
 struct Own(PathBuf);
 
 impl Own {
-    /// Where temporary files go: of what others can write to, only there nobody can put another directory in its place.
+    /// Where temporary files go. Nobody else can write into it, and it is read by the descriptor that it was written by.
     fn make() -> Result<Self, Failure> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
         let path = std::env::temp_dir().join(format!("pmac-report-{}-{now}", std::process::id()));
@@ -69,8 +71,8 @@ fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Res
     tar.add("README.txt", note.as_bytes())?;
     tar.add("doctor.json", &private.text(&json!(report.0))?)?;
     tar.add("status.json", &private.text(&status)?)?;
-    if taken.is_ok() {
-        tar.add_directory("capture", directory)?;
+    if let Ok(taken) = &taken {
+        tar.add_directory("capture", &path_of(taken.directory.as_fd()))?;
     }
     tar.end()?;
     Ok((note, taken.is_ok_and(|taken| taken.summary.cut_short.is_none() && !taken.summary.lacks_answers)))
