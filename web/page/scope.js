@@ -65,7 +65,9 @@ const scope = (() => {
     }
     xLabel = batch.cycles ? 'time (servo cycles)' : 'time (s)';
     lost += batch.lost;
-    if (batch.unscaled) { tell('no values yet: the board has not told the scale (Ix08) of a motor'); } else tell(batch.stale ? `STALE: ${batch.stale}` : lost ? `${lost} updates lost` : '');
+    if (batch.stale) tell(`STALE: ${batch.stale}`);
+    else if (batch.unscaled) tell('no values yet: the board has not told the scale (Ix08) of a motor');
+    else tell(lost ? `${lost} updates lost` : '');
     if (!runs || !batch.t.length) return;
     // The board was reset: its time begins anew.
     if (times.length && batch.t[0] < times[times.length - 1]) clear();

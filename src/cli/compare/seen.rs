@@ -194,8 +194,8 @@ impl Watch {
     }
 }
 
-/// What the servo period may be: the median from update to update, widened by that of stretches without their outliers.
-/// When the machine does other things, the daemon looks late, and a simulator's updates come late, so these differ.
+/// The shortest and longest servo period, in nanoseconds a servo cycle, that the updates allow: the median from update to update,
+/// and what longer stretches give, without their outliers. A busy machine delays single updates and the looks for them.
 fn periods(updates: &[(u64, u32)], range: u32) -> Option<(f64, f64)> {
     let sorted = |least_ns: u64| {
         let mut begin = *updates.first()?;

@@ -5,6 +5,7 @@ pub mod interrupt;
 pub mod keys;
 pub mod late;
 pub mod output;
+pub mod progress;
 pub mod sink;
 pub mod table;
 pub mod table_file;

@@ -4,7 +4,7 @@
 //! an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer that
 //! somebody else has open is left alone: nothing is sent then.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,6 +16,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::mistakes::mistaken;
 use super::prose;
+use crate::cli::console::progress::LineProgress;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{SourceLine, preprocess};
 use crate::cli::files::sequence::left;
@@ -131,7 +132,7 @@ impl Run<'_> {
         let sequence =
             LinesOptions { kind: "download", timeout: options.timeout, keep_going: options.keep_going };
         let texts: Vec<&str> = self.lines.iter().map(|line| line.text.as_str()).collect();
-        let mut progress = Progress::new(texts.len());
+        let mut progress = LineProgress::new(texts.len());
         let mut next = 0;
         let mut printed = Ok(());
         let over = connection.run_lines(sequence, &texts, |reply| {
@@ -168,7 +169,7 @@ impl Run<'_> {
     fn told(
         &mut self,
         context: &mut Context,
-        progress: &mut Progress,
+        progress: &mut LineProgress,
         reply: &RunLinesReply,
     ) -> Result<(), Failure> {
         self.taken = reply.taken;
@@ -230,34 +231,4 @@ impl Run<'_> {
 fn say(what: std::fmt::Arguments<'_>) {
     // Nobody reads it: nothing to be done.
     let _ = writeln!(io::stderr(), "{what}");
-}
-
-/// How far it is, on a terminal.
-struct Progress {
-    total: usize,
-    shown: bool,
-    last: std::time::Instant,
-}
-
-impl Progress {
-    /// Often enough to be seen moving.
-    const EVERY: Duration = Duration::from_millis(100);
-
-    fn new(total: usize) -> Self {
-        Self { total, shown: false, last: std::time::Instant::now() }
-    }
-
-    fn show(&mut self, done: u64) {
-        if self.last.elapsed() >= Self::EVERY && io::stderr().is_terminal() {
-            self.last = std::time::Instant::now();
-            self.shown = true;
-            let _ = write!(io::stderr(), "\r{done} of {} lines\x1b[K", self.total);
-        }
-    }
-
-    fn clear(&mut self) {
-        if std::mem::take(&mut self.shown) {
-            let _ = write!(io::stderr(), "\r\x1b[K");
-        }
-    }
 }

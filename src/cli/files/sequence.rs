@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::cli::console::progress::LineProgress;
 use crate::cli::context::Failure;
 use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
@@ -49,14 +50,18 @@ fn answers<L: AsRef<str>>(
 ) -> Result<Vec<Result<Vec<String>, LineFailure>>, Failure> {
     let mut replies = Vec::new();
     let mut failed = None;
-    sequence.run(lines, |reply| {
+    let mut progress = LineProgress::new(lines.len());
+    let run = sequence.run(lines, |reply| {
+        progress.show(replies.len() as u64 + 1);
         match &reply.failure {
             Some(failure) if !passed(failure) => failed = Some(failure.message.clone()),
             Some(failure) => replies.push(Err(failure.clone())),
             None => replies.push(Ok(reply.lines.clone())),
         }
         failed.is_none()
-    })?;
+    });
+    progress.clear();
+    run?;
     match lines.get(replies.len()) {
         None => Ok(replies),
         Some(line) => {

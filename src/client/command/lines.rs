@@ -98,6 +98,9 @@ impl<'c> LineSequence<'c> {
             if !goes_on || self.over.is_some() {
                 break;
             }
+            if self.is_stopped() {
+                return Err(self.give_up());
+            }
             self.call(chunk, false, &mut |reply| goes_on &= told(reply))?;
         }
         Ok(goes_on && self.over.is_none())
@@ -141,12 +144,11 @@ impl<'c> LineSequence<'c> {
         };
         let mut call = Call::new(format!("{BOARD}.RunLines"), to_map(&parameters));
         call.more = Some(true);
-        let connection = &mut *self.connection;
-        let mut link = match connection.link.take() {
+        let mut link = match self.connection.link.take() {
             Some(link) => link,
-            None => connection.dial()?,
+            None => self.connection.dial()?,
         };
-        let path = &connection.path;
+        let path = &self.connection.path;
         link.call(&encode(&call), super::after(DAEMON_TIMEOUT), path)?;
         loop {
             // The last reply may have to wait for the line under way, and for what comes at the end after it.
@@ -157,15 +159,25 @@ impl<'c> LineSequence<'c> {
             let reply: Result<RunLinesReply, CommandError> = read_reply(reply);
             if !continues {
                 // Only a connection whose last reply has been read can be used again.
-                connection.link = Some(link);
+                self.connection.link = Some(link);
                 self.over = Some(reply?).filter(|reply| reply.over);
                 return Ok(());
             }
             told(&reply?);
-            if self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
-                self.over = Some(RunLinesReply::default());
-                return Err(CallError::Refused { reason: "stopped by a signal".to_owned() }.into());
+            if self.is_stopped() {
+                return Err(self.give_up());
             }
         }
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
+    }
+
+    /// Closes the connection: the daemon ends the sequence.
+    fn give_up(&mut self) -> CommandError {
+        self.connection.link = None;
+        self.over = Some(RunLinesReply::default());
+        CallError::Refused { reason: "stopped by a signal".to_owned() }.into()
     }
 }
