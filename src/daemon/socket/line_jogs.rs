@@ -12,7 +12,6 @@ use crate::function::servo::Motion;
 
 #[derive(Debug)]
 struct Jog {
-    client: u64,
     /// How long its client may be silent, if that ends it.
     silence: Option<Duration>,
     /// When its client was heard last.
@@ -32,28 +31,33 @@ impl Jog {
     }
 }
 
-/// Each motor that jogs so.
+/// Each motor that jogs so, and its client; several where it is not known whose jog the motor obeys.
 #[derive(Debug, Default)]
-pub(super) struct LineJogs(HashMap<u32, Jog>);
+pub(super) struct LineJogs(HashMap<(u32, u64), Jog>);
 
 impl LineJogs {
     /// The motors in the mask `motors` jog for `client`, who may be silent for so long; bit 0 is motor 1.
     pub(super) fn begin(&mut self, client: u64, motors: u32, silence: Option<Duration>, now: Instant) {
+        self.over(motors);
+        self.may_begin(client, motors, silence, now);
+    }
+
+    /// As [`Self::begin`], where the board may not have carried it out: the jogs of others are not over.
+    pub(super) fn may_begin(&mut self, client: u64, motors: u32, silence: Option<Duration>, now: Instant) {
         for motor in numbers(motors) {
-            let jog = Jog { client, silence, heard: now, has_moved: false, stands_since: None };
-            self.0.insert(motor, jog);
+            self.0.insert((motor, client), Jog { silence, heard: now, has_moved: false, stands_since: None });
         }
     }
 
     /// The clients that `is_heard` names are still there.
     pub(super) fn hear(&mut self, is_heard: impl Fn(u64) -> bool, now: Instant) {
-        let heard = self.0.values_mut().filter(|jog| is_heard(jog.client));
-        heard.for_each(|jog| jog.heard = now);
+        let heard = self.0.iter_mut().filter(|((_, client), _)| is_heard(*client));
+        heard.for_each(|(_, jog)| jog.heard = now);
     }
 
     /// Whether a motor may still jog for `client`.
     pub(super) fn go_on(&self, client: u64, now: Instant) -> bool {
-        self.0.values().any(|jog| jog.client == client && !jog.is_over(now))
+        self.0.iter().any(|((_, of), jog)| *of == client && !jog.is_over(now))
     }
 
     /// When the first client has been silent for too long.
@@ -63,14 +67,12 @@ impl LineJogs {
 
     /// The motors in the mask `motors` do something else.
     pub(super) fn over(&mut self, motors: u32) {
-        for motor in numbers(motors) {
-            self.0.remove(&motor);
-        }
+        self.0.retain(|(motor, _), _| motors >> (motor - 1) & 1 == 0);
     }
 
     /// The motors move and stand so.
     pub(super) fn see_motion(&mut self, motion: Motion, now: Instant) {
-        self.0.retain(|motor, jog| {
+        self.0.retain(|(motor, _), jog| {
             let is_in = |mask: u32| mask >> (motor - 1) & 1 != 0;
             if jog.is_over(now) {
                 return false;
@@ -85,8 +87,8 @@ impl LineJogs {
     /// The motors that jog for the clients that `is_gone` names, or that are silent for too long; they are stopped now.
     pub(super) fn take(&mut self, now: Instant, is_gone: impl Fn(u64) -> bool) -> u32 {
         let is_silent = |jog: &Jog| jog.lapses().is_some_and(|end| now >= end);
-        let gone = self.0.extract_if(|_, jog| is_gone(jog.client) || is_silent(jog));
-        gone.filter(|(_, jog)| !jog.is_over(now)).fold(0, |motors, (motor, _)| motors | 1 << (motor - 1))
+        let gone = self.0.extract_if(|(_, client), jog| is_gone(*client) || is_silent(jog));
+        gone.filter(|(_, jog)| !jog.is_over(now)).fold(0, |motors, ((motor, _), _)| motors | 1 << (motor - 1))
     }
 }
 
@@ -117,6 +119,21 @@ mod tests {
         // Somebody moves the first one again, but not this client.
         see(&mut jogs, 0b11, 600);
         assert_eq!(jogs.take(at(600), |_| true), 0b10, "the second one had not begun to move");
+    }
+
+    #[test]
+    fn d7_a_line_that_may_have_done_nothing_takes_nobodys_jog_away() {
+        let now = Instant::now();
+        let mut jogs = LineJogs::default();
+        jogs.begin(7, 0b1, None, now);
+        jogs.may_begin(8, 0b1, None, now);
+        assert_eq!(jogs.take(now, |client| client == 7), 0b1);
+        jogs.begin(7, 0b1, None, now);
+        jogs.may_begin(8, 0b1, None, now);
+        assert_eq!(jogs.take(now, |client| client == 8), 0b1, "or it may have");
+        assert!(jogs.go_on(7, now));
+        jogs.begin(9, 0b1, None, now);
+        assert_eq!(jogs.take(now, |client| client != 9), 0);
     }
 
     #[test]

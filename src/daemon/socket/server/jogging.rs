@@ -29,14 +29,14 @@ impl Service {
             self.let_go(motors, now);
         }
         if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
-            let jogs = match outcome {
-                Outcome::Done => carried_out,
-                Outcome::Error(_) => refused,
-                outcome if outcome.is_unsent() => 0,
+            let client = ended.caller.client;
+            match outcome {
+                Outcome::Done => self.line_jogs.begin(client, carried_out, silence, now),
+                Outcome::Error(_) => self.line_jogs.may_begin(client, refused, silence, now),
+                outcome if outcome.is_unsent() => {}
                 // How far the board came nobody knows.
-                _ => carried_out | refused,
-            };
-            self.line_jogs.begin(ended.caller.client, jogs, silence, now);
+                _ => self.line_jogs.may_begin(client, carried_out | refused, silence, now),
+            }
         }
     }
 
