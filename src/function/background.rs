@@ -98,8 +98,14 @@ impl BackgroundReader {
     }
 
     /// Whether to leave the report's count as it is found, and read so many blocks: the words of the others may be somebody's.
-    pub fn keep_as_found(&mut self, as_found: bool) {
-        self.as_found = (as_found && self.block.count.is_some()).then_some(0);
+    /// Returns whether that changes anything.
+    pub fn keep_as_found(&mut self, as_found: bool) -> bool {
+        let keeps = as_found && self.block.count.is_some();
+        if self.as_found.is_some() == keeps {
+            return false;
+        }
+        self.as_found = keeps.then_some(0);
+        true
     }
 
     /// How many blocks are read at most.

@@ -166,8 +166,17 @@ impl ServoReader {
         self.read_motors(motors);
     }
 
+    /// The motors that are not read because the report's mask is left as it is found, bit n-1 for motor n.
+    #[must_use]
+    pub fn left_out(&self) -> u32 {
+        if self.as_found { self.told.unwrap_or_default() & !self.motors } else { 0 }
+    }
+
     /// Whether to leave the report's mask as it is found, and read the motors that it has.
     pub fn keep_as_found(&mut self, as_found: bool) {
+        if self.as_found == as_found {
+            return;
+        }
         self.as_found = as_found;
         self.mask_updates = 0;
         if let Some(told) = self.told.filter(|_| !as_found) {
@@ -179,7 +188,10 @@ impl ServoReader {
         self.motors = motors;
         let ServoBlock { motors: blocks, .. } = self.block;
         self.reported().runs(blocks.words, blocks.count, &mut self.runs);
-        self.image[self.block.index(blocks.first)..].fill(0);
+        let read = self.masked();
+        let image = &mut self.image[self.block.index(blocks.first)..];
+        let others = image.chunks_mut(blocks.words).enumerate().filter(|(at, _)| read >> at & 1 == 0);
+        others.for_each(|(_, block)| block.fill(0));
     }
 
     fn reported(&self) -> Selection {
@@ -230,7 +242,6 @@ impl ServoReader {
     /// The board was reset: what became of the mask is not documented. The next poll writes it, where motors were told.
     pub fn mask_is_lost(&mut self) {
         self.mask_due = self.block.mask.is_some() && self.told.is_some();
-        self.mask_found = None;
         self.mask_updates = 0;
     }
 
@@ -300,27 +311,30 @@ impl ServoReader {
 
     /// Writes the mask when that is due, and now and then reads what another host has made of it.
     fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
-        if self.mask_due && !self.as_found {
+        let writes = self.mask_due && !self.as_found;
+        if !writes && self.mask_updates > 0 {
+            return Ok(());
+        }
+        let seen = read32(bus, mask)?;
+        let (motors, before) = if writes {
+            (self.told.unwrap_or(u32::MAX), seen)
+        } else {
+            (self.told.unwrap_or(u32::MAX) & seen, self.motors)
+        };
+        if motors != self.motors {
+            self.read_motors(motors);
+        }
+        if motors & !before != 0 {
+            // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
+            self.last_timer = None;
+        }
+        if writes {
             let masked = self.masked();
-            let [found, reported] = match self.mask_found {
-                Some(both) => both,
-                None => [read32(bus, mask)?; 2],
-            };
+            let found =
+                self.mask_found.filter(|[_, written]| *written == seen).map_or(seen, |[found, _]| found);
             self.mask_found = Some([found, masked]);
             write32(bus, mask, masked)?;
             self.mask_due = false;
-            if masked & !reported != 0 {
-                // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
-                self.last_timer = None;
-            }
-        } else if self.mask_updates == 0 {
-            let seen = read32(bus, mask)?;
-            let motors = self.told.unwrap_or(u32::MAX) & seen;
-            if motors != self.motors {
-                self.read_motors(motors);
-            }
-        } else {
-            return Ok(());
         }
         self.mask_updates = MASK_UPDATES;
         Ok(())

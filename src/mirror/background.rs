@@ -187,8 +187,9 @@ impl BackgroundMirror {
 
     /// Whether to leave the host's words that say what is reported as they are found.
     pub fn keep_as_found(&mut self, as_found: bool) {
-        self.reader.keep_as_found(as_found);
-        self.ask_anew();
+        if self.reader.keep_as_found(as_found) {
+            self.ask_anew();
+        }
     }
 
     /// The report that was asked for, or is half read, was made under another count: blocks beyond it are old, or somebody's.

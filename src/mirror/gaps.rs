@@ -2,7 +2,7 @@
 
 /// Deltas looked at before a period that nobody told is taken as learnt.
 const LEARN: u64 = 32;
-/// The most updates for which gaps are made up for when the period is told.
+/// While the period is untold the last so many updates are kept; gaps before them are not made up for.
 const REMEMBERED: u64 = 1 << 16;
 
 /// What is known of the servo cycles from update to update.

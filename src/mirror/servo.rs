@@ -142,8 +142,8 @@ impl ServoMirror {
         }
     }
 
-    /// Tells the clock the period that the board has told. Of a report on request that is a servo cycle: what is learnt from
-    /// the polls that ask for it would be the time from poll to poll.
+    /// Tells the clock the board's period. On request that is one servo cycle: the clock must not learn it, or it would learn
+    /// how often it polls.
     fn expect_period(&mut self) {
         let cycles = if self.on_request { Some(1) } else { self.cycles.filter(|cycles| *cycles > 0) };
         if let (Some(period), Some(cycles)) = (self.cycle_ns, cycles) {
@@ -227,6 +227,12 @@ impl ServoMirror {
     /// The board was reset. Its updates go on; the host's words that say what is reported are written again.
     pub fn board_was_reset(&mut self) {
         self.reader.mask_is_lost();
+    }
+
+    /// The motors that are not read because the host's words are left as they are found, bit n-1 for motor n.
+    #[must_use]
+    pub fn left_out(&self) -> u32 {
+        self.reader.left_out()
     }
 
     /// Whether to leave the host's words that say what is reported as they are found.
@@ -330,7 +336,8 @@ impl ServoMirror {
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
         }
-        self.follow_period(publisher);
+        // Where the period is not told, the clock keeps to servo cycles.
+        self.follow_period(publisher, if self.gaps.is_untold() { passed } else { 1 });
         transition
     }
 
@@ -362,9 +369,10 @@ impl ServoMirror {
         }
     }
 
-    /// Keeps the limit of staleness at ten periods of what the updates really come at.
-    fn follow_period(&mut self, publisher: &Publisher) {
+    /// Keeps the limit of staleness at ten periods of what the updates really come at, so many of the clock's.
+    fn follow_period(&mut self, publisher: &Publisher, clocks: u64) {
         let Some(period) = self.clock.period_ns() else { return };
+        let period = period.saturating_mul(clocks);
         // A few per cent either way change nothing for anybody.
         if period.abs_diff(self.published_period_ns) > self.published_period_ns / 16 {
             self.published_period_ns = period;

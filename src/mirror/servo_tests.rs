@@ -186,7 +186,7 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
     rig.poll();
     rig.mirror.configure(0b100, Some(CYCLE_NS), Some(1));
     rig.update(3);
-    assert_eq!(rig.poll().1, 2 + 24 + 5, "the mask, the update");
+    assert_eq!(rig.poll().1, 4 + 24 + 5, "the mask, looked at and written, the update");
     let (_, data) = rig.latest().unwrap();
     assert_eq!(data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>(), [3]);
     let mut sample = Sample::new();
@@ -272,6 +272,41 @@ fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_c
     rig.update(4);
     rig.poll();
     assert_eq!(shown(&rig), (before + 2, MOTORS.to_vec()));
+}
+
+#[test]
+fn c3_a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_next_update() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    for timer in 0..3 {
+        rig.update(timer);
+        rig.poll();
+    }
+    rig.put(0x0072, 0);
+    // It lies there with what was motor 32's before.
+    rig.update(3);
+    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(1));
+    rig.poll();
+    let servo_timer = |rig: &Rig| rig.latest().unwrap().1.servo_timer;
+    assert_eq!(servo_timer(&rig), 2);
+    rig.update(4);
+    rig.poll();
+    assert_eq!(servo_timer(&rig), 4);
+}
+
+#[test]
+fn c1_the_mask_is_put_back_as_it_was_found_also_behind_a_reset_that_kept_it() {
+    let mut rig = Rig::new(ServoReading::Optimistic);
+    rig.put(0x0070, 0b1);
+    rig.put(0x0072, 0);
+    for timer in 0..3 {
+        rig.update(timer);
+        rig.poll();
+        rig.mirror.board_was_reset();
+    }
+    let mask = |rig: &mut Rig| [0x0070, 0x0072].map(|at| rig.bus.read16(HostOffset::new(at)).unwrap());
+    assert_eq!(mask(&mut rig), split32(MASK));
+    rig.mirror.give_back(&mut rig.bus).unwrap();
+    assert_eq!(mask(&mut rig), [1, 0]);
 }
 
 #[test]

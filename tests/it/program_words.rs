@@ -244,6 +244,28 @@ fn c1_what_the_board_reports_is_as_before_when_the_daemon_ends() {
 }
 
 #[test]
+fn c3_behind_a_reset_the_board_reports_what_it_says_until_its_definitions_are_known_again() {
+    use std::os::unix::fs::FileExt as _;
+    let site = site("turbo2", &[], ASKS);
+    wait_until_known(&site);
+    site.wait_until("all motors", || word(&site, CHOSEN[0]) == u16::MAX);
+    // Another board in its place has another mask, and may have other definitions.
+    site.control("fault ascii_slow 300ms");
+    let memory = std::fs::OpenOptions::new().write(true).open(site.path("dpram")).unwrap();
+    memory.write_all_at(&[3, 0, 0, 0], CHOSEN[0] as u64).unwrap();
+    site.control("reset");
+    site.wait_until("the reset", || socket_of(&site)["definitions"]["read"] == 0);
+    site.run_for(Duration::from_secs(3));
+    assert_eq!([CHOSEN[0], CHOSEN[1]].map(|offset| word(&site, offset)), [3, 0]);
+    // Nothing is known of the loops of the others: a jog could close one.
+    let (code, _, error) = site.pmacctl(&["jog", "5", "=1000"]);
+    assert!(code == 1 && error.contains("is not known until the board has told"), "{code} {error}");
+    site.control("fault ascii_slow off");
+    wait_until_known(&site);
+    site.wait_until("all motors again", || word(&site, CHOSEN[0]) == u16::MAX);
+}
+
+#[test]
 fn c3_a_daemon_that_cannot_ask_the_board_says_so() {
     let warning = "the board is not asked where its M-variables point";
     for (config, is_told) in [

@@ -224,6 +224,7 @@ impl BoardLoop {
             (status.buffer, status.holds_port) = queue.standing(now);
             status.open_loops = self.functions.open_loops();
             status.loops_left_open = self.functions.loops_left_open();
+            status.loops_untold = self.functions.loops_untold();
             status.motion = servo.motion();
             status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();

@@ -66,13 +66,10 @@ impl FunctionTable {
         clock: Clock,
     ) -> Self {
         let now = clock.now();
-        let (asks, shared) = (ascii.queue().scan.is_wanted(), settings.shared_functions.clone());
-        let (mut servo, mut background) = (servo, background);
-        servo.keep_as_found(asks && !shared.has(Function::Servo));
-        background.keep_as_found(asks && !shared.has(Function::Background));
-        Self {
+        let asks = ascii.queue().scan.is_wanted();
+        let mut table = Self {
             uses: FunctionUse::new(settings, asks),
-            shared,
+            shared: settings.shared_functions.clone(),
             servo_sign: ServoSign::default(),
             servo,
             background,
@@ -83,7 +80,16 @@ impl FunctionTable {
             rotary: RotaryQueue::new(layout.family(), settings.readings, now),
             layout,
             clock,
-        }
+        };
+        table.keep_as_found();
+        table
+    }
+
+    /// Until it is known where the board's M-variables point, what it reports stays as it is found.
+    fn keep_as_found(&mut self) {
+        let asks = self.ascii.queue().scan.is_wanted();
+        self.servo.keep_as_found(asks && !self.shared.has(Function::Servo));
+        self.background.keep_as_found(asks && !self.shared.has(Function::Background));
     }
 
     /// Every function. Of those that are due at the same time the first is polled first.
@@ -194,20 +200,21 @@ impl FunctionTable {
         self.used_ones().try_for_each(|function| self.row(function).acquire(context))
     }
 
-    /// The board was reset.
+    /// The board was reset, or is another one: its M-variables may point elsewhere now.
     ///
     /// # Errors
     /// When the board cannot be reached.
     pub fn reset<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
+        self.keep_as_found();
         self.used_ones().try_for_each(|function| self.row(function).reset(context))
     }
 
-    /// Leaves every function that is used.
+    /// Leaves every function that is used, also behind one that cannot be left.
     ///
     /// # Errors
     /// When the board cannot be reached.
     pub fn leave<B: Bus>(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.used_ones().try_for_each(|function| self.row(function).leave(bus))
+        self.used_ones().map(|function| self.row(function).leave(bus)).fold(Ok(()), Result::and)
     }
 
     fn used_ones(&self) -> impl Iterator<Item = Function> + use<> {
@@ -233,6 +240,12 @@ impl FunctionTable {
     #[must_use]
     pub fn loops_left_open(&self) -> u32 {
         self.panel.as_ref().map_or_else(|| self.servo.open_loops(), |panel| panel.open_loops())
+    }
+
+    /// The motors of whose loops nothing is known, because the report leaves them out until it is known where M-variables point.
+    #[must_use]
+    pub fn loops_untold(&self) -> u32 {
+        if self.panel.is_some() { 0 } else { self.servo.left_out() }
     }
 
     /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.

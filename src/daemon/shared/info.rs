@@ -152,6 +152,12 @@ impl Info {
         self.status.loops_left_open
     }
 
+    /// The motors of whose loops nothing is known yet.
+    #[must_use]
+    pub fn loops_untold(&self) -> u32 {
+        self.status.loops_untold
+    }
+
     /// The command that holds the port for command lines: one that was given up, or a slow line.
     #[must_use]
     pub fn holds_port(&self) -> Option<GivenUp> {

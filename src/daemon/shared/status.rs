@@ -67,6 +67,8 @@ pub struct BoardStatus {
     pub open_loops: u32,
     /// The motors that a jog leaves alone, because it would close their loop.
     pub loops_left_open: u32,
+    /// The motors that the report leaves out until it is known where M-variables point.
+    pub loops_untold: u32,
     /// Which motors move.
     pub motion: Motion,
     /// Whether a program buffer is open, as a report tells; `None` while no report tells.
@@ -102,6 +104,7 @@ impl BoardStatus {
         enabling: Enabling { panel: None, variables: None, asked: None },
         open_loops: 0,
         loops_left_open: 0,
+        loops_untold: 0,
         motion: Motion { moving: 0, standing: 0 },
         program_buffer: None,
         gathers: None,

@@ -24,8 +24,8 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.give_back(bus)?;
-        self.release(bus)
+        let released = self.release(bus);
+        released.and(self.give_back(bus))
     }
     fn is_live(&self) -> Option<bool> {
         Some(ServoMirror::is_live(self))
@@ -56,8 +56,8 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.give_back(bus)?;
-        self.release(bus)
+        let released = self.release(bus);
+        released.and(self.give_back(bus))
     }
     fn is_live(&self) -> Option<bool> {
         Some(BackgroundMirror::is_live(self))

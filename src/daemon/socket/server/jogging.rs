@@ -147,11 +147,20 @@ impl Service {
         )
     }
 
-    /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is not open. The daemon takes it that
-    /// every jog closes the loop of a killed motor, as `J/` does (Turbo Software Reference p. 275).
+    /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is known not to be open. The daemon takes it
+    /// that every jog closes the loop of a killed motor, as `J/` does (Turbo Software Reference p. 275).
     fn may_jog(&self, caller: Caller, jog: JogTo) -> Result<(), CallError> {
         if let Some((holder, held)) = self.leases.held_by_another(caller.client, jog.mask()) {
             return Err(held_by_another(holder, held));
+        }
+        if self.info.loops_untold() & jog.mask() != 0 {
+            return Err(CallError::Refused {
+                reason: format!(
+                    "whether the loop of motor {} is open is not known until the board has told where its M-variables point \
+                     (pmacctl status tells how far that is); nothing was sent",
+                    jog.motor()
+                ),
+            });
         }
         match self.info.loops_left_open() & jog.mask() {
             0 => Ok(()),
