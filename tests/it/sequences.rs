@@ -197,6 +197,21 @@ fn b1_7_a_restore_notices_a_reset_between_two_lines() {
 }
 
 #[test]
+fn b1_8_a_restore_that_the_end_of_pmacd_cuts_short_fails() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let lines: String = (0..900).map(|number| format!("P{number}={}\n", number + 1)).collect();
+    let file = site.file("long.pmc", &lines);
+    let child = site.command(&["restore", &file, "--yes", "--json"]);
+    let child = { child }.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    site.wait_until("the restore to run", || site.log().matches("(restore) sends \"P").count() > 300);
+    site.stop_daemon();
+    let ran = Ran::from(child.wait_with_output().unwrap());
+    assert_ne!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.stderr.contains(&format!("{file}:")) && ran.stderr.contains(" of 900 lines"), "{ran:?}");
+}
+
+#[test]
 fn b1_7_a_download_into_a_program_says_that_a_reset_took_it() {
     // Without servo data, only the board's refusal (ERR005) shows that its buffer is not open any more.
     for before in [None, Some("ENDGATHER")] {

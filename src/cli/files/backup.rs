@@ -271,9 +271,15 @@ impl Report<'_> {
         }
         if !ran? {
             let over = board.finish()?;
-            self.reset(&over, first, &owners, &lines);
+            let was_reset = self.reset(&over, first, &owners, &lines);
             complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
-            return Ok(());
+            return match parts.next() {
+                Some((entry, _)) if !was_reset => Err(Failure::Refused(format!(
+                    "{}:{}: pmacd ended the sequence before this line",
+                    self.file, entry.line
+                ))),
+                _ => Ok(()),
+            };
         }
         let accepted = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
         let held = read(&mut board, accepted().map(|entry| entry.item));
