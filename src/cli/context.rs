@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::console::output::Output;
 use crate::client::{Board, ClientError, CommandError, Connection};
 use crate::map::Family;
+use crate::protocol::board::BoardInfo;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::{CallError, socket_place};
 use crate::segment::SegmentName;
@@ -175,16 +176,22 @@ impl Context {
         }
     }
 
-    /// The family of the daemon's board; `None` where no daemon answers.
+    /// The family of the daemon's board, and what else it tells of it; `None` where no daemon runs.
     ///
     /// # Errors
-    /// [`Failure`], which names `--family`, where the daemon does not know it.
-    pub fn board_family(&self) -> Result<Option<&'static Family>, Failure> {
-        let Some(info) = self.connection().ok().and_then(|mut connection| connection.info().ok()) else {
-            return Ok(None);
+    /// [`Failure`], which names `--family`, where the daemon does not know it, or cannot be asked.
+    pub fn board_family(&self) -> Result<Option<(&'static Family, BoardInfo)>, Failure> {
+        let info = match self.connect().and_then(|mut connection| connection.info()) {
+            Ok(info) => info,
+            Err(CommandError::Connect { source, .. })
+                if matches!(source.kind(), io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused) =>
+            {
+                return Ok(None);
+            }
+            Err(error) => return Err(Failure::Request(format!("{error}; or give --family"))),
         };
         match info.known_family() {
-            Ok(family) => Ok(Some(family)),
+            Ok(family) => Ok(Some((family, info))),
             Err(_) if info.family == NO_FAMILY => Err(Failure::request(GIVE_FAMILY)),
             Err(error) => Err(Failure::request(error)),
         }

@@ -60,7 +60,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         None if command.is_of_a_family() => {}
         None => {
             let board = context.board_family()?;
-            command.is_for(|| board);
+            command.is_for(|| board.map(|(family, _)| family));
         }
     }
     let answer = setup::answer(&command, servo_runs).map_err(Failure::Request)?;

@@ -1,5 +1,7 @@
 //! `pmacctl map`: lists the registers and their addresses from the register table.
 
+use std::io::{self, Write as _};
+
 use clap::Args;
 
 use crate::cli::args::values::{GatherSize, family};
@@ -16,7 +18,7 @@ pub struct Map {
     /// out
     #[arg(long, value_name = "FAMILY", value_parser = family)]
     pub family: Option<&'static Family>,
-    /// The board's firmware, as VERSION answers; without it, the map in the printed manual
+    /// The board's firmware, as VERSION answers; without it that of the board that pmacd reaches, else the map in the printed manual
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
     /// Where a firmware with a moved gather buffer keeps its size word
@@ -25,12 +27,21 @@ pub struct Map {
 }
 
 pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
-    let family = match options.family {
-        Some(family) => family,
-        None => context.board_family()?.unwrap_or(DEFAULT_FAMILY),
+    let told = if options.family.is_none() { context.board_family()? } else { None };
+    let board = told.as_ref().and_then(|(_, info)| info.firmware.as_ref()?.parse().ok());
+    let (family, firmware) = match (options.family, &told) {
+        (Some(family), _) => (family, options.firmware),
+        (None, Some((family, info))) => {
+            let firmware = options.firmware.or(board);
+            let version = firmware.map_or_else(String::new, |firmware| format!(", firmware {firmware}"));
+            // If stderr is closed, it is lost.
+            let _ = writeln!(io::stderr(), "the map of {}: {}{version}", info.name, family.title);
+            (*family, firmware)
+        }
+        (None, None) => (DEFAULT_FAMILY, options.firmware),
     };
     let readings = Readings { gather_size_word: options.gather_size.into(), ..Readings::default() };
-    let layout = Layout::read_by(family, options.firmware, readings);
+    let layout = Layout::read_by(family, firmware, readings);
     let records = layout.records();
     if context.output.is_json() {
         context.output.json(&records)?;
