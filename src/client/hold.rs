@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
-use crate::protocol::{CallError, Function, deadlines};
+use crate::protocol::{CallError, deadlines};
 
 /// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
 const LEASE_MS: u64 = 200;
@@ -34,7 +34,7 @@ impl HeldJog {
     /// # Errors
     /// As [`Connection::panel`] and [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
-        if !connection.settings()?.functions.has(Function::Panel) {
+        if !connection.jogs_by_panel()? {
             return Self::begin_by_line(connection, action, numbers);
         }
         connection.panel_hold(action, numbers)?;

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 use crate::cli::act::panel::may_be_moving;
 use crate::client::{CommandError, Connection, HeldJog};
 use crate::function::panel::PanelAction;
-use crate::map::Function;
 use crate::protocol::CallError;
 use crate::segment::SegmentName;
 
@@ -147,10 +146,10 @@ fn run(daemon: &Daemon, orders: &Receiver<Order>, tell: &Sender<Told>) {
 
 /// Why this user may not jog. The daemon decides; it is asked, so that this is known before a key is pressed.
 fn may_jog(daemon: &Daemon) -> Result<(), String> {
-    let asked = daemon.connect().and_then(|mut connection| Ok((connection.info()?, connection.settings()?)));
-    let (info, settings) = asked.map_err(|error| error.to_string())?;
+    let asked =
+        daemon.connect().and_then(|mut connection| Ok((connection.info()?, connection.jogs_by_panel()?)));
     // Without the panel a jog is a command line.
-    let by_panel = settings.functions.has(Function::Panel);
+    let (info, by_panel) = asked.map_err(|error| error.to_string())?;
     let (needed, less): (_, &[&str]) = if by_panel {
         ("operate", &["observe", "stop"])
     } else {

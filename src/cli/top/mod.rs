@@ -49,7 +49,7 @@ pub struct Top {
     #[arg(value_name = "NAME")]
     pub watches: Vec<String>,
     /// The most pictures a second; 2.5 at least
-    #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate, allow_negative_numbers = true)]
+    #[arg(long, value_name = "HZ", default_value = "10", value_parser = top_rate, allow_negative_numbers = true)]
     pub rate: Duration,
 }
 
@@ -58,6 +58,11 @@ pub struct Top {
 const SLOWEST: Duration = Duration::from_millis(400);
 /// The shortest time between two pictures while keys are pressed.
 const KEYS: Duration = Duration::from_millis(30);
+
+fn top_rate(text: &str) -> Result<Duration, String> {
+    let period = rate(text)?;
+    if period <= SLOWEST { Ok(period) } else { Err("must be at least 2.5 a second".to_owned()) }
+}
 
 pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
     if context.output.is_json() || !context.output.is_terminal() || !io::stdin().is_terminal() {
@@ -83,7 +88,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
         look: Look::of_environment(),
         tty: Tty::open().map_err(|error| Failure::Request(format!("the terminal: {error}")))?,
     };
-    let ended = screen.show(options.rate.min(SLOWEST), &signals);
+    let ended = screen.show(options.rate, &signals);
     let Screen { hand, tty, .. } = screen;
     // First the motor, then the terminal.
     let faults = hand.end();
