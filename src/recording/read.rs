@@ -50,6 +50,10 @@ impl Recording {
         let answers = Lines::open(directory, files::ANSWERS, &about, MOST_ANSWERS)?;
         let answers = answers.map(|line| line.map(|(_, answer)| answer)).collect::<Result<_, _>>()?;
         let mut images: Vec<Image> = Vec::new();
+        let images_at = directory.join(files::IMAGES);
+        if images_at.is_symlink() {
+            return Err(RecordingError::Unfit { path: images_at, what: "a link, no directory".to_owned() });
+        }
         let mut times = Lines::<ImageAt>::open(directory, files::IMAGE_TIMES, &about, MOST_IMAGES)?;
         let mut named = BTreeSet::new();
         while let Some(line) = times.next() {
@@ -65,7 +69,7 @@ impl Recording {
             if !named.insert(at.file.clone()) {
                 return Err(damaged("an image that is there already"));
             }
-            images.push(image(&directory.join(files::IMAGES).join(&at.file), at.t_ns, &about)?);
+            images.push(image(&images_at.join(&at.file), at.t_ns, &about)?);
         }
         let variables = whole(&directory.join(files::VARIABLES))?;
         let path = directory.join(files::SYSTEM);

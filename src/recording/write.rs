@@ -173,6 +173,8 @@ impl Writer {
 
 /// The directory, opened: a new one, or the one that is there.
 fn made(directory: &Path) -> io::Result<File> {
+    // With a slash behind it, a link would be followed.
+    let directory = directory.components().as_path();
     if let Some(parent) = directory.parent() {
         fs::create_dir_all(parent)?;
     }

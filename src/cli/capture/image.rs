@@ -1,9 +1,9 @@
 //! Reads an image of the DPRAM through the daemon, a few words at a time. Command lines and responses are left out.
 
 use crate::cli::context::Failure;
-use crate::client::{CommandError, Connection};
-use crate::map::{AsciiPort, Family, HostOffset};
-use crate::protocol::{CallError, READ_MAX};
+use crate::client::Connection;
+use crate::map::{AsciiPort, HostOffset};
+use crate::protocol::READ_MAX;
 
 /// Pieces to read before somebody else has his turn.
 const PIECES_A_STEP: usize = 8;
@@ -43,20 +43,4 @@ impl ImageReading {
         let count = (first..self.words.len()).take(READ_MAX).take_while(|word| !is_text(word)).count();
         Some((first, count))
     }
-}
-
-/// The size of the DPRAM of the board behind `connection`, in bytes: the largest that boards of `family` have and that can be read.
-pub fn dpram_bytes(connection: &mut Connection, family: &'static Family) -> Result<u32, Failure> {
-    let mut sizes: Vec<u32> = family.lengths().collect();
-    sizes.sort_unstable();
-    while let Some(bytes) = sizes.pop() {
-        let last = HostOffset::new(bytes - 2);
-        match connection.read(last, 1) {
-            Ok(_) => return Ok(bytes),
-            // Refused by the board's memory, or by the daemon that knows its size.
-            Err(CommandError::Refused(CallError::OutOfRange | CallError::InvalidParameter { .. })) => {}
-            Err(error) => return Err(error.into()),
-        }
-    }
-    Ok(family.length)
 }

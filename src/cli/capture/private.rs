@@ -27,7 +27,8 @@ pub fn without_users(text: &str) -> String {
     let mut shown = String::new();
     while let Some(at) = ["uid ", "pid "].iter().filter_map(|what| rest.find(what)).min() {
         let (before, behind) = rest.split_at(at + "uid ".len());
-        let is_word = !shown.bytes().chain(rest[..at].bytes()).last().is_some_and(|byte| byte.is_ascii_alphanumeric());
+        let is_word =
+            !shown.bytes().chain(rest[..at].bytes()).last().is_some_and(|byte| byte.is_ascii_alphanumeric());
         let digits = behind.bytes().take_while(u8::is_ascii_digit).count();
         shown += before;
         shown += if is_word && digits > 0 { "N" } else { &behind[..digits] };

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::{Map, Value, json};
 
-use super::image::{ImageReading, dpram_bytes};
+use super::image::ImageReading;
 use super::latency::Times;
 use super::private::{IDENTITY, TextFilter, without_users};
 use crate::cli::args::values::seconds;
@@ -101,6 +101,7 @@ pub struct Taking<'a> {
     facts: Value,
     about: About,
     lacks_answers: bool,
+    directory: File,
     writer: Writer,
     filter: TextFilter,
     updates_before: u64,
@@ -125,7 +126,7 @@ impl<'a> Taking<'a> {
                 CommandError::from(CallError::NotPermitted { role_needed: "engineer".to_owned() }).into()
             );
         }
-        let dpram_bytes = dpram_bytes(connection, family)?;
+        let dpram_bytes = info.dpram_bytes.unwrap_or(family.length);
         let began_ns = board.subscriber().now_ns();
         let spec: Option<BoardSpec> = info.board.parse().ok();
         let facts = json!(facts(&System::here(), spec.as_ref()));
@@ -161,6 +162,7 @@ impl<'a> Taking<'a> {
             facts,
             about,
             lacks_answers: false,
+            directory: writer.directory()?,
             writer,
             questions: Times::default(),
             reads: Times::default(),
@@ -257,14 +259,13 @@ impl<'a> Taking<'a> {
         let (updates, dropped, left_out) =
             (self.about.updates, self.about.dropped, self.about.left_out.clone());
         let mut cut_short = self.about.cut_short.clone();
-        let directory = self.writer.directory()?;
         let finished = self.writer.finish(self.about);
         let accesses = *finished.as_ref().unwrap_or(&0);
         let failure = failure.or(finished.err().map(Failure::from));
         cut_short = cut_short.or(failure.as_ref().map(ToString::to_string));
         let lacks_answers = self.lacks_answers;
         let summary = Summary { updates, accesses, dropped, cut_short, left_out, lacks_answers };
-        Ok(Taken { summary, failure, directory })
+        Ok(Taken { summary, failure, directory: self.directory })
     }
 
     /// The accesses since the last time; how many came.

@@ -1,13 +1,13 @@
 //! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without names and
 //! paths of the user's.
 
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::os::fd::AsFd as _;
-use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use nix::unistd::mkdtemp;
 use serde_json::{Value, json};
 use tar::{Builder, Header};
 
@@ -46,11 +46,9 @@ struct Own(PathBuf);
 impl Own {
     /// Where temporary files go. Nobody else can write into it, and it is read by the descriptor that it was written by.
     fn make() -> Result<Self, Failure> {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
-        let path = std::env::temp_dir().join(format!("pmac-report-{}-{now}", std::process::id()));
-        let made = DirBuilder::new().mode(0o700).create(&path);
-        made.map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
-        Ok(Self(path))
+        let path = std::env::temp_dir().join("pmac-report-XXXXXX");
+        let made = mkdtemp(&path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())));
+        made.map(Self)
     }
 }
 
@@ -63,10 +61,10 @@ impl Drop for Own {
 
 fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Result<(String, bool), Failure> {
     let status = status::look(context)?;
-    let private = Private::of(&status);
+    let private = Private::of(&status, &context.socket());
     let options = Capture { directory: directory.to_owned(), seconds: TRACED, no_variables: false };
     let taken = capture::take(context, &options);
-    let note = note(&taken);
+    let note = private.shown(&note(&taken));
     let mut tar = Tar::begin(file)?;
     tar.add("README.txt", note.as_bytes())?;
     tar.add("doctor.json", &private.text(&json!(report.0))?)?;
@@ -105,19 +103,25 @@ fn note(taken: &Result<Taken, Failure>) -> String {
 struct Private(Vec<(String, String)>);
 
 impl Private {
-    /// What is known by `status` and by the environment.
-    fn of(status: &Value) -> Self {
+    /// What is known by `status` and by the environment, and the `socket`, also where nobody serves it.
+    fn of(status: &Value, socket: &Path) -> Self {
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         let home = std::env::var("HOME").unwrap_or_default();
         let board = text(&status["socket"]["board"]);
         let shown = without_paths(&board);
         let all = [
             (board, shown),
-            (text(&status["socket"]["path"]), "SOCKET".to_owned()),
+            (socket.display().to_string(), "SOCKET".to_owned()),
             // Of root it is in many names.
             (if home == "/" { String::new() } else { home }, "~".to_owned()),
         ];
         Self(all.into_iter().filter(|(from, _)| !from.is_empty()).collect())
+    }
+
+    /// The text, without them and without numbers of users.
+    fn shown(&self, text: &str) -> String {
+        let told = self.0.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));
+        capture::without_users(&told)
     }
 
     /// The document, without them.
@@ -129,11 +133,7 @@ impl Private {
 
     fn clean(&self, value: &mut Value) {
         match value {
-            Value::String(text) => {
-                let told =
-                    self.0.iter().fold(std::mem::take(text), |text, (from, to)| text.replace(from, to));
-                *text = capture::without_users(&told);
-            }
+            Value::String(text) => *text = self.shown(text),
             Value::Array(values) => values.iter_mut().for_each(|value| self.clean(value)),
             Value::Object(fields) => {
                 fields.retain(|key, _| !USERS.contains(&key.as_str()));
