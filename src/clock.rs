@@ -83,7 +83,7 @@ impl ManualTime {
         Self { ns: Arc::new(AtomicU64::new(ns)), zero: Instant::now() }
     }
 
-    /// Time that stands `by` before now. Only its [`Instant`]s tell so: its nanoseconds have a beginning of their own.
+    /// Time whose [`Instant`]s begin `by` before now. Its nanoseconds begin at 1 s.
     #[must_use]
     pub fn ago(by: Duration) -> Self {
         let time = Self::at(1_000_000_000);

@@ -150,8 +150,8 @@ pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Resul
     // Said once.
     if let (Some(setting), Some(first)) = (family.dpram_setting(), plans.first_mut()) {
         first.notes.push(format!(
-            "of several DPRAMs the board uses one for all functions: no function works here without {setting}, the bus's own, which \
-             the board sets by itself where it finds that one"
+            "one DPRAM serves all functions. For this one {setting} is needed; the board sets it by itself at re-initialisation if it \
+             finds this DPRAM"
         ));
     }
     Ok(EnablePlan { commands: commands(&plans, options.save), plans })

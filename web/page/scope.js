@@ -65,9 +65,11 @@ const scope = (() => {
     }
     xLabel = batch.cycles ? 'time (servo cycles)' : 'time (s)';
     lost += batch.lost;
-    if (batch.stale) tell(`STALE: ${batch.stale}`);
-    else if (batch.unscaled) tell('no values yet: the board has not told the scale (Ix08) of a motor');
-    else tell(lost ? `${lost} updates lost` : '');
+    const said = [];
+    if (batch.stale) said.push(`STALE: ${batch.stale}`);
+    if (batch.unscaled) said.push('a trace has no values: the board has not told the scale of its motor (Ix08, Ix09)');
+    if (lost) said.push(`${lost} updates lost`);
+    tell(said.join('; '));
     if (!runs || !batch.t.length) return;
     // The board was reset: its time begins anew.
     if (times.length && batch.t[0] < times[times.length - 1]) clear();

@@ -305,11 +305,11 @@ impl Files {
     }
 
     /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it becomes.
-    /// A file that another log writes stays, and one that cannot be looked into.
+    /// A file that another log writes stays, or has just made, and one that cannot be looked into.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
-        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
+        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number < self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
         let mut bytes = present + others.iter().map(|(_, _, length)| length).sum::<u64>();

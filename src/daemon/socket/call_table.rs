@@ -127,8 +127,8 @@ impl Pending {
         }
     }
 
-    /// When its caller is answered without the bus thread: at his own deadline where it has not got the command, which is
-    /// certainly not sent then.
+    /// When its caller is answered without the bus thread: at his own deadline if that never got the command, so that nothing
+    /// was sent.
     fn given_up_at(&self) -> Instant {
         if self.is_handed { self.deadline + GRACE } else { self.deadline }
     }

@@ -108,6 +108,11 @@ impl Client {
         !(matches!(error, CallError::Busy) || asked && waits)
     }
 
+    /// It was told something else than a refusal.
+    pub(super) fn was_served(&mut self) {
+        self.asks_again = false;
+    }
+
     /// The other end.
     pub(super) fn peer(&self) -> Peer {
         self.peer

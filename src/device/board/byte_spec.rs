@@ -149,9 +149,8 @@ pub fn open_mailbox(
     }
 }
 
-/// Mailboxes in a file. A board sees each write; its simulator sees memory only, and a byte written over an equal one
-/// leaves no trace there. So the even byte beside it, for which a board's circuit has no register, is made 0 by the same
-/// store of 16 bits: the simulator keeps 0xFF there.
+/// Mailboxes in a file. A board sees each write; its simulator sees memory only, and so no byte written over an equal one. So
+/// each write also stores 0 in the even byte beside it, which no board has; the simulator sets that to 0xFF again.
 struct SimulatedMailbox(Mapping);
 
 impl ByteBus for SimulatedMailbox {

@@ -202,8 +202,8 @@ impl Gather {
             Phase::AskGathers => {
                 if self.gathers(&done.result?) {
                     return Err(refused(
-                        "the board gathers already, and no client that pmacd knows began that: somebody by hand, on the serial port, \
-                         from another host, or through a pmacd that was killed; `pmacctl gather --stop` ends it",
+                        "the board gathers already, and no client of this pmacd began that: it was begun by hand, on the serial port, \
+                         by another host, or through a pmacd that was killed; `pmacctl gather --stop` ends it",
                     ));
                 }
                 let watch = ReportWatch::new(now + REPORT_PAUSE + self.two_periods());
