@@ -2,6 +2,8 @@
 
 /// Deltas looked at before a period that nobody told is taken as learnt.
 const LEARN: u64 = 32;
+/// A step that came less often among them is no period.
+const RARE: u64 = LEARN / 4;
 /// While the period is untold the last so many updates are kept; gaps before them are not made up for.
 const REMEMBERED: u64 = 1 << 16;
 
@@ -19,8 +21,10 @@ enum Period {
 #[derive(Debug, Clone, Default)]
 pub struct UpdateCounter {
     period: Period,
-    /// While unknown: the smallest step, what divides all of them, how many there were, and all of them together.
+    /// While unknown: the smallest step and how often it came, what divides all of them, how many there were, and all of them
+    /// together.
     smallest: u64,
+    smallest_seen: u64,
     divisor: u64,
     seen: u64,
     passed: u64,
@@ -73,10 +77,11 @@ impl UpdateCounter {
             // Unknown, or changed since: learn it anew.
             Period::Cycles(_) | Period::Unknown => self.period = Period::Unknown,
         }
-        (self.smallest, self.divisor) = match self.seen {
-            0 => (passed, passed),
-            _ => (self.smallest.min(passed), greatest_divisor(self.divisor, passed)),
-        };
+        if self.seen == 0 || passed < self.smallest {
+            (self.smallest, self.smallest_seen) = (passed, 0);
+        }
+        self.smallest_seen += u64::from(passed == self.smallest);
+        self.divisor = if self.seen == 0 { passed } else { greatest_divisor(self.divisor, passed) };
         self.seen += 1;
         self.passed += passed;
         if self.must_be_told {
@@ -88,8 +93,9 @@ impl UpdateCounter {
         if self.seen < LEARN {
             return 1;
         }
-        if self.divisor != self.smallest {
-            // Steps that are no multiples of the smallest have no period, as of a report that a background cycle makes.
+        if self.divisor != self.smallest || self.smallest_seen < RARE {
+            // Steps that are no multiples of the smallest have no period, as of a report that a background cycle makes. One that
+            // came a few times is none: it may be a single update out of turn.
             self.forget();
             return 1;
         }
@@ -140,6 +146,18 @@ mod tests {
         let counted: u64 = (0..LEARN).map(|_| counter.updates(5)).sum();
         assert_eq!((counter.cycles(), counted), (Some(5), LEARN));
         assert_eq!(counter.updates(15), 3);
+    }
+
+    #[test]
+    fn one_update_out_of_turn_is_no_period() {
+        let mut counter = UpdateCounter::default();
+        counter.expect_cycles(10);
+        let steps = |counter: &mut UpdateCounter, first: u64| {
+            (0..LEARN).map(|k| counter.updates(if k == 0 { first } else { 10 })).sum::<u64>()
+        };
+        assert_eq!((steps(&mut counter, 1), counter.cycles()), (LEARN, None));
+        assert_eq!((steps(&mut counter, 10), counter.cycles()), (LEARN, Some(10)));
+        assert_eq!(counter.updates(20), 2);
     }
 
     #[test]
