@@ -12,7 +12,8 @@
 //! loses its flag.
 //!
 //! The board may have taken the line in just this moment, and carry it out behind the stop. So the stop goes once more
-//! when the board has shown that it is free.
+//! when the board has shown that it is free. Of a line that the board has taken before, the caller knows whether it can move
+//! something; behind such a one the stop goes once more, too ([`DpramPort::stop_again_behind`]).
 
 use std::time::Instant;
 
@@ -66,6 +67,14 @@ impl DpramPort {
         // A board that answers a first part may carry it out.
         let is_unsent = lacks_end && self.part_answer == Follows::No;
         Ok(if is_unsent { Stopped::Unsent } else { Stopped::Uncertain })
+    }
+
+    /// The board has all of the line under way, but has not ended it, and may carry it out behind the stop `character`: that goes once
+    /// more then.
+    pub fn stop_again_behind(&mut self, character: u8) {
+        if matches!(self.state, State::Loaded { .. } | State::Replying { .. }) && may_come_twice(character) {
+            self.stop_again = Some(character);
+        }
     }
 
     /// Makes a line of one part empty that lies before the board.

@@ -162,6 +162,28 @@ fn b2_a_line_that_the_board_has_is_not_touched_by_a_stop() {
 }
 
 #[test]
+fn b2_a_stop_goes_once_more_behind_a_line_that_the_board_may_carry_out_after_it() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("#1J=90000"));
+        rig.take();
+        assert_eq!(rig.poll(), None);
+        assert_eq!(rig.stop(ABORT), Stopped::Nothing);
+        rig.port.stop_again_behind(ABORT);
+        assert_eq!(rig.take_character(), ABORT);
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        rig.stop_again(ABORT);
+        // P1 is under way by now.
+        rig.port.stop_again_behind(b'S' - 64);
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        assert!(rig.begin("P3"), "a step comes once");
+    }
+}
+
+#[test]
 fn b2_a_line_that_lies_untaken_when_everything_stops_is_made_empty() {
     for family in FAMILIES {
         for order in [TextOrder::LowFirst, TextOrder::HighFirst] {

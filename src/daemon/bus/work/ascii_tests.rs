@@ -381,6 +381,14 @@ fn b1_6_what_stops_all_motion_drops_the_lines_that_wait() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         rig.respond(response::ACKNOWLEDGE);
         rig.poll();
+        rig.poll();
+        let again = rig.bus.read16(PMAC.ascii.control_character).unwrap();
+        assert_eq!(again, u16::from(character), "the board may have carried out #1J+ behind it");
+        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        for _ in 0..3 {
+            rig.poll();
+            rig.now += SETTLE;
+        }
         assert_eq!(rig.take(), "#1P", "what was sent after it is not dropped");
     }
 }

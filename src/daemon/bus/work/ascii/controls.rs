@@ -99,6 +99,13 @@ impl AsciiQueue {
         }
         let stopped = self.ports.stop(bus, character, now)?;
         let Some(under_way) = &mut self.under_way else { return Ok(()) };
+        if let InFlight::Line(line) = &under_way.command
+            && stopped == Stopped::Nothing
+            && self.ports.in_use() == CommandPort::Dpram
+            && may_move(line.line.as_bytes())
+        {
+            self.ports.dpram.stop_again_behind(character);
+        }
         // Behind `^X` it ends when the board has taken that.
         if stopped != Stopped::Nothing && character != CANCEL {
             // Where lines of a reply came the board carries out parts.
@@ -107,4 +114,9 @@ impl AsciiQueue {
         }
         Ok(())
     }
+}
+
+/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters.
+fn may_move(line: &[u8]) -> bool {
+    line.iter().any(|byte| byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()))
 }
