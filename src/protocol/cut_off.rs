@@ -6,11 +6,34 @@ use super::{CallError, control};
 /// The I-variable that switches command lines through the DPRAM on, in every family.
 const ENABLE: u32 = 58;
 
-/// Whether `line` ends command lines: I58 with any other value than 1 does (DPRAM manual p. 28). A line that sets a variable
-/// whose number is an expression passes: programs have them, and few mean I58.
+/// Turbo boards: where the DPRAM is that the board uses, $60000 being the one on the host's bus (FACTS-TURBO 15). PMAC boards have the
+/// address of something to gather there, which is none of these.
+const PLACE: u32 = 24;
+const BUS: u32 = 0x6_0000;
+const OTHERS: std::ops::RangeInclusive<u32> = 0x6_4000..=0x7_C000;
+
+/// Whether `line` ends command lines: I58 with any other value than 1 does (DPRAM manual p. 28), and on a Turbo board I24 with the
+/// address of another DPRAM. A line that sets a variable whose number is an expression passes: programs have them, and few mean
+/// these.
 #[must_use]
 pub fn line_cuts_off(line: &str) -> bool {
-    settings(line.as_bytes()).any(|setting| setting.numbers.has(ENABLE) && setting.value != Some(1))
+    cure(line).is_some()
+}
+
+/// The line that gives command lines back behind `line`, if that ends them.
+fn cure(line: &str) -> Option<String> {
+    let mut all = settings(line.as_bytes());
+    all.find_map(|setting| match setting.value {
+        value if setting.numbers.has(ENABLE) && value != Some(1) => Some(format!("I{ENABLE}=1")),
+        Some(value)
+            if setting.numbers.has(PLACE)
+                && OTHERS.contains(&value)
+                && value % (OTHERS.start() - BUS) == 0 =>
+        {
+            Some(format!("I{PLACE}=${BUS:05X}"))
+        }
+        _ => None,
+    })
 }
 
 /// Whether a control character does: `^Z` makes the serial port the active response port, and I58 0 (the same page).
@@ -22,8 +45,9 @@ pub const fn character_cuts_off(character: u8) -> bool {
 /// What a caller is told who has not confirmed that he means it.
 #[must_use]
 pub fn refusal(what: &str) -> CallError {
+    let cure = cure(what).unwrap_or_else(|| format!("I{ENABLE}=1"));
     let reason = format!(
-        "not sent: {what} ends command lines through the DPRAM for everybody, until I58=1 comes by the serial port (pmacctl setup \
+        "not sent: {what} ends command lines through the DPRAM for everybody, until {cure} comes by the serial port (pmacctl setup \
          enable ascii --send --port PATH) or the board is reset; --yes sends it all the same (\"confirmed\" in a call)"
     );
     CallError::Refused { reason }
@@ -48,6 +72,8 @@ mod tests {
             "I(58)=0",
             "I58=1-1",
             "I55=1 I50..58=2",
+            "I24=$6C000",
+            "I24=$64000 P1=1",
         ] {
             assert!(line_cuts_off(line), "{line}");
         }
@@ -65,11 +91,16 @@ mod tests {
             "I58=1#1J+",
             "I(57)=0",
             "I(P1)=0",
+            "I24=$60000",
+            "I24=$80002B",
+            "I24=0",
+            "I124=$6C000",
         ] {
             assert!(!line_cuts_off(line), "{line}");
         }
         assert!(character_cuts_off(26) && !character_cuts_off(11));
         let told = refusal("I58=0").to_string();
         assert!(told.contains("not sent") && told.contains("I58=1") && told.contains("--yes"), "{told}");
+        assert!(refusal("I24=$6C000").to_string().contains("until I24=$60000 comes"));
     }
 }

@@ -114,6 +114,16 @@ impl Reader<'_> {
         }
         number
     }
+
+    fn hexadecimal(&mut self) -> Option<u32> {
+        let mut number = None;
+        // Behind a blank, A to F are commands.
+        while let Some(digit) = self.line.get(self.at).and_then(|byte| char::from(*byte).to_digit(16)) {
+            self.at += 1;
+            number = Some(number.unwrap_or(0_u32).saturating_mul(16).saturating_add(digit));
+        }
+        number
+    }
 }
 
 /// The assignment behind the I at the place before `at`, and where it ends.
@@ -156,7 +166,7 @@ fn value_behind(mut reader: Reader<'_>, numbers: Numbers) -> Option<(Setting, us
     if !reader.takes(b"=") || reader.peek() == Some(b'=') {
         return None;
     }
-    let value = reader.number();
+    let value = if reader.takes(b"$") { reader.hexadecimal() } else { reader.number() };
     // With an operator behind it the number is only a part of the value.
     let goes_on = matches!(reader.peek(), Some(b'+' | b'-' | b'*' | b'/' | b'%' | b'&' | b'|' | b'^' | b'.'));
     Some((Setting { numbers, value: value.filter(|_| !goes_on) }, reader.at))
@@ -185,7 +195,7 @@ mod tests {
                 "I(58)=0 I( 5 9 )=8 I(58+1)=1",
                 vec![(One(58), Some(0)), (One(59), Some(8)), (Unknown, Some(1))],
             ),
-            ("I58=$0", vec![(One(58), None)]),
+            ("I58=$0", vec![(One(58), Some(0))]),
             ("MS0,I58=0 ms 16 , i 58 = 0 MSI58=0", vec![]),
             ("M0,I58=0 MS,I58=0", vec![(One(58), Some(0)), (One(58), Some(0))]),
             ("I58=P1", vec![(One(58), None)]),

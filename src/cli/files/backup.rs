@@ -18,6 +18,7 @@ use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
+use crate::protocol::cut_off::line_cuts_off;
 
 /// Largest file. All variables of any board fit.
 const LARGEST: u64 = 16 << 20;
@@ -170,7 +171,10 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     let held = held_of(context, "restore", entries.iter().map(|entry| entry.item))?;
     let was = |item: Item| held.get(&item).map_or("", String::as_str);
     let changes = entries.iter().filter(|entry| !entry.item.same(&entry.text, was(entry.item)));
-    let is_port = |entry: &&Entry| matches!(entry.item, Item::I(number) if PORT.contains(&number));
+    let is_port = |entry: &&Entry| match entry.item {
+        Item::I(number) if PORT.contains(&number) => true,
+        item => item.lines(&entry.text).iter().any(|line| line_cuts_off(line)),
+    };
     let (port, changes): (Vec<&Entry>, Vec<&Entry>) = changes.partition(is_port);
     for entry in &port {
         complain(format_args!(
