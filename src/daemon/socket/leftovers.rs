@@ -51,8 +51,10 @@ impl Leftovers {
 
     /// The board counts `lines` in the rotary buffer of `system`.
     pub(super) fn find(&mut self, system: u32, lines: u64, resets: u64) {
+        self.see(resets);
+        let is_a_streams = self.left(Starts { systems: system, confirmed: false }) & !self.found != 0;
         self.set(system, lines, resets);
-        self.found |= system;
+        self.found |= if is_a_streams { 0 } else { system };
     }
 
     /// The programs of `systems` were aborted. Of what was streamed whole, nobody knows how much is left.
@@ -70,6 +72,13 @@ impl Leftovers {
     pub(super) fn unknown(&mut self, starts: Starts, resets: u64) -> u32 {
         self.see(resets);
         if starts.confirmed { 0 } else { starts.systems & !self.known }
+    }
+
+    /// Of the programs to be started, those with something left as far as is known: the board may have lost it since.
+    pub(super) fn left(&mut self, starts: Starts) -> u32 {
+        let systems = if starts.confirmed { 0 } else { starts.systems };
+        let left = self.of(systems).filter(|(_, left)| **left > 0);
+        left.fold(0, |mask, (number, _)| mask | 1 << (number - 1))
     }
 
     /// Whether programs may be started; `resets` tells whether the board still has what was left. They can be started by the

@@ -1,7 +1,7 @@
 //! Has the board asked what lies in rotary buffers that the daemon knows nothing of, before it starts their programs.
 //!
 //! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
-//! about once. Where command lines are not used nobody can ask: a start goes as it is.
+//! about once, and again where something was left: a reset that nobody saw has taken it. Where command lines are not used nobody can ask: a start goes as it is.
 
 use std::time::{Duration, Instant};
 
@@ -23,8 +23,8 @@ impl Service {
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
         let existing = u32::MAX >> (u32::BITS as usize - self.info.family().coordinate_systems);
         // What a stream of our own feeds it has asked about itself.
-        let unknown = self.leftovers.unknown(ask.starts(), self.resets.count()) & existing;
-        let unknown = unknown & !self.sequences.fed();
+        let unknown = self.leftovers.unknown(ask.starts(), self.resets.count());
+        let unknown = (unknown | self.leftovers.left(ask.starts())) & existing & !self.sequences.fed();
         if unknown == 0 || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
         }
