@@ -16,7 +16,9 @@ use crate::cli::setup::answer::Answer;
 use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
 use crate::map::Family;
+use crate::protocol::board::BoardInfo;
 use crate::protocol::line::resets;
+use crate::protocol::program_words::ProgramWords;
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -69,7 +71,9 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     }
     let commands = setup::commands(&command, servo_runs).map_err(Failure::Request)?;
     if serial.is_none() {
-        is_for(Context::family(None, &mut context.connection()?)?, &command)?;
+        let mut connection = context.connection()?;
+        is_for(Context::family(None, &mut connection)?, &command)?;
+        leaves_programs_words(&connection.info()?, &command)?;
     }
     // Print the lines before asking. JSON is printed at the end, with the result.
     if !context.output.is_json() {
@@ -116,6 +120,18 @@ fn is_for(board: &'static Family, command: &SetupCommand) -> Result<(), Failure>
         "the board is a {title}: give --family {}, or without --send only print the lines",
         board.name
     )))
+}
+
+/// Refuses lines that put words in order which M-variables of the board use.
+fn leaves_programs_words(info: &BoardInfo, command: &SetupCommand) -> Result<(), Failure> {
+    let SetupCommand::Enable(enable) = command else { return Ok(()) };
+    let is_held = |words: &&ProgramWords| enable.functions.contains(&words.function) && !words.used;
+    match info.program_words.iter().find(is_held) {
+        Some(words) => {
+            Err(Failure::Refused(format!("{words}; nothing was sent: its lines would write over that")))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Whether the servo report of the daemon's board is live. Without an answer, assume that it is off, as after a reset.
