@@ -59,8 +59,7 @@ impl HeldJog {
             if connection.jog_renew()? {
                 return Ok(());
             }
-            let reason =
-                "the jog is over: the motor stands, or has been given another command; no stop was sent";
+            let reason = "the jog is over: the motor stands, or has been given another command (no stop was sent then), or pmacd has stopped it";
             Err(CallError::Refused { reason: reason.to_owned() }.into())
         }))
     }

@@ -41,7 +41,7 @@ impl Service {
     /// The daemon stops: held jogs are over, and those that end with a connection; sequences end, and nothing is begun any more.
     pub(super) fn begin_end(&mut self, now: Instant) {
         let motors = self.line_jogs.take(now, |_| true);
-        self.end_line_jogs(motors, now);
+        self.end_line_jogs(motors, "pmacd ends", now);
         self.leases.daemon_ends(now);
         self.end_lapsed_leases(now);
         self.stop_sequences(now);

@@ -45,16 +45,16 @@ impl Service {
         let Self { line_jogs, clients, .. } = self;
         line_jogs.hear(|client| clients.get(client).is_some_and(Client::waits_for_board), now);
         let motors = line_jogs.take(now, |client| !clients.hears(client));
-        self.end_line_jogs(motors, now);
+        self.end_line_jogs(motors, "who had asked for it is gone or silent", now);
     }
 
-    /// Stops `motors`, which jogged by command line.
-    pub(super) fn end_line_jogs(&mut self, motors: u32, now: Instant) {
+    /// Stops `motors`, which jogged by command line, for this `reason`.
+    pub(super) fn end_line_jogs(&mut self, motors: u32, reason: &str, now: Instant) {
         if motors == 0 {
             return;
         }
         let target = Target::Motors(motors);
-        warn!(target: "audit", "{target} jogged by command line: who had asked for it is gone or silent; pmacd stops it");
+        warn!(target: "audit", "{target} jogged by command line: {reason}; pmacd stops it");
         if self.info.why_not(Function::Panel).is_none() {
             self.leases.stop_now(motors, now);
         } else {

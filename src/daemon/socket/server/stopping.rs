@@ -99,9 +99,12 @@ impl Service {
                 let clients = self.leases.control_taken();
                 self.withdraw_holds(&clients, now);
                 self.end_streams(by_itself().peer, control::ABORT, now);
+                let (stop, cure) = match self.uses(Function::Panel) {
+                    true => ("the control panel did not take the stop", "; the panel needs I2=3"),
+                    false => ("the command line did not stop it", ""),
+                };
                 let reason = format!(
-                    "the control panel did not take the stop, and {target} still moved, so pmacd sent ^A: every motor and \
-                     program is aborted; the panel needs I2=3"
+                    "{stop}, and {target} still moved, so pmacd sent ^A: every motor and program is aborted{cure}"
                 );
                 self.stop_over(number, Err(reason), now);
             }
