@@ -101,6 +101,8 @@ pub struct ServoReader {
     mask_found: Option<[u32; 2]>,
     /// So many updates more until the mask is read again.
     mask_updates: u32,
+    /// Of the motors told, those that somebody else has taken out of the mask, when that has changed.
+    taken_out: Option<u32>,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
@@ -128,6 +130,7 @@ impl ServoReader {
             as_found: false,
             mask_found: None,
             mask_updates: 0,
+            taken_out: None,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
@@ -164,6 +167,11 @@ impl ServoReader {
         self.mask_due = self.block.mask.is_some();
         self.mask_updates = 0;
         self.read_motors(motors);
+    }
+
+    /// Which motors somebody else has taken out of the mask, bit n-1 for motor n, if that has changed since the last call.
+    pub fn take_taken_out(&mut self) -> Option<u32> {
+        self.taken_out.take()
     }
 
     /// The motors that are not read because the report's mask is left as it is found, bit n-1 for motor n.
@@ -323,6 +331,7 @@ impl ServoReader {
         };
         if motors != self.motors {
             self.read_motors(motors);
+            self.taken_out = self.told.filter(|_| !writes && !self.as_found).map(|told| told & !motors);
         }
         if motors & !before != 0 {
             // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.

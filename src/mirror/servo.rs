@@ -229,6 +229,11 @@ impl ServoMirror {
         self.reader.mask_is_lost();
     }
 
+    /// Which motors somebody else has taken out of the report, bit n-1 for motor n, if that has changed since the last call.
+    pub fn take_taken_out(&mut self) -> Option<u32> {
+        self.reader.take_taken_out()
+    }
+
     /// The motors that are not read because the host's words are left as they are found, bit n-1 for motor n.
     #[must_use]
     pub fn left_out(&self) -> u32 {

@@ -218,6 +218,7 @@ fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
     rig.put(0x0072, 0);
     updates(&mut rig, 1000);
     assert_eq!(shown(&rig), [3]);
+    assert_eq!(rig.mirror.take_taken_out(), Some(1 | 1 << 31));
     rig.put(0x0072, 0x8000);
     updates(&mut rig, 2000);
     assert_eq!(shown(&rig), [3, 32], "back as soon as it is seen");

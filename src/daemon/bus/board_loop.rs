@@ -299,6 +299,9 @@ impl BoardLoop {
                     }
                 }
                 self.see_global_status();
+                if let Some(motors) = self.functions.servo.take_taken_out() {
+                    self.reporter.taken_out(motors);
+                }
                 if was_reset {
                     self.reporter.reset();
                     self.after_reset(!self.presence.is_reset_known())?;

@@ -150,6 +150,20 @@ impl Reporter {
         self.info.poll(events, true);
     }
 
+    /// Somebody else has taken `motors` out of the servo report's mask, bit 0 being motor 1; 0: they are in it again.
+    pub fn taken_out(&mut self, motors: u32) {
+        let (level, text) = match motors.count_ones() {
+            0 => (Level::Info, "servo data: every motor is reported again".to_owned()),
+            count => (
+                Level::Warn,
+                format!(
+                    "servo data: {count} of the motors are not reported any more: another host, or a reset, has changed the mask"
+                ),
+            ),
+        };
+        self.log.tell(level, format_args!("{text}"));
+    }
+
     /// Servo data have become live, or stale after so many nanoseconds.
     pub fn servo(&mut self, transition: Transition, stale_after_ns: u64) {
         self.data("servo data", "update", 0, transition, stale_after_ns);
