@@ -25,6 +25,8 @@ use crate::segment::identity::first_motors;
 
 /// How long the board may take for one question.
 const PATIENCE: Duration = Duration::from_millis(500);
+/// The most time that a board gets that was late.
+const LONGEST_PATIENCE: Duration = Duration::from_secs(2);
 /// How long to wait before asking a silent board again.
 const AGAIN: Duration = Duration::from_secs(10);
 /// How often to ask for I-variables that another host may have changed.
@@ -67,6 +69,10 @@ pub struct Identifier {
     changes: ChangeWatch,
     /// How long until the board is asked again.
     recheck: Duration,
+    /// How long the board may take to begin its answer.
+    patience: Duration,
+    /// It did not in time, and nothing has come since.
+    has_failed: bool,
     /// When the last question was due.
     asked: Instant,
     /// Which copy of the global status is which.
@@ -100,6 +106,8 @@ impl Identifier {
             wanted: ask,
             changes: ChangeWatch::new(family),
             recheck: RECHECK,
+            patience: PATIENCE,
+            has_failed: false,
             asked: now,
             comparison: [&family.servo.global_status, &family.background.global_status]
                 .into_iter()
@@ -205,7 +213,7 @@ impl Identifier {
         {
             comparison.begin(now);
             self.lines = 0;
-            return Some((Text::from_bytes(global_words::QUESTION), PATIENCE));
+            return Some((Text::from_bytes(global_words::QUESTION), self.patience));
         }
         if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
             // Who the board is does not change while it lives.
@@ -225,7 +233,7 @@ impl Identifier {
             self.asking = self.configured.clone();
             self.doubts = ScaleDoubts::default();
         }
-        Some((*line, PATIENCE))
+        Some((*line, self.patience))
     }
 
     /// A line of somebody's goes to the board. If the board may answer differently after it, it is asked again soon. A
@@ -339,11 +347,19 @@ impl Identifier {
         {
             self.questions.splice(self.next..=self.next, halves.map(with_line));
         }
+        self.has_failed = true;
         self.again = false;
         self.changing_since = None;
         self.overdue = false;
         self.next = 0;
         self.not_before = now + AGAIN;
+    }
+
+    /// An answer came that is nobody's. If it is the one that did not come in time, the board is given more time from now on.
+    pub fn late_answer(&mut self) {
+        if std::mem::take(&mut self.has_failed) {
+            self.patience = (2 * self.patience).min(LONGEST_PATIENCE);
+        }
     }
 
     /// What is switched on, as far as the board has said since the last line that may have changed it.

@@ -551,7 +551,10 @@ impl AsciiQueue {
             }
             AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
             AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
-            AsciiEvent::Stale(_) => counters.add(Counter::AsciiUnsolicited, 1),
+            AsciiEvent::Stale(_) => {
+                counters.add(Counter::AsciiUnsolicited, 1);
+                self.identifier.late_answer();
+            }
             AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
             AsciiEvent::Error(_) => {}
             AsciiEvent::Doubtful(number) => {

@@ -226,6 +226,7 @@ impl AsciiQueue {
     /// A reply has ended: that to our line, or a late one.
     pub(super) fn end_check(&mut self, result: Result<(), u16>, now: Instant) {
         let Some(value) = self.check.own_answer() else {
+            self.identifier.late_answer();
             // A late one to a line of ours says nothing of how the board answers them.
             self.check.is_answered |= self.check.answer().is_none();
             // An <ACK> may come behind it.
