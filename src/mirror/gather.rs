@@ -27,6 +27,8 @@ pub const fn longest_payload(family: &Family) -> usize {
 pub const SLOTS: u32 = 4096;
 /// How often to poll for samples when there were none.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
+/// So many indices in a row outside the buffer are no disturbance.
+const STRAYS: u32 = 3;
 
 /// The region in the segment. A gather may pause, so its samples never grow stale.
 #[must_use]
@@ -202,6 +204,8 @@ pub struct GatherMirror {
     number: u32,
     payload: Box<[u16]>,
     next_poll: Instant,
+    /// Indices outside the buffer, in a row.
+    strays: u32,
 }
 
 impl GatherMirror {
@@ -218,6 +222,7 @@ impl GatherMirror {
             number: 0,
             payload: vec![0; longest_payload(family)].into_boxed_slice(),
             next_poll: time.now(),
+            strays: 0,
             time,
         }
     }
@@ -302,7 +307,11 @@ impl GatherMirror {
         let found = poll(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
         let (phase, first) = match found {
             GatherPoll::Samples { first, .. } => (GatherPhase::Running, Some(first)),
+            // Once it may be a disturbance on the bus.
+            GatherPoll::OutOfRange { .. } if self.strays >= STRAYS => (GatherPhase::Redefined, None),
             GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
+                let strays = matches!(found, GatherPoll::OutOfRange { .. });
+                self.strays = if strays { self.strays + 1 } else { 0 };
                 self.next_poll = now + POLL_PERIOD;
                 return Ok(());
             }
@@ -310,6 +319,7 @@ impl GatherMirror {
             GatherPoll::Redefined { .. } => (GatherPhase::Redefined, None),
             GatherPoll::Interrupted => (GatherPhase::Interrupted, None),
         };
+        self.strays = 0;
         self.publish(phase, first, publisher);
         self.next_poll = now;
         if phase != GatherPhase::Running {

@@ -216,7 +216,9 @@ fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
 /// Why there are no samples after the last one, if the board was to go on.
 fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
     match phase {
-        Some(GatherPhase::Redefined) => Some("the buffer was defined again, or the board was reset"),
+        Some(GatherPhase::Redefined) => Some(
+            "the buffer was defined again, the board was reset, or its index counts something else than longs",
+        ),
         Some(GatherPhase::Interrupted) => Some("gathering paused for an unknown number of samples"),
         Some(GatherPhase::Running | GatherPhase::Ended) | None => None,
     }
