@@ -2,7 +2,8 @@
 //!
 //! I3, I4 and I6 are the client's own and go nowhere. Control characters go ahead of the line they stand in, as a board takes them at
 //! once. A line that does not say whom it addresses means whom this client addressed last, whatever others have addressed meanwhile.
-//! A line that is too long for the board goes in parts where that cannot matter, and is refused otherwise.
+//! A line that is too long for the board goes in parts where that cannot matter, and is refused otherwise. Questions for many variables
+//! go in parts, too, so that nobody's stop waits for all of them.
 
 use pmac_dpram::protocol::LINE_MAX;
 use pmac_dpram::protocol::buffer_line::{Effect, effect};
@@ -14,6 +15,10 @@ use crate::addressed::{Addressed, Doubt, uses_of};
 use crate::board::{self, Failure};
 use crate::reply::Handshake;
 use crate::session::{READ_ONLY, Session};
+
+/// The variables that are asked for in one question, and of how many at most.
+const AT_ONCE: u32 = 50;
+const MOST: u32 = 8192;
 
 /// A piece of a line, and what becomes of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,6 +155,50 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
     (1..count).rev().filter(begins).find(|count| fits(*count)).or_else(most).ok_or_else(too_long)
 }
 
+/// The questions of `line` for no more than so many variables each, if it has a longer one and asks only. The board takes seconds for
+/// thousands of variables, and what stops a motor by command line waits for the line under way.
+fn short_questions(line: &str, tokens: &[Token]) -> Option<Vec<String>> {
+    if !tokens.iter().all(Token::only_asks) {
+        return None;
+    }
+    let texts = || tokens.iter().map(|token| line[token.span.clone()].trim());
+    texts().any(|text| ranges(text).is_some()).then(|| {
+        let short = |text: &str| ranges(text).unwrap_or_else(|| vec![text.to_owned()]);
+        texts().flat_map(short).collect()
+    })
+}
+
+/// `I0..8191` as `I0..49`, `I50..99` and so on; `M0,100,2->` as `M0,50,2->`, `M100,50,2->`. `None` of anything shorter, or else.
+fn ranges(text: &str) -> Option<Vec<String>> {
+    let kind = text.get(..1).filter(|kind| "IPQM".contains(&kind.to_ascii_uppercase()))?;
+    let (numbers, arrow) = match text[1..].split_once("->") {
+        Some((numbers, "")) => (numbers, "->"),
+        Some(_) => return None,
+        None => (&text[1..], ""),
+    };
+    let numbers: String = numbers.split_whitespace().collect();
+    let (first, count, step): (u32, u32, Option<u32>) = match numbers.split_once("..") {
+        Some((first, last)) => {
+            let first = first.parse().ok()?;
+            (first, last.parse::<u32>().ok()?.checked_sub(first)?.checked_add(1)?, None)
+        }
+        None => {
+            let mut parts = numbers.splitn(3, ',').map(str::parse);
+            (parts.next()?.ok()?, parts.next()?.ok()?, Some(parts.next()?.ok()?))
+        }
+    };
+    let begins = (0..count).step_by(AT_ONCE as usize);
+    let one = |begin: u32| {
+        let (from, many) =
+            (begin.checked_mul(step.unwrap_or(1))?.checked_add(first)?, AT_ONCE.min(count - begin));
+        Some(match step {
+            Some(step) => format!("{kind}{from},{many},{step}{arrow}"),
+            None => format!("{kind}{from}..{}{arrow}", from + many - 1),
+        })
+    };
+    if count > AT_ONCE && count <= MOST { begins.map(one).collect() } else { None }
+}
+
 impl Session {
     /// Carries out the lines of `text`, and puts their replies where the client fetches them.
     pub(crate) fn text(&mut self, text: &[u8]) -> Result<(), Failure> {
@@ -222,7 +271,12 @@ impl Session {
         if self.rules.read_only && !tokens.iter().all(is_harmless) {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
-        let sent = self.commands(line, &tokens);
+        let sent = match short_questions(line, &tokens) {
+            Some(questions) => {
+                questions.iter().try_for_each(|question| self.commands(question, &tokens::of(question)))
+            }
+            None => self.commands(line, &tokens),
+        };
         if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || may_move(line) {
             self.log_motion(line, &sent);
         }
@@ -351,6 +405,21 @@ mod tests {
 
     fn send(line: &str) -> Piece {
         Piece::Send(line.to_owned())
+    }
+
+    #[test]
+    fn d2_questions_for_many_variables_go_in_parts() {
+        let of = |line: &str| short_questions(line, &tokens::of(line));
+        assert_eq!(of("i0..119").unwrap(), ["i0..49", "i50..99", "i100..119"]);
+        assert_eq!(of("M10..70->").unwrap(), ["M10..59->", "M60..70->"]);
+        assert_eq!(of("P100,60,2").unwrap(), ["P100,50,2", "P200,10,2"]);
+        assert_eq!(of("#1P &2 Q0..50").unwrap(), ["#1", "P", "&2", "Q0..49", "Q50..50"]);
+        assert_eq!(of("I0..8191").map(|parts| parts.len()), Some(164));
+        for line in
+            ["I0..49", "I0", "P1", "#1P", "I0..8191=0", "I0..119 #1J+", "I9..0", "LIST PROG 1", "I0..99999"]
+        {
+            assert_eq!(of(line), None, "{line}");
+        }
     }
 
     #[test]
