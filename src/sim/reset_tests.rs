@@ -1,8 +1,10 @@
 //! Reset, save, gathering, and a board that loses its memory.
 
 use crate::format::fixed48;
+use crate::sim::board::firmware;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::jog::Jog;
+use crate::sim::board::turbo;
 use crate::sim::testing::{Bench, d};
 
 /// Free long words of a board without buffers.
@@ -36,8 +38,35 @@ fn a_reset_goes_back_to_what_was_saved_and_stops_the_servo_report() {
     bench.world.execute(b"$$$***");
     assert_eq!(bench.world.board.variables.i(58), 0.0);
     bench.world.reset();
-    assert_eq!(bench.world.board.variables.i(58), 0.0, "factory values are the saved ones then");
+    assert_eq!(bench.world.board.variables.i(58), 1.0, "the saved values stay until SAVE");
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+}
+
+#[test]
+fn factory_values_last_until_the_next_reset_unless_they_are_saved() {
+    let asked = "I122 I48 P5 #1->";
+    let [factory, saved] = [["32", "0", "0", "0"], ["77", "1", "6", "5X"]];
+    for tables in [&firmware::PMAC, &turbo::TURBO2] {
+        let mut bench = Bench::of(tables, tables.firmware);
+        for (line, answer) in [
+            ("I122=77 I48=1 P5=6 #1->5X OPEN PROG 1 DWELL1 CLOSE", &[][..]),
+            ("SAVE", &[]),
+            ("$$$***", &[]),
+            (asked, &factory),
+            ("$$$***", &[]),
+            ("$$$", &[]),
+            (asked, &saved),
+            ("LIST PROG 1", &["DWE1"]),
+            ("$$$***", &[]),
+            ("SAVE", &[]),
+            ("$$$", &[]),
+            (asked, &factory),
+        ] {
+            let reply = bench.world.execute(line.as_bytes());
+            assert_eq!(reply.error, None, "{line}");
+            assert_eq!(reply.lines, answer, "{line}");
+        }
+    }
 }
 
 #[test]

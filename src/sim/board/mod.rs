@@ -194,16 +194,23 @@ impl Board {
 
     /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
     /// interpreter are reset beside it; [`Statistics::resets`] shows them that they have to be.
+    ///
+    /// Factory values leave alone what `SAVE` has kept: the next reset brings it back (Turbo User Manual p. 243, User Manual
+    /// p. 36).
     pub fn reset(&mut self, factory_values: bool) {
-        if factory_values {
+        let kept = factory_values.then(|| {
             self.memory.clear();
             let variables = factory(&self.identity, self.fixed_i10);
-            self.saved = Saved::factory(&variables, &self.memory, self.saved.vme);
-        }
+            let factory = Saved::factory(&variables, &self.memory, self.saved.vme);
+            std::mem::replace(&mut self.saved, factory)
+        });
         self.variables.restore(&self.saved.variables, &mut self.memory);
         self.axes = self.saved.axes.clone();
         self.stats.resets += 1;
         self.power_on();
+        if let Some(kept) = kept {
+            self.saved = kept;
+        }
     }
 
     /// A command takes up the background loop for so long.

@@ -92,13 +92,13 @@ impl Programs {
     /// No programs, for a board with `coordinate_systems`.
     #[must_use]
     pub fn new(coordinate_systems: usize) -> Self {
-        Self::with(Store::default(), coordinate_systems)
+        Self::with(Store::default(), Store::default(), coordinate_systems)
     }
 
-    /// The state after a reset, with `saved`, the buffers that `SAVE` stored.
-    fn with(saved: Store, coordinate_systems: usize) -> Self {
+    /// The state after a reset, with `store`, the buffers to begin with, and `saved`, those that `SAVE` stored.
+    fn with(store: Store, saved: Store, coordinate_systems: usize) -> Self {
         Self {
-            store: saved.clone(),
+            store,
             systems: vec![System { rematch: true, ..System::default() }; coordinate_systems],
             plcs: Plcs::default(),
             requests: VecDeque::new(),
@@ -107,10 +107,11 @@ impl Programs {
         }
     }
 
-    /// Resets: the saved buffers, or none with `factory_values`; nothing runs.
+    /// Resets: the saved buffers, or with `factory_values` none until the next reset; nothing runs.
     pub fn reset(&mut self, factory_values: bool) {
-        let saved = if factory_values { Store::default() } else { std::mem::take(&mut self.saved) };
-        *self = Self::with(saved, self.systems.len());
+        let saved = std::mem::take(&mut self.saved);
+        let store = if factory_values { Store::default() } else { saved.clone() };
+        *self = Self::with(store, saved, self.systems.len());
     }
 
     /// Saves the buffers for the next reset.
