@@ -491,6 +491,50 @@ fn c4_what_the_board_does_not_have_is_answered_as_a_board_without_it() {
 }
 
 #[test]
+fn lookahead_buffers_are_defined_downwards_and_deleted_upwards() {
+    let mut bench = bench();
+    for (line, error) in [
+        ("&2DEFINE LOOKAHEAD 500", Some(3)),
+        ("&2DEFINE LOOKAHEAD 0,10", Some(3)),
+        ("&2DEF LOOKAHEAD 99999999999999999999,1", Some(6)),
+        ("&2DEF LOOKAHEAD 1,99999999999999999999", Some(6)),
+        ("DEFINE UBUFFER 99999999999999999999", Some(6)),
+        ("DEFINE GATHER 100", None),
+        ("&2DEFINE LOOKAHEAD 500,10", Some(3)),
+        ("DELETE GATHER", None),
+        ("&2DEFINE LOOKAHEAD 500,10", None),
+        ("&2DEFINE LOOKAHEAD 500,10", Some(3)),
+        ("&3DEFINE LOOKAHEAD 500,10", Some(3)),
+        ("&1DEFINE LOOKAHEAD 500,0", None),
+        ("&16DEF ROT 50", None),
+        ("&15DEF ROT 50", None),
+        ("&1DELETE LOOKAHEAD", Some(3)),
+        ("&15DEL ROT", None),
+        ("&16DEL ROT", None),
+        ("DEFINE GATHER 100", None),
+        ("&1DELETE LOOKAHEAD", Some(3)),
+        ("DELETE GATHER", None),
+        ("&2DEL LOOKAHEAD", Some(3)),
+        ("&1DEL LOOKAHEAD", None),
+        ("&2DEL LOOKAHEAD", None),
+        ("&2DEL LOOKAHEAD", None),
+        ("&1DEFINE LOOKAHEAD 500,10", None),
+        ("SAVE $$$", None),
+        ("&2DEFINE LOOKAHEAD 500,10", None),
+    ] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error.map(|error| error.0), error, "{line}");
+    }
+    let free = |bench: &mut Bench| send(bench, "SIZE")[0].parse::<i64>().unwrap();
+    let with_lookahead = free(&mut bench);
+    send(&mut bench, "&2DELETE LOOKAHEAD");
+    assert_eq!(free(&mut bench) - with_lookahead, 500 + 2 * 10);
+    let mut pmac = Bench::bare("1.16D");
+    for line in ["DEFINE LOOKAHEAD 500,10", "DELETE LOOKAHEAD"] {
+        assert!(pmac.world.execute(line.as_bytes()).error.is_some(), "Option 6L: {line}");
+    }
+}
+
+#[test]
 fn c4_the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
     for tables in [&turbo::TURBO, &turbo::TURBO_32K, &turbo::TURBO2, &turbo::TURBO2_8K] {
         let mut bench = Bench::of(tables, tables.firmware);

@@ -92,6 +92,8 @@ pub enum TableKind {
     Transformation,
     /// `CCBUF`: cutter compensation.
     Cutter,
+    /// `LOOKAHEAD`, which no program here makes use of.
+    Lookahead,
 }
 
 /// A table, or a buffer without entries of its own.
@@ -167,10 +169,13 @@ impl Default for Store {
 }
 
 impl Store {
-    /// What remains after a reset: fixed programs and tables, no rotary buffer.
+    /// What remains after a reset: fixed programs and tables, no rotary buffer and no lookahead buffer (Turbo Software
+    /// Reference p. 315).
     #[must_use]
     pub fn kept(&self) -> Self {
-        Self { rotary: Vec::new(), open: None, ..self.clone() }
+        let mut kept = Self { rotary: Vec::new(), open: None, ..self.clone() };
+        kept.tables.retain(|table| table.kind != TableKind::Lookahead);
+        kept
     }
 
     /// The open buffer.
@@ -317,6 +322,18 @@ impl Store {
         self.rotary.get_mut(cs)?.as_mut()
     }
 
+    /// Whether a coordinate system before the 0-based `cs` has a lookahead buffer.
+    #[must_use]
+    pub fn has_lookahead_before(&self, cs: usize) -> bool {
+        self.tables.iter().any(|table| table.kind == TableKind::Lookahead && table.owner < cs)
+    }
+
+    /// Whether a coordinate system before the 0-based `cs` has a rotary buffer.
+    #[must_use]
+    pub fn has_rotary_before(&self, cs: usize) -> bool {
+        self.rotary.iter().take(cs).any(Option::is_some)
+    }
+
     /// `DEFINE ROT`; the highest coordinate system must come first.
     ///
     /// # Errors
@@ -326,7 +343,7 @@ impl Store {
         if self.rotary_is_open() {
             return Err(CommandError::BUFFER_IN_USE);
         }
-        if words == 0 || self.rotary.iter().take(cs + 1).any(Option::is_some) {
+        if words == 0 || self.has_rotary_before(cs + 1) {
             return Err(CommandError::SYNTAX);
         }
         if words as i64 > free {

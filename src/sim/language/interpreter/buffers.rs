@@ -59,6 +59,9 @@ const KINDS: &[(&str, Kind)] = &[
     ("TEMPS", Kind::Nothing),
 ];
 
+/// Of Turbo alone: a PMAC needs Option 6L for lookahead, which no board here has.
+const KINDS_OF_TURBO: &[(&str, Kind)] = &[("LOOKAHEAD", Kind::Table(TableKind::Lookahead))];
+
 impl Line<'_, '_> {
     pub(super) fn buffer_command(&mut self, command: BufferCommand) -> Outcome {
         self.store_items()?;
@@ -206,11 +209,24 @@ impl Line<'_, '_> {
         self.store_items()
     }
 
+    /// The word behind `DEFINE` or `DELETE`.
+    fn kind(&mut self) -> Result<Kind, CommandError> {
+        let turbo = match self.board.family().generation {
+            Generation::Pmac => &[],
+            Generation::Turbo => KINDS_OF_TURBO,
+        };
+        self.scanner.keyword(&[KINDS, turbo]).ok_or(CommandError::SYNTAX)
+    }
+
+    /// A size. Sites give it in hex too. One beyond any board's memory need only stay so.
+    fn size(&mut self) -> Result<usize, CommandError> {
+        Ok(self.scanner.unsigned()?.min(1e8) as usize)
+    }
+
     /// `DEFINE` of any buffer but the gather buffer: sizes in long words, entries or counts.
     pub(super) fn define_buffer(&mut self) -> Outcome {
-        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
-        // Sites give sizes in hex too.
-        let size = self.scanner.unsigned()? as usize;
+        let kind = self.kind()?;
+        let size = self.size()?;
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
         let free = self.programs.free_memory(self.board);
         if self.board.gather_is_defined() {
@@ -221,7 +237,7 @@ impl Line<'_, '_> {
             Kind::Rotary => return self.programs.store.define_rotary(cs, size, free),
             Kind::Table(kind) => kind,
         };
-        let (mut motors, mut desired) = ([motor; 2], false);
+        let (mut motors, mut desired, mut outputs) = ([motor; 2], false, 0);
         let (owner, span) = match kind {
             TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => {
                 self.scanner.expect(b',')?;
@@ -231,19 +247,27 @@ impl Line<'_, '_> {
                 (motor, self.scanner.unsigned()?)
             }
             TableKind::Cutter => (cs, 0.0),
+            TableKind::Lookahead => {
+                self.scanner.expect(b',')?;
+                outputs = self.size()?;
+                (cs, 0.0)
+            }
             TableKind::User | TableKind::Transformation => (0, 0.0),
         };
         if size == 0 {
             return Err(CommandError::SYNTAX);
         }
+        // Two words for each output of the lookahead (Software Reference p. 215). No page seen tells those of its segments.
+        let size = size + 2 * outputs;
         if size as i64 > free {
             return Err(CommandError::NO_ROOM);
         }
-        let tables = &mut self.programs.store.tables;
-        if tables.iter().any(|table| table.kind == kind && table.owner == owner) {
+        let store = &mut self.programs.store;
+        let is_defined = store.tables.iter().any(|table| table.kind == kind && table.owner == owner);
+        if is_defined || kind == TableKind::Lookahead && store.has_lookahead_before(cs) {
             return Err(CommandError::SYNTAX);
         }
-        tables.push(Table { kind, owner, size, span, motors, desired, entries: Vec::new() });
+        store.tables.push(Table { kind, owner, size, span, motors, desired, entries: Vec::new() });
         Ok(())
     }
 
@@ -267,8 +291,7 @@ impl Line<'_, '_> {
     /// `DELETE` of any buffer but the gather buffer.
     pub(super) fn delete_buffer(&mut self) -> Outcome {
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
-        let kind = self.scanner.keyword(&[KINDS]).ok_or(CommandError::SYNTAX)?;
-        match kind {
+        match self.kind()? {
             Kind::Nothing => Ok(()),
             Kind::Rotary => {
                 if self.programs.systems.get(cs).is_some_and(|system| system.running) {
@@ -283,9 +306,17 @@ impl Line<'_, '_> {
                 Ok(())
             }
             Kind::Table(kind) => {
+                let store = &self.programs.store;
+                // These must be deleted before a lookahead buffer (Turbo Software Reference p. 315).
+                let has_others = store.has_lookahead_before(cs)
+                    || store.has_rotary_before(self.board.coordinate_systems())
+                    || self.board.gather_is_defined();
+                if kind == TableKind::Lookahead && has_others {
+                    return Err(CommandError::SYNTAX);
+                }
                 let owner = match kind {
                     TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash => motor,
-                    TableKind::Cutter => cs,
+                    TableKind::Cutter | TableKind::Lookahead => cs,
                     TableKind::User | TableKind::Transformation => 0,
                 };
                 // A site's backup deletes the tables of all motors, whether they have any or not.
