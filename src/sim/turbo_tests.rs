@@ -535,6 +535,23 @@ fn lookahead_buffers_are_defined_downwards_and_deleted_upwards() {
 }
 
 #[test]
+fn rotary_buffers_are_deleted_upwards() {
+    let mut turbo = bench();
+    let mut pmac = Bench::bare("1.16D");
+    for (line, on_turbo, on_pmac) in [
+        ("&8DEF ROT 50", None, None),
+        ("&7DEF ROT 50", None, None),
+        ("&8DEL ROT", Some(3), None),
+        ("&7DEL ROT", None, None),
+        ("&8DEL ROT", None, Some(3)),
+    ] {
+        for (bench, error) in [(&mut turbo, on_turbo), (&mut pmac, on_pmac)] {
+            assert_eq!(bench.world.execute(line.as_bytes()).error.map(|error| error.0), error, "{line}");
+        }
+    }
+}
+
+#[test]
 fn c4_the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
     for tables in [&turbo::TURBO, &turbo::TURBO_32K, &turbo::TURBO2, &turbo::TURBO2_8K] {
         let mut bench = Bench::of(tables, tables.firmware);

@@ -297,6 +297,12 @@ impl Line<'_, '_> {
                 if self.programs.systems.get(cs).is_some_and(|system| system.running) {
                     return Err(CommandError::RUNNING);
                 }
+                // Turbo deletes upwards (FACTS-TURBO 14). No page seen says so of PMAC.
+                if self.board.family().generation == Generation::Turbo
+                    && self.programs.store.has_rotary_before(cs)
+                {
+                    return Err(CommandError::SYNTAX);
+                }
                 self.programs.store.delete_rotary(cs)?;
                 let system = &mut self.programs.systems[cs];
                 if system.cursor.is_some_and(|cursor| cursor.program == 0) {
