@@ -464,6 +464,31 @@ fn c4_programs_name_the_port_that_they_speak_to() {
 }
 
 #[test]
+fn control_characters_go_to_the_port_that_a_program_names() {
+    let mut bench = bench();
+    send(&mut bench, "I3=2 I6=1 I64=1 I5=2 I9=2");
+    let program = ["SENDS^M", "SEND^@", "SENDR^G", "SENDA^[", "CMDR^P", "CMD^P", "DIS PLC1"];
+    send(&mut bench, "OPEN PLC 1 CLEAR");
+    for line in program {
+        send(&mut bench, line);
+    }
+    for line in ["SENDS^5", "SENDS^", "CMD^5"] {
+        assert_eq!(bench.world.execute(line.as_bytes()).error.map(|error| error.0), Some(3), "{line}");
+    }
+    assert_eq!(send(&mut bench, "CLOSE LIST PLC 1"), program);
+    assert_eq!(serial(&mut bench, "I64\r"), "1\r\x06", "the serial port is the active one");
+    send(&mut bench, "ENABLE PLC 1");
+    bench.run(20);
+    assert_eq!(bench.world.take_serial_messages(), b"\r\0");
+    assert_eq!(bench.response(), (0x020D, "\x07".into()));
+    assert_eq!(bench.response(), (0x010D, "0 0 0 0 0 0 0 0".into()));
+    let mut pmac = Bench::bare("1.16D");
+    for (line, error) in [("OPEN PLC 1", None), ("CMD^K", None), ("SEND^M", Some(3)), ("CMDS^K", Some(3))] {
+        assert_eq!(pmac.world.execute(line.as_bytes()).error.map(|error| error.0), error, "{line}");
+    }
+}
+
+#[test]
 fn c4_what_the_board_does_not_have_is_answered_as_a_board_without_it() {
     let mut bench = bench();
     for (line, error) in [

@@ -15,9 +15,8 @@ pub fn poll(board: &mut Board, programs: &mut Programs) {
         Some(Request::Line { text, motor, cs, outlet }) => {
             (Interpreter::addressing(motor, cs).execute(board, programs, text.as_bytes()), outlet)
         }
-        Some(Request::Character(code)) => {
-            let reply = Interpreter::new().control(board, programs, code).unwrap_or_default();
-            (reply, Outlet::of_command(None, board))
+        Some(Request::Character(code, outlet)) => {
+            (Interpreter::new().control(board, programs, code).unwrap_or_default(), outlet)
         }
         None => return,
     };

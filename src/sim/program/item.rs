@@ -240,10 +240,12 @@ pub enum Item {
     Read(Box<[u8]>),
     /// `CMD"text"`, and the letter of the port that its answer goes to.
     Command(Option<u8>, Box<str>),
-    /// `CMD^x`.
-    CommandCharacter(u8),
+    /// `CMD^x`: the letter of the port that its answer goes to, and the character's code.
+    CommandCharacter(Option<u8>, u8),
     /// `SEND"text"`, and the letter of its port.
     Send(Option<u8>, Box<str>),
+    /// `SEND^x`: the letter of its port, and the character's code.
+    SendCharacter(Option<u8>, u8),
     /// `DISPLAY` and its text.
     Display(Box<str>),
     /// `ADDRESS#m&n`, 0-based.

@@ -60,14 +60,22 @@ impl Outlet {
 
 /// `SEND"text"`, from a program or the control socket.
 pub fn send_message(board: &mut Board, text: &str, outlet: Outlet) {
+    let line = unasked_line(board, text, board.variables.i(62) == 1.0);
+    send(board, text.as_bytes(), &line, outlet);
+}
+
+/// `SEND^x`: the bare character (Turbo Software Reference p. 471).
+pub fn send_character(board: &mut Board, code: u8, outlet: Outlet) {
+    send(board, &[code], &[code], outlet);
+}
+
+/// Sends `text` if the outlet is the DPRAM, `line` if it is another port.
+fn send(board: &mut Board, text: &[u8], line: &[u8], outlet: Outlet) {
     match outlet.port(board) {
         None => {}
         Some(Port::Dpram) if !board.output.admits() => {}
         Some(Port::Dpram) => board.output.respond(response::MESSAGE, text),
-        Some(port) => {
-            let line = unasked_line(board, text, board.variables.i(62) == 1.0);
-            board.output.send(port, &line);
-        }
+        Some(port) => board.output.send(port, line),
     }
 }
 

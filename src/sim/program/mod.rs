@@ -67,8 +67,8 @@ pub enum Request {
         /// Where its answer goes.
         outlet: Outlet,
     },
-    /// A control character.
-    Character(u8),
+    /// A control character, and where its answer goes.
+    Character(u8, Outlet),
 }
 
 /// A board's buffers and programs.
@@ -133,8 +133,8 @@ impl Programs {
         }
     }
 
-    fn ask_character(&mut self, code: u8) {
-        self.requests.push_back(Request::Character(code));
+    fn ask_character(&mut self, code: u8, outlet: Outlet) {
+        self.requests.push_back(Request::Character(code, outlet));
         self.requests.truncate(64);
     }
 

@@ -59,8 +59,9 @@ fn allowed(item: &Item, kind: Kind) -> bool {
             | Item::Compiled { .. }
             | Item::Station(_)
             | Item::Command(..)
-            | Item::CommandCharacter(_)
+            | Item::CommandCharacter(..)
             | Item::Send(..)
+            | Item::SendCharacter(..)
             | Item::Display(_)
             | Item::Address(..)
     );
@@ -156,12 +157,21 @@ impl Reader<'_, '_> {
             Keyword::Dwell => Item::Dwell(self.data()?),
             Keyword::Delay => Item::Delay(self.data()?),
             Keyword::Call => Item::Call(self.data()?),
-            Keyword::Command if self.scanner.take(b'^') => {
-                let letter = self.scanner.next_character().ok_or(CommandError::SYNTAX)?;
-                Item::CommandCharacter(letter & 0x1F)
+            Keyword::Command => {
+                let port = self.port_letter();
+                match self.control_character()? {
+                    Some(code) => Item::CommandCharacter(port, code),
+                    None => Item::Command(port, self.quoted()?),
+                }
             }
-            Keyword::Command => Item::Command(self.port_letter(), self.quoted()?),
-            Keyword::Send => Item::Send(self.port_letter(), self.quoted()?),
+            Keyword::Send => {
+                let port = self.port_letter();
+                // No page seen has `SEND^x` for PMAC.
+                match self.control_character()?.filter(|_| self.is_turbo()) {
+                    Some(code) => Item::SendCharacter(port, code),
+                    None => Item::Send(port, self.quoted()?),
+                }
+            }
             Keyword::Display => Item::Display(String::from_utf8_lossy(self.scanner.rest()).into()),
             Keyword::Address => self.address()?,
             Keyword::If => Item::If(self.condition()?),
@@ -269,8 +279,24 @@ impl Reader<'_, '_> {
 
     /// The letter of a port behind `CMD` or `SEND`, which Turbo boards know.
     fn port_letter(&mut self) -> Option<u8> {
-        let has_letters = self.board.family().generation == Generation::Turbo;
+        let has_letters = self.is_turbo();
         PORT_LETTERS.iter().copied().find(|&letter| has_letters && self.scanner.take(letter))
+    }
+
+    fn is_turbo(&self) -> bool {
+        self.board.family().generation == Generation::Turbo
+    }
+
+    /// The code of `^K` and the like; `None` where no `^` follows. `^@` is NUL, and `^_` the last one (Turbo Software Reference
+    /// p. 471).
+    fn control_character(&mut self) -> Parsed<Option<u8>> {
+        if !self.scanner.take(b'^') {
+            return Ok(None);
+        }
+        match self.scanner.next_character() {
+            Some(letter @ b'@'..=b'_') => Ok(Some(letter & 0x1F)),
+            _ => Err(CommandError::SYNTAX),
+        }
     }
 
     fn quoted(&mut self) -> Parsed<Box<str>> {

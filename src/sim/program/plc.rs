@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use super::Programs;
-use super::message::{Outlet, send_message};
+use super::message::{Outlet, send_character, send_message};
 use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
@@ -149,8 +149,13 @@ impl Scan<'_> {
                     let State { motor, cs, .. } = self.state;
                     self.programs.ask(text, motor, cs, Outlet::of_command(*letter, self.board));
                 }
-                Item::CommandCharacter(code) => self.programs.ask_character(*code),
+                Item::CommandCharacter(letter, code) => {
+                    self.programs.ask_character(*code, Outlet::of_command(*letter, self.board));
+                }
                 Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
+                Item::SendCharacter(letter, code) => {
+                    send_character(self.board, *code, Outlet::of_message(*letter));
+                }
                 Item::Address(motor, cs) => {
                     self.state.motor = motor.unwrap_or(self.state.motor);
                     self.state.cs = cs.unwrap_or(self.state.cs);

@@ -131,8 +131,9 @@ fn text(item: &Item, long: bool) -> String {
             format!("READ({})", letters.join(","))
         }
         Item::Command(port, text) => word("COMMAND", "CMD") + &quoted(*port, text),
-        Item::CommandCharacter(code) => word("COMMAND", "CMD") + &format!("^{}", char::from(code | 0x40)),
+        Item::CommandCharacter(port, code) => word("COMMAND", "CMD") + &character(*port, *code),
         Item::Send(port, text) => format!("SEND{}", quoted(*port, text)),
+        Item::SendCharacter(port, code) => format!("SEND{}", character(*port, *code)),
         Item::Display(text) => word("DISPLAY", "DISP") + text,
         Item::Address(motor, cs) => {
             let mut text = word("ADDRESS", "ADR");
@@ -150,7 +151,16 @@ fn text(item: &Item, long: bool) -> String {
 
 /// A text behind the letter of its port.
 fn quoted(port: Option<u8>, text: &str) -> String {
-    format!("{}\"{text}\"", port.map_or(String::new(), |letter| char::from(letter).to_string()))
+    format!("{}\"{text}\"", port_letter(port))
+}
+
+/// A control character behind the letter of its port.
+fn character(port: Option<u8>, code: u8) -> String {
+    format!("{}^{}", port_letter(port), char::from(code | 0x40))
+}
+
+fn port_letter(port: Option<u8>) -> String {
+    port.map_or(String::new(), |letter| char::from(letter).to_string())
 }
 
 fn data(data: &Data) -> String {

@@ -15,7 +15,7 @@ use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::check_number;
 use crate::sim::program::Programs;
 use crate::sim::program::item::{Data, Item, Line, Mark, Mode, Operator, Time};
-use crate::sim::program::message::{Outlet, send_message};
+use crate::sim::program::message::{Outlet, send_character, send_message};
 use crate::sim::program::place::Cursor;
 use crate::sim::program::store::Program;
 use crate::sim::program::structure::Tracker;
@@ -324,8 +324,13 @@ impl Calculator<'_> {
             Item::Command(letter, text) => {
                 self.programs.ask(text, 0, 0, Outlet::of_command(*letter, self.board));
             }
-            Item::CommandCharacter(code) => self.programs.ask_character(*code),
+            Item::CommandCharacter(letter, code) => {
+                self.programs.ask_character(*code, Outlet::of_command(*letter, self.board));
+            }
             Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
+            Item::SendCharacter(letter, code) => {
+                send_character(self.board, *code, Outlet::of_message(*letter));
+            }
             // The simulator has no display.
             Item::Display(_) => {}
             Item::Call(value) => {
