@@ -128,6 +128,8 @@ pub enum Word {
     StationTransfer(bool),
     /// `MSCLRF`: the faults of a MACRO station.
     StationClears,
+    /// `SETPHASE`.
+    SetPhase,
     /// A word of another family: ERR003 here.
     Foreign,
 }
@@ -168,6 +170,7 @@ const TURBO: &[(&str, Word)] = &[
     ("MACROSLVWRITE", W::StationTransfer(true)),
     ("MSCLRF", W::StationClears),
     ("MACROSLVCLRF", W::StationClears),
+    ("SETPHASE", W::SetPhase),
 ];
 
 /// Keywords of every board.

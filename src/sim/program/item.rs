@@ -252,6 +252,8 @@ pub enum Item {
     Address(Option<usize>, Option<usize>),
     /// `MSR` or `MSW`.
     Station(Transfer),
+    /// `SETPHASE` and its motors, bit n-1 for motor n.
+    SetPhase(u32),
 }
 
 impl Item {

@@ -64,6 +64,7 @@ fn allowed(item: &Item, kind: Kind) -> bool {
             | Item::SendCharacter(..)
             | Item::Display(_)
             | Item::Address(..)
+            | Item::SetPhase(_)
     );
     let later = matches!(item, Item::Assign(_, _, operator, _) if *operator != Operator::Assign);
     let branch = matches!(
@@ -201,9 +202,10 @@ impl Reader<'_, '_> {
                 if !self.scanner.at_unsigned() {
                     return Ok(None);
                 }
-                let motors = numbers(&mut self.scanner, 1, self.board.family().motors)?;
-                Item::Home { zero, motors: (motors >> 1) as u32 }
+                Item::Home { zero, motors: self.motors()? }
             }
+            Keyword::SetPhase if self.is_turbo() => Item::SetPhase(self.motors()?),
+            Keyword::SetPhase => return Ok(None),
             Keyword::Plc(enable) => {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
@@ -251,6 +253,12 @@ impl Reader<'_, '_> {
         let value = expression(&mut ahead, self.board)?;
         self.scanner = ahead;
         Ok(Some(Item::Assign(kind, number, operator, value)))
+    }
+
+    /// A list of motors, bit n-1 for motor n.
+    fn motors(&mut self) -> Parsed<u32> {
+        let motors = numbers(&mut self.scanner, 1, self.board.family().motors)?;
+        Ok((motors >> 1) as u32)
     }
 
     fn at_data(&mut self) -> bool {

@@ -146,6 +146,8 @@ fn c4b_what_was_listed_downloads_to_the_same_listing() {
         ("FORWARD", "Q7=P3*2+Q8"),
         ("INVERSE", "P3=(Q7-Q8/2-P4903)/P4803\nIF (Q8>0)\nP4=0\nENDIF"),
         ("PLC 5", "P1=$F09040 MSW16,MI124,P1\nMSR 16,I910,M5"),
+        ("PLC 6", "SETPHASE1 setphase 2,4..32"),
+        ("PROG 9", "SETPHASE 1..3\nX1"),
     ];
     for tables in FAMILIES {
         let mut bench = board(tables);
@@ -161,6 +163,22 @@ fn c4b_what_was_listed_downloads_to_the_same_listing() {
             }
         }
     }
+}
+
+#[test]
+fn setphase_takes_motors_of_a_turbo_board() {
+    let mut bench = board(&turbo::TURBO2);
+    load(&mut bench, "OPEN PLC 1 CLEAR\nSETPHASE1\nP1=1\nCLOSE\nOPEN PROG 1 CLEAR\nSETPHASE1,3\nP2=2\nCLOSE");
+    load(&mut bench, "#1->X #1J/ I5=2 ENABLE PLC 1\nSETPHASE1..32");
+    bench.run(20);
+    send(&mut bench, "&1B1R");
+    bench.run(40);
+    assert_eq!(send(&mut bench, "P1 P2"), ["1", "2"]);
+    for line in ["SETPHASE", "SETPHASE33", "SETPHASE0", "OPEN PLC 2 SETPHASE33"] {
+        assert_eq!(refusal(&mut bench, line), Some(CommandError::SYNTAX), "{line}");
+    }
+    let mut pmac = board(&firmware::PMAC);
+    assert_ne!(refusal(&mut pmac, "OPEN PLC 1 SETPHASE1"), None, "no page seen has it for PMAC");
 }
 
 #[test]

@@ -146,6 +146,7 @@ fn text(item: &Item, long: bool) -> String {
             text
         }
         Item::Station(transfer) => transfer.text(),
+        Item::SetPhase(motors) => format!("SETPHASE{}", list(u64::from(*motors) << 1)),
     }
 }
 

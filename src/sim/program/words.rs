@@ -80,6 +80,8 @@ pub enum Keyword {
     Home(bool),
     /// `ENABLE`, or `DISABLE` with `false`.
     Plc(bool),
+    /// `SETPHASE`, of Turbo alone.
+    SetPhase,
 }
 
 use Keyword as K;
@@ -154,6 +156,7 @@ pub const WORDS: &[(&str, Keyword)] = &[
     ("ENA", K::Plc(true)),
     ("DISABLE", K::Plc(false)),
     ("DIS", K::Plc(false)),
+    ("SETPHASE", K::SetPhase),
 ];
 
 /// What may stand behind `END` and a blank, as in files that sites load into their boards.

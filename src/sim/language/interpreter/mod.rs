@@ -23,6 +23,7 @@ use crate::sim::language::scanner::Scanner;
 use crate::sim::language::words::{self, Word};
 use crate::sim::program::Programs;
 use crate::sim::program::item::Item;
+use crate::sim::program::parse::numbers;
 
 /// The addressed motor, coordinate system, group of motors and card.
 #[derive(Debug, Clone, Default)]
@@ -198,6 +199,8 @@ impl Line<'_, '_> {
             Word::Station => self.station(),
             Word::StationTransfer(write) => self.station_transfer(write),
             Word::StationClears => self.clear_station(),
+            // No motor here is commutated.
+            Word::SetPhase => numbers(&mut self.scanner, 1, self.board.family().motors).map(|_| ()),
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),

@@ -320,6 +320,8 @@ impl Calculator<'_> {
             // A compiler on the host makes compiled PLCs: this board has none.
             Item::Compiled { .. } => {}
             Item::Station(transfer) => transfer.carry_out(self.board, self.cs),
+            // No motor here is commutated.
+            Item::SetPhase(_) => {}
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),
             Item::Command(letter, text) => {
                 self.programs.ask(text, 0, 0, Outlet::of_command(*letter, self.board));
