@@ -19,6 +19,35 @@ pub type StationVariable = (usize, usize);
 #[derive(Debug, Clone, Default)]
 pub struct MacroStations {
     values: BTreeMap<StationVariable, f64>,
+    /// As `MSSAVE` stored them.
+    saved: BTreeMap<StationVariable, f64>,
+}
+
+/// A command to a station as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StationCommand {
+    /// `MS$$$`: back to what is saved.
+    Reset,
+    /// `MS$$$***`: back to factory values, here 0. As with the board's own, what is saved stays.
+    FactoryReset,
+    /// `MSCLRF`: a station here has no faults.
+    ClearFaults,
+    /// `MSSAVE`.
+    Save,
+}
+
+impl MacroStations {
+    fn carry_out(&mut self, command: StationCommand, node: usize) {
+        let nothing = BTreeMap::new();
+        let (to, from) = match command {
+            StationCommand::ClearFaults => return,
+            StationCommand::Reset => (&mut self.values, &self.saved),
+            StationCommand::FactoryReset => (&mut self.values, &nothing),
+            StationCommand::Save => (&mut self.saved, &self.values),
+        };
+        to.retain(|&(station, _), _| station != node);
+        to.extend(from.iter().filter(|&(&(station, _), _)| station == node));
+    }
 }
 
 /// `MSR` and `MSW`: a variable of a station to or from one of the board.
@@ -70,6 +99,18 @@ impl Board {
     ) -> Result<(), CommandError> {
         self.station_variable(variable)?;
         self.stations.values.insert(variable, value);
+        Ok(())
+    }
+
+    /// A command to the station at `node`.
+    ///
+    /// # Errors
+    /// ERR008 without stations.
+    pub fn command_station(&mut self, command: StationCommand, node: usize) -> Result<(), CommandError> {
+        if !self.identity.stations {
+            return Err(CommandError::MACRO);
+        }
+        self.stations.carry_out(command, node);
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 use crate::map::Generation;
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
-use crate::sim::board::macro_stations::{LAST_STATION, StationVariable, Transfer};
+use crate::sim::board::macro_stations::{LAST_STATION, StationCommand, StationVariable, Transfer};
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::variable_number;
 use crate::sim::language::scanner::Scanner;
@@ -11,6 +11,19 @@ use crate::sim::language::scanner::Scanner;
 /// The words of `MSR` and `MSW`, and whether they write to the station.
 const TRANSFERS: &[(&str, bool)] =
     &[("MSR", false), ("MSW", true), ("MACROSLVREAD", false), ("MACROSLVWRITE", true)];
+
+/// The commands to a station that say nothing back (Turbo Software Reference p. 369).
+const COMMANDS: &[(&str, StationCommand)] = &[
+    ("$$$", StationCommand::Reset),
+    ("$$$***", StationCommand::FactoryReset),
+    ("CLRF", StationCommand::ClearFaults),
+    ("SAVE", StationCommand::Save),
+];
+
+/// The command behind `MS`; `None`, with the scanner unmoved, without one.
+pub fn command(scanner: &mut Scanner) -> Option<StationCommand> {
+    scanner.keyword(&[COMMANDS])
+}
 
 /// The number of a station.
 ///

@@ -122,12 +122,10 @@ pub enum Word {
     Today,
     /// `TIME`.
     Time,
-    /// `MS`: a variable of a MACRO station.
+    /// `MS`: a variable of a MACRO station, or a command to it.
     Station,
     /// `MSR`, or `MSW` with `true`: a variable of a MACRO station to or from one of the board.
     StationTransfer(bool),
-    /// `MSCLRF`: the faults of a MACRO station.
-    StationClears,
     /// `SETPHASE`.
     SetPhase,
     /// A word of another family: ERR003 here.
@@ -168,8 +166,6 @@ const TURBO: &[(&str, Word)] = &[
     ("MSW", W::StationTransfer(true)),
     ("MACROSLVREAD", W::StationTransfer(false)),
     ("MACROSLVWRITE", W::StationTransfer(true)),
-    ("MSCLRF", W::StationClears),
-    ("MACROSLVCLRF", W::StationClears),
     ("SETPHASE", W::SetPhase),
 ];
 

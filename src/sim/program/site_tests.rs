@@ -233,6 +233,31 @@ fn c4b_macro_stations_keep_their_variables() {
 }
 
 #[test]
+fn macro_stations_are_saved_and_reset_one_by_one() {
+    let mut bench = board(&turbo::TURBO2);
+    for line in ["MS$$$0", "MS$$$***0", "MSSAVE0", "MS CLRF 0"] {
+        assert_eq!(refusal(&mut bench, line), Some(CommandError::MACRO), "{line}");
+    }
+    bench.world.board.identity.stations = true;
+    send(&mut bench, "MS0,I10=1 MS4,I10=1");
+    for (line, kept) in [
+        ("ms save 0 MS0,I10=2 MS4,I10=2", ["2", "2"]),
+        ("MSCLRF0 MACROSLVCLRF4", ["2", "2"]),
+        ("MS$$$0", ["1", "2"]),
+        ("MS$$$***0", ["0", "2"]),
+        ("MS $$$0", ["1", "2"]),
+        ("MS$$$4", ["1", "0"]),
+        ("MACROSLV$$$***0 MACROSLVSAVE0 MS0,I10=3 MS$$$0", ["0", "0"]),
+    ] {
+        send(&mut bench, line);
+        assert_eq!(send(&mut bench, "MS0,I10 MS4,I10"), kept, "{line}");
+    }
+    for line in ["MS$$$", "MSSAVE", "MSSAVE64", "MS$$$***"] {
+        assert_eq!(refusal(&mut bench, line), Some(CommandError::SYNTAX), "{line}");
+    }
+}
+
+#[test]
 fn c4b_addresses_and_sizes_as_sites_write_them() {
     let mut bench = board(&turbo::TURBO2);
     load(

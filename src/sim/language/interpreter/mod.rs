@@ -198,7 +198,6 @@ impl Line<'_, '_> {
             Word::Today | Word::Time => self.clock(word),
             Word::Station => self.station(),
             Word::StationTransfer(write) => self.station_transfer(write),
-            Word::StationClears => self.clear_station(),
             // No motor here is commutated.
             Word::SetPhase => numbers(&mut self.scanner, 1, self.board.family().motors).map(|_| ()),
             Word::Save => self.save(),

@@ -1,4 +1,4 @@
-//! Commands to MACRO stations: `MS`, `MSR`, `MSW`, `MSCLRF`.
+//! Commands to MACRO stations: `MS`, `MSR`, `MSW`.
 
 use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
@@ -7,8 +7,12 @@ use crate::sim::language::scanner::HEX_48;
 use crate::sim::language::station;
 
 impl Line<'_, '_> {
-    /// `MS0,I996` reports, `MS0,I996=$0FB333` sets; a value has up to 48 bits.
+    /// `MS0,I996` reports, `MS0,I996=$0FB333` sets; a value has up to 48 bits. `MSSAVE0` and the like are carried out.
     pub(super) fn station(&mut self) -> Outcome {
+        if let Some(command) = station::command(&mut self.scanner) {
+            let node = station::node(&mut self.scanner)?;
+            return self.board.command_station(command, node);
+        }
         let variable = station::variable(&mut self.scanner)?;
         if self.scanner.take(b'=') {
             let value = self.scanner.register(HEX_48)?;
@@ -24,11 +28,5 @@ impl Line<'_, '_> {
         let transfer = station::operands(&mut self.scanner, self.board, write)?;
         let cs = self.interpreter.cs;
         self.board.transfer(&transfer, cs)
-    }
-
-    /// `MSCLRF0`: a station here has no faults.
-    pub(super) fn clear_station(&mut self) -> Outcome {
-        let node = station::node(&mut self.scanner)?;
-        self.board.station_variable((node, 0)).map(|_| ())
     }
 }
