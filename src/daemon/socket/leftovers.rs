@@ -33,6 +33,8 @@ pub(super) struct Leftovers {
     known: u32,
     /// Of these it was the board that told.
     found: u32,
+    /// Of these the board was asked since a stream has left something.
+    asked: u32,
     /// Streams into these were fed whole, and may still run from the buffer.
     whole: u32,
     /// How many resets there had been.
@@ -45,6 +47,7 @@ impl Leftovers {
         self.see(resets);
         self.known |= systems;
         self.found &= !systems;
+        self.asked &= !systems;
         self.whole = if lines == 0 { self.whole | systems } else { self.whole & !systems };
         self.of(systems).for_each(|(_, left)| *left = lines);
     }
@@ -52,8 +55,9 @@ impl Leftovers {
     /// The board counts `lines` in the rotary buffer of `system`.
     pub(super) fn find(&mut self, system: u32, lines: u64, resets: u64) {
         self.see(resets);
-        let is_a_streams = self.left(Starts { systems: system, confirmed: false }) & !self.found != 0;
+        let is_a_streams = self.found & system == 0 && self.of(system).any(|(_, left)| *left > 0);
         self.set(system, lines, resets);
+        self.asked |= system;
         self.found |= if is_a_streams { 0 } else { system };
     }
 
@@ -74,9 +78,10 @@ impl Leftovers {
         if starts.confirmed { 0 } else { starts.systems & !self.known }
     }
 
-    /// Of the programs to be started, those with something left as far as is known: the board may have lost it since.
+    /// Of the programs to be started, those of which a stream has left something: the board, which was not asked, may have lost it
+    /// since.
     pub(super) fn left(&mut self, starts: Starts) -> u32 {
-        let systems = if starts.confirmed { 0 } else { starts.systems };
+        let systems = if starts.confirmed { 0 } else { starts.systems & !self.asked };
         let left = self.of(systems).filter(|(_, left)| **left > 0);
         left.fold(0, |mask, (number, _)| mask | 1 << (number - 1))
     }

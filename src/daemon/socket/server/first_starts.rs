@@ -1,7 +1,8 @@
 //! Has the board asked what lies in rotary buffers that the daemon knows nothing of, before it starts their programs.
 //!
 //! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
-//! about once, and again where something was left: a reset that nobody saw has taken it. Where command lines are not used nobody can ask: a start goes as it is.
+//! about once, and once more where a stream has left something: a reset that nobody saw has taken it. Where command lines are not
+//! used nobody can ask: a start goes as it is.
 
 use std::time::{Duration, Instant};
 
