@@ -60,8 +60,10 @@ impl fmt::Display for ProgramWords {
         write!(f, "the function `{name}` {is_used} M{variable} points to {place}")?;
         match others {
             0 => write!(f, ", one of its words")?,
-            1 => write!(f, ", and another M-variable into its words, too")?,
-            others => write!(f, ", and {others} other M-variables into its words, too")?,
+            1 => write!(f, ", and another M-variable points into its words (pmacctl doctor --memory)")?,
+            others => {
+                write!(f, ", and {others} more M-variables point into its words (pmacctl doctor --memory)")?
+            }
         }
         if *used {
             return Ok(());

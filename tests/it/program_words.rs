@@ -259,7 +259,7 @@ fn c3_behind_a_reset_the_board_reports_what_it_says_until_its_definitions_are_kn
     assert_eq!([CHOSEN[0], CHOSEN[1]].map(|offset| word(&site, offset)), [3, 0]);
     // Nothing is known of the loops of the others: a jog could close one.
     let (code, _, error) = site.pmacctl(&["jog", "5", "=1000"]);
-    assert!(code == 1 && error.contains("is not known until the board has told"), "{code} {error}");
+    assert!(code == 1 && error.contains("not sent: the board does not report motor 5"), "{code} {error}");
     site.control("fault ascii_slow off");
     wait_until_known(&site);
     site.wait_until("all motors again", || word(&site, CHOSEN[0]) == u16::MAX);

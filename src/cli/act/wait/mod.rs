@@ -179,7 +179,13 @@ impl Watch {
                 return ended("pmacd was restarted".to_owned());
             }
             if self.board.subscriber().counter(Counter::Resets) != self.resets {
-                return ended("the board was reset".to_owned());
+                // A stop would close the loop of a motor that is off now.
+                let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+                return Err(Failure::Refused(format!(
+                    "the board was reset; {name} {} has forgotten this command, and whether anything moves is not known: see \
+                     pmacctl motors; pmacctl abort stops everything",
+                    list.join(", ")
+                )));
             }
             self.follow()?;
             let now = sequence(&snapshot);
