@@ -10,10 +10,15 @@ pub fn command_bytes(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|byte| *byte == b'"').step_by(2)
 }
 
-/// Whether `line` resets the board: `$$$` or `$$$***`.
+/// Whether `line` resets the board: `$$$` or `$$$***`. `MS$$$0` resets a station of a MACRO ring.
 #[must_use]
 pub fn resets(line: &[u8]) -> bool {
-    command_bytes(line).any(|part| part.windows(3).any(|three| three == b"$$$"))
+    let is_stations = |before: &[u8]| {
+        before.trim_ascii_end().last_chunk().is_some_and(|[m, s]| [*m, *s].eq_ignore_ascii_case(b"MS"))
+    };
+    command_bytes(line).any(|part| {
+        part.windows(3).enumerate().any(|(at, three)| three == b"$$$" && !is_stations(&part[..at]))
+    })
 }
 
 /// The commands of `line` without blanks and in capitals.
@@ -67,6 +72,7 @@ mod tests {
         let line = "& 1 r SEND\"#2J+ $$$\" #3 hm";
         assert_eq!(plain(line), "&1RSEND#3HM");
         assert!(!resets(line.as_bytes()) && resets(b" $$$***"));
+        assert!(!resets(b"ms $$$0") && resets(b"MSSAVE0 $$$"));
         assert_eq!(command_bytes(line.as_bytes()).count(), commands(line).count());
     }
 
