@@ -190,7 +190,7 @@ impl fmt::Display for Replay {
         match self.differences {
             0 => Ok(()),
             count => {
-                write!(f, "; {count} words or lines were asked that it does not know: the log names them")
+                write!(f, "; words and lines that were asked and are not in it: {count}, which the log names")
             }
         }
     }

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use log::{info, warn};
+
 use super::timeline::ascii_words;
 use crate::map::{Family, HostOffset, Layout};
 use crate::recording::{Op, Recording};
@@ -19,10 +21,13 @@ pub struct Differences {
     known: Vec<bool>,
     /// Words that the host wrote then, and those of the ASCII port, whose lines are compared.
     written: Vec<bool>,
+    /// How often each was asked since it was last told; those that were told stay, with 0.
     reads: BTreeMap<usize, u64>,
     /// With the first value.
     writes: BTreeMap<usize, (u16, u64)>,
     lines: BTreeMap<String, u64>,
+    /// Whether they have been told.
+    told: bool,
 }
 
 impl Differences {
@@ -48,6 +53,7 @@ impl Differences {
             reads: BTreeMap::new(),
             writes: BTreeMap::new(),
             lines: BTreeMap::new(),
+            told: false,
         }
     }
 
@@ -80,11 +86,20 @@ impl Differences {
         self.reads.len() + self.writes.len() + self.lines.len()
     }
 
-    /// They, a line each; one line where there are none.
-    pub fn report(&self) -> Vec<String> {
-        if self.count() == 0 {
-            return vec!["replay: nothing else was asked than was recorded".to_owned()];
+    /// Tells in the log which there are, a line for each kind; of what was told before, only what has come since.
+    pub fn tell(&mut self) {
+        if self.count() == 0 && !self.told {
+            info!("replay: nothing else was asked than was recorded");
         }
+        self.report().iter().for_each(|line| warn!("{line}"));
+        self.told = true;
+        self.reads.values_mut().for_each(|count| *count = 0);
+        self.writes.values_mut().for_each(|(_, count)| *count = 0);
+        self.lines.values_mut().for_each(|count| *count = 0);
+    }
+
+    /// Those that have not been told, a line for each kind.
+    fn report(&self) -> Vec<String> {
         let layout = Layout::new(self.family, None);
         let name = |word: &usize| {
             let offset = HostOffset::new(2 * *word as u32);
@@ -95,12 +110,13 @@ impl Differences {
             });
             format!("{offset}{register}")
         };
-        let reads = self.reads.iter().map(|(word, count)| format!("{} {count} times", name(word)));
-        let writes = self
-            .writes
-            .iter()
-            .map(|(word, (value, count))| format!("{} {count} times, first {value:#06x}", name(word)));
-        let lines = self.lines.iter().map(|(line, count)| format!("`{line}` {count} times"));
+        let reads = self.reads.iter().filter(|(_, count)| **count > 0);
+        let reads = reads.map(|(word, count)| format!("{} {count} times", name(word)));
+        let writes = self.writes.iter().filter(|(_, (_, count))| *count > 0);
+        let writes =
+            writes.map(|(word, (value, count))| format!("{} {count} times, first {value:#06x}", name(word)));
+        let lines = self.lines.iter().filter(|(_, count)| **count > 0);
+        let lines = lines.map(|(line, count)| format!("`{line}` {count} times"));
         [
             listed("lines that the recording has no answer to", lines),
             listed("words read that it holds nothing of", reads),
@@ -112,11 +128,40 @@ impl Differences {
     }
 }
 
-fn listed(what: &str, all: impl ExactSizeIterator<Item = String>) -> Option<String> {
+fn listed(what: &str, all: impl Iterator<Item = String>) -> Option<String> {
+    let all: Vec<String> = all.collect();
     let more = all.len().saturating_sub(NAMED);
-    let mut text = format!("replay: {what}: {}", all.take(NAMED).collect::<Vec<_>>().join("; "));
+    let mut text = format!("replay: {what}: {}", all[..all.len() - more].join("; "));
     if more > 0 {
         let _ = write!(text, "; and {more} more");
     }
     (!text.ends_with(": ")).then_some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::PMAC;
+    use crate::recording::testing::recording;
+
+    #[test]
+    fn e6_what_has_been_told_is_told_again_only_where_more_has_come() {
+        let mut differences = Differences::new(&recording(), &PMAC);
+        differences.asked("I5");
+        differences.asked("I5");
+        differences.write(5000, 0, 7);
+        let report = differences.report();
+        assert_eq!(report.len(), 2);
+        assert_eq!(report[0], "replay: lines that the recording has no answer to: `I5` 2 times");
+        assert!(report[1].ends_with(" 1 times, first 0x0007"), "{report:?}");
+        differences.tell();
+        assert_eq!((differences.report(), differences.count()), (Vec::new(), 2));
+        differences.asked("I5");
+        differences.asked("I6");
+        assert_eq!(
+            differences.report(),
+            ["replay: lines that the recording has no answer to: `I5` 1 times; `I6` 1 times"]
+        );
+        assert_eq!(differences.count(), 3, "each is counted once");
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! The window begins as the first image, and changes as `timeline` has it, in the clock's time; what the host writes lies there
 //! until PMAC wrote it over. PMAC's half of the ASCII port is `ascii`'s. What the host asks otherwise than was recorded, `differences`
-//! tells in the log when the board is closed.
+//! tells in the log when the recording is over, and what comes after that when the board is closed.
 
 mod ascii;
 mod differences;
@@ -138,6 +138,7 @@ impl ReplayBoard {
             self.over = true;
             let seconds = self.timeline.end_ns() as f64 / 1e9;
             info!("replay: the recording is over after {seconds:.3} s; its data are stale from now on");
+            self.differences.tell();
         }
     }
 
@@ -193,8 +194,6 @@ impl Presence for ReplayBoard {
 
 impl Drop for ReplayBoard {
     fn drop(&mut self) {
-        for line in self.differences.report() {
-            if self.differences.count() == 0 { info!("{line}") } else { warn!("{line}") }
-        }
+        self.differences.tell();
     }
 }
