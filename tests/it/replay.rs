@@ -91,6 +91,12 @@ fn gives_the_board_again(family: &str, asked: &[&str]) {
     let (status, stdout, _) = site.pmacctl(&["status"]);
     assert!(status == 1 && stdout.contains("a recording, no board: nothing can be moved"), "{stdout}");
     assert!(stdout.contains("stale: the recording is over") && !stdout.contains("cable"), "{stdout}");
+    for verb in ["motors", "coordinates"] {
+        let (status, stdout, _) = site.pmacctl(&[verb]);
+        assert!(status == 1 && stdout.starts_with("STALE: ") && !stdout.contains("cable"), "{stdout}");
+        assert!(stdout.contains("the recording is over; a pmacd"), "{stdout}");
+    }
+    assert!(site.log().contains("nothing else was asked than was recorded"), "told when it is over");
     let doctor = site.pmacctl(&["doctor"]).1;
     assert!(doctor.contains("it is over, and its data are stale"), "{doctor}");
     assert!(doctor.contains("updates; the recording is over"), "{doctor}");

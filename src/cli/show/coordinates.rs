@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::cli::act::panel::panel_words;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::motors::stamp;
+use crate::cli::show::motors::{reason, stamp};
 use crate::cli::show::screen::{Live, state};
 use crate::client::number::{NOT_READ, fixed, short};
 use crate::client::{Snapshot, Staleness};
@@ -14,12 +14,13 @@ use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let snapshot = context.board()?.snapshot()?;
+    let mut board = context.board()?;
+    let snapshot = board.snapshot()?;
     let overrides = Overrides::ask(context, snapshot.identity.i10);
     if context.output.is_json() {
         context.output.json(&document(&snapshot, &overrides))?;
     } else {
-        context.output.text(text(&snapshot, &overrides))?;
+        context.output.text(text(&snapshot, &overrides, |stale| reason(&mut board, stale)))?;
     }
     Ok(snapshot.background.is_some_and(|background| background.is_fresh()).into())
 }
@@ -92,7 +93,7 @@ impl Live for Systems<'_> {
     }
 
     fn text(&self, _: Option<usize>) -> String {
-        text(self.snapshot, &self.overrides)
+        text(self.snapshot, &self.overrides, |stale| stale.to_string())
     }
 
     fn line(&self) -> String {
@@ -131,12 +132,12 @@ pub fn add(document: &mut Value, data: Option<&BackgroundData>) {
     document["ports"] = data.map_or(Value::Null, |data| json!(data.ports));
 }
 
-fn text(snapshot: &Snapshot, overrides: &Overrides) -> String {
+fn text(snapshot: &Snapshot, overrides: &Overrides, why: impl FnOnce(Staleness) -> String) -> String {
     let Some(background) = &snapshot.background else {
-        let reason = snapshot.stale.map_or_else(|| Staleness::Off.to_string(), |stale| stale.to_string());
-        return format!("STALE: there are no background data yet: {reason}\n");
+        let why = why(snapshot.stale.unwrap_or(Staleness::Off));
+        return format!("STALE: there are no background data yet: {why}\n");
     };
-    let note = background.stale.map_or_else(String::new, |stale| format!("STALE: {stale}\n"));
+    let note = background.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
     note + &table(&background.data, overrides)
 }
 

@@ -7,15 +7,17 @@ use crate::cli::console::time::rfc3339;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::motor::Motor;
 use crate::client::number::labelled;
-use crate::client::{Snapshot, Staleness, View, identity};
+use crate::client::{Board, Connection, Snapshot, Staleness, View, identity};
 use crate::map::DEFAULT_FAMILY;
+use crate::protocol::board::REPLAY_OVER;
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let snapshot = context.board()?.snapshot()?;
+    let mut board = context.board()?;
+    let snapshot = board.snapshot()?;
     if context.output.is_json() {
         context.output.json(&document(&snapshot))?;
     } else {
-        context.output.text(text(&snapshot, None))?;
+        context.output.text(table_or_why(&snapshot, None, |stale| reason(&mut board, stale)))?;
     }
     Ok(snapshot.servo.is_some_and(|servo| servo.is_fresh()).into())
 }
@@ -58,13 +60,27 @@ pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
 /// Columns that a narrow screen can do without, first those that are missed least.
 const SPARE: [&str; 6] = ["target", "commanded", "velocity", "following error", "name", "position"];
 
+/// Why data are not live, as a sentence: of a replay that is over, which only the daemon knows, that it is.
+pub fn reason(board: &mut Board, stale: Staleness) -> String {
+    // Else the daemon may not answer.
+    let may_be_over = matches!(stale, Staleness::BoardSilent | Staleness::NoUpdates { .. } | Staleness::Off);
+    let is_over =
+        may_be_over && board.connection().and_then(Connection::info).is_ok_and(|info| info.is_over());
+    if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
+}
+
 /// The text of `motors`; as narrow as `width`, if that is given.
 pub fn text(snapshot: &Snapshot, width: Option<usize>) -> String {
+    table_or_why(snapshot, width, |stale| stale.to_string())
+}
+
+/// As [`text`], with `why` the data are stale.
+fn table_or_why(snapshot: &Snapshot, width: Option<usize>, why: impl FnOnce(Staleness) -> String) -> String {
     let Some(servo) = &snapshot.servo else {
-        let reason = snapshot.stale.map_or_else(|| Staleness::Off.to_string(), |stale| stale.to_string());
-        return format!("STALE: there are no servo data yet: {reason}\n");
+        let why = why(snapshot.stale.unwrap_or(Staleness::Off));
+        return format!("STALE: there are no servo data yet: {why}\n");
     };
-    let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {stale}\n"));
+    let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
     let motors = motors(snapshot);
     let table = table(&motors);
     let table = match width {
