@@ -189,8 +189,10 @@ fn variables(first: &Recording, second: &Recording) -> Result<Vec<Difference>, F
 
 /// Functions into whose words one of the boards writes, and the other does not.
 fn words(seen: &Sides<Seen>) -> Vec<Difference> {
-    // What lies in the ASCII port depends on what was asked meanwhile.
-    let functions = Function::ALL.into_iter().filter(|function| *function != Function::Ascii);
+    // What lies in the ASCII port and in the tables of variables depends on what was asked meanwhile.
+    let functions = Function::ALL
+        .into_iter()
+        .filter(|function| !matches!(function, Function::Ascii | Function::Variables));
     let names = functions.map(Function::name).chain(["user"]);
     let mut found = Vec::new();
     for name in names {

@@ -87,6 +87,20 @@ fn e6_each_kind_of_difference_is_told() {
     );
 }
 
+/// Somebody watches a register on the one and not on the other.
+#[test]
+fn e6_what_clients_have_asked_for_is_no_difference() {
+    let (mut one, other) = (board(2, &acknowledged()), board(2, &acknowledged()));
+    let image = |t_ns, value| {
+        let mut words = vec![0; PMAC.length as usize / 2];
+        words[PMAC.variable_read.timer.word()] = value;
+        Image { t_ns, words }
+    };
+    one.images = vec![image(0, 0), image(1, 9)];
+    assert_eq!(Seen::of(&one, &PMAC).words["variables"], 1);
+    assert_eq!(found(&one, &other), [""; 0]);
+}
+
 /// A board whose servo cycle takes 400 us, whose updates are seen as late as `late_ns` tells by their number.
 fn seen_late(cycle_ns: u64, late_ns: impl Fn(u64) -> u64) -> Recording {
     let mut recording = recording();
