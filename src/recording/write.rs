@@ -160,7 +160,7 @@ impl Writer {
     fn put(&self, name: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
         let path = path_of(self.held.as_fd()).join(name);
         let beside = path.with_extension("partial");
-        let written = File::create_new(&beside)
+        let written = created(&beside)
             .and_then(|mut file| file.write_all(bytes))
             .and_then(|()| fs::rename(&beside, path));
         written.map_err(|error| {
@@ -186,6 +186,11 @@ fn made(directory: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(flags.bits()).open(directory)
 }
 
+/// A new file into which only its owner may write, whatever the umask: in a directory with the setgid bit it has that one's group.
+fn created(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).create_new(true).mode(0o644).open(path)
+}
+
 /// Who else may write into a directory.
 fn others(directory: &Metadata) -> Option<String> {
     if directory.uid() != geteuid().as_raw() {
@@ -209,7 +214,7 @@ struct LineFile {
 impl LineFile {
     /// The file `at`, which is told as `path`.
     fn create(at: &Path, path: PathBuf) -> Result<Self, RecordingError> {
-        let file = File::create_new(at).map_err(RecordingError::io(&path))?;
+        let file = created(at).map_err(RecordingError::io(&path))?;
         Ok(Self { path, file, collected: Vec::new(), collected_lines: 0, lines: 0, length: 0 })
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -267,6 +268,28 @@ fn e6_a_full_disk_leaves_whole_lines() {
 }
 
 /// The files of a tar, by name.
+/// Where the directory's group is somebody else's, nobody of it may change what is sent on.
+#[test]
+fn e6_nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_until("the board's scales", || site.has_scales());
+    let (path, text) = directory(&site);
+    let capture = site.command(&["capture", &text, "--seconds", "0.05", "--no-variables"]);
+    let mut shell = Command::new("sh");
+    shell.args(["-c", "umask 002; exec \"$@\"", "sh"]).arg(capture.get_program()).args(capture.get_args());
+    let child = shell.stdin(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
+    let output = std::thread::spawn(|| child.wait_with_output().unwrap());
+    site.wait_until("the capture", || output.is_finished());
+    assert!(output.join().unwrap().status.success());
+    for directory in [path.clone(), path.join("images")] {
+        for entry in std::fs::read_dir(directory).unwrap() {
+            let entry = entry.unwrap();
+            let mode = entry.metadata().unwrap().mode();
+            assert_eq!(mode & 0o022, 0, "{:?}: {mode:o}", entry.path());
+        }
+    }
+}
+
 fn files_of(tar: &[u8]) -> BTreeMap<String, String> {
     let mut archive = tar::Archive::new(tar);
     let entries = archive.entries().unwrap().map(|entry| {
