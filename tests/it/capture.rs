@@ -305,14 +305,19 @@ fn files_of(tar: &[u8]) -> BTreeMap<String, String> {
 fn e6_a_report_is_one_file_without_names_and_paths_of_the_users() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
-    let path = site.path("report.tar");
+    let path = site.path("report.tar.gz");
     let text = path.to_str().unwrap();
     let ran = site.run_slowly(&["doctor", "--report", text]);
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{ran:?}");
     assert!(
         ran.stdout.contains("What it does not hold:") && ran.stdout.contains("look at it before you send it")
     );
-    let files = files_of(&std::fs::read(&path).unwrap());
+    let packed = std::fs::read(&path).unwrap();
+    let size = format!("\n{text}: {:.1} MB\n", packed.len() as f64 / 1e6);
+    assert!(ran.stdout.contains(&size), "{size}: {ran:?}");
+    let mut tar = Vec::new();
+    flate2::read::GzDecoder::new(&*packed).read_to_end(&mut tar).unwrap();
+    let files = files_of(&tar);
     let of = |name: &str| files[&format!("pmac-report/{name}")].as_str();
     assert!(ran.stdout.starts_with(of("README.txt")), "what is said is in it: {ran:?}");
     let doctor: serde_json::Value = serde_json::from_str(of("doctor.json")).unwrap();

@@ -7,6 +7,8 @@ use std::os::fd::AsFd as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use nix::unistd::mkdtemp;
 use serde_json::{Value, json};
 use tar::{Builder, Header};
@@ -30,12 +32,15 @@ const USERS: [&str; 2] = ["owner_uid", "uid"];
 pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool, Failure> {
     let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
     let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;
-    let written = Own::make().and_then(|directory| fill(context, report, file, &directory.0));
+    let packed = Packed::of(path, file);
+    let written = Own::make().and_then(|directory| fill(context, report, packed, &directory.0));
     let (note, is_whole) = written.inspect_err(|_| {
         // A part of it is of no use.
         let _ = fs::remove_file(path);
     })?;
     context.output.line(&note)?;
+    let megabytes = fs::metadata(path).map_err(failed)?.len() as f64 / 1e6;
+    context.output.line(format_args!("{}: {megabytes:.1} MB", path.display()))?;
     context.output.line(format_args!("{}: look at it before you send it (tar -xf)", path.display()))?;
     Ok(is_whole)
 }
@@ -59,7 +64,12 @@ impl Drop for Own {
     }
 }
 
-fn fill(context: &Context, report: &Report, file: File, directory: &Path) -> Result<(String, bool), Failure> {
+fn fill(
+    context: &Context,
+    report: &Report,
+    file: Packed,
+    directory: &Path,
+) -> Result<(String, bool), Failure> {
     let status = status::look(context)?;
     let private = Private::of(&status, &context.socket());
     let options = Capture { directory: directory.to_owned(), seconds: TRACED, no_variables: false };
@@ -144,16 +154,56 @@ impl Private {
     }
 }
 
+/// The bytes of the file, compressed where its name says so.
+enum Packed {
+    Plain(BufWriter<File>),
+    Gzip(GzEncoder<BufWriter<File>>),
+}
+
+impl Packed {
+    fn of(path: &Path, file: File) -> Self {
+        let file = BufWriter::new(file);
+        match path.extension().is_some_and(|name| name == "gz" || name == "tgz") {
+            true => Self::Gzip(GzEncoder::new(file, Compression::default())),
+            false => Self::Plain(file),
+        }
+    }
+
+    fn end(self) -> io::Result<()> {
+        let mut file = match self {
+            Self::Plain(file) => file,
+            Self::Gzip(encoder) => encoder.finish()?,
+        };
+        file.flush()
+    }
+}
+
+impl Write for Packed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(file) => file.write(bytes),
+            Self::Gzip(encoder) => encoder.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Plain(file) => file.flush(),
+            Self::Gzip(encoder) => encoder.flush(),
+        }
+    }
+}
+
 /// The file.
 struct Tar {
-    builder: Builder<BufWriter<File>>,
+    builder: Builder<Packed>,
     mtime: u64,
 }
 
 impl Tar {
-    fn begin(file: File) -> Result<Self, Failure> {
+    fn begin(file: Packed) -> Result<Self, Failure> {
         let mtime = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-        Ok(Self { builder: Builder::new(BufWriter::new(file)), mtime })
+        Ok(Self { builder: Builder::new(file), mtime })
     }
 
     fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
@@ -180,7 +230,6 @@ impl Tar {
     }
 
     fn end(self) -> Result<(), Failure> {
-        self.builder.into_inner()?.flush()?;
-        Ok(())
+        Ok(self.builder.into_inner()?.end()?)
     }
 }
