@@ -3,13 +3,14 @@
 //! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
 
 use std::ffi::OsStr;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt as _;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use nix::fcntl::OFlag;
+use nix::unistd::geteuid;
 
 use super::row::GAP;
 use crate::cli::console::interrupt::Interrupt;
@@ -312,8 +313,8 @@ impl Files {
         let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number < self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
-        let mut bytes = present + others.iter().map(|(_, _, length)| length).sum::<u64>();
-        for (_, path, length) in others {
+        let mut bytes = others.iter().fold(present, |bytes, (_, _, taken)| bytes.saturating_add(*taken));
+        for (_, path, taken) in others {
             if bytes <= keep {
                 break;
             }
@@ -321,7 +322,7 @@ impl Files {
                 continue;
             }
             match std::fs::remove_file(&path) {
-                Ok(()) => bytes -= length,
+                Ok(()) => bytes = bytes.saturating_sub(taken),
                 Err(error) => {
                     let _ = writeln!(io::stderr(), "{}: {error}; it stays", path.display());
                 }
@@ -364,7 +365,8 @@ fn place(path: &Path, number: u64) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// The files of the series `path`: number, path, length.
+/// The files of the series `path` that are one's own: number, path, and the bytes that it takes. Where others may create files, too,
+/// theirs neither count nor go, and give no number.
 fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let number = |name: &OsStr| {
@@ -380,11 +382,17 @@ fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
         if let Some(number) = number(&entry.file_name())
             && let Ok(metadata) = entry.metadata()
             && metadata.is_file()
+            && metadata.uid() == geteuid().as_raw()
         {
-            files.push((number, entry.path(), metadata.len()));
+            files.push((number, entry.path(), taken(&metadata)));
         }
     }
     Ok(files)
+}
+
+/// The bytes that a file takes: of one with holes, those that are on the disk.
+fn taken(metadata: &Metadata) -> u64 {
+    metadata.len().min(metadata.blocks().saturating_mul(512))
 }
 
 /// The highest number in the series; 0 where there is none.
@@ -479,6 +487,36 @@ mod tests {
     }
 
     #[test]
+    fn e1_in_a_directory_of_everybodys_only_ones_own_files_count() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.csv");
+        let sparse = |number| {
+            let file = File::create(place(&path, number)).unwrap();
+            file.set_len(100 << 20).unwrap();
+        };
+        std::fs::write(place(&path, 1), vec![b'x'; 1000]).unwrap();
+        // One's own, with a hole.
+        sparse(2);
+        let strange = [9_000_000, MOST].map(|number| {
+            sparse(number);
+            let path = place(&path, number);
+            // Only root can give a file away.
+            let is_given = std::os::unix::fs::chown(&path, Some(12345), None).is_ok();
+            if !is_given {
+                std::fs::remove_file(&path).unwrap();
+            }
+            (is_given, path)
+        });
+        let rotation = Rotation { keep: Some(20_000), ..Rotation::default() };
+        let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+        files.row(&row(1), Meaning::Update).unwrap();
+        files.finish().unwrap();
+        assert_eq!(files.present(), place(&path, 3));
+        assert!(place(&path, 1).exists() && place(&path, 2).exists());
+        assert!(strange.iter().all(|(is_given, path)| path.exists() == *is_given));
+    }
+
+    #[test]
     fn e1_all_files_take_no_more_than_they_may_at_any_time() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("log.csv");
@@ -487,7 +525,7 @@ mod tests {
             let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
             for update in 0..3000 {
                 files.row(&row(update), Meaning::Update).unwrap();
-                let bytes: u64 = series(&path).unwrap().into_iter().map(|(_, _, length)| length).sum();
+                let bytes: u64 = series(&path).unwrap().into_iter().map(|(_, _, taken)| taken).sum();
                 assert!(bytes <= 20_000, "{rotate:?}, row {update}: {bytes}");
             }
             files.finish().unwrap();
