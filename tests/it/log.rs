@@ -217,6 +217,36 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
 /// A log into `file`, which has begun.
 fn log_into(site: &VirtualSite, file: &Path, options: &[&str]) -> Child {
     let arguments = [&["log", "-o", file.to_str().unwrap(), "--motors", "1"], options].concat();
+/// After a reset the scales come again a while after the updates, and after a start of `pmacd` too.
+#[test]
+fn a_log_waits_for_the_scales_before_it_decides_its_columns() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    site.wait_until("the board's scales", || site.has_scales());
+    site.control("reset");
+    let mut board = site.connection();
+    site.wait_until("the report again", || board.send("GATHER", PATIENCE).is_ok());
+    let (status, stdout, said) = site.pmacctl(&["log", "-o", "-", "--motors", "1", "--seconds", "0.1"]);
+    assert!(status == 0 && said.ends_with(" lost=0 missed=0\n"), "{said}");
+    let head = stdout.lines().next().unwrap_or_default();
+    assert!(head.contains("time_s,") && head.contains("1.actual_position [count]"), "{head}");
+}
+
+#[test]
+fn without_scales_a_log_is_raw_after_a_bounded_time_and_says_so() {
+    let site = VirtualSite::new();
+    site.start_simulator(&["--dpram-startup"]);
+    site.start_daemon(&["--config", &site.file("silent.toml", "ask_board = false\n")]);
+    site.wait_for_live_servo();
+    let (status, stdout, said) = site.pmacctl(&["log", "-o", "-", "--motors", "1", "--seconds", "0.1"]);
+    assert_eq!(status, 0, "{said}");
+    assert!(
+        said.contains("time_s, 1.commanded_position") && said.contains("has not told the scale"),
+        "{said}"
+    );
+    assert!(stdout.starts_with("update,servo_cycle,"), "{stdout:.200}");
+}
+
     let child = site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     // It is opened at the first update.
     site.wait_until("the log's file", || file.exists());

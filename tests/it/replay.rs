@@ -96,6 +96,10 @@ fn gives_the_board_again(family: &str, asked: &[&str]) {
         assert!(status == 1 && stdout.starts_with("STALE: ") && !stdout.contains("cable"), "{stdout}");
         assert!(stdout.contains("the recording is over; a pmacd"), "{stdout}");
     }
+    let (status, stdout, stderr) =
+        site.pmacctl(&["log", "-o", &site.path("none.csv").display().to_string(), "--seconds", "0.1"]);
+    assert_eq!((status, &*stdout), (1, "updates=0 lost=0 missed=0\n"), "{stderr}");
+    assert!(stderr.contains("no update came: the recording is over"), "{stderr}");
     assert!(site.log().contains("nothing else was asked than was recorded"), "told when it is over");
     let doctor = site.pmacctl(&["doctor"]).1;
     assert!(doctor.contains("it is over, and its data are stale"), "{doctor}");

@@ -3,10 +3,11 @@
 mod files;
 mod row;
 mod trigger;
+mod wait;
 
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
@@ -14,19 +15,25 @@ use serde_json::json;
 use self::files::{Files, Meaning, Rotation, Tally};
 use self::row::{Rows, TIME};
 use self::trigger::{Before, Condition};
+use self::wait::{Silence, Wait};
 use crate::cli::args::values::{bytes, number, seconds};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
+use crate::cli::show::motors::reason;
 use crate::client::{Board, Follower, Gap, Staleness, Step, View, identity};
 use crate::decode::ServoData;
 use crate::segment::RegionId;
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.
 const LOOK: Duration = Duration::from_millis(20);
-/// After so long without an update, say so.
-const SILENCE: Duration = Duration::from_secs(2);
+/// How long the board may take to tell the scales until the columns are decided without.
+const SCALES: Duration = Duration::from_secs(5);
+/// A longer wait for them is said.
+const SCALES_SILENT: Duration = Duration::from_secs(1);
+/// A daemon that has run for so long has asked the board who it is, and what its scales are, if it ever does.
+const ASKED: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Args)]
 pub struct Log {
@@ -73,7 +80,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
     let stop = Interrupt::listen()?;
     let began_ns = board.subscriber().now_ns();
-    let end_ns = options.seconds.map(|time| began_ns.saturating_add(time.as_nanos() as u64));
+    let end_ns = end_after(options, began_ns);
     let mut run = Run {
         options,
         stop,
@@ -82,6 +89,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         before: options.trigger.as_ref().map(|_| Before::new(options.before.as_nanos() as u64)),
         output: None,
         servo_period_ns: None,
+        can_tell: true,
+        scales: Wait::default(),
         over: false,
         silent: None,
     };
@@ -90,6 +99,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     loop {
         let identity = board.identity()?;
         run.servo_period_ns = identity::scales(&identity).servo_period_ns();
+        let up_ns = board.subscriber().now_ns().saturating_sub(board.subscriber().header().created_ns);
+        run.can_tell = identity.board_type.is_some() || Duration::from_nanos(up_ns) < ASKED;
         let mut came = false;
         // Read the clock first: an update that comes while updates are taken must not count as missing.
         let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
@@ -106,10 +117,10 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
             run.end(now_ns, pause_ns, stale)?;
             break;
         }
-        silence.note(came, stale, &board);
+        silence.note(came, stale, &mut board);
         std::thread::sleep(LOOK);
     }
-    finish(context, options, run)
+    finish(context, &mut board, run)
 }
 
 /// A log under way.
@@ -123,6 +134,10 @@ struct Run<'a> {
     /// Since the first update.
     output: Option<Output>,
     servo_period_ns: Option<f64>,
+    /// Whether the board may tell its scales still: `pmacd` asks it, or has just begun.
+    can_tell: bool,
+    /// For what scales the values.
+    scales: Wait,
     /// Whether an update from behind the end has come.
     over: bool,
     /// How long no update had come at the end, and why, where that is a pause.
@@ -172,11 +187,26 @@ impl Run<'_> {
         files.row(rows.pause_at_end(silent_ns), Meaning::Gap(Gap::default()))
     }
 
-    fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {
-        let Output { rows, files } = match &mut self.output {
-            Some(output) => output,
-            none => none.insert(begin(self.options, update, self.servo_period_ns, &self.stop)?),
+    /// Whether to wait for the scales of `lacking` with the first row: a log that begins just after `pmacd` would be raw to its end.
+    fn waits_for_scales(&mut self, lacking: &[&str]) -> bool {
+        let told = || {
+            let (names, most) = (lacking.join(", "), SCALES.as_secs());
+            format!("the board has not told what scales {names}; waiting for that, at most {most} s")
         };
+        !lacking.is_empty() && self.can_tell && self.scales.go_on(SCALES_SILENT, told) < SCALES
+    }
+
+    fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {
+        if self.output.is_none() {
+            let rows = planned(self.options, update, self.servo_period_ns)?;
+            if self.waits_for_scales(&rows.unscaled(&update.data)) {
+                // The time counts from the first row.
+                self.end_ns = self.end_ns.and_then(|_| end_after(self.options, update.time_ns));
+                return Ok(());
+            }
+            self.output = Some(begin(self.options, rows, update, &self.stop)?);
+        }
+        let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
         if rows.lacks_scales(&update.data) {
             let meaning = Meaning::Gap(Gap { missed: 1, lost: 0 });
             let row = rows.update(update, 1);
@@ -199,28 +229,42 @@ impl Run<'_> {
             files.row(&row, meaning)?;
         }
         self.before = None;
-        self.end_ns = self.options.seconds.map(|time| update.time_ns.saturating_add(time.as_nanos() as u64));
+        self.end_ns = end_after(self.options, update.time_ns);
         files.row(rows.update(update, 0), Meaning::Update)
     }
 }
 
-/// Checks what was asked for against the first update, and opens the file.
-fn begin(
-    options: &Log,
-    first: &View<ServoData>,
-    servo_period_ns: Option<f64>,
-    stop: &Interrupt,
-) -> Result<Output, Failure> {
+/// When it ends, if it begins at `began_ns`.
+fn end_after(options: &Log, began_ns: u64) -> Option<u64> {
+    options.seconds.map(|time| began_ns.saturating_add(time.as_nanos() as u64))
+}
+
+/// The rows, as what was asked for is found in the first update.
+fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>) -> Result<Rows, Failure> {
     let motors: Vec<usize> = options.motors.iter().map(|motor| usize::from(*motor)).collect();
     let rows = Rows::new(first, &motors, &options.fields, servo_period_ns)?;
     if let Some(mistake) = options.trigger.as_ref().and_then(|trigger| trigger.mistake(&first.data)) {
         return Err(Failure::Request(mistake));
     }
+    Ok(rows)
+}
+
+/// Says what the first update lacks, and opens the file.
+fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -> Result<Output, Failure> {
+    let unscaled = rows.unscaled(&first.data);
+    if !unscaled.is_empty() {
+        let names = unscaled.join(", ");
+        let _ = writeln!(
+            io::stderr(),
+            "{names}: the board has not told the scale; time is in servo cycles then, values are the registers' integers"
+        );
+    }
     if let Some(why) = options.trigger.as_ref().and_then(|trigger| trigger.lacks_scale(&first.data)) {
         let _ = writeln!(io::stderr(), "{why}");
     }
     let fields = rows.fields();
-    let numbers = options.before.as_nanos() as f64 / servo_period_ns.unwrap_or(1e5) * fields.len() as f64;
+    let numbers =
+        options.before.as_nanos() as f64 / rows.servo_period_ns().unwrap_or(1e5) * fields.len() as f64;
     if options.trigger.is_some() && numbers > MOST_BEFORE {
         return Err(Failure::Request(
             "--before: that is too much to keep in memory; name fewer motors or fields".to_owned(),
@@ -236,52 +280,24 @@ fn begin(
     Ok(Output { rows, files: Files::open(&options.output, fields, rotation, stop)? })
 }
 
-/// Says once what no update comes of, and that updates come again.
-#[derive(Default)]
-struct Silence {
-    last: Option<Instant>,
-    said: bool,
-}
-
-impl Silence {
-    fn note(&mut self, came: bool, stale: Option<Staleness>, board: &Board) {
-        let now = Instant::now();
-        let last = *self.last.get_or_insert(now);
-        if came {
-            self.last = Some(now);
-            if std::mem::take(&mut self.said) {
-                let _ = writeln!(io::stderr(), "{}: updates come again", board.name());
-            }
-        } else if !self.said && last.elapsed() >= SILENCE {
-            self.said = true;
-            let why = stale.map_or("none yet", Staleness::name);
-            let _ = writeln!(io::stderr(), "{}: no updates ({why}); waiting for some", board.name());
-        }
-    }
-}
-
-fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Failure> {
+fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict, Failure> {
+    let options = run.options;
     let waited_in_vain = run.before.is_some();
     let Some(Output { mut files, .. }) = run.output else {
-        return Err(Failure::Refused("no update came".to_owned()));
+        summarize(context, options, Tally::default(), None)?;
+        return Err(Failure::Refused(match run.scales.has_begun() {
+            true => "it ended before the board had told its scales; nothing is written".to_owned(),
+            false => no_update(board),
+        }));
     };
     let finished = files.finish();
-    let Tally { updates, missed, lost } = files.tally();
+    let tally = files.tally();
+    let Tally { updates, .. } = tally;
     if updates == 0 {
         files.discard();
     }
     finished?;
-    if context.output.is_json() && !is_stdout(&options.output) {
-        let file = files.present();
-        context.output.json(&json!({ "updates": updates, "lost": lost, "missed": missed, "file": file }))?;
-    } else {
-        let summary = format!("updates={updates} lost={lost} missed={missed}");
-        if is_stdout(&options.output) {
-            writeln!(io::stderr(), "{summary}")?;
-        } else {
-            context.output.line(summary)?;
-        }
-    }
+    summarize(context, options, tally, Some(files.present()))?;
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
@@ -299,6 +315,32 @@ fn finish(context: &mut Context, options: &Log, run: Run) -> Result<Verdict, Fai
     }
     said.extend(drawn.err().map(|failure| failure.to_string()));
     Err(Failure::Refused(said.join("; ")))
+}
+
+/// Why there is nothing to write.
+fn no_update(board: &mut Board) -> String {
+    let stale =
+        board.snapshot().ok().and_then(|snapshot| snapshot.servo.map_or(snapshot.stale, |servo| servo.stale));
+    let why = stale.map_or_else(String::new, |stale| format!(": {}", reason(board, stale)));
+    format!("no update came{why}")
+}
+
+/// The last line: what stands in the files, `present` the last of them.
+fn summarize(
+    context: &mut Context,
+    options: &Log,
+    Tally { updates, missed, lost }: Tally,
+    present: Option<PathBuf>,
+) -> Result<(), Failure> {
+    if context.output.is_json() && !is_stdout(&options.output) {
+        let document = json!({ "updates": updates, "lost": lost, "missed": missed, "file": present });
+        return Ok(context.output.json(&document)?);
+    }
+    let summary = format!("updates={updates} lost={lost} missed={missed}");
+    if is_stdout(&options.output) {
+        return Ok(writeln!(io::stderr(), "{summary}")?);
+    }
+    Ok(context.output.line(summary)?)
 }
 
 /// What is to be said of lost updates: of those a row tells, or none does.

@@ -94,6 +94,18 @@ impl Rows {
         self.columns.iter().filter(|column| !has(column)).map(|column| &*column.field.name).collect()
     }
 
+    /// The length of a servo cycle, where that was known.
+    pub fn servo_period_ns(&self) -> Option<f64> {
+        self.clock.servo_period_ns
+    }
+
+    /// What the board has not told the scale of, in `update`: the time, and the columns of which it gives only an integer.
+    pub fn unscaled(&self, update: &ServoData) -> Vec<&str> {
+        let time = self.clock.servo_period_ns.is_none().then_some("time_s");
+        let is_raw = |column: &&Column| column.quantity(update).is_some_and(|value| value.number().is_none());
+        time.into_iter().chain(self.columns.iter().filter(is_raw).map(|column| &*column.field.name)).collect()
+    }
+
     /// Whether `update` has none of the scaled values that the first one had: a daemon that was started again does not know
     /// the scales at first.
     pub fn lacks_scales(&self, update: &ServoData) -> bool {

@@ -1,0 +1,75 @@
+//! What a log waits for, and what it says meanwhile.
+
+use std::io::{self, Write};
+use std::time::{Duration, Instant};
+
+use crate::cli::show::motors::reason;
+use crate::client::{Board, Staleness};
+
+/// After so long without what it waits for, it says so.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// Something to wait for, which is said once when it takes long.
+#[derive(Default)]
+pub struct Wait {
+    since: Option<Instant>,
+    said: bool,
+}
+
+impl Wait {
+    /// It has not come yet: says `text` where that has been so for `silent`. Returns for how long it has.
+    pub fn go_on(&mut self, silent: Duration, text: impl FnOnce() -> String) -> Duration {
+        let waited = self.since.get_or_insert_with(Instant::now).elapsed();
+        if waited >= silent && !std::mem::replace(&mut self.said, true) {
+            let _ = writeln!(io::stderr(), "{}", text());
+        }
+        waited
+    }
+
+    /// Whether there was anything to wait for.
+    pub fn has_begun(&self) -> bool {
+        self.since.is_some()
+    }
+}
+
+/// Says once that no update comes, and why, and that updates come again.
+#[derive(Default)]
+pub struct Silence {
+    wait: Wait,
+}
+
+impl Silence {
+    pub fn note(&mut self, came: bool, stale: Option<Staleness>, board: &mut Board) {
+        if !came {
+            self.wait.go_on(SILENCE, || {
+                let why = stale.map_or_else(|| "none yet".to_owned(), |stale| reason(board, stale));
+                format!("{}: no updates ({why}); waiting for some", board.name())
+            });
+        } else if std::mem::take(&mut self.wait).said {
+            let _ = writeln!(io::stderr(), "{}: updates come again", board.name());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_takes_long_is_said_once() {
+        let mut wait = Wait::default();
+        let mut said = 0;
+        let mut go_on = |wait: &mut Wait, silent| {
+            wait.go_on(silent, || {
+                said += 1;
+                "still there is none".to_owned()
+            })
+        };
+        assert!(!wait.has_begun());
+        go_on(&mut wait, Duration::from_secs(1000));
+        assert!(wait.has_begun());
+        let waited = [(); 3].map(|()| go_on(&mut wait, Duration::ZERO));
+        assert!(waited.is_sorted() && waited[0] < Duration::from_secs(1000));
+        assert_eq!(said, 1);
+    }
+}
