@@ -203,6 +203,9 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     let (positions, missed) = (column("1.actual_position"), column("missed"));
     let known = positions.iter().filter(|position| !position.is_nan()).count();
     assert!(said.contains(&format!("updates={known} lost=0 missed=")), "{known}: {said}");
+    let read = missed.iter().zip(column("1.servo_status")).filter(|(_, status)| !status.is_nan());
+    let read: f64 = read.map(|(missed, _)| missed).sum();
+    assert!(said.contains(&format!("{read} of the missed were read, but the board had not told")), "{said}");
     let unknown = positions.iter().zip(column("1.servo_status")).zip(missed);
     let unknown: Vec<_> =
         unknown.filter(|((position, status), _)| position.is_nan() && !status.is_nan()).collect();

@@ -55,6 +55,8 @@ impl Rotation {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Meaning {
     Update,
+    /// One that was read while its scale was not known: it is missed.
+    Unscaled,
     Gap(Gap),
 }
 
@@ -70,6 +72,7 @@ impl Tally {
     fn add(&mut self, meaning: Meaning) {
         match meaning {
             Meaning::Update => self.updates += 1,
+            Meaning::Unscaled => self.missed += 1,
             Meaning::Gap(gap) => {
                 self.missed += gap.missed;
                 self.lost += gap.lost;
@@ -81,7 +84,7 @@ impl Tally {
     fn add_unwritten(&mut self, meaning: Meaning) {
         match meaning {
             Meaning::Update => self.lost += 1,
-            Meaning::Gap(_) => self.add(meaning),
+            Meaning::Unscaled | Meaning::Gap(_) => self.add(meaning),
         }
     }
 }
@@ -106,6 +109,8 @@ pub struct Files {
     /// The rows handed to the present file that it may not hold yet.
     pending: Vec<Meaning>,
     kept: u64,
+    /// How many of the missed were read.
+    unscaled: u64,
     /// What found no room since the last row that did.
     unwritten: Tally,
     /// Until when the disk counts as full.
@@ -150,6 +155,7 @@ impl Files {
             written: Tally::default(),
             pending: Vec::new(),
             kept: 0,
+            unscaled: 0,
             unwritten: Tally::default(),
             full_until: None,
             is_full: false,
@@ -170,6 +176,11 @@ impl Files {
         Tally { updates, missed: missed + more_missed, lost: lost + more_lost }
     }
 
+    /// How many of the missed were read while their scale was not known.
+    pub fn unscaled(&self) -> u64 {
+        self.unscaled
+    }
+
     /// Lost updates of which a row in the files tells, and those that found no room up to now, of which none does.
     pub fn lost(&self) -> (u64, u64) {
         (self.written.lost, self.unwritten.lost)
@@ -180,6 +191,7 @@ impl Files {
     /// # Errors
     /// [`Failure`]: the output cannot be written to, other than for want of room.
     pub fn row(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
+        self.unscaled += u64::from(meaning == Meaning::Unscaled);
         if self.full_until.is_some_and(|until| Instant::now() < until) {
             self.unwritten.add_unwritten(meaning);
             return Ok(());

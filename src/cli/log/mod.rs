@@ -44,7 +44,7 @@ pub struct Log {
     #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
     motors: Vec<u8>,
     /// Only these fields, named as in `motors --json` [default: commanded_position, actual_position, following_error, velocity,
-    /// servo_status]
+    /// servo_status]. An update that is read while its scale is not known, as just after a reset, is a row without them, and missed
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
     /// Duration in seconds, counted from the trigger if there is one; without it until ^C
@@ -208,10 +208,9 @@ impl Run<'_> {
         }
         let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
         if rows.lacks_scales(&update.data) {
-            let meaning = Meaning::Gap(Gap { missed: 1, lost: 0 });
             let row = rows.update(update, 1);
-            let Some(before) = &mut self.before else { return files.row(row, meaning) };
-            before.keep(update.time_ns, meaning, row);
+            let Some(before) = &mut self.before else { return files.row(row, Meaning::Unscaled) };
+            before.keep(update.time_ns, Meaning::Unscaled, row);
             return Ok(());
         }
         let Some(before) = &mut self.before else {
@@ -297,6 +296,13 @@ fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict,
         files.discard();
     }
     finished?;
+    let unscaled = files.unscaled();
+    if unscaled > 0 {
+        writeln!(
+            io::stderr(),
+            "{unscaled} of the missed were read, but the board had not told the scale (Ix08) again after a reset or a start of pmacd"
+        )?;
+    }
     summarize(context, options, tally, Some(files.present()))?;
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
