@@ -217,9 +217,6 @@ fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     assert!((least - 0.05..most + 0.05).contains(&pause), "{pause} s, not {least} to {most}");
 }
 
-/// A log into `file`, which has begun.
-fn log_into(site: &VirtualSite, file: &Path, options: &[&str]) -> Child {
-    let arguments = [&["log", "-o", file.to_str().unwrap(), "--motors", "1"], options].concat();
 /// After a reset the scales come again a while after the updates, and after a start of `pmacd` too.
 #[test]
 fn a_log_waits_for_the_scales_before_it_decides_its_columns() {
@@ -250,6 +247,9 @@ fn without_scales_a_log_is_raw_after_a_bounded_time_and_says_so() {
     assert!(stdout.starts_with("update,servo_cycle,"), "{stdout:.200}");
 }
 
+/// A log into `file`, which has begun.
+fn log_into(site: &VirtualSite, file: &Path, options: &[&str]) -> Child {
+    let arguments = [&["log", "-o", file.to_str().unwrap(), "--motors", "1"], options].concat();
     let child = site.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     // It is opened at the first update.
     site.wait_until("the log's file", || file.exists());
@@ -315,6 +315,7 @@ fn e1_a_trigger_that_never_comes_leaves_the_file_as_it_was() {
     let output = child.wait_with_output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(1) && said.ends_with("nothing is written\n"), "{said}");
+    assert_eq!(said.matches("waiting for 1.velocity>1000000000; ^C ends it\n").count(), 1, "{said}");
     assert_eq!(std::fs::read(&file).unwrap(), b"an old one");
 }
 

@@ -15,7 +15,7 @@ use serde_json::json;
 use self::files::{Files, Meaning, Rotation, Tally};
 use self::row::{Rows, TIME};
 use self::trigger::{Before, Condition};
-use self::wait::{Silence, Wait};
+use self::wait::{SILENCE, Silence, Wait};
 use crate::cli::args::values::{bytes, number, seconds};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::is_stdout;
@@ -91,6 +91,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         servo_period_ns: None,
         can_tell: true,
         scales: Wait::default(),
+        trigger: Wait::default(),
         over: false,
         silent: None,
     };
@@ -118,6 +119,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
             break;
         }
         silence.note(came, stale, &mut board);
+        run.say_what_triggers();
         std::thread::sleep(LOOK);
     }
     finish(context, &mut board, run)
@@ -136,8 +138,9 @@ struct Run<'a> {
     servo_period_ns: Option<f64>,
     /// Whether the board may tell its scales still: `pmacd` asks it, or has just begun.
     can_tell: bool,
-    /// For what scales the values.
+    /// For what scales the values, and for the trigger.
     scales: Wait,
+    trigger: Wait,
     /// Whether an update from behind the end has come.
     over: bool,
     /// How long no update had come at the end, and why, where that is a pause.
@@ -194,6 +197,13 @@ impl Run<'_> {
             format!("the board has not told what scales {names}; waiting for that, at most {most} s")
         };
         !lacking.is_empty() && self.can_tell && self.scales.go_on(SCALES_SILENT, told) < SCALES
+    }
+
+    /// Says what it waits for, where updates come and the trigger does not.
+    fn say_what_triggers(&mut self) {
+        if let (Some(trigger), Some(_), Some(_)) = (&self.options.trigger, &self.before, &self.output) {
+            self.trigger.go_on(SILENCE, || format!("waiting for {trigger}; ^C ends it"));
+        }
     }
 
     fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {

@@ -1,6 +1,7 @@
 //! When to begin: a condition on a motor's value or flag, and the rows from before it.
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::str::FromStr;
 
 use super::files::Meaning;
@@ -54,6 +55,21 @@ impl FromStr for Condition {
         let motor = motor.trim().parse().map_err(|_| malformed())?;
         let field = field.trim().to_owned();
         Ok(Self { motor, test: Test::Value { field, is_absolute: inner.is_some(), comparison, limit } })
+    }
+}
+
+/// As it is typed.
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let motor = self.motor;
+        match &self.test {
+            Test::Flag { name, is_set } => write!(f, "{}{motor}.{name}", if *is_set { "" } else { "!" }),
+            Test::Value { field, is_absolute, comparison, limit } => {
+                let bar = if *is_absolute { "|" } else { "" };
+                let sign = if *comparison == Comparison::Above { '>' } else { '<' };
+                write!(f, "{bar}{motor}.{field}{bar}{sign}{limit}")
+            }
+        }
     }
 }
 
@@ -162,6 +178,9 @@ mod tests {
         assert_eq!(parse("12.following_error < -2.5"), Ok(value(false, Comparison::Below, -2.5)));
         let flag = |is_set| Condition { motor: 1, test: Test::Flag { name: "open_loop".to_owned(), is_set } };
         assert_eq!((parse("1.open_loop"), parse("!1.open_loop")), (Ok(flag(true)), Ok(flag(false))));
+        for text in ["12.following_error>100", "|1.velocity|<-2.5", "1.open_loop", "!1.open_loop"] {
+            assert_eq!(parse(text).unwrap().to_string(), text);
+        }
         for wrong in ["", "open_loop", "x.open_loop", "1.velocity>", "1.velocity>x", "|1.velocity>3", ">3"] {
             assert!(parse(wrong).is_err_and(|text| text.contains("write MOTOR")), "{wrong}");
         }

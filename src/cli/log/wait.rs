@@ -7,7 +7,7 @@ use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 
 /// After so long without what it waits for, it says so.
-const SILENCE: Duration = Duration::from_secs(2);
+pub const SILENCE: Duration = Duration::from_secs(2);
 
 /// Something to wait for, which is said once when it takes long.
 #[derive(Default)]
