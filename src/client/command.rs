@@ -27,8 +27,7 @@ use crate::protocol::parameters::to_map;
 use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::transport::connect;
 use crate::protocol::{
-    BOARD, BoardInfo, BoardSettings, Call, CallError, Function, Inbox, Message, REPLY_MAX, Reply, calls,
-    control,
+    BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
 };
 use crate::segment::{SegmentName, is_trusted};
 
@@ -229,14 +228,6 @@ impl Connection {
     /// [`CommandError`].
     pub fn settings(&mut self) -> Result<BoardSettings, CommandError> {
         self.call("GetSettings", &calls::NoParameters {}, DAEMON_TIMEOUT)
-    }
-
-    /// Whether jogs without an end go by the control panel: the daemon uses it, and no M-variable keeps it from that.
-    ///
-    /// # Errors
-    /// [`CommandError`].
-    pub fn jogs_by_panel(&mut self) -> Result<bool, CommandError> {
-        Ok(self.settings()?.functions.has(Function::Panel) && self.info()?.leaves_free(Function::Panel))
     }
 
     /// Sends one command line (1 to 200 printable ASCII characters) and returns the lines of its reply, none when the

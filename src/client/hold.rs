@@ -9,12 +9,22 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
-use crate::protocol::{CallError, deadlines};
+use crate::protocol::{CallError, Function, deadlines};
 
 /// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
 const LEASE_MS: u64 = 200;
 /// How often the lease is renewed; three times before it is over.
 const RENEW: Duration = Duration::from_millis(60);
+
+impl Connection {
+    /// Whether jogs without an end go by the control panel: the daemon uses it, and no M-variable keeps it from that.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub fn jogs_by_panel(&mut self) -> Result<bool, CommandError> {
+        Ok(self.settings()?.functions.has(Function::Panel) && self.info()?.leaves_free(Function::Panel))
+    }
+}
 
 /// A held jog. The stop is requested when it is dropped.
 #[derive(Debug)]

@@ -44,6 +44,14 @@ impl Clients {
         self.clients.get_mut(&id)
     }
 
+    /// Client `id` gets this `reply`, which is no refusal.
+    pub(super) fn served(&mut self, id: u64, reply: Reply) -> Reply {
+        if let Some(client) = self.get_mut(id) {
+            client.was_served();
+        }
+        reply
+    }
+
     /// All of them.
     pub(super) fn iter(&self) -> impl Iterator<Item = (u64, &Client)> {
         self.clients.iter().map(|(&id, client)| (id, client))

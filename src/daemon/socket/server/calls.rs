@@ -51,10 +51,7 @@ impl Service {
         });
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
-            Ok(Some(reply)) => {
-                self.clients.get_mut(id).map(Client::was_served);
-                reply
-            }
+            Ok(Some(reply)) => self.clients.served(id, reply),
             Err(error) => {
                 if self.clients.get_mut(id).is_some_and(|client| client.is_worth_telling(&error)) {
                     let Peer { uid, pid, .. } = caller.peer;
