@@ -16,14 +16,13 @@ const LEASE_MS: u64 = 200;
 /// How often the lease is renewed; three times before it is over.
 const RENEW: Duration = Duration::from_millis(60);
 
-impl Connection {
-    /// Whether jogs without an end go by the control panel: the daemon uses it, and no M-variable keeps it from that.
-    ///
-    /// # Errors
-    /// [`CommandError`].
-    pub fn jogs_by_panel(&mut self) -> Result<bool, CommandError> {
-        Ok(self.settings()?.functions.has(Function::Panel) && self.info()?.leaves_free(Function::Panel))
-    }
+/// Whether held jogs go by the control panel: the daemon uses it, and no M-variable keeps it from that.
+///
+/// # Errors
+/// [`CommandError`].
+pub fn jogs_by_panel(connection: &mut Connection) -> Result<bool, CommandError> {
+    Ok(connection.settings()?.functions.has(Function::Panel)
+        && connection.info()?.leaves_free(Function::Panel))
 }
 
 /// A held jog. The stop is requested when it is dropped.
@@ -44,7 +43,7 @@ impl HeldJog {
     /// # Errors
     /// As [`Connection::panel`] and [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
-        if !connection.jogs_by_panel()? {
+        if !jogs_by_panel(&mut connection)? {
             return Self::begin_by_line(connection, action, numbers);
         }
         connection.panel_hold(action, numbers)?;

@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::cli::act::panel::may_be_moving;
+use crate::client::hold::jogs_by_panel;
 use crate::client::{CommandError, Connection, HeldJog};
 use crate::function::panel::PanelAction;
 use crate::protocol::CallError;
@@ -147,7 +148,7 @@ fn run(daemon: &Daemon, orders: &Receiver<Order>, tell: &Sender<Told>) {
 /// Why this user may not jog. The daemon decides; it is asked, so that this is known before a key is pressed.
 fn may_jog(daemon: &Daemon) -> Result<(), String> {
     let asked =
-        daemon.connect().and_then(|mut connection| Ok((connection.info()?, connection.jogs_by_panel()?)));
+        daemon.connect().and_then(|mut connection| Ok((connection.info()?, jogs_by_panel(&mut connection)?)));
     // Without the panel a jog is a command line.
     let (info, by_panel) = asked.map_err(|error| error.to_string())?;
     let (needed, less): (_, &[&str]) = if by_panel {
