@@ -5,10 +5,12 @@
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
+mod answers;
 mod buffer;
 mod check;
 mod controls;
 mod expiry;
+mod letters;
 mod outbox;
 mod page;
 mod wait;
@@ -32,12 +34,11 @@ use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
-    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, Unsolicited, at_once,
+    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, at_once,
 };
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
-use crate::function::ascii::{AsciiEvent, ResponseText};
-use crate::protocol::{CommandPort, CommandState, MessageKind, control};
+use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
 /// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
@@ -81,6 +82,8 @@ struct WaitingLine {
     writer: Writer,
     /// It is not to be sent any more: this user stopped all motion by this character.
     dropped_by: Option<(u32, u8)>,
+    /// It was sent before: the board only acknowledged it, though it asks for a value.
+    was_sent: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -293,12 +296,14 @@ impl AsciiQueue {
                 } else {
                     Wait::for_answer(now, deadline)
                 };
-                self.lines.push_back(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
+                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by, was_sent: false };
+                self.lines.push_back(line);
             }
             Command::First { ticket, line, origin, deadline } => {
                 let (writer, dropped_by) = (Writer::Stop, None);
                 let wait = Wait::to_the_last(now, deadline);
-                self.lines.push_front(WaitingLine { ticket, line, origin, wait, writer, dropped_by });
+                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by, was_sent: false };
+                self.lines.push_front(line);
             }
             Command::Control { ticket, uid, drops_lines, character, deadline } => {
                 if drops_lines {
@@ -419,7 +424,9 @@ impl AsciiQueue {
             }
             if let Some(barred) = self.buffer.bars(line, next.writer) {
                 self.lines.pop_front();
-                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Barred(barred)));
+                let too_late = || Outcome::Interrupted(Text::of(&barred.too_late()));
+                let outcome = if next.was_sent { too_late() } else { Outcome::Barred(barred) };
+                self.outbox.tell(events, Event::Done(next.ticket, outcome));
                 return Ok(());
             }
             if self.ports.begin(bus, line)? {
@@ -488,101 +495,6 @@ impl AsciiQueue {
         self.line_is_next = matches!(command, InFlight::Control(_));
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
-    }
-
-    fn handle(&mut self, events: &Sender<Event>, publisher: &Publisher, event: AsciiEvent, now: Instant) {
-        let counters = publisher.counters();
-        match event {
-            AsciiEvent::Line(text) => {
-                counters.add(Counter::AsciiReplies, 1);
-                if let Some(under_way) = &mut self.under_way {
-                    under_way.taken = true;
-                    match under_way.command {
-                        InFlight::Line(WaitingLine { ticket, .. })
-                        | InFlight::Control(WaitingControl { ticket, .. }) => {
-                            self.outbox.tell(events, Event::Line(ticket, text));
-                        }
-                        InFlight::Identify => self.identifier.line(text.as_bytes()),
-                        InFlight::Scan => self.scan.line(text.as_bytes()),
-                        InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
-                        InFlight::Check => {
-                            self.check.line(text.as_bytes());
-                            self.see_check(now);
-                        }
-                    }
-                    self.go_on_with_own(now);
-                }
-            }
-            AsciiEvent::Done(result) => {
-                counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
-                self.state = CommandState::Answers;
-                self.answered = Some(now);
-                if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
-                    return self.end_check(result, now);
-                }
-                match self.under_way.take().map(|under_way| under_way.command) {
-                    Some(InFlight::Line(line)) => {
-                        let outcome = self.outcome_of(&line, result);
-                        self.outbox.tell(events, Event::Done(line.ticket, outcome));
-                    }
-                    Some(InFlight::Control(WaitingControl { ticket, .. })) => {
-                        let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
-                        self.outbox.tell(events, Event::Done(ticket, outcome));
-                    }
-                    // The board took it for a program line: its answer is still to come.
-                    Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
-                    Some(InFlight::Identify) if result.is_ok() && self.identifier.repeats() => {
-                        self.identifier.not_sent();
-                        self.ports.doubt();
-                    }
-                    Some(InFlight::Identify) => {
-                        self.identifier.done();
-                        self.scan.is_answering(now);
-                    }
-                    Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
-                    Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
-                        self.scan.not_sent();
-                        self.ports.doubt();
-                    }
-                    Some(InFlight::Scan) => self.scan.done(result.is_err(), now),
-                    Some(InFlight::Buffer) => self.buffer_answered(result, now),
-                    Some(InFlight::Check) | None => {}
-                }
-            }
-            AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
-            AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
-            AsciiEvent::Stale(_) => {
-                counters.add(Counter::AsciiUnsolicited, 1);
-                self.identifier.late_answer();
-            }
-            AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
-            AsciiEvent::Error(_) => {}
-            AsciiEvent::Doubtful(number) => {
-                counters.add(Counter::AsciiErrors, 1);
-                self.end_doubtful(events, number, now);
-            }
-        }
-    }
-
-    /// A line came. A question of our own waits for the next one: a slow board takes its time for many of them.
-    fn go_on_with_own(&mut self, now: Instant) {
-        if let Some(UnderWay { command, deadline, since, .. }) = &mut self.under_way
-            && matches!(command, InFlight::Identify | InFlight::Scan)
-        {
-            *deadline = (*deadline).max((now + OWN_LINE).min(*since + OWN_REPLY));
-        }
-    }
-
-    fn unsolicited(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        kind: MessageKind,
-        text: &ResponseText,
-    ) {
-        publisher.counters().add(Counter::AsciiUnsolicited, 1);
-        let text = text.as_bytes().strip_prefix(&[STX]).map_or(*text, ResponseText::from_bytes);
-        self.outbox.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text }));
     }
 }
 

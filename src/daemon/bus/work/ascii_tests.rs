@@ -355,7 +355,7 @@ fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
     rig.poll();
     let reason = Text::of(&"cancelled by ^X of uid 7");
     assert_eq!(rig.ended(), [(2, Outcome::Done), (1, Outcome::Interrupted(reason))]);
-    rig.send(3, "P1", Duration::from_secs(1));
+    rig.send(3, "P1=1", Duration::from_secs(1));
     rig.poll();
     rig.free_port();
     assert_eq!(rig.take(), "I3 I10 I3");
@@ -393,6 +393,57 @@ fn b1_6_what_stops_all_motion_drops_the_lines_that_wait() {
     }
 }
 
+/// FACTS-TURBO 6: "a stale acknowledge in front of the next reply".
+#[test]
+fn b2_1_a_question_that_was_only_acknowledged_is_asked_again_and_no_reply_goes_to_the_line_after() {
+    let mut rig = Rig::new();
+    for (ticket, line) in [(1, "P1"), (2, "P2")] {
+        rig.send(ticket, line, Duration::from_secs(60));
+    }
+    rig.poll();
+    assert_eq!(rig.take(), "P1");
+    rig.poll();
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), []);
+    // The reply comes behind it, and then that to our own line.
+    let answer_check = |rig: &mut Rig, late: &[&str]| {
+        let mut lines = Vec::new();
+        for _ in 0..20 {
+            rig.now += SETTLE;
+            rig.poll();
+            if !rig.loaded() {
+                continue;
+            }
+            let line = rig.take();
+            let count = line.split(' ').count();
+            match line.split(' ').next().unwrap() {
+                "I3" => {
+                    rig.answer(late);
+                    let period = vec!["3713707"; count - 2];
+                    rig.answer(&[&["2"], &period[..], &["2"]].concat());
+                }
+                "SIZE" => rig.answer(&vec!["31000"; count]),
+                _ => return (lines, line),
+            }
+            lines.push(line);
+        }
+        panic!("{lines:?}");
+    };
+    let (own, first) = answer_check(&mut rig, &["25"]);
+    assert!(!own.is_empty() && first == "P1", "{own:?} {first}");
+    rig.answer(&["25"]);
+    assert_eq!(rig.ended(), [(1, Outcome::Done)]);
+    assert_eq!(rig.take(), "P2");
+    // A board that has no more to say is believed.
+    rig.poll();
+    rig.respond(response::ACKNOWLEDGE);
+    let (_, again) = answer_check(&mut rig, &[]);
+    assert_eq!(again, "P2");
+    rig.poll();
+    rig.respond(response::ACKNOWLEDGE);
+    assert_eq!(rig.ended(), [(2, Outcome::Done)]);
+}
+
 #[test]
 fn b3_3_a_board_that_says_it_marks_no_end_is_believed() {
     let mut rig = Rig::new();
@@ -412,10 +463,10 @@ fn b3_3_a_board_that_says_it_marks_no_end_is_believed() {
     assert!(
         rig.queue.state() == CommandState::Answers && rig.queue.ports.dpram.reply_end() == ReplyEnd::Silence
     );
-    rig.send(2, "P1", Duration::from_secs(1));
+    rig.send(2, "P1=1", Duration::from_secs(1));
     rig.poll();
     rig.poll();
-    assert_eq!(rig.take(), "P1");
+    assert_eq!(rig.take(), "P1=1");
     rig.poll();
     rig.now += REPLY_END;
     rig.poll();
@@ -426,7 +477,7 @@ fn b3_3_a_board_that_says_it_marks_no_end_is_believed() {
 fn a_line_that_waits_for_another_says_nothing_of_the_board() {
     let mut rig = Rig::new();
     rig.send(1, "LIST", Duration::from_secs(60));
-    rig.send(2, "P2", Duration::from_secs(1));
+    rig.send(2, "P2=1", Duration::from_secs(1));
     rig.poll();
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     rig.queue.state = CommandState::Answers;
@@ -501,7 +552,7 @@ fn what_stops_the_machine_does_not_wait_behind_a_report() {
     const POSITIONS: u8 = 0x10;
     const KILL_ALL: u8 = 0x0B;
     let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
+    rig.send(1, "P1=1", Duration::from_secs(60));
     rig.poll();
     rig.take();
     rig.poll();
@@ -524,7 +575,7 @@ fn characters_go_in_time_while_lines_always_wait() {
     let (abort, query) = (b'A' - 64, b'F' - 64);
     let mut rig = Rig::new();
     for ticket in 1..=3 {
-        rig.send(ticket, "P1", Duration::from_secs(60));
+        rig.send(ticket, "P1=1", Duration::from_secs(60));
     }
     rig.poll();
     // What the board has not taken a stop would take back.
@@ -573,7 +624,7 @@ fn b3_2_a_character_that_stops_nothing_takes_no_lines_flag() {
 #[test]
 fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
     let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
+    rig.send(1, "P1=1", Duration::from_secs(60));
     rig.poll();
     rig.control(2, b'F' - 64);
     rig.now += Duration::from_secs(5);

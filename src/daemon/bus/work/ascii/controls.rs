@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::letters::may_move;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
@@ -114,9 +115,4 @@ impl AsciiQueue {
         }
         Ok(())
     }
-}
-
-/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters.
-fn may_move(line: &[u8]) -> bool {
-    line.iter().any(|byte| byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()))
 }

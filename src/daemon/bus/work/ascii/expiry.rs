@@ -39,7 +39,11 @@ impl AsciiQueue {
             if let Some(line) = dropped.and_then(|index| self.lines.remove(index))
                 && let Some((uid, character)) = line.dropped_by
             {
-                let outcome = Outcome::Dropped(dropped_by(uid, character));
+                let outcome = if line.was_sent {
+                    Outcome::Interrupted(stopped_by(uid, character))
+                } else {
+                    Outcome::Dropped(dropped_by(uid, character))
+                };
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
                 continue;
             }
@@ -49,7 +53,11 @@ impl AsciiQueue {
             if self.under_way.is_none() && self.ports.is_idle() {
                 self.ports.hold_if_loaded(bus, now)?;
             }
-            self.not_begun(events, publisher, late.ticket, late.wait, now);
+            if late.was_sent {
+                self.fail(events, publisher, late.ticket, true);
+            } else {
+                self.not_begun(events, publisher, late.ticket, late.wait, now);
+            }
         }
         Ok(())
     }

@@ -6,7 +6,7 @@ use crate::daemon::shared::queue::GivenUp;
 #[test]
 fn a_line_whose_time_is_over_is_never_begun() {
     let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
+    rig.send(1, "P1=1", Duration::from_secs(60));
     rig.poll();
     assert!(rig.loaded());
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
@@ -30,11 +30,11 @@ fn a_line_whose_time_is_over_is_never_begun() {
 #[test]
 fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late() {
     let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
+    rig.send(1, "P1=1", Duration::from_secs(60));
     rig.poll();
     rig.say("5");
     rig.respond(response::ACKNOWLEDGE);
-    rig.send(2, "P2", Duration::from_millis(100));
+    rig.send(2, "P2=1", Duration::from_millis(100));
     rig.poll();
     rig.now += Duration::from_millis(100);
     rig.poll();
@@ -43,7 +43,7 @@ fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late(
         [(1, Outcome::Done), (2, Outcome::Unavailable { port: CommandPort::Dpram, page: None })]
     );
     assert!(rig.loaded(), "it is the board's to clear");
-    rig.send(3, "P3", Duration::from_secs(60));
+    rig.send(3, "P3=1", Duration::from_secs(60));
     rig.poll();
     rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
     rig.poll();
@@ -53,9 +53,9 @@ fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late(
 #[test]
 fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     let mut rig = Rig::new();
-    rig.send(1, "P1", Duration::from_secs(60));
-    rig.send(2, "P2", Duration::from_secs(1));
-    rig.send(3, "P3", Duration::from_secs(60));
+    rig.send(1, "P1=1", Duration::from_secs(60));
+    rig.send(2, "P2=1", Duration::from_secs(1));
+    rig.send(3, "P3=1", Duration::from_secs(60));
     rig.poll();
     rig.take();
     // It would have to be given up 5 ms later, which holds the port for everybody, and says that the board is silent.
@@ -63,7 +63,7 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     rig.respond(response::ACKNOWLEDGE);
     rig.now += SETTLE;
     rig.poll();
-    assert_eq!(rig.take(), "P3");
+    assert_eq!(rig.take(), "P3=1");
     assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Busy)]);
     assert_eq!(rig.queue.state(), CommandState::Answers);
 }
@@ -72,8 +72,8 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
 fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(60));
-    rig.send(2, "P2", Duration::from_secs(30));
-    rig.send(3, "P3", Duration::from_secs(1));
+    rig.send(2, "P2=1", Duration::from_secs(30));
+    rig.send(3, "P3=1", Duration::from_secs(1));
     rig.poll();
     assert_eq!(rig.take(), "SLOW");
     let begun = rig.now;
@@ -85,7 +85,7 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
     assert_eq!(rig.queue.standing(rig.now).1, Some(holds), "so those are told who wait before the socket");
     rig.respond(response::ACKNOWLEDGE);
     rig.poll();
-    assert_eq!(rig.take(), "P2");
+    assert_eq!(rig.take(), "P2=1");
     assert_eq!(rig.queue.standing(rig.now).1, None, "not of every quick line");
 }
 

@@ -1,0 +1,126 @@
+//! What the board answers, and whose it is.
+
+use std::time::Instant;
+
+use super::letters::asks_for_value;
+use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
+use crate::daemon::shared::queue::{Event, Outcome, Sender, Unsolicited};
+use crate::function::ascii::{AsciiEvent, ResponseText};
+use crate::protocol::{CommandState, MessageKind};
+use crate::segment::{Counter, Publisher};
+
+impl AsciiQueue {
+    pub(super) fn handle(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        event: AsciiEvent,
+        now: Instant,
+    ) {
+        let counters = publisher.counters();
+        match event {
+            AsciiEvent::Line(text) => {
+                counters.add(Counter::AsciiReplies, 1);
+                if let Some(under_way) = &mut self.under_way {
+                    under_way.taken = true;
+                    match under_way.command {
+                        InFlight::Line(WaitingLine { ticket, .. })
+                        | InFlight::Control(WaitingControl { ticket, .. }) => {
+                            self.outbox.tell(events, Event::Line(ticket, text));
+                        }
+                        InFlight::Identify => self.identifier.line(text.as_bytes()),
+                        InFlight::Scan => self.scan.line(text.as_bytes()),
+                        InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
+                        InFlight::Check => {
+                            self.check.line(text.as_bytes());
+                            self.see_check(now);
+                        }
+                    }
+                    self.go_on_with_own(now);
+                }
+            }
+            AsciiEvent::Done(result) => {
+                counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
+                self.state = CommandState::Answers;
+                self.answered = Some(now);
+                if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
+                    return self.end_check(result, now);
+                }
+                let has_reply = self.under_way.is_some_and(|under_way| under_way.taken);
+                match self.under_way.take().map(|under_way| under_way.command) {
+                    Some(InFlight::Line(line))
+                        if result.is_ok() && !has_reply && self.is_unanswered(&line) =>
+                    {
+                        self.lines.push_front(WaitingLine { was_sent: true, ..line });
+                        self.ports.doubt();
+                    }
+                    Some(InFlight::Line(line)) => {
+                        let outcome = self.outcome_of(&line, result);
+                        self.outbox.tell(events, Event::Done(line.ticket, outcome));
+                    }
+                    Some(InFlight::Control(WaitingControl { ticket, .. })) => {
+                        let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
+                        self.outbox.tell(events, Event::Done(ticket, outcome));
+                    }
+                    // The board took it for a program line: its answer is still to come.
+                    Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
+                    Some(InFlight::Identify) if result.is_ok() && self.identifier.repeats() => {
+                        self.identifier.not_sent();
+                        self.ports.doubt();
+                    }
+                    Some(InFlight::Identify) => {
+                        self.identifier.done();
+                        self.scan.is_answering(now);
+                    }
+                    Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
+                    Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
+                        self.scan.not_sent();
+                        self.ports.doubt();
+                    }
+                    Some(InFlight::Scan) => self.scan.done(result.is_err(), now),
+                    Some(InFlight::Buffer) => self.buffer_answered(result, now),
+                    Some(InFlight::Check) | None => {}
+                }
+            }
+            AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
+            AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
+            AsciiEvent::Stale(_) => {
+                counters.add(Counter::AsciiUnsolicited, 1);
+                self.identifier.late_answer();
+            }
+            AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
+            AsciiEvent::Error(_) => {}
+            AsciiEvent::Doubtful(number) => {
+                counters.add(Counter::AsciiErrors, 1);
+                self.end_doubtful(events, number, now);
+            }
+        }
+    }
+
+    /// Whether the board, which has acknowledged `line` without a reply, has not answered it. Then that was a late `<ACK>` to a line
+    /// before (FACTS-TURBO 6), and the reply would be given to the line after. Once: a board may have nothing else to say.
+    fn is_unanswered(&self, line: &WaitingLine) -> bool {
+        !line.was_sent && !self.buffer.is_open() && asks_for_value(line.line.as_bytes())
+    }
+
+    /// A line came. A question of our own waits for the next one: a slow board takes its time for many of them.
+    fn go_on_with_own(&mut self, now: Instant) {
+        if let Some(UnderWay { command, deadline, since, .. }) = &mut self.under_way
+            && matches!(command, InFlight::Identify | InFlight::Scan)
+        {
+            *deadline = (*deadline).max((now + OWN_LINE).min(*since + OWN_REPLY));
+        }
+    }
+
+    fn unsolicited(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        kind: MessageKind,
+        text: &ResponseText,
+    ) {
+        publisher.counters().add(Counter::AsciiUnsolicited, 1);
+        let text = text.as_bytes().strip_prefix(&[STX]).map_or(*text, ResponseText::from_bytes);
+        self.outbox.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text }));
+    }
+}

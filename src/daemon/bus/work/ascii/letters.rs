@@ -1,0 +1,36 @@
+//! What the letters of a line tell of it, on a thread that does not allocate.
+
+/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters.
+pub(super) fn may_move(line: &[u8]) -> bool {
+    line.iter().any(|byte| byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()))
+}
+
+/// Whether the board has a value to answer: the line asks for variables, or ends with a question for a motor or coordinate system.
+pub(super) fn asks_for_value(line: &[u8]) -> bool {
+    let line = line.trim_ascii();
+    let ends = |letters: &[u8]| line.last().is_some_and(|byte| letters.contains(&byte.to_ascii_uppercase()));
+    let begins = line.first().is_some_and(|byte| b"IPQM".contains(&byte.to_ascii_uppercase()));
+    let is_variables =
+        begins && line.iter().all(|byte| b"IPQM0123456789.,-> ".contains(&byte.to_ascii_uppercase()));
+    !may_move(line) && !line.contains(&b'=') && (is_variables || ends(b"PVF?"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_known_by_their_letters() {
+        for line in ["I10", "p1..5", "M1->", "Q1 P2", "#1P", "#3?", "&2?", "?", "#1P#2P"] {
+            assert!(asks_for_value(line.as_bytes()) && !may_move(line.as_bytes()), "{line}");
+        }
+        for line in
+            ["", "P1=5", "#1", "&2", "#1J+", "I10=P1", "LIST PROG 1", "SAVE", "#1J+ #1P", "OPEN PROG 5"]
+        {
+            assert!(!asks_for_value(line.as_bytes()), "{line}");
+        }
+        for line in ["#1J+", "&1R", "ENABLE PLC 3", "#1HM"] {
+            assert!(may_move(line.as_bytes()), "{line}");
+        }
+    }
+}
