@@ -38,6 +38,12 @@ const fn may_come_twice(character: u8) -> bool {
     matches!(character, ABORT | KILL | HOLD | QUIT)
 }
 
+/// What goes once more where `before` was to and `character` comes, too: what stops more.
+fn stronger(before: Option<u8>, character: u8) -> Option<u8> {
+    let strength = |character: &u8| [HOLD, QUIT, ABORT, KILL].iter().position(|stop| stop == character);
+    before.into_iter().chain(may_come_twice(character).then_some(character)).max_by_key(strength)
+}
+
 impl DpramPort {
     /// Ends the line under way, or one that was given up and lies there yet, before `character`, which
     /// [goes over it](super::control::goes_over_line), is handed over. The port is held then, as after [`DpramPort::give_up`].
@@ -63,7 +69,7 @@ impl DpramPort {
         if !is_held {
             self.abandon(now, has_parts);
         }
-        self.stop_again = may_come_twice(character).then_some(character);
+        self.stop_again = stronger(self.stop_again, character);
         // A board that answers a first part may carry it out.
         let is_unsent = lacks_end && self.part_answer == Follows::No;
         Ok(if is_unsent { Stopped::Unsent } else { Stopped::Uncertain })
@@ -72,9 +78,14 @@ impl DpramPort {
     /// The board has all of the line under way, but has not ended it, and may carry it out behind the stop `character`: that goes once
     /// more then.
     pub fn stop_again_behind(&mut self, character: u8) {
-        if matches!(self.state, State::Loaded { .. } | State::Replying { .. }) && may_come_twice(character) {
-            self.stop_again = Some(character);
+        if matches!(self.state, State::Loaded { .. } | State::Replying { .. } | State::Held(_)) {
+            self.stop_again = stronger(self.stop_again, character);
         }
+    }
+
+    /// The machine is to go on, or the stop was not sent: none goes once more.
+    pub fn forget_stop(&mut self) {
+        self.stop_again = None;
     }
 
     /// Makes a line of one part empty that lies before the board.

@@ -3,7 +3,7 @@
 use super::*;
 use crate::function::ascii::control::{FLAG_BEHIND_HALF_AFTER, goes_over_line};
 use crate::function::ascii::stop::Stopped;
-use crate::protocol::control::{CANCEL, KILL};
+use crate::protocol::control::{CANCEL, HOLD, KILL, QUIT};
 
 /// A line of two parts.
 fn long_line(family: &Family) -> String {
@@ -180,6 +180,25 @@ fn b2_a_stop_goes_once_more_behind_a_line_that_the_board_may_carry_out_after_it(
         rig.respond(response::ACKNOWLEDGE, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         assert!(rig.begin("P3"), "a step comes once");
+    }
+}
+
+#[test]
+fn b2_the_strongest_stop_goes_once_more() {
+    for (first, second, again) in [(KILL, ABORT, KILL), (ABORT, HOLD, ABORT), (QUIT, ABORT, ABORT)] {
+        let mut rig = Rig::new(FAMILIES[0]);
+        assert!(rig.begin("#1J/"));
+        rig.take();
+        assert_eq!(rig.poll(), None);
+        for character in [first, second] {
+            rig.stop(character);
+            rig.port.stop_again_behind(character);
+            assert_eq!(rig.take_character(), character);
+            assert_eq!(rig.poll(), None);
+        }
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        rig.stop_again(again);
     }
 }
 

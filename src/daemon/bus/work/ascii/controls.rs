@@ -60,11 +60,13 @@ impl AsciiQueue {
             return Ok(());
         };
         let Some(&first) = self.controls.get(index) else { return Ok(()) };
+        let behind_line = self.line_may_move();
         self.stop_line(bus, &first, now)?;
         let has_reply = control_has_reply(first.character);
         if self.ports.control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
             self.last_event = now;
+            self.stop_again(first.character, behind_line);
             if has_reply {
                 self.start(InFlight::Control(first), first.wait.deadline, publisher, now);
             } else {
@@ -80,6 +82,25 @@ impl AsciiQueue {
             }
         }
         Ok(())
+    }
+
+    /// Whether the board has a line, or had one that was given up, which may move something when it is carried out.
+    fn line_may_move(&self) -> bool {
+        match &self.under_way {
+            Some(UnderWay { command: InFlight::Line(line), .. }) => may_move(line.line.as_bytes()),
+            Some(_) => false,
+            None => self.check.given_up().is_some_and(|given_up| may_move(given_up.by.shown.as_bytes())),
+        }
+    }
+
+    /// `character` was handed over, at a board that may carry out a line behind it: a stop goes once more then. What has motion go
+    /// on ends that.
+    fn stop_again(&mut self, character: u8, behind_line: bool) {
+        if matches!(character, control::RUN | control::STEP) {
+            self.ports.dpram.forget_stop();
+        } else if behind_line && goes_over_line(character) && self.ports.in_use() == CommandPort::Dpram {
+            self.ports.dpram.stop_again_behind(character);
+        }
     }
 
     /// Ends the line under way, or given up, where `control` goes over it. What ends a sequence stays.
@@ -100,13 +121,6 @@ impl AsciiQueue {
         }
         let stopped = self.ports.stop(bus, character, now)?;
         let Some(under_way) = &mut self.under_way else { return Ok(()) };
-        if let InFlight::Line(line) = &under_way.command
-            && stopped == Stopped::Nothing
-            && self.ports.in_use() == CommandPort::Dpram
-            && may_move(line.line.as_bytes())
-        {
-            self.ports.dpram.stop_again_behind(character);
-        }
         // Behind `^X` it ends when the board has taken that.
         if stopped != Stopped::Nothing && character != CANCEL {
             // Where lines of a reply came the board carries out parts.

@@ -1,8 +1,19 @@
 //! What the letters of a line tell of it, on a thread that does not allocate.
 
-/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters.
+/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters, and no signs of
+/// commands (`#1$`, `&1<`, `&1%100`). Saving and listing take long, and move nothing.
 pub(super) fn may_move(line: &[u8]) -> bool {
-    line.iter().any(|byte| byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()))
+    let begins = |word: &[u8]| line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word));
+    let moves = |byte: &u8| match byte {
+        b'$' | b'%' | b'<' | b'\\' | b'/' => true,
+        byte => byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()),
+    };
+    !begins(b"SAVE") && !begins(b"LIST") && (line.iter().any(moves) || is_arrow_alone(line))
+}
+
+/// `&1>` begins to move; `M1->` asks.
+fn is_arrow_alone(line: &[u8]) -> bool {
+    (0..line.len()).any(|at| line[at] == b'>' && (at == 0 || line[at - 1] != b'-'))
 }
 
 /// Whether the board has a value to answer: the line asks for variables, or ends with a question for a motor or coordinate system.
@@ -29,7 +40,7 @@ mod tests {
         {
             assert!(!asks_for_value(line.as_bytes()), "{line}");
         }
-        for line in ["#1J+", "&1R", "ENABLE PLC 3", "#1HM"] {
+        for line in ["#1J+", "&1R", "ENABLE PLC 3", "#1HM", "#1$", "&1<", "&1>", "&1\\", "&1%100"] {
             assert!(may_move(line.as_bytes()), "{line}");
         }
     }
