@@ -101,8 +101,9 @@ pub struct ServoReader {
     mask_found: Option<[u32; 2]>,
     /// So many updates more until the mask is read again.
     mask_updates: u32,
-    /// Of the motors told, those that somebody else has taken out of the mask, when that has changed.
-    taken_out: Option<u32>,
+    /// Of the motors told, those that somebody else has taken out of the mask, and whether that has changed.
+    taken_out: u32,
+    is_new: bool,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
@@ -130,7 +131,8 @@ impl ServoReader {
             as_found: false,
             mask_found: None,
             mask_updates: 0,
-            taken_out: None,
+            taken_out: 0,
+            is_new: false,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
@@ -171,7 +173,7 @@ impl ServoReader {
 
     /// Which motors somebody else has taken out of the mask, bit n-1 for motor n, if that has changed since the last call.
     pub fn take_taken_out(&mut self) -> Option<u32> {
-        self.taken_out.take()
+        std::mem::take(&mut self.is_new).then_some(self.taken_out)
     }
 
     /// The motors that are not read because the report's mask is left as it is found, bit n-1 for motor n.
@@ -331,8 +333,9 @@ impl ServoReader {
         };
         if motors != self.motors {
             self.read_motors(motors);
-            self.taken_out = self.told.filter(|_| !writes && !self.as_found).map(|told| told & !motors);
         }
+        let taken_out = if self.as_found { 0 } else { self.told.unwrap_or_default() & !motors };
+        self.is_new |= std::mem::replace(&mut self.taken_out, taken_out) != taken_out;
         if motors & !before != 0 {
             // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
             self.last_timer = None;

@@ -4,7 +4,7 @@
 const LEARN: u64 = 32;
 /// A step that came less often among them is no period.
 const RARE: u64 = LEARN / 4;
-/// While the period is untold the last so many updates are kept; gaps before them are not made up for.
+/// After so many updates without a told period all are forgotten: their gaps are not made up for.
 const REMEMBERED: u64 = 1 << 16;
 
 /// What is known of the servo cycles from update to update.
@@ -21,6 +21,8 @@ enum Period {
 #[derive(Debug, Clone, Default)]
 pub struct UpdateCounter {
     period: Period,
+    /// What was told last, 0 for nothing.
+    told: u32,
     /// While unknown: the smallest step and how often it came, what divides all of them, how many there were, and all of them
     /// together.
     smallest: u64,
@@ -50,6 +52,7 @@ impl UpdateCounter {
     /// counted with the next update. 0 is no period: every update that was read counts as 1.
     pub fn expect_cycles(&mut self, cycles: u32) {
         self.period = if cycles == 0 { Period::Absent } else { Period::Cycles(cycles) };
+        self.told = cycles;
         self.must_be_told &= cycles == 0;
     }
 
@@ -93,9 +96,10 @@ impl UpdateCounter {
         if self.seen < LEARN {
             return 1;
         }
-        if self.divisor != self.smallest || self.smallest_seen < RARE {
+        let is_rare = self.smallest_seen < RARE && self.smallest != u64::from(self.told);
+        if self.divisor != self.smallest || is_rare {
             // Steps that are no multiples of the smallest have no period, as of a report that a background cycle makes. One that
-            // came a few times is none: it may be a single update out of turn.
+            // came a few times is none: it may be a single update out of turn, unless it was told.
             self.forget();
             return 1;
         }

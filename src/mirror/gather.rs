@@ -261,6 +261,7 @@ impl GatherMirror {
         }
         (self.reader, self.timer, self.clock) = (Some(reader), timer, clock);
         self.number = self.number.wrapping_add(1);
+        self.strays = 0;
         self.next_poll = now;
         publisher.set_region_state(RegionId::Gather, RegionState::Live);
         Ok(Ok(()))
@@ -308,7 +309,7 @@ impl GatherMirror {
         let (phase, first) = match found {
             GatherPoll::Samples { first, .. } => (GatherPhase::Running, Some(first)),
             // Once it may be a disturbance on the bus.
-            GatherPoll::OutOfRange { .. } if self.strays >= STRAYS => (GatherPhase::Redefined, None),
+            GatherPoll::OutOfRange { .. } if self.strays + 1 >= STRAYS => (GatherPhase::Redefined, None),
             GatherPoll::Idle | GatherPoll::Disturbed | GatherPoll::OutOfRange { .. } => {
                 let strays = matches!(found, GatherPoll::OutOfRange { .. });
                 self.strays = if strays { self.strays + 1 } else { 0 };

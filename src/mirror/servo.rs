@@ -22,6 +22,9 @@ const HOLDS: usize = 16;
 /// Servo data are stale after this time without an update, or after ten periods ([`limit_ns`]).
 const STALE_NS: u64 = 100_000_000;
 
+/// A longer time between updates is a pause, where the period is not told.
+const LONGEST_PERIOD_NS: u64 = 1_000_000_000;
+
 /// Two seconds at the default rate of 2.26 kHz, for readers that sleep.
 const SLOTS: u32 = 4096;
 
@@ -279,7 +282,12 @@ impl ServoMirror {
                     self.record_host_busy(began);
                 }
                 ServoPoll::First(timer) => {
-                    self.timer.advance(timer);
+                    // One that came while others were read, under a mask that has become wider, is not taken.
+                    if let (_, Some(passed)) = self.timer.advance(timer)
+                        && self.freshness.is_live()
+                    {
+                        publisher.counters().add(Counter::Missed, self.gaps.updates(passed.into()));
+                    }
                     break;
                 }
                 poll @ (ServoPoll::Unchanged | ServoPoll::Busy) => {
@@ -377,7 +385,9 @@ impl ServoMirror {
     /// Keeps the limit of staleness at ten periods of what the updates really come at, so many of the clock's.
     fn follow_period(&mut self, publisher: &Publisher, clocks: u64) {
         let Some(period) = self.clock.period_ns() else { return };
-        let period = period.saturating_mul(clocks);
+        // A long pause says nothing of what comes behind it.
+        let whole = period.saturating_mul(clocks);
+        let period = if (STALE_NS / 10..=LONGEST_PERIOD_NS).contains(&whole) { whole } else { period };
         // A few per cent either way change nothing for anybody.
         if period.abs_diff(self.published_period_ns) > self.published_period_ns / 16 {
             self.published_period_ns = period;
