@@ -324,6 +324,7 @@ impl Identifier {
     /// The reply is complete, or the board refused the question (which leaves its answers unknown).
     pub fn done(&mut self) {
         self.under_way = false;
+        self.has_failed = false;
         if self.comparison.as_mut().is_some_and(Comparison::end) {
             self.tell(self.known.clone());
             return self.restart();

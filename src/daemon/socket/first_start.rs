@@ -77,7 +77,7 @@ impl FirstStart {
     pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
         let cs = self.systems.trailing_zeros() + 1;
         refused(&format!(
-            "not started: &{cs}'s rotary buffer may hold lines of a program from before pmacd was started, and the board could not be \
+            "not started: &{cs}'s rotary buffer may hold lines of an earlier program, and the board could not be \
              asked ({reason}). {} runs whatever is there",
             start_anyway(cs, has_panel)
         ))

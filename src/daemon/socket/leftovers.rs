@@ -25,6 +25,9 @@ pub struct Starts {
     pub confirmed: bool,
 }
 
+/// The error of `PR` without a rotary buffer.
+const NO_BUFFER: u16 = 3;
+
 /// What every coordinate system has left, &1 first.
 #[derive(Debug, Default)]
 pub(super) struct Leftovers {
@@ -59,6 +62,16 @@ impl Leftovers {
         self.set(system, lines, resets);
         self.asked |= system;
         self.found |= if is_a_streams { 0 } else { system };
+    }
+
+    /// The board refuses to count them by this `error`. Of one that does not say that there is no buffer, nobody knows whose it is: what
+    /// a stream has left counts then.
+    pub(super) fn refused(&mut self, system: u32, error: u16, resets: u64) {
+        if error != NO_BUFFER && self.of(system).any(|(_, left)| *left > 0) {
+            self.asked |= system;
+        } else {
+            self.find(system, 0, resets);
+        }
     }
 
     /// The programs of `systems` were aborted. Of what was streamed whole, nobody knows how much is left.
@@ -330,6 +343,14 @@ mod tests {
         left.aborted(0b11);
         assert_eq!(left.unknown(start, 0), 0b1001, "of &2 the board has told");
         left.find(0b1, 0, 0);
+        // The board refuses to say: it has no buffer, or a program had an error.
+        let one = Starts { systems: 0b1, confirmed: false };
+        for (error, may_start) in [(5, false), (NO_BUFFER, true)] {
+            left.set(0b1, 200, 0);
+            assert_eq!(left.left(one), 0b1);
+            left.refused(0b1, error, 0);
+            assert_eq!((left.left(one), left.check(one, 0, true).is_ok()), (0, may_start), "ERR{error:03}");
+        }
         assert_eq!(left.unknown(start, 1), 0, "no rotary buffer is kept over a reset");
         assert!(left.check(start, 1, true).is_ok());
     }

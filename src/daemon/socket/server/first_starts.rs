@@ -1,7 +1,7 @@
 //! Has the board asked what lies in rotary buffers that the daemon knows nothing of, before it starts their programs.
 //!
 //! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
-//! about once, and once more where a stream has left something: a reset that nobody saw has taken it. Where command lines are not
+//! about once, and once more where a stream has left something: a reset that nobody saw may have taken it. Where command lines are not
 //! used nobody can ask: a start goes as it is.
 
 use std::time::{Duration, Instant};
@@ -49,8 +49,12 @@ impl Service {
             (Err(dropped), Outcome::Dropped(_)) => Err(dropped),
             (Err(reason), _) => Err(start.unknown(&reason, self.info.why_not(Function::Panel).is_none())),
             (Ok(found), _) => {
-                if let Some((system, left)) = found {
-                    self.leftovers.find(system, left, self.resets.count());
+                match (found, outcome) {
+                    (Some((system, _)), Outcome::Error(error)) => {
+                        self.leftovers.refused(system, error, self.resets.count());
+                    }
+                    (Some((system, left)), _) => self.leftovers.find(system, left, self.resets.count()),
+                    (None, _) => {}
                 }
                 self.go_on_with_start(caller, start, now)
             }
