@@ -246,7 +246,8 @@ impl Files {
         if self.file.kept() == 0 {
             return Ok(());
         }
-        match next(&self.path, self.number + 1, self.form, &self.fields, &self.stop) {
+        let newest = newest(&self.path).unwrap_or_default().max(self.number);
+        match next(&self.path, newest + 1, self.form, &self.fields, &self.stop) {
             Ok((number, file)) => {
                 self.file = file;
                 self.previous = Some(std::mem::replace(&mut self.number, number));
@@ -318,16 +319,16 @@ impl Files {
     }
 
     /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it becomes.
-    /// A file that another log writes stays, or has just made, and one that cannot be looked into.
+    /// A file that another log writes or has just made stays, and so does one that cannot be looked into.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
-        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number < self.number).collect();
+        let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
         let mut bytes = others.iter().fold(present, |bytes, (_, _, taken)| bytes.saturating_add(*taken));
-        for (_, path, taken) in others {
-            if bytes <= keep {
+        for (number, path, taken) in others {
+            if bytes <= keep || number > self.number {
                 break;
             }
             if !opened(&path).is_ok_and(|file| !is_in_use(&file)) {

@@ -24,7 +24,7 @@ use crate::cli::plot::{PicturePath, check_drawable, draw_file};
 use crate::cli::show::motors::reason;
 use crate::client::{Board, Follower, Gap, Staleness, Step, View, identity};
 use crate::decode::ServoData;
-use crate::segment::RegionId;
+use crate::segment::{Identity, RegionId};
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.
 const LOOK: Duration = Duration::from_millis(20);
@@ -44,7 +44,7 @@ pub struct Log {
     #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
     motors: Vec<u8>,
     /// Only these fields, named as in `motors --json` [default: commanded_position, actual_position, following_error, velocity,
-    /// servo_status]. An update that is read while its scale is not known, as just after a reset, is a row without them, and missed
+    /// servo_status]. An update that is read while its scale is not known, as just after a reset, is a row without values and counts as missed
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
     /// Duration in seconds, counted from the trigger if there is one; without it until ^C
@@ -101,7 +101,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         let identity = board.identity()?;
         run.servo_period_ns = identity::scales(&identity).servo_period_ns();
         let up_ns = board.subscriber().now_ns().saturating_sub(board.subscriber().header().created_ns);
-        run.can_tell = identity.board_type.is_some() || Duration::from_nanos(up_ns) < ASKED;
+        let may_tell = identity.board_type.is_some() || Duration::from_nanos(up_ns) < ASKED;
+        run.can_tell = may_tell && lacks_scales(&identity, &options.motors);
         let mut came = false;
         // Read the clock first: an update that comes while updates are taken must not count as missing.
         let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
@@ -243,6 +244,16 @@ impl Run<'_> {
     }
 }
 
+/// Whether the board has still to tell the servo period, or the scale of one of `motors`, which are all where none is named. A scale
+/// of 0 is told.
+fn lacks_scales(identity: &Identity, motors: &[u8]) -> bool {
+    let reported = identity.motor_mask.unwrap_or_default();
+    let is_logged =
+        |motor: &u8| reported >> (motor - 1) & 1 != 0 && (motors.is_empty() || motors.contains(motor));
+    let mut numbers = (1..=32_u8).filter(is_logged);
+    identity.i10.is_none() || numbers.any(|motor| identity.ix08[usize::from(motor) - 1].is_none())
+}
+
 /// When it ends, if it begins at `began_ns`.
 fn end_after(options: &Log, began_ns: u64) -> Option<u64> {
     options.seconds.map(|time| began_ns.saturating_add(time.as_nanos() as u64))
@@ -265,7 +276,7 @@ fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -
         let names = unscaled.join(", ");
         let _ = writeln!(
             io::stderr(),
-            "{names}: the board has not told the scale; time is in servo cycles then, values are the registers' integers"
+            "{names}: the board has not told the scale: values are the registers' integers, and time without one is in servo cycles"
         );
     }
     if let Some(why) = options.trigger.as_ref().and_then(|trigger| trigger.lacks_scale(&first.data)) {
