@@ -184,7 +184,8 @@ fn ranges(text: &str) -> Option<Vec<String>> {
         }
         None => {
             let mut parts = numbers.splitn(3, ',').map(str::parse);
-            (parts.next()?.ok()?, parts.next()?.ok()?, Some(parts.next()?.ok()?))
+            let (first, count) = (parts.next()?.ok()?, parts.next()?.ok()?);
+            (first, count, Some(parts.next().unwrap_or(Ok(1)).ok()?))
         }
     };
     let begins = (0..count).step_by(AT_ONCE as usize);
@@ -413,6 +414,7 @@ mod tests {
         assert_eq!(of("i0..119").unwrap(), ["i0..49", "i50..99", "i100..119"]);
         assert_eq!(of("M10..70->").unwrap(), ["M10..59->", "M60..70->"]);
         assert_eq!(of("P100,60,2").unwrap(), ["P100,50,2", "P200,10,2"]);
+        assert_eq!(of("P0,60").unwrap(), ["P0,50,1", "P50,10,1"]);
         assert_eq!(of("#1P &2 Q0..50").unwrap(), ["#1", "P", "&2", "Q0..49", "Q50..50"]);
         assert_eq!(of("I0..8191").map(|parts| parts.len()), Some(164));
         for line in

@@ -14,7 +14,11 @@ pub fn command_bytes(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 #[must_use]
 pub fn resets(line: &[u8]) -> bool {
     let is_stations = |before: &[u8]| {
-        before.trim_ascii_end().last_chunk().is_some_and(|[m, s]| [*m, *s].eq_ignore_ascii_case(b"MS"))
+        let before = before.trim_ascii_end();
+        let ends = |word: &[u8]| {
+            before.len().checked_sub(word.len()).is_some_and(|at| before[at..].eq_ignore_ascii_case(word))
+        };
+        ends(b"MS") || ends(b"MACROSLV")
     };
     command_bytes(line).any(|part| {
         part.windows(3).enumerate().any(|(at, three)| three == b"$$$" && !is_stations(&part[..at]))
@@ -72,7 +76,7 @@ mod tests {
         let line = "& 1 r SEND\"#2J+ $$$\" #3 hm";
         assert_eq!(plain(line), "&1RSEND#3HM");
         assert!(!resets(line.as_bytes()) && resets(b" $$$***"));
-        assert!(!resets(b"ms $$$0") && resets(b"MSSAVE0 $$$"));
+        assert!(!resets(b"ms $$$0") && !resets(b"MACROSLV$$$0") && resets(b"MSSAVE0 $$$"));
         assert_eq!(command_bytes(line.as_bytes()).count(), commands(line).count());
     }
 
