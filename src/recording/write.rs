@@ -196,7 +196,7 @@ fn others(directory: &Metadata) -> Option<String> {
     if directory.uid() != geteuid().as_raw() {
         return Some(format!("it belongs to uid {}", directory.uid()));
     }
-    (directory.mode() & 0o022 != 0).then(|| "others may write into it".to_owned())
+    (directory.mode() & 0o022 != 0).then(|| "others may write into it (chmod go-w)".to_owned())
 }
 
 /// A file of lines, each a JSON document. When a write fails, whole lines remain.

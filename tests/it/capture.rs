@@ -267,7 +267,6 @@ fn e6_a_full_disk_leaves_whole_lines() {
     assert!(recording.accesses.len() > 1000 && recording.about.accesses == recording.accesses.len() as u64);
 }
 
-/// The files of a tar, by name.
 /// Where the directory's group is somebody else's, nobody of it may change what is sent on.
 #[test]
 fn e6_nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
@@ -290,6 +289,7 @@ fn e6_nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
     }
 }
 
+/// The files of a tar, by name.
 fn files_of(tar: &[u8]) -> BTreeMap<String, String> {
     let mut archive = tar::Archive::new(tar);
     let entries = archive.entries().unwrap().map(|entry| {

@@ -209,6 +209,7 @@ fn b1_8_a_restore_that_the_end_of_pmacd_cuts_short_fails() {
     let ran = Ran::from(child.wait_with_output().unwrap());
     assert_ne!(ran.code, Some(0), "{ran:?}");
     assert!(ran.stderr.contains(&format!("{file}:")) && ran.stderr.contains(" of 900 lines"), "{ran:?}");
+    assert_eq!(ran.json()["errors"].as_array().map(Vec::len), Some(1), "{ran:?}");
 }
 
 #[test]

@@ -277,13 +277,10 @@ impl Report<'_> {
             let over = board.finish()?;
             let was_reset = self.reset(&over, first, &owners, &lines);
             complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
-            return match parts.next() {
-                Some((entry, _)) if !was_reset => Err(Failure::Refused(format!(
-                    "{}:{}: pmacd ended the sequence before this line",
-                    self.file, entry.line
-                ))),
-                _ => Ok(()),
-            };
+            let Some((entry, _)) = parts.next().filter(|_| !was_reset) else { return Ok(()) };
+            let why = "pmacd ended the sequence before this line".to_owned();
+            self.errors.push((entry, why.clone()));
+            return Err(Failure::Refused(why).at(format_args!("{}:{}", self.file, entry.line)));
         }
         let accepted = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
         let held = read(&mut board, accepted().map(|entry| entry.item));

@@ -18,7 +18,7 @@ pub struct Map {
     /// out
     #[arg(long, value_name = "FAMILY", value_parser = family)]
     pub family: Option<&'static Family>,
-    /// The board's firmware, as VERSION answers; without it that of the board that pmacd reaches, else the map in the printed manual
+    /// The board's firmware, as VERSION answers; without it, and without --family, that of the board that pmacd reaches; else the map in the printed manual
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
     /// Where a firmware with a moved gather buffer keeps its size word
