@@ -327,8 +327,8 @@ impl Rotary {
                  DPRAM and cannot be kept: there would be a gap; --clear takes all of them away; nothing was sent"
             ))),
             (None, _) => Err(refused(format!(
-                "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: --clear takes them \
-                 away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
+                "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: rotary stream --clear takes \
+                 them away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
             ))),
         }
     }
