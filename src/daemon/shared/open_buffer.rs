@@ -283,6 +283,12 @@ impl OpenBuffer {
         }
     }
 
+    /// The board has acknowledged a question without an answer, as it does where that is a line of a program that another host has just
+    /// opened: what it said before is not believed.
+    pub fn disbelieve(&mut self) {
+        (self.in_doubt, self.believed_until) = (true, None);
+    }
+
     /// No report comes any more: the board has to be asked.
     pub fn unsee(&mut self) {
         if std::mem::take(&mut self.has_reports) {

@@ -239,3 +239,20 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
         assert!(matches!(buffer.bars(line.as_bytes(), inside), Some(Barred::Open(_))), "{line}");
     }
 }
+
+#[test]
+fn b1_2_behind_a_question_that_was_only_acknowledged_the_board_is_asked_again() {
+    let now = Instant::now();
+    for has_reports in [false, true] {
+        let mut buffer = OpenBuffer::default();
+        buffer.learn(Some(31_000), now);
+        if has_reports {
+            buffer.see(false, 1);
+        }
+        assert!(buffer.is_known(now));
+        buffer.disbelieve();
+        assert!(!buffer.is_known(now), "with reports: {has_reports}");
+        buffer.learn(Some(-31_000), now);
+        assert!(buffer.is_known(now) && buffer.is_open());
+    }
+}

@@ -52,7 +52,7 @@ impl AsciiQueue {
                         if result.is_ok() && !has_reply && self.is_unanswered(&line) =>
                     {
                         self.lines.push_front(WaitingLine { was_sent: true, ..line });
-                        self.ports.doubt();
+                        self.doubt_answer();
                     }
                     Some(InFlight::Line(line)) => {
                         let outcome = self.outcome_of(&line, result);
@@ -66,7 +66,7 @@ impl AsciiQueue {
                     Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
                     Some(InFlight::Identify) if result.is_ok() && self.identifier.repeats() => {
                         self.identifier.not_sent();
-                        self.ports.doubt();
+                        self.doubt_answer();
                     }
                     Some(InFlight::Identify) => {
                         self.identifier.done();
@@ -75,7 +75,7 @@ impl AsciiQueue {
                     Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
                     Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
                         self.scan.not_sent();
-                        self.ports.doubt();
+                        self.doubt_answer();
                     }
                     Some(InFlight::Scan) => self.scan.done(result.is_err(), now),
                     Some(InFlight::Buffer) => self.buffer_answered(result, now),
@@ -95,6 +95,12 @@ impl AsciiQueue {
                 self.end_doubtful(events, number, now);
             }
         }
+    }
+
+    /// An answer is still to come, or the line was stored in a program.
+    fn doubt_answer(&mut self) {
+        self.ports.doubt();
+        self.buffer.disbelieve();
     }
 
     /// Whether the board, which has acknowledged `line` without a reply, has not answered it. Then that was a late `<ACK>` to a line
