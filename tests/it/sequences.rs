@@ -1,6 +1,6 @@
 //! Sequences: one owner at a time, and an end that the daemon carries out whatever becomes of the owner.
 
-use std::process::Stdio;
+use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use pmac_dpram::client::command::lines::LinesOptions;
@@ -172,8 +172,8 @@ fn b1_7_a_download_notices_a_reset_between_two_lines() {
     assert_eq!(site.run(&["download", &file]).code, Some(0));
 }
 
-#[test]
-fn b1_7_a_restore_notices_a_reset_between_two_lines() {
+/// A restore under way: the site, the file, and `pmacctl`.
+fn restore_of_900_lines() -> (VirtualSite, String, Child) {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     let lines: String = (0..900).map(|number| format!("P{number}={}\n", number + 1)).collect();
@@ -181,6 +181,12 @@ fn b1_7_a_restore_notices_a_reset_between_two_lines() {
     let child = site.command(&["restore", &file, "--yes", "--json"]);
     let child = { child }.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     site.wait_until("the restore to run", || site.log().matches("(restore) sends \"P").count() > 300);
+    (site, file, child)
+}
+
+#[test]
+fn b1_7_a_restore_notices_a_reset_between_two_lines() {
+    let (site, file, child) = restore_of_900_lines();
     site.control("reset");
     let ran = Ran::from(child.wait_with_output().unwrap());
     assert_eq!(ran.code, Some(1), "{ran:?}");
@@ -198,13 +204,7 @@ fn b1_7_a_restore_notices_a_reset_between_two_lines() {
 
 #[test]
 fn b1_8_a_restore_that_the_end_of_pmacd_cuts_short_fails() {
-    let site = VirtualSite::running(&[], &[]);
-    site.wait_for_identity();
-    let lines: String = (0..900).map(|number| format!("P{number}={}\n", number + 1)).collect();
-    let file = site.file("long.pmc", &lines);
-    let child = site.command(&["restore", &file, "--yes", "--json"]);
-    let child = { child }.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    site.wait_until("the restore to run", || site.log().matches("(restore) sends \"P").count() > 300);
+    let (site, file, child) = restore_of_900_lines();
     site.stop_daemon();
     let ran = Ran::from(child.wait_with_output().unwrap());
     assert_ne!(ran.code, Some(0), "{ran:?}");
