@@ -215,17 +215,23 @@ fn silence_is_told_once_by_looks() {
     assert!(rig.mirror.is_live());
 }
 
+/// A segment with a Turbo board's background report, and the directory that it is in.
+fn turbo_segment() -> (Publisher, Subscriber, tempfile::TempDir) {
+    let directory = tempfile::tempdir_in("/dev/shm").unwrap();
+    let name = SegmentName::new("turbo").unwrap();
+    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.background, PERIOD)]);
+    directory.path().clone_into(&mut options.directory);
+    let publisher = Publisher::create(&options).unwrap();
+    let subscriber = Subscriber::attach_in(directory.path(), &name).unwrap();
+    (publisher, subscriber, directory)
+}
+
 #[test]
 fn c3_a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
     let file = tempfile::tempfile().unwrap();
     file.set_len(TURBO2.length.into()).unwrap();
     let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();
-    let directory = tempfile::tempdir_in("/dev/shm").unwrap();
-    let name = SegmentName::new("turbo").unwrap();
-    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.background, PERIOD)]);
-    directory.path().clone_into(&mut options.directory);
-    let mut publisher = Publisher::create(&options).unwrap();
-    let subscriber = Subscriber::attach_in(directory.path(), &name).unwrap();
+    let (mut publisher, subscriber, _directory) = turbo_segment();
     let [count, timer, ready] = [0x0674, 0x0678, 0x067A].map(HostOffset::new);
     // The report is there, or half read, when the count becomes the host's.
     for polls in [0, 1, 2] {
@@ -265,12 +271,7 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     let file = tempfile::tempfile().unwrap();
     file.set_len(TURBO2.length.into()).unwrap();
     let mut bus = Counted::new(FileBoard::from_file(&file, TURBO2.length as usize).unwrap());
-    let directory = tempfile::tempdir_in("/dev/shm").unwrap();
-    let name = SegmentName::new("turbo").unwrap();
-    let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.background, PERIOD)]);
-    directory.path().clone_into(&mut options.directory);
-    let mut publisher = Publisher::create(&options).unwrap();
-    let subscriber = Subscriber::attach_in(directory.path(), &name).unwrap();
+    let (mut publisher, subscriber, _directory) = turbo_segment();
     let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD);
     // Whatever motors are reported: these are coordinate systems.
     mirror.configure(3);
