@@ -46,6 +46,8 @@ impl Recording {
     /// [`RecordingError`], which names the file, and of a damaged one the line.
     pub fn read(directory: &Path) -> Result<Self, RecordingError> {
         let about = about(directory)?;
+        // Before an image is read: what no board has would be gigabytes of memory.
+        about.family(directory)?;
         let accesses = Accesses::of(directory, &about)?.collect::<Result<_, _>>()?;
         let answers = Lines::open(directory, files::ANSWERS, &about, MOST_ANSWERS)?;
         let answers = answers.map(|line| line.map(|(_, answer)| answer)).collect::<Result<_, _>>()?;
