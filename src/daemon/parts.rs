@@ -100,7 +100,12 @@ impl Parts {
         }
         let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
-        let ports = if asks { ports.after_another_host(now) } else { ports.silent_until_used() };
+        let ports = match (&replies, asks) {
+            // No host was there before.
+            (Some(_), _) => ports,
+            (None, true) => ports.after_another_host(now),
+            (None, false) => ports.silent_until_used(),
+        };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(

@@ -101,6 +101,10 @@ fn gives_the_board_again(family: &str, asked: &[&str]) {
     assert_eq!((status, &*stdout), (1, "updates=0 lost=0 missed=0\n"), "{stderr}");
     assert!(stderr.contains("no update came: the recording is over"), "{stderr}");
     assert!(site.log().contains("nothing else was asked than was recorded"), "told when it is over");
+    let copy = site.path("copy");
+    let (status, _, stderr) = site.pmacctl(&["capture", copy.to_str().unwrap()]);
+    assert!(status == 1 && stderr.contains("a replay of a recording, no board"), "{status} {stderr}");
+    assert!(!copy.exists());
     let doctor = site.pmacctl(&["doctor"]).1;
     assert!(doctor.contains("it is over, and its data are stale"), "{doctor}");
     assert!(doctor.contains("updates; the recording is over"), "{doctor}");
@@ -138,6 +142,18 @@ fn e6_what_pmacctl_captured_is_played_again() {
         recorded.connection().info().unwrap().board_type
     );
     assert_eq!(site.ask("I122"), recorded.ask("I122"));
+}
+
+/// Its own questions are refused then, and nobody's line waits for that.
+#[test]
+fn e6_a_recording_without_the_boards_variables_answers_what_it_has() {
+    let recorded = moving("turbo2");
+    let (directory, _) = record(&recorded, &["TYPE"], TIME);
+    let site = replayed(&directory);
+    assert_eq!(site.ask("TYPE"), recorded.ask("TYPE"));
+    assert!(site.log().contains("lines that the recording has no answer to: `"), "{}", site.log());
+    assert!(site.log().contains("DPRAM ASCII: live"), "{}", site.log());
+    assert!(!site.log().contains("no answer (") && !site.log().contains("(is I"), "{}", site.log());
 }
 
 #[test]

@@ -111,11 +111,12 @@ impl BoardLoop {
         connections: Connections,
         clock: Clock,
     ) -> Self {
+        let reporter = Reporter::new(configured.settings.family(), clock.clone());
         Self {
+            reporter: if bus.replay().is_some() { reporter.of_replay() } else { reporter },
             bus,
             presence,
             functions,
-            reporter: Reporter::new(configured.settings.family(), clock.clone()),
             configured,
             publisher,
             connections,

@@ -104,6 +104,13 @@ impl Reporter {
         }
     }
 
+    /// Of a replay, whose board cannot be set otherwise.
+    pub fn of_replay(mut self) -> Self {
+        self.hints = ["servo data", "background data", "answers"]
+            .map(|what| format!("this is a replay: the recording has no {what} of this time"));
+        self
+    }
+
     /// Notes a change of the status that clients see. [`Self::send`] tells them.
     pub fn note(&mut self, change: impl FnOnce(&mut BoardStatus)) {
         self.info.set(change);

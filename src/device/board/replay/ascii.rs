@@ -74,8 +74,10 @@ impl AsciiHalf {
             self.answer(line.trim(), differences)
         };
         self.responses.extend(answer.reply.into_iter().map(|line| (response::LINE, line)));
-        let end = answer.refused.map_or(response::ACKNOWLEDGE, |why| response::ERROR | error_digits(&why));
-        self.responses.push_back((end, String::new()));
+        // The last transmission is an `<ACK>` (p. 29), so that nobody waits for one in vain.
+        let refused = answer.refused.map(|why| response::ERROR | error_digits(&why));
+        self.responses
+            .extend(refused.into_iter().chain([response::ACKNOWLEDGE]).map(|end| (end, String::new())));
     }
 
     /// At its start the driver asks by `^F` whether the board listens, and a recording begins later. So a character without an answer
