@@ -18,7 +18,7 @@ use crate::cli::files::saved::{Saved, What};
 use crate::client::{Board, CommandError, Connection};
 use crate::device::machine::facts::facts;
 use crate::device::{BoardSpec, System, without_paths};
-use crate::map::{AsciiPort, Family, Generation, HostOffset};
+use crate::map::{AsciiPort, Family, Generation, HostOffset, IVariables};
 use crate::protocol::{CallError, control};
 use crate::recording::{
     About, Access, Answer, FORMAT, MOST_ACCESSES, MOST_IMAGES, Op, RecordingError, Writer,
@@ -50,6 +50,8 @@ const LEFT_OUT: [&str; 4] = [
     "accesses to the host port and to the mailboxes of a VME board, which are not in the DPRAM",
     "names of this host, of users and of other processes; of a board that is a file, its path",
 ];
+const NO_VARIABLES: &str =
+    "variables and definitions, but for I-variables that pmacd asks for at its start: --no-variables";
 const BEING_WRITTEN: &str = "pmacctl has not finished it: it was killed, or had no room";
 
 impl From<RecordingError> for Failure {
@@ -77,7 +79,7 @@ pub struct Capture {
     /// How long to trace the bus accesses, in seconds. A second takes tens of megabytes
     #[arg(long, value_name = "S", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Duration,
-    /// Leave variables and definitions out
+    /// Leave variables and definitions out, but for the I-variables without which pmacd cannot read the board
     #[arg(long)]
     pub no_variables: bool,
 }
@@ -120,6 +122,11 @@ impl<'a> Taking<'a> {
     ) -> Result<Self, Failure> {
         let family = Context::family(None, connection)?;
         let (info, settings) = (connection.info()?, connection.settings()?);
+        if info.replay.is_some() {
+            return Err(Failure::Refused(
+                "this is a replay of a recording, no board; copy the recording".to_owned(),
+            ));
+        }
         // Before a directory is made.
         if info.role.as_deref().is_some_and(|role| role != "engineer") {
             return Err(
@@ -299,8 +306,8 @@ impl<'a> Taking<'a> {
     /// Writes the variables, or says why there are none.
     fn variables(&mut self) -> Result<(), Failure> {
         if self.options.no_variables {
-            self.about.left_out.push("variables and definitions: --no-variables".to_owned());
-            return Ok(());
+            self.about.left_out.push(NO_VARIABLES.to_owned());
+            return driver_questions(self.family).iter().try_for_each(|line| self.ask(line));
         }
         match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1), Some(&self.stop)) {
             Ok(saved) => self.writer.variables(&saved.text())?,
@@ -365,6 +372,19 @@ fn questions(family: &Family) -> Vec<&'static str> {
     let is_turbo = family.generation == Generation::Turbo;
     // The daemon asks the last one at its start.
     IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F"]).collect()
+}
+
+/// What the daemon asks at its start besides who the board is: how a reply ends, what is reported, and the motors' scales.
+fn driver_questions(family: &Family) -> Vec<String> {
+    let i = &family.i;
+    let reports = [Some(3), Some(10), Some(i.servo_period), Some(i.servo_enable), i.servo_in_background];
+    let others = [Some(i.background_enable), i.reported, i.panel, Some(i.variables_enable)];
+    let reports = reports.into_iter().chain(others).flatten().map(|number| format!("I{number}")).collect();
+    let scales = (1..=family.motors).map(|motor| {
+        let numbers = IVariables::SCALES.map(|which| IVariables::motor(motor, which));
+        numbers.map(|number| format!("I{number}")).concat()
+    });
+    [reports].into_iter().chain(scales).collect()
 }
 
 /// The access that four numbers of the trace are, after the one at `t_ns`.
