@@ -379,7 +379,7 @@ fn place(path: &Path, number: u64) -> PathBuf {
 }
 
 /// The files of the series `path` that are one's own: number, path, and the bytes that it takes. Where others may create files, too,
-/// theirs neither count nor go, and give no number.
+/// theirs neither count nor go, and give no number; nor does a second name of one's own file, which others may have given it.
 fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let number = |name: &OsStr| {
@@ -396,6 +396,7 @@ fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
             && let Ok(metadata) = entry.metadata()
             && metadata.is_file()
             && metadata.uid() == geteuid().as_raw()
+            && metadata.nlink() == 1
         {
             files.push((number, entry.path(), taken(&metadata)));
         }
@@ -520,12 +521,15 @@ mod tests {
             }
             (is_given, path)
         });
+        let linked = place(&path, 8_000_000);
+        std::fs::write(directory.path().join("other"), "mine").unwrap();
+        std::fs::hard_link(directory.path().join("other"), &linked).unwrap();
         let rotation = Rotation { keep: Some(20_000), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         files.row(&row(1), Meaning::Update).unwrap();
         files.finish().unwrap();
         assert_eq!(files.present(), place(&path, 3));
-        assert!(place(&path, 1).exists() && place(&path, 2).exists());
+        assert!(place(&path, 1).exists() && place(&path, 2).exists() && linked.exists());
         assert!(strange.iter().all(|(is_given, path)| path.exists() == *is_given));
     }
 

@@ -219,20 +219,20 @@ impl Run<'_> {
         }
         let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
         if rows.lacks_scales(&update.data) {
-            let row = rows.update(update, 1);
+            let row = rows.unscaled_update(update);
             let Some(before) = &mut self.before else { return files.row(row, Meaning::Unscaled) };
             before.keep(update.time_ns, Meaning::Unscaled, row);
             return Ok(());
         }
         let Some(before) = &mut self.before else {
-            return files.row(rows.update(update, 0), Meaning::Update);
+            return files.row(rows.update(update), Meaning::Update);
         };
         if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
-            before.keep(update.time_ns, Meaning::Update, rows.update(update, 0));
+            before.keep(update.time_ns, Meaning::Update, rows.update(update));
             return Ok(());
         }
         let _ = writeln!(io::stderr(), "triggered at update {}", update.sequence);
-        rows.update(update, 0);
+        rows.update(update);
         let trigger = rows.zero();
         for (meaning, mut row) in before.take() {
             row[TIME] -= trigger;
@@ -240,7 +240,7 @@ impl Run<'_> {
         }
         self.before = None;
         self.end_ns = end_after(self.options, update.time_ns);
-        files.row(rows.update(update, 0), Meaning::Update)
+        files.row(rows.update(update), Meaning::Update)
     }
 }
 

@@ -113,15 +113,21 @@ impl Rows {
         scaled.peek().is_some() && scaled.all(|column| column.number(update).is_nan())
     }
 
-    /// The row of an update; `missed` is 1 where it lacks what makes it one.
-    pub fn update(&mut self, update: &View<ServoData>, missed: u64) -> &[f64] {
+    /// The row of an update.
+    pub fn update(&mut self, update: &View<ServoData>) -> &[f64] {
         let unix_s = update.realtime_ns as f64 / 1e9;
         let time = self.time(update);
         self.row.clear();
-        self.row.extend([update.sequence as f64, time, unix_s, missed as f64, 0.0]);
+        self.row.extend([update.sequence as f64, time, unix_s, 0.0, 0.0]);
         let Self { row, columns, .. } = self;
         row.extend(columns.iter().map(|column| column.number(&update.data)));
         row
+    }
+
+    /// The row of an update whose scales are not known: with its number and times, missed, and without values.
+    pub fn unscaled_update(&mut self, update: &View<ServoData>) -> &[f64] {
+        self.update(update);
+        self.gap(Gap { missed: 1, lost: 0 })
     }
 
     /// Time 0 becomes that of the latest update. Returns what its time was until now.
