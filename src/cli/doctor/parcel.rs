@@ -39,9 +39,12 @@ pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool
         let _ = fs::remove_file(path);
     })?;
     context.output.line(&note)?;
-    let megabytes = fs::metadata(path).map_err(failed)?.len() as f64 / 1e6;
-    context.output.line(format_args!("{}: {megabytes:.1} MB", path.display()))?;
-    context.output.line(format_args!("{}: look at it before you send it (tar -xf)", path.display()))?;
+    let kilobytes = fs::metadata(path).map_err(failed)?.len().div_ceil(1000);
+    context.output.line(format_args!("{}: {kilobytes} kB", path.display()))?;
+    let not_whole = if is_whole { "" } else { "not whole, as said above; " };
+    context
+        .output
+        .line(format_args!("{}: {not_whole}look at it before you send it (tar -xf)", path.display()))?;
     Ok(is_whole)
 }
 
