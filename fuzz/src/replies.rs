@@ -58,7 +58,7 @@ fn identify(bytes: &[u8]) {
     let mut questions = 0;
     for reply in bytes.split(|&byte| byte == 0x06).take(64) {
         now += Duration::from_millis(300);
-        let Some((line, patience)) = identifier.next_line(now) else {
+        let Some((line, patience)) = identifier.next_line(reply.len() as u16, now) else {
             identifier.ask_again(now);
             continue;
         };

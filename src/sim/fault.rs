@@ -53,6 +53,8 @@ pub struct Faults {
     pub ascii_slow: u64,
     /// Servo cycles by which the closing `<ACK>` comes late.
     pub ascii_late_ack: u64,
+    /// Servo cycles by which each line of a reply comes late.
+    pub ascii_slow_lines: u64,
     /// Passes by which `^X` clears the words of the port late.
     pub ascii_late_cancel: u64,
     /// `SIZE` is refused.
@@ -221,6 +223,11 @@ static FAULTS: &[&[Fault]] = &[
             name: "ascii_late_ack",
             effect: "the closing <ACK> comes so late",
             place: Place::Cycles(|f| &mut f.ascii_late_ack),
+        },
+        Fault {
+            name: "ascii_slow_lines",
+            effect: "each line of a reply comes so late",
+            place: Place::Cycles(|f| &mut f.ascii_slow_lines),
         },
         Fault {
             name: "ascii_late_cancel",

@@ -1,5 +1,7 @@
 //! A board whose memory holds anything at power-on.
 
+use std::time::Duration;
+
 use pmac_dpram::map::HostOffset;
 
 use crate::support::{PATIENCE, VirtualSite};
@@ -71,6 +73,29 @@ fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
         assert!(took < least + 12.0, "{took}");
         site.assert_no_violations();
     }
+}
+
+/// It is asked for few at a time, so that callers' lines go between.
+#[test]
+fn c1_a_board_that_takes_its_time_for_every_line_of_a_reply_refuses_no_line() {
+    let config = "family = \"turbo2\"\nask_m_variables = true\n";
+    let site = VirtualSite::configured(&["--family", "turbo2"], config);
+    site.wait_until("the board's scales", || site.has_scales());
+    let definitions = || site.connection().info().unwrap().definitions;
+    site.wait_until("the definitions", || definitions().read == definitions().of);
+    site.control("fault ascii_slow_lines 60ms");
+    let mut connection = site.connection();
+    // From the first telling reply on it is known to be slow.
+    assert_eq!(connection.send("P1 P2 P3 P4", PATIENCE).unwrap().len(), 4);
+    for round in 0..60 {
+        if round == 30 {
+            connection.send("M8191->*", PATIENCE).unwrap();
+        }
+        let answer = connection.send("P1", Duration::from_secs(1));
+        assert!(answer.is_ok(), "{round}: {answer:?}: {}", site.log());
+        site.run_for(Duration::from_millis(997));
+    }
+    site.assert_no_violations();
 }
 
 #[test]

@@ -161,10 +161,10 @@ impl Identifier {
         }
     }
 
-    /// Whether a question has waited so long that other lines wait for it now.
+    /// Whether a question has waited so long, since the last one too, that other lines wait for it now.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
-        self.due().is_some_and(|due| now >= due + LONGEST)
+        self.due().is_some_and(|due| now >= due.max(self.asked) + LONGEST)
     }
 
     /// From when on a question is to be asked.
@@ -206,8 +206,9 @@ impl Identifier {
         }
     }
 
-    /// The line to send now, if any, and how long to wait for its reply. Tell with [`Identifier::sent`] if it was.
-    pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
+    /// The line to send now, if any, and how long to wait for its reply. Scales are asked so many that the reply has at most
+    /// `most_lines`, if a motor's fit in. Tell with [`Identifier::sent`] if it was.
+    pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if let Some(comparison) = &mut self.comparison
             && comparison.due(now) == Some(now)
         {
@@ -223,10 +224,11 @@ impl Identifier {
             // Callers' lines go between them as usual.
             self.not_before = now;
         }
-        let (line, _) = self.questions.get(self.next)?;
         if now < self.not_before {
             return None;
         }
+        while self.questions.get(self.next)?.1.values() > usize::from(most_lines) && self.halve() {}
+        let (line, _) = self.questions.get(self.next)?;
         self.asked = now;
         self.lines = 0;
         if self.next == 0 {
@@ -342,11 +344,8 @@ impl Identifier {
     /// The board did not answer, or not all in time: it is asked for fewer scales at a time.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
-        if !self.comparison.as_mut().is_some_and(Comparison::end)
-            && let Some((_, question)) = self.questions.get(self.next)
-            && let Some(halves) = question.halves()
-        {
-            self.questions.splice(self.next..=self.next, halves.map(with_line));
+        if !self.comparison.as_mut().is_some_and(Comparison::end) {
+            self.halve();
         }
         self.has_failed = true;
         self.again = false;
@@ -354,6 +353,14 @@ impl Identifier {
         self.overdue = false;
         self.next = 0;
         self.not_before = now + AGAIN;
+    }
+
+    /// Asks the present question in two, where it can be.
+    fn halve(&mut self) -> bool {
+        let halves = self.questions.get(self.next).and_then(|(_, question)| question.halves());
+        let Some(halves) = halves else { return false };
+        self.questions.splice(self.next..=self.next, halves.map(with_line));
+        true
     }
 
     /// An answer came that is nobody's. If it is the one that did not come in time, the board is given more time from now on.

@@ -154,12 +154,14 @@ impl MemoryScan {
         self.next >= m_variables(self.family)
     }
 
-    /// The line to send now, if any, and how long to wait for its reply. Tell with [`Self::sent`] if it was.
-    pub fn next_line(&mut self, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
+    /// The line to send now, if any, for at most `most_lines`, but for [`LEAST`], and how long to wait for its reply. Tell with
+    /// [`Self::sent`] if it was.
+    pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if !self.due_in(now).is_zero() {
             return None;
         }
         self.lines = 0;
+        self.size = self.size.min(most_lines.max(LEAST));
         Some((Text::of(&format_args!("M{}..{}->", self.next, self.last())), PATIENCE))
     }
 
@@ -317,7 +319,7 @@ mod tests {
     /// Answers every question with `*`, but for these definitions. How many were asked.
     fn answer(scan: &mut MemoryScan, definitions: &[(u16, &str)], now: Instant) -> usize {
         let mut asked = 0;
-        while let Some((line, _)) = scan.next_line(now) {
+        while let Some((line, _)) = scan.next_line(u16::MAX, now) {
             let line = std::str::from_utf8(line.as_bytes()).unwrap();
             let range = line.strip_prefix('M').and_then(|line| line.strip_suffix("->")).unwrap();
             let (first, last) = range.split_once("..").unwrap();
@@ -356,7 +358,7 @@ mod tests {
             assert_eq!(found, [(0x16, m_variables(family) - 1), (0x200, 211), (0x202, 211)]);
             // One is taken away by a line.
             scan.line_goes(b"M211->*", now);
-            assert_eq!(scan.next_line(now), None, "more may follow");
+            assert_eq!(scan.next_line(u16::MAX, now), None, "more may follow");
             assert_eq!(answer(&mut scan, &definitions[1..], now + SETTLE), asked);
             assert_eq!(scan.words().nth(1).unwrap().1, 212);
         }
@@ -386,7 +388,7 @@ mod tests {
             let mut time = now;
             while time < now + NO_PROGRESS {
                 assert_eq!(scan.take_outcome(time), None, "silent now is not silent for ten seconds");
-                if scan.next_line(time).is_some() {
+                if scan.next_line(u16::MAX, time).is_some() {
                     scan.sent(time);
                     otherwise(&mut scan, time);
                 }
@@ -406,7 +408,7 @@ mod tests {
         let now = Instant::now();
         let mut scan = MemoryScan::new(&PMAC, true, now);
         for question in 0..3_u16 {
-            assert!(scan.next_line(now).is_some());
+            assert!(scan.next_line(u16::MAX, now).is_some());
             scan.sent(now);
             for number in 0..A_QUESTION {
                 scan.line(if (question, number) == (1, 5) { b"DP:$D012" } else { b"*" });
@@ -417,7 +419,7 @@ mod tests {
         // The fourth is answered short, with one more, and then not at all.
         let (mut time, mut told) = (now, Vec::new());
         for answer in 0..8 {
-            let (line, _) = scan.next_line(time).unwrap();
+            let (line, _) = scan.next_line(u16::MAX, time).unwrap();
             let lines: [&[u8]; 4] = [b"M150..199->", b"M150..174->", b"M150..161->", b"M150..155->"];
             assert_eq!(line.as_bytes(), lines[answer.min(3)], "they are asked again, fewer");
             scan.sent(time);
@@ -447,7 +449,7 @@ mod tests {
             let (mut now, mut half) = (began, None);
             while !scan.is_over() {
                 now += scan.due_in(now);
-                let (_, patience) = scan.next_line(now).unwrap();
+                let (_, patience) = scan.next_line(u16::MAX, now).unwrap();
                 scan.sent(now);
                 let lines = scan.last() - scan.next + 1;
                 let takes = Duration::from_millis(a_question + a_line * u64::from(lines));
@@ -468,6 +470,16 @@ mod tests {
             let left = now.duration_since(half).as_secs_f64();
             assert!((f64::from(told) - left).abs() < 0.1 * left, "{told} s were told, {left} s were left");
         }
+    }
+
+    #[test]
+    fn c3_a_slow_board_is_asked_for_as_many_as_it_tells_in_time() {
+        let now = Instant::now();
+        let asked = |most_lines| {
+            let line = MemoryScan::new(&TURBO2, true, now).next_line(most_lines, now).unwrap().0;
+            String::from_utf8(line.as_bytes().to_vec()).unwrap()
+        };
+        assert_eq!([20, 2].map(asked), ["M0..19->", "M0..5->"]);
     }
 
     #[test]
@@ -503,7 +515,7 @@ mod tests {
     fn c3_what_is_defined_during_a_pass_begins_another() {
         let now = Instant::now();
         let mut scan = MemoryScan::new(&PMAC, true, now);
-        assert!(scan.next_line(now).is_some());
+        assert!(scan.next_line(u16::MAX, now).is_some());
         scan.sent(now);
         scan.line_goes(b"M5->Y:$D000", now);
         (0..A_QUESTION).for_each(|_| scan.line(b"*"));

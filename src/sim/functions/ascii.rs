@@ -42,7 +42,7 @@ pub struct AsciiPort {
     first_part: Option<Vec<u8>>,
     /// The line at work.
     work: Option<Work>,
-    /// Passes left until a late `<ACK>` may go.
+    /// Passes left until a late response may go.
     late: Option<u64>,
     /// Passes left until the words are cleared for a `^X`.
     cancel: Option<u64>,
@@ -220,8 +220,13 @@ impl AsciiPort {
             return;
         }
         let Some(next) = board.output.dpram.front() else { return };
-        if next.control == response::ACKNOWLEDGE && board.faults.ascii_late_ack > 0 {
-            let left = self.late.get_or_insert(board.faults.ascii_late_ack);
+        let late = match next.control {
+            response::ACKNOWLEDGE => board.faults.ascii_late_ack,
+            response::LINE => board.faults.ascii_slow_lines,
+            _ => 0,
+        };
+        if late > 0 {
+            let left = self.late.get_or_insert(late);
             if *left > 0 {
                 *left -= 1;
                 return;

@@ -86,6 +86,15 @@ pub(super) fn note_type(identity: &mut Identity, answer: &[u8]) {
 }
 
 impl Question {
+    /// How many values the reply has, each in a line of its own.
+    pub(super) fn values(&self) -> usize {
+        match self {
+            Self::Type | Self::Version => 1,
+            Self::Reports(variables) => variables.len(),
+            Self::Scales(motors) => motors.clone().count() * IVariables::SCALES.len(),
+        }
+    }
+
     /// The same in two questions, of half as many motors each.
     pub(super) fn halves(&self) -> Option<[Self; 2]> {
         let Self::Scales(motors) = self else { return None };

@@ -5,7 +5,7 @@ use crate::map::readings::GlobalWords;
 use crate::map::{FAMILIES, PMAC, TURBO2};
 
 fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
-    let (line, _) = identifier.next_line(now).unwrap();
+    let (line, _) = identifier.next_line(u16::MAX, now).unwrap();
     identifier.sent();
     for line in lines {
         identifier.line(line.as_bytes());
@@ -35,7 +35,7 @@ fn it_asks_everything_once_and_tells_it_once() {
     assert_eq!(identity.servo_period_ps, Some(442_708_373));
     assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(120)));
     assert_eq!(identity.ix08[8], None);
-    assert!(identifier.next_line(now).is_none());
+    assert!(identifier.next_line(u16::MAX, now).is_none());
     assert_eq!(identifier.due_in(now), RECHECK);
 }
 
@@ -78,15 +78,15 @@ fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset(
     assert_eq!(identifier.take_update().unwrap().global_words, None);
     assert_eq!(answer(&mut identifier, start, &["000000000000"]), "???");
     assert_eq!(identifier.take_update(), None, "the reply fits neither way");
-    assert_eq!(identifier.next_line(start), None, "it is asked again later");
+    assert_eq!(identifier.next_line(u16::MAX, start), None, "it is asked again later");
     let later = start + global_words::AGAIN;
     identifier.see_global_status(None);
     assert_ne!(answer(&mut identifier, later, &[]), "???");
     identifier.see_global_status(Some([0x8000, 1]));
-    identifier.next_line(later).unwrap();
+    identifier.next_line(u16::MAX, later).unwrap();
     identifier.sent();
     identifier.failed(later);
-    assert_eq!(identifier.next_line(later), None);
+    assert_eq!(identifier.next_line(u16::MAX, later), None);
     assert_eq!(answer(&mut identifier, later + global_words::AGAIN, &["000001008000"]), "???");
     assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::YFirst));
 }
@@ -123,7 +123,7 @@ fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
         let now = Instant::now();
         let mut identifier = Identifier::new(family, Identity::default(), true, now);
         let mut asked = Vec::new();
-        while let Some((line, _)) = identifier.next_line(now) {
+        while let Some((line, _)) = identifier.next_line(u16::MAX, now) {
             assert!(line.len() <= family.ascii.line_limit.min(LINE_MAX), "{line:?}");
             let numbers: Vec<_> = line.split('I').skip(1).map(|number| number.trim().to_owned()).collect();
             identifier.sent();
@@ -180,15 +180,15 @@ fn c1_a_report_in_the_background_is_told_without_a_period() {
 fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
     let now = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-    identifier.next_line(now).unwrap();
+    identifier.next_line(u16::MAX, now).unwrap();
     identifier.failed(now);
-    assert!(identifier.next_line(now).is_none());
-    assert!(identifier.next_line(now + AGAIN).is_some());
+    assert!(identifier.next_line(u16::MAX, now).is_none());
+    assert!(identifier.next_line(u16::MAX, now + AGAIN).is_some());
     identifier.ask_again(now);
-    assert!(identifier.next_line(now + SETTLE).is_some());
+    assert!(identifier.next_line(u16::MAX, now + SETTLE).is_some());
     let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
     quiet.ask_again(now);
-    assert!(quiet.next_line(now + AGAIN).is_none(), "told not to ask");
+    assert!(quiet.next_line(u16::MAX, now + AGAIN).is_none(), "told not to ask");
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
     let mut asked = Vec::new();
     for _ in 0..20 {
-        while let Some((line, _)) = identifier.next_line(now) {
+        while let Some((line, _)) = identifier.next_line(u16::MAX, now) {
             let numbers: Vec<_> = line.split('I').skip(1).collect();
             identifier.sent();
             if line.contains("07I") {
@@ -219,17 +219,34 @@ fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
 }
 
 #[test]
+fn a_slow_board_is_asked_for_as_many_scales_as_it_tells_in_time() {
+    let now = Instant::now();
+    let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
+    let mut asked = Vec::new();
+    while let Some((line, _)) = identifier.next_line(6, now) {
+        let numbers: Vec<_> = line.split('I').skip(1).collect();
+        asked.extend(line.contains("07I").then_some(numbers.len()));
+        identifier.sent();
+        numbers.iter().for_each(|number| identifier.line(number.as_bytes()));
+        identifier.done();
+    }
+    assert_eq!(asked, [4; 32]);
+    let identity = identifier.take_update().unwrap();
+    assert_eq!((identity.ix08[0], identity.ix09[31]), (Some(108), Some(3209)));
+}
+
+#[test]
 fn a_board_without_reports_is_asked_again_and_again() {
     let now = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now).without_reports();
-    while identifier.next_line(now).is_some() {
+    while identifier.next_line(u16::MAX, now).is_some() {
         identifier.sent();
         identifier.done();
     }
     assert_eq!(identifier.due_in(now), AGAIN);
-    assert!(identifier.next_line(now + AGAIN).is_some());
+    assert!(identifier.next_line(u16::MAX, now + AGAIN).is_some());
     let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now).without_reports();
-    assert_eq!((quiet.next_line(now + AGAIN), quiet.due_in(now)), (None, Duration::MAX));
+    assert_eq!((quiet.next_line(u16::MAX, now + AGAIN), quiet.due_in(now)), (None, Duration::MAX));
 }
 
 #[test]
@@ -238,7 +255,7 @@ fn a_change_in_mid_question_neither_mixes_the_answers_nor_is_forgotten() {
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
     answer(&mut identifier, now, &["PMAC1"]);
     answer(&mut identifier, now, &["1.16D"]);
-    identifier.next_line(now).unwrap();
+    identifier.next_line(u16::MAX, now).unwrap();
     identifier.sent();
     identifier.ask_again(now);
     for line in ["3713707", "1", "1", "1", "8", "3", "1"] {
@@ -285,7 +302,7 @@ fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
     for step in 0..100 {
         let now = start + Duration::from_millis(50 * step);
         identifier.ask_again(now);
-        if identifier.next_line(now).is_some() {
+        if identifier.next_line(u16::MAX, now).is_some() {
             identifier.sent();
             identifier.line(b"1");
             identifier.done();
@@ -305,7 +322,7 @@ fn b2_1_a_question_that_is_only_acknowledged_is_repeated_once() {
     let now = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
     let mut ask = |lines: &[&str]| {
-        let (question, _) = identifier.next_line(now).unwrap();
+        let (question, _) = identifier.next_line(u16::MAX, now).unwrap();
         identifier.sent();
         lines.iter().for_each(|line| identifier.line(line.as_bytes()));
         let repeats = identifier.repeats();

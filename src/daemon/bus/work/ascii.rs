@@ -11,6 +11,7 @@ mod check;
 mod controls;
 mod expiry;
 mod letters;
+mod line_pace;
 mod outbox;
 mod page;
 mod wait;
@@ -21,6 +22,7 @@ use std::time::{Duration, Instant};
 
 use buffer::BufferQuestion;
 use check::Check;
+use line_pace::LinePace;
 use outbox::Outbox;
 use page::PageAgain;
 use wait::Wait;
@@ -136,6 +138,8 @@ pub struct AsciiQueue {
     buffer_question: BufferQuestion,
     /// After a control character with a reply a line has its turn, if one waits.
     line_is_next: bool,
+    /// After a question of our own, too.
+    own_was_last: bool,
     /// What the socket is told. While it is full nothing more is taken from the board.
     outbox: Outbox,
     /// The identity, and when it is asked.
@@ -143,6 +147,7 @@ pub struct AsciiQueue {
     /// Where the board's own programs keep data, and when it is asked.
     pub scan: MemoryScan,
     state: CommandState,
+    line_pace: LinePace,
     /// When the board last ended a command, whosever.
     answered: Option<Instant>,
     last_event: Instant,
@@ -171,10 +176,12 @@ impl AsciiQueue {
             buffer: OpenBuffer::default(),
             buffer_question: BufferQuestion::new(now),
             line_is_next: false,
+            own_was_last: false,
             outbox: Outbox::default(),
             identifier,
             scan,
             state: CommandState::Unknown,
+            line_pace: LinePace::new(),
             answered: None,
             last_event: now,
             next_poll: now,
@@ -412,7 +419,7 @@ impl AsciiQueue {
         }
         let questions_wait = !self.questions_barred_for(now).is_zero();
         if let Some(&next) = self.lines.front()
-            && (questions_wait || !self.is_question_overdue(now))
+            && (questions_wait || self.own_was_last || !self.is_question_overdue(now))
         {
             if now >= next.wait.begin_by {
                 // Its caller may have been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
@@ -451,14 +458,15 @@ impl AsciiQueue {
         if !self.buffer.is_known(now) {
             return self.ask_buffer(bus, publisher, now);
         }
+        let most_lines = self.line_pace.most_lines();
         if identifies {
-            if let Some((line, patience)) = self.identifier.next_line(now)
+            if let Some((line, patience)) = self.identifier.next_line(most_lines, now)
                 && self.ports.begin(bus, line.as_bytes())?
             {
                 self.identifier.sent();
                 self.start(InFlight::Identify, now + patience, publisher, now);
             }
-        } else if let Some((line, patience)) = self.scan.next_line(now)
+        } else if let Some((line, patience)) = self.scan.next_line(most_lines, now)
             && self.ports.begin(bus, line.as_bytes())?
         {
             self.scan.sent(now);
@@ -493,6 +501,12 @@ impl AsciiQueue {
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
         self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, ended_by: None });
         self.line_is_next = matches!(command, InFlight::Control(_));
+        self.own_was_last = match command {
+            InFlight::Identify | InFlight::Scan => true,
+            InFlight::Line(_) => false,
+            InFlight::Control(_) | InFlight::Buffer | InFlight::Check => self.own_was_last,
+        };
+        self.line_pace.begin();
         self.last_event = now;
         publisher.counters().add(Counter::AsciiCommands, 1);
     }

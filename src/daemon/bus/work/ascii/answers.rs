@@ -21,6 +21,7 @@ impl AsciiQueue {
         match event {
             AsciiEvent::Line(text) => {
                 counters.add(Counter::AsciiReplies, 1);
+                self.line_pace.line(now);
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
                     match under_way.command {
