@@ -125,6 +125,22 @@ impl Hold {
         Self { since: now, quiet_since: now, texts: 0, asking: Asking::Mark { after, until }, in_vain: false }
     }
 
+    /// The stop that is to go once more, or lies in its word to do so.
+    pub(super) const fn stop_mut(&mut self) -> Option<&mut u8> {
+        match &mut self.asking {
+            Asking::Due { what: What::Stop(character), .. }
+            | Asking::Lies { what: What::Stop(character), .. } => Some(character),
+            _ => None,
+        }
+    }
+
+    /// No stop goes once more, unless it lies in its word.
+    pub(super) const fn forget_stop(&mut self) {
+        if let Asking::Due { what: What::Stop(_), .. } = self.asking {
+            self.asking = Asking::Over;
+        }
+    }
+
     /// Whether it is an `<ACK>` that may come.
     pub(super) const fn is_for_mark(&self) -> bool {
         matches!(self.asking, Asking::Mark { .. })

@@ -75,17 +75,28 @@ impl DpramPort {
         Ok(if is_unsent { Stopped::Unsent } else { Stopped::Uncertain })
     }
 
-    /// The board has all of the line under way, but has not ended it, and may carry it out behind the stop `character`: that goes once
-    /// more then.
-    pub fn stop_again_behind(&mut self, character: u8) {
-        if matches!(self.state, State::Loaded { .. } | State::Replying { .. } | State::Held(_)) {
+    /// The stop `character` was handed over. Where the board has all of a line that it has not ended, and that `may_move` something,
+    /// it may carry that out behind the stop, which goes once more then. So it does where a stop before it is to.
+    pub fn stop_again_behind(&mut self, character: u8, may_move: bool) {
+        if let State::Held(hold) = &mut self.state
+            && let Some(again) = hold.stop_mut()
+        {
+            *again = stronger(Some(*again), character).unwrap_or(character);
+            return;
+        }
+        let is_under_way =
+            matches!(self.state, State::Loaded { .. } | State::Replying { .. } | State::Held(_));
+        if self.stop_again.is_some() || may_move && is_under_way {
             self.stop_again = stronger(self.stop_again, character);
         }
     }
 
-    /// The machine is to go on, or the stop was not sent: none goes once more.
+    /// The machine is to go on: no stop goes once more.
     pub fn forget_stop(&mut self) {
         self.stop_again = None;
+        if let State::Held(hold) = &mut self.state {
+            hold.forget_stop();
+        }
     }
 
     /// Makes a line of one part empty that lies before the board.

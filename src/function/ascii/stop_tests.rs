@@ -169,13 +169,13 @@ fn b2_a_stop_goes_once_more_behind_a_line_that_the_board_may_carry_out_after_it(
         rig.take();
         assert_eq!(rig.poll(), None);
         assert_eq!(rig.stop(ABORT), Stopped::Nothing);
-        rig.port.stop_again_behind(ABORT);
+        rig.port.stop_again_behind(ABORT, true);
         assert_eq!(rig.take_character(), ABORT);
         rig.respond(response::ACKNOWLEDGE, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         rig.stop_again(ABORT);
         // P1 is under way by now.
-        rig.port.stop_again_behind(b'S' - 64);
+        rig.port.stop_again_behind(b'S' - 64, true);
         rig.take();
         rig.respond(response::ACKNOWLEDGE, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
@@ -192,7 +192,7 @@ fn b2_the_strongest_stop_goes_once_more() {
         assert_eq!(rig.poll(), None);
         for character in [first, second] {
             rig.stop(character);
-            rig.port.stop_again_behind(character);
+            rig.port.stop_again_behind(character, true);
             assert_eq!(rig.take_character(), character);
             assert_eq!(rig.poll(), None);
         }

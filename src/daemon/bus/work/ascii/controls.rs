@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::letters::may_move;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
 use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::shared::origin::SHOWN_MAX;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
@@ -88,18 +89,24 @@ impl AsciiQueue {
     fn line_may_move(&self) -> bool {
         match &self.under_way {
             Some(UnderWay { command: InFlight::Line(line), .. }) => may_move(line.line.as_bytes()),
+            Some(UnderWay { command: InFlight::Check, .. }) | None => {
+                self.check.given_up().is_some_and(|given_up| {
+                    let shown = given_up.by.shown.as_bytes();
+                    // What was cut off is not known.
+                    shown.len() == SHOWN_MAX || may_move(shown)
+                })
+            }
             Some(_) => false,
-            None => self.check.given_up().is_some_and(|given_up| may_move(given_up.by.shown.as_bytes())),
         }
     }
 
-    /// `character` was handed over, at a board that may carry out a line behind it: a stop goes once more then. What has motion go
-    /// on ends that.
+    /// `character` was handed over, at a board that may carry out a line behind it: a stop goes once more then. `^R` and `^S` cancel
+    /// that.
     fn stop_again(&mut self, character: u8, behind_line: bool) {
         if matches!(character, control::RUN | control::STEP) {
             self.ports.dpram.forget_stop();
-        } else if behind_line && goes_over_line(character) && self.ports.in_use() == CommandPort::Dpram {
-            self.ports.dpram.stop_again_behind(character);
+        } else if goes_over_line(character) && self.ports.in_use() == CommandPort::Dpram {
+            self.ports.dpram.stop_again_behind(character, behind_line);
         }
     }
 

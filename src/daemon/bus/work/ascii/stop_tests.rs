@@ -1,6 +1,7 @@
 //! What the caller of a line is told that a stop has ended.
 
 use super::*;
+use crate::function::ascii::hold::ASK_AGAIN;
 
 /// Its first part fills the buffer.
 fn long_line() -> String {
@@ -79,6 +80,69 @@ fn b2_a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out()
         rig.poll();
         assert!(!rig.loaded());
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(stop));
+    }
+}
+
+impl Rig {
+    /// A stop is asked for, handed over and taken.
+    fn stop(&mut self, ticket: u64, character: u8) {
+        self.control(ticket, character);
+        self.poll();
+        // Over a question it goes twice.
+        let mut ended = Vec::new();
+        while self.bus.read16(PMAC.ascii.control_character).unwrap() == u16::from(character) {
+            self.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+            self.poll();
+            ended.extend(self.ended());
+        }
+        assert!(ended.contains(&(ticket, Outcome::Done)), "{ticket}: {ended:?}");
+    }
+}
+
+/// An `^A` behind a `^K` would close the loops again.
+#[test]
+fn b2_of_two_stops_over_one_line_the_stronger_goes_once_more() {
+    for (first, second, again) in [
+        (control::ABORT, control::KILL, control::KILL),
+        (control::KILL, control::ABORT, control::KILL),
+        (control::HOLD, control::ABORT, control::ABORT),
+    ] {
+        let mut rig = Rig::new();
+        rig.send(1, "#1J+", Duration::from_secs(600));
+        rig.poll();
+        rig.stop(2, first);
+        rig.stop(3, second);
+        rig.take();
+        rig.now += ASK_AGAIN;
+        rig.free_port();
+        rig.poll();
+        assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(again));
+        // One that comes while that lies there, too.
+        rig.stop(4, control::KILL);
+        rig.now += ASK_AGAIN;
+        rig.poll();
+        assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(control::KILL));
+    }
+}
+
+#[test]
+fn b2_a_stop_while_our_own_line_asks_after_one_given_up_goes_once_more() {
+    let cut = format!("{:<60}#1J+", "P1=1");
+    for (line, is_again) in [("#1J+", true), ("P1=1", false), (&cut, true)] {
+        let mut rig = Rig::new();
+        rig.send(1, line, Duration::from_secs(1));
+        rig.poll();
+        rig.take();
+        rig.poll();
+        rig.now += Duration::from_secs(1);
+        rig.poll();
+        assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);
+        rig.free_port();
+        assert_eq!(rig.take(), "I3 I10 I3");
+        rig.stop(2, control::ABORT);
+        rig.answer(&["2", "3713707", "2"]);
+        let again = if is_again { u16::from(control::ABORT) } else { 0 };
+        assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), again, "{line}");
     }
 }
 
