@@ -25,6 +25,22 @@ pub fn resets(line: &[u8]) -> bool {
     })
 }
 
+/// Whether `line` asks for variables and does nothing else: `I10`, `P1..5`, `M1->`. Asks for no memory.
+#[must_use]
+pub fn only_asks_for_variables(line: &[u8]) -> bool {
+    let line = line.trim_ascii();
+    let behind = |at: usize| line.get(at + 1).copied().unwrap_or(b' ');
+    let is_variable =
+        |at: usize| b"IPQM".contains(&line[at].to_ascii_uppercase()) && behind(at).is_ascii_digit();
+    let is_fine = |at: usize| match line[at] {
+        b'0'..=b'9' | b'.' | b',' | b' ' => true,
+        b'-' => behind(at) == b'>',
+        b'>' => at > 0 && line[at - 1] == b'-',
+        _ => is_variable(at),
+    };
+    !line.is_empty() && is_variable(0) && (0..line.len()).all(is_fine)
+}
+
 /// The commands of `line` without blanks and in capitals.
 #[must_use]
 pub fn plain(line: &str) -> String {
@@ -78,6 +94,19 @@ mod tests {
         assert!(!resets(line.as_bytes()) && resets(b" $$$***"));
         assert!(!resets(b"ms $$$0") && !resets(b"MACROSLV$$$0") && resets(b"MSSAVE0 $$$"));
         assert_eq!(command_bytes(line.as_bytes()).count(), commands(line).count());
+    }
+
+    #[test]
+    fn a_line_that_only_asks_for_variables_is_known() {
+        for line in ["I10", "p1..5", "M1->", "Q1 P2", " I10I20 ", "M0..49->"] {
+            assert!(only_asks_for_variables(line.as_bytes()), "{line}");
+        }
+        for line in [
+            "", "10", "P1=5", "#1P", "&1>", "I10>", "I1*", "M1->*", "TYPE", "#1J+", "P(1)", "Q", "P1 Q",
+            "P1-2",
+        ] {
+            assert!(!only_asks_for_variables(line.as_bytes()), "{line}");
+        }
     }
 
     #[test]

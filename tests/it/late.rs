@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::client::CommandError;
 use pmac_dpram::map::{Family, PMAC, TURBO2};
-use pmac_dpram::protocol::CallError;
+use pmac_dpram::protocol::{BOARD, CallError};
 use pmac_dpram::sim::board::error::CommandError as BoardError;
 use serde_json::{Value, json};
 
@@ -269,6 +269,46 @@ fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
             }
         }
         assert_eq!(site.ask("P20 P211"), [if keeps { "1" } else { "0" }; 2]);
+        site.assert_no_violations();
+    }
+}
+
+/// One connection has one call under way; the others lie unread.
+#[test]
+fn b1_6_what_was_sent_before_an_abort_is_not_begun_after_it() {
+    const CALLS: usize = 50;
+    for goes in [false, true] {
+        let site = board("line_flag=taken");
+        site.control("fault ascii_no_reply on");
+        let line = json!({"line": "P30=P30+1", "timeout_ms": 600_000});
+        let mut client = waiting(&site, "P31=1");
+        for _ in 0..CALLS {
+            if goes {
+                let call = json!({"method": format!("{BOARD}.Send"), "parameters": line, "oneway": true});
+                client.send(format!("{call}\0").as_bytes());
+            } else {
+                client.call("Send", line.clone());
+            }
+        }
+        client.call("GetInfo", json!({}));
+        site.run_for(Duration::from_millis(100));
+        let client = (!goes).then_some(client);
+        assert_eq!(site.pmacctl(&["abort"]).0, 0);
+        site.control("fault ascii_no_reply off");
+        assert_eq!(site.pmacctl(&["send", "^X"]).0, 0);
+        if let Some(mut client) = client {
+            assert_eq!(error_name(&client.receive().unwrap()), "Interrupted");
+            for _ in 0..CALLS {
+                let reply = client.receive().unwrap();
+                assert_eq!(error_name(&reply), "Refused");
+                assert!(reason(&reply).starts_with("not sent: aborted by uid "), "{reply}");
+            }
+            assert_eq!(client.receive().unwrap().get("error"), None, "what only asks is answered");
+            client.call("Send", line.clone());
+            assert_eq!(client.receive().unwrap().get("error"), None, "this was sent after it");
+        }
+        site.run_for(Duration::from_secs(2));
+        assert_eq!(site.ask("P30"), [if goes { "0" } else { "1" }]);
         site.assert_no_violations();
     }
 }

@@ -491,8 +491,8 @@ fn what_stops_waits_for_nobody_elses_lines() {
     board.send("&1 #1->X", PATIENCE).unwrap();
     // The board takes no line: a question would be asked until its time is over.
     site.connection().confirming(true).send("I58=0", PATIENCE).unwrap();
-    let lines = start(&site, &["send", "P1"]);
-    site.wait_until("the line to be sent", || site.log().contains("sends \"P1\""));
+    let lines = start(&site, &["send", "P1=1"]);
+    site.wait_until("the line to be sent", || site.log().contains("sends \"P1=1\""));
     for stop in ["jog-stop", "hold", "stop"] {
         let took = board_time_of(&site, &format!("panel {stop} [1]"), || board.panel(stop, &[1]).unwrap());
         // A question takes 500 ms.

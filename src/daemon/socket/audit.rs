@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::fmt::{self, Write as _};
 use std::time::{Duration, Instant};
 
-use log::info;
+use log::{debug, info};
 use nix::unistd::Uid;
 
 use super::policy::{Peer, Role};
@@ -21,6 +21,15 @@ const PERIOD: Duration = Duration::from_secs(10);
 const TOLD_DONE: u32 = 100;
 /// The most characters of a line. What a client sent can be as long as a message.
 const LENGTH: usize = 240;
+
+/// What is to be logged when it is done: what `peer` `sends`. A question is logged at level debug, at once: who polls would fill the
+/// log.
+pub(super) fn entry(peer: Peer, sends: String, is_question: bool) -> Option<String> {
+    if is_question {
+        debug!(target: "audit", "{} {sends}", peer.account());
+    }
+    (!is_question).then_some(sends)
+}
 
 /// The quota of `user`, begun at `now` where there is none.
 fn quota_of(quotas: &mut HashMap<Uid, LogQuota>, user: Uid, now: Instant) -> &mut LogQuota {

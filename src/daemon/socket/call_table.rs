@@ -302,11 +302,18 @@ impl CallTable {
         .collect()
     }
 
-    /// Takes every line back that waits for its turn, whosever it is.
-    pub(super) fn drop_lines(&mut self) -> Vec<Ended> {
-        let lines = self.queue.droppable_lines();
+    /// Takes every line and request of the panel back that waits for its turn, whosever it is, but for what stops, and held jogs,
+    /// which end by their leases.
+    pub(super) fn drop_what_waits(&mut self) -> Vec<Ended> {
+        let stops = |ticket: &Ticket| {
+            self.pending
+                .get(ticket)
+                .is_some_and(|pending| matches!(pending.then, Then::PanelStop { .. } | Then::ReplyHeld))
+        };
+        let mut waiting = self.queue.droppable();
+        waiting.retain(|ticket| !stops(ticket));
         let dropped =
-            lines.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
+            waiting.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
         dropped.into_iter().filter_map(|ticket| self.end(ticket)).collect()
     }
 

@@ -9,7 +9,7 @@ use nix::unistd::Uid;
 use super::connection::Client;
 use super::policy::Peer;
 use super::time_quota::TimeQuotas;
-use crate::daemon::shared::queue::Unsolicited;
+use crate::daemon::shared::queue::{REASON_MAX, Text, Unsolicited};
 use crate::protocol::Reply;
 
 /// Every connection, by a number that is never used again.
@@ -50,6 +50,12 @@ impl Clients {
             client.was_served();
         }
         reply
+    }
+
+    /// All motion is stopped, for this `reason`, by client `by` or by nobody: what others have sent up to now begins nothing any more.
+    pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>, by: Option<u64>) {
+        let others = self.clients.iter_mut().filter(|(id, _)| Some(**id) != by);
+        others.for_each(|(_, client)| client.outdate(reason));
     }
 
     /// All of them.

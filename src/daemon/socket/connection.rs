@@ -4,15 +4,16 @@
 
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
+use nix::sys::socket::{MsgFlags, recv};
 use serde::Deserialize;
 
 use super::policy::{Peer, Role};
-use crate::daemon::shared::queue::Unsolicited;
+use crate::daemon::shared::queue::{REASON_MAX, Text, Unsolicited};
 use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::{BOARD, CALL_MAX, CallError, Inbox, Message, Reply, frame::TooLong, message::encode};
 
@@ -20,6 +21,8 @@ use crate::protocol::{BOARD, CALL_MAX, CallError, Inbox, Message, Reply, frame::
 pub(super) const HIGH_WATER: usize = 64 * 1024;
 /// The longest call of an observer, in bytes. A watch of all 128 registers needs about 2 KiB.
 const OBSERVER_CALL_MAX: usize = 8 * 1024;
+/// More than the kernel holds of what a client has sent, in bytes.
+const UNREAD_MAX: usize = 256 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
@@ -77,6 +80,10 @@ pub(super) struct Client {
     closing: bool,
     /// It was told to ask again, as functions are not used yet.
     asks_again: bool,
+    /// All motion was stopped behind so many bytes of what it has sent, for this reason.
+    outdated: Option<(usize, Text<REASON_MAX>)>,
+    /// Why the call that was taken last is among them.
+    call_outdated: Option<Text<REASON_MAX>>,
 }
 
 impl Client {
@@ -97,7 +104,23 @@ impl Client {
             hung_up: false,
             closing: false,
             asks_again: false,
+            outdated: None,
+            call_outdated: None,
         }
+    }
+
+    /// All motion is stopped, for this `reason`: what it has sent up to now, read or not, begins nothing any more.
+    pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>) {
+        let mut unread = vec![0; UNREAD_MAX];
+        let flags = MsgFlags::MSG_PEEK | MsgFlags::MSG_DONTWAIT;
+        let unread = recv(self.stream.as_raw_fd(), &mut unread, flags).unwrap_or_default();
+        let sent = self.inbox.held().len() + unread;
+        self.outdated = (sent > 0).then_some((sent, reason));
+    }
+
+    /// Why the call that was taken last begins nothing: it was sent before all motion was stopped.
+    pub(super) fn call_outdated(&self) -> Option<Text<REASON_MAX>> {
+        self.call_outdated
     }
 
     /// Whether the refusal `error` is worth a line of the log: not what it is told again and again while it waits for a
@@ -216,7 +239,12 @@ impl Client {
         if self.hung_up {
             self.receive(now);
         }
+        let held = self.inbox.held().len();
         let call = self.inbox.next_message();
+        let taken = held - self.inbox.held().len();
+        self.call_outdated = self.outdated.map(|(_, reason)| reason);
+        self.outdated =
+            self.outdated.filter(|(sent, _)| *sent > taken).map(|(sent, why)| (sent - taken, why));
         self.has_spoken |= matches!(call, Ok(Some(_)));
         // The clock of a half-sent message starts anew with each message.
         self.half_sent_since = None;

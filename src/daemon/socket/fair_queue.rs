@@ -144,11 +144,15 @@ impl FairQueue {
         waiting.sum::<usize>() + self.handed.len()
     }
 
-    /// Every line that waits and does not end a sequence.
-    pub(super) fn droppable_lines(&self) -> Vec<Ticket> {
-        let turns = self.lanes[Kind::Line as usize].users.iter().flat_map(|(_, turns)| turns);
-        let stays = |turn: &&Turn| matches!(turn.command, Command::Send { origin, .. } if origin.stays);
-        turns.filter(|turn| !stays(turn)).map(|turn| turn.ticket).collect()
+    /// Every line that waits and does not end a sequence, and every request of the panel.
+    pub(super) fn droppable(&self) -> Vec<Ticket> {
+        let users = [Kind::Line, Kind::Panel].into_iter().flat_map(|kind| &self.lanes[kind as usize].users);
+        let goes = |turn: &&Turn| match &turn.command {
+            Command::Send { origin, .. } => !origin.stays,
+            Command::Job { job, .. } => matches!(**job, Job::Panel(_)),
+            _ => true,
+        };
+        users.flat_map(|(_, turns)| turns).filter(goes).map(|turn| turn.ticket).collect()
     }
 
     /// Whether a command waits, so that nothing of it was sent.

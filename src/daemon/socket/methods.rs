@@ -150,6 +150,11 @@ impl Action {
             | Self::Sequence(_) => false,
         }
     }
+
+    /// Whether it is a part of a sequence of lines.
+    pub(super) const fn is_lines(&self) -> bool {
+        matches!(self, Self::Sequence(SequenceCall::Lines(_)))
+    }
 }
 
 /// A method of the board's interface.

@@ -3,15 +3,14 @@
 
 use std::time::{Duration, Instant};
 
-use log::debug;
-
 use super::Service;
 use super::replies::{
     held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
 };
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Origin, Outcome, Text, Ticket, dropped_by};
+use crate::daemon::shared::queue::{Command, Origin, Outcome, Text, Ticket};
+use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
@@ -24,6 +23,7 @@ use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, SendReply, WatchReply};
+use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::line_ends::RESET;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
@@ -44,10 +44,15 @@ impl Service {
         if !caller.oneway && !client.hears() {
             return;
         }
+        let outdated = client.call_outdated();
         let action = parse_call(call, client.role(), self.characters, &self.info);
         let action = action.and_then(|action| {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
-            if self.stopping.is_some() && action.begins() { Err(is_stopping()) } else { Ok(action) }
+            match outdated {
+                _ if self.stopping.is_some() && action.begins() => Err(is_stopping()),
+                Some(reason) if action.begins() || action.is_lines() => Err(refused(reason)),
+                _ => Ok(action),
+            }
         });
         let reply = match action.and_then(|action| self.act(caller, action, now)) {
             Ok(None) => return,
@@ -157,7 +162,8 @@ impl Service {
                     effect.ends_jogs(&line, silence);
                 }
                 let shown = without_password(&line);
-                let audit = Some(format!("sends {shown:?}"));
+                let is_question = only_asks_for_variables(line.as_bytes());
+                let audit = audit::entry(caller.peer, format!("sends {shown:?}"), is_question);
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
                 let account = caller.peer.account();
                 let writer = match (question, into_buffer) {
@@ -184,14 +190,11 @@ impl Service {
                     self.leases.control_begins(character, now);
                 }
                 if drops_lines {
-                    self.drop_waiting_lines(uid, character, now);
+                    self.drop_what_waits(uid, character, Some(caller.client), now);
                 }
                 let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
-                let mut audit = Some(format!("sends {}", control::name(character)));
-                // Who polls would fill the log.
-                if let Some(sends) = audit.take_if(|_| control::only_reports(character)) {
-                    debug!(target: "audit", "{} {sends}", caller.peer.account());
-                }
+                let sends = format!("sends {}", control::name(character));
+                let audit = audit::entry(caller.peer, sends, control::only_reports(character));
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
                     uid,
@@ -241,15 +244,6 @@ impl Service {
             }
         }
         self.do_job(caller, call, now)
-    }
-
-    /// User `uid` stops all motion by `character`: no line that waits here is sent any more, nor one that a sequence would send.
-    pub(super) fn drop_waiting_lines(&mut self, uid: u32, character: u8, now: Instant) {
-        let reason = dropped_by(uid, character);
-        self.sequences.drop_lines(reason);
-        for ended in self.calls.drop_lines() {
-            self.on_end(ended, Outcome::Dropped(reason), now);
-        }
     }
 
     /// Has the bus thread do a job, whatever the board says.

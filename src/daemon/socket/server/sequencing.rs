@@ -7,6 +7,7 @@ use log::info;
 use super::Service;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::leftovers::LineEffect;
@@ -16,6 +17,7 @@ use crate::daemon::socket::sequences::{
     Batch, Done, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
     Waits,
 };
+use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
 
@@ -240,8 +242,8 @@ impl Service {
                     }
                     let running = self.sequences.get_mut(number)?;
                     running.waits = Waits::Board;
-                    let audit =
-                        Some(format!("({}) sends {:?}", running.machine.name(), without_password(&line)));
+                    let sends = format!("({}) sends {:?}", running.machine.name(), without_password(&line));
+                    let audit = audit::entry(owner.peer, sends, only_asks_for_variables(line.as_bytes()));
                     let inside = running.machine.is_inside();
                     let writer = Writer::Sequence { number, account: owner.peer.account(), inside };
                     let deadline = now + timeout;

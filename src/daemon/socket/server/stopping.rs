@@ -6,7 +6,7 @@ use log::{error, info, warn};
 use nix::unistd::{getegid, geteuid};
 
 use super::Service;
-use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text, dropped_by};
 use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::command_ends::ended_by_stop;
 use crate::daemon::socket::policy::Peer;
@@ -15,6 +15,17 @@ use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
 use crate::protocol::{CallError, Function, Reply, control};
 
 impl Service {
+    /// User `uid` stops all motion by `character`, as client `by` or for nobody: no line and no request of the panel that waits here is
+    /// sent any more, nor a line that a sequence would send, nor what other clients have sent and nobody has read yet.
+    pub(super) fn drop_what_waits(&mut self, uid: u32, character: u8, by: Option<u64>, now: Instant) {
+        let reason = dropped_by(uid, character);
+        self.clients.outdate(reason, by);
+        self.sequences.drop_lines(reason);
+        for ended in self.calls.drop_what_waits() {
+            self.on_end(ended, Outcome::Dropped(reason), now);
+        }
+    }
+
     /// Stops `target`, which `caller` waits for, by command line: the panel did not take it, or is not used. It `ends_hold`
     /// when the motors were held, and must stand in the end.
     pub(super) fn stop_by_line(
@@ -138,7 +149,7 @@ impl Service {
                     stop.at = At::AbortAll;
                     error!(target: "audit", "{target} may still move after its held jog is over: pmacd sends ^A");
                     self.leases.control_begins(control::ABORT, now);
-                    self.drop_waiting_lines(geteuid().as_raw(), control::ABORT, now);
+                    self.drop_what_waits(geteuid().as_raw(), control::ABORT, None, now);
                     let deadline = now + LINE_TAKES;
                     let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| {
                         Command::Control {

@@ -1,5 +1,7 @@
 //! What the letters of a line tell of it, on a thread that does not allocate.
 
+use crate::protocol::line::only_asks_for_variables;
+
 /// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters, and no signs of
 /// commands (`#1$`, `&1<`, `&1%100`). Saving and listing take long, and move nothing.
 pub(super) fn may_move(line: &[u8]) -> bool {
@@ -20,10 +22,7 @@ fn is_arrow_alone(line: &[u8]) -> bool {
 pub(super) fn asks_for_value(line: &[u8]) -> bool {
     let line = line.trim_ascii();
     let ends = |letters: &[u8]| line.last().is_some_and(|byte| letters.contains(&byte.to_ascii_uppercase()));
-    let begins = line.first().is_some_and(|byte| b"IPQM".contains(&byte.to_ascii_uppercase()));
-    let is_variables =
-        begins && line.iter().all(|byte| b"IPQM0123456789.,-> ".contains(&byte.to_ascii_uppercase()));
-    !may_move(line) && !line.contains(&b'=') && (is_variables || ends(b"PVF?"))
+    only_asks_for_variables(line) || !may_move(line) && !line.contains(&b'=') && ends(b"PVF?")
 }
 
 #[cfg(test)]
