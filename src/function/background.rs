@@ -176,6 +176,14 @@ impl BackgroundReader {
         Self::release(self.block, bus)
     }
 
+    /// Whether a report lies there that PMAC has made. 1 read.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn is_ready(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+        Ok(self.block.ready.is_set(bus.read16(self.block.ready.word)?))
+    }
+
     /// Puts the count back as it was found, unless somebody has written another one since.
     ///
     /// # Errors

@@ -103,7 +103,7 @@ pub struct ServoReader {
     mask_updates: u32,
     /// Of the motors told, those that somebody else has taken out of the mask, and whether that has changed.
     taken_out: u32,
-    is_new: bool,
+    taken_out_changed: bool,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
@@ -132,7 +132,7 @@ impl ServoReader {
             mask_found: None,
             mask_updates: 0,
             taken_out: 0,
-            is_new: false,
+            taken_out_changed: false,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
@@ -173,7 +173,7 @@ impl ServoReader {
 
     /// Which motors somebody else has taken out of the mask, bit n-1 for motor n, if that has changed since the last call.
     pub fn take_taken_out(&mut self) -> Option<u32> {
-        std::mem::take(&mut self.is_new).then_some(self.taken_out)
+        std::mem::take(&mut self.taken_out_changed).then_some(self.taken_out)
     }
 
     /// The motors that are not read because the report's mask is left as it is found, bit n-1 for motor n.
@@ -334,8 +334,9 @@ impl ServoReader {
         if motors != self.motors {
             self.read_motors(motors);
         }
-        let taken_out = if self.as_found { 0 } else { self.told.unwrap_or_default() & !motors };
-        self.is_new |= std::mem::replace(&mut self.taken_out, taken_out) != taken_out;
+        // What is left as it is found says nothing of others.
+        let taken_out = if self.as_found { self.taken_out } else { self.told.unwrap_or_default() & !motors };
+        self.taken_out_changed |= std::mem::replace(&mut self.taken_out, taken_out) != taken_out;
         if motors & !before != 0 {
             // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
             self.last_timer = None;

@@ -44,6 +44,8 @@ pub struct BackgroundMirror {
     last_poll_ns: u64,
     /// A report is asked for.
     asked: Option<Asked>,
+    /// The board may be at one under another count, which is not taken.
+    is_outdated: bool,
     /// What the last one tells of the whole board.
     told: Told,
     /// Which copy of the global status is which, where that is known.
@@ -90,6 +92,7 @@ impl BackgroundMirror {
             due_ns: 0,
             last_poll_ns: 0,
             asked: None,
+            is_outdated: false,
             told: Told::default(),
             global_words: None,
             reports: 0,
@@ -195,7 +198,7 @@ impl BackgroundMirror {
     /// The report that was asked for, or is half read, was made under another count: blocks beyond it are old, or somebody's.
     fn ask_anew(&mut self) {
         self.reader.reset();
-        self.asked = None;
+        self.is_outdated |= self.asked.take().is_some();
     }
 
     /// Puts the host's words that say what is reported back as they were found.
@@ -223,6 +226,8 @@ impl BackgroundMirror {
 
     fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
         self.asked = None;
+        // One that lies there is made; it goes with the question.
+        self.is_outdated = self.is_outdated && !self.reader.is_ready(bus)?;
         self.reader.ask(bus)?;
         self.asked = Some(Asked { at_ns: now, not_before_ns: now, began_ns: None });
         self.due_ns = now + self.again_ns();
@@ -278,7 +283,8 @@ impl BackgroundMirror {
             BackgroundPoll::Report(timer) => {
                 let Asked { at_ns, not_before_ns: time_ns, .. } = *asked;
                 self.asked = None;
-                if now.saturating_sub(time_ns) >= self.freshness.limit_ns() {
+                let is_outdated = std::mem::take(&mut self.is_outdated);
+                if is_outdated || now.saturating_sub(time_ns) >= self.freshness.limit_ns() {
                     self.due_ns = now;
                     return Ok(None);
                 }

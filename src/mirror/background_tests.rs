@@ -266,6 +266,38 @@ fn c3_a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
     }
 }
 
+/// PMAC may be in the middle of a report when the count becomes another one.
+#[test]
+fn c3_a_report_that_was_under_way_when_the_count_changed_is_not_read_with_more_blocks() {
+    let file = tempfile::tempfile().unwrap();
+    file.set_len(TURBO2.length.into()).unwrap();
+    let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();
+    let (mut publisher, _subscriber, _directory) = turbo_segment();
+    let [count, timer, ready] = [0x0674, 0x0678, 0x067A].map(HostOffset::new);
+    let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD);
+    mirror.configure(3);
+    mirror.keep_as_found(true);
+    bus.write16(count, 2).unwrap();
+    let mut now = START;
+    let mut poll = |mirror: &mut BackgroundMirror, bus: &mut FileBoard| {
+        now += MS;
+        mirror.poll(bus, &mut publisher, now).unwrap();
+        mirror.reports()
+    };
+    poll(&mut mirror, &mut bus);
+    mirror.keep_as_found(false);
+    poll(&mut mirror, &mut bus);
+    bus.write16(timer, 1).unwrap();
+    bus.write16(ready, 0x8000).unwrap();
+    for _ in 0..50 {
+        assert_eq!(poll(&mut mirror, &mut bus), 0, "the board made it for two");
+    }
+    assert_eq!(bus.read16(ready).unwrap(), 0, "it is asked again");
+    bus.write16(timer, 2).unwrap();
+    bus.write16(ready, 0x8000).unwrap();
+    assert!((0..50).any(|_| poll(&mut mirror, &mut bus) == 1));
+}
+
 #[test]
 fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     let file = tempfile::tempfile().unwrap();

@@ -55,6 +55,8 @@ pub struct ServoMirror {
     last_poll_ns: u64,
     /// The period the segment was last told.
     published_period_ns: u64,
+    /// Periods of the clock that passed before the last update.
+    clocks_before: u64,
     /// Since the last update taken: when Host-Busy was set, from and to.
     holds: VecDeque<(u64, u64)>,
     /// The board was found reset; told once.
@@ -100,6 +102,7 @@ impl ServoMirror {
             freshness: Freshness::new(STALE_NS),
             last_poll_ns: 0,
             published_period_ns: 0,
+            clocks_before: 1,
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
             updates: 0,
@@ -283,7 +286,7 @@ impl ServoMirror {
                 }
                 ServoPoll::First(timer) => {
                     // One that came while others were read, under a mask that has become wider, is not taken.
-                    if let (_, Some(passed)) = self.timer.advance(timer)
+                    if let (_, Some(passed @ 1..)) = self.timer.advance(timer)
                         && self.freshness.is_live()
                     {
                         publisher.counters().add(Counter::Missed, self.gaps.updates(passed.into()));
@@ -385,8 +388,8 @@ impl ServoMirror {
     /// Keeps the limit of staleness at ten periods of what the updates really come at, so many of the clock's.
     fn follow_period(&mut self, publisher: &Publisher, clocks: u64) {
         let Some(period) = self.clock.period_ns() else { return };
-        // A long pause says nothing of what comes behind it.
-        let whole = period.saturating_mul(clocks);
+        // One pause says nothing of what comes behind it, nor does a long one.
+        let whole = period.saturating_mul(clocks.min(std::mem::replace(&mut self.clocks_before, clocks)));
         let period = if (STALE_NS / 10..=LONGEST_PERIOD_NS).contains(&whole) { whole } else { period };
         // A few per cent either way change nothing for anybody.
         if period.abs_diff(self.published_period_ns) > self.published_period_ns / 16 {

@@ -287,6 +287,7 @@ impl OpenBuffer {
     /// opened: what it said before is not believed.
     pub fn disbelieve(&mut self) {
         (self.in_doubt, self.believed_until) = (true, None);
+        self.distrust();
     }
 
     /// No report comes any more: the board has to be asked.

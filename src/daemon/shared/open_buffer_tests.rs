@@ -252,6 +252,10 @@ fn b1_2_behind_a_question_that_was_only_acknowledged_the_board_is_asked_again() 
         assert!(buffer.is_known(now));
         buffer.disbelieve();
         assert!(!buffer.is_known(now), "with reports: {has_reports}");
+        if has_reports {
+            buffer.see(false, 2);
+            assert!(!buffer.is_known(now), "made before it was opened");
+        }
         buffer.learn(Some(-31_000), now);
         assert!(buffer.is_known(now) && buffer.is_open());
     }
