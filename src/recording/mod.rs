@@ -39,7 +39,7 @@ pub const FORMAT: u32 = 1;
 /// The most accesses of a recording.
 pub const MOST_ACCESSES: usize = 1 << 24;
 /// The most images of a recording.
-pub const MOST_IMAGES: usize = 10_000;
+pub const MOST_IMAGES: usize = 4096;
 /// The most answers of a recording.
 pub const MOST_ANSWERS: usize = 1 << 20;
 

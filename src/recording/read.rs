@@ -49,8 +49,7 @@ impl Recording {
         // Before an image is read: what no board has would be gigabytes of memory.
         about.family(directory)?;
         let accesses = Accesses::of(directory, &about)?.collect::<Result<_, _>>()?;
-        let answers = Lines::open(directory, files::ANSWERS, &about, MOST_ANSWERS)?;
-        let answers = answers.map(|line| line.map(|(_, answer)| answer)).collect::<Result<_, _>>()?;
+        let answers = answers(directory, &about)?;
         let mut images: Vec<Image> = Vec::new();
         let images_at = directory.join(files::IMAGES);
         if images_at.is_symlink() {
@@ -128,6 +127,23 @@ fn about(directory: &Path) -> Result<About, RecordingError> {
         return Err(unfit(format!("a capture of format {format}; this program reads {FORMAT}")));
     }
     json(&path, &text)
+}
+
+/// Reads [`files::ANSWERS`].
+fn answers(directory: &Path, about: &About) -> Result<Vec<Answer>, RecordingError> {
+    let mut lines = Lines::<Answer>::open(directory, files::ANSWERS, about, MOST_ANSWERS)?;
+    let mut answers = Vec::new();
+    let mut bytes = 0;
+    while let Some(line) = lines.next() {
+        let (number, answer) = line?;
+        // An empty line of a reply takes memory, too.
+        bytes += answer.reply.iter().map(|line| line.len() + size_of::<String>()).sum::<usize>();
+        if bytes as u64 > LARGEST {
+            return Err(lines.damaged(number, format!("the replies take more than {LARGEST} bytes")));
+        }
+        answers.push(answer);
+    }
+    Ok(answers)
 }
 
 fn image(path: &Path, t_ns: u64, about: &About) -> Result<Image, RecordingError> {

@@ -172,7 +172,12 @@ fn e6_a_recording_is_read_in_bounds() {
     fs::write(directory.path().join(files::IMAGE_TIMES), time.repeat(MOST_IMAGES + 1)).unwrap();
     let times = Lines::<ImageAt>::open(directory.path(), files::IMAGE_TIMES, &about(), MOST_IMAGES);
     let last = times.unwrap().last().unwrap().unwrap_err().to_string();
-    assert!(last.ends_with("images.ndjson:10001: more than 10000 lines"), "{last}");
+    assert!(last.ends_with("images.ndjson:4097: more than 4096 lines"), "{last}");
+    // Replies of empty lines take memory, too.
+    let answer = format!("{{\"line\":\"P1\",\"reply\":[{}\"\"]}}\n", "\"\",".repeat(20_000));
+    fs::write(directory.path().join(files::ANSWERS), answer.repeat(40)).unwrap();
+    let fault = Recording::read(directory.path()).unwrap_err().to_string();
+    assert!(fault.ends_with(": the replies take more than 16777216 bytes"), "{fault}");
     // After the first fault there is nothing more.
     fs::write(directory.path().join(files::TRACE), "x\nx\nx\n").unwrap();
     assert_eq!(Accesses::of(directory.path(), &about()).unwrap().count(), 1);

@@ -134,10 +134,13 @@ fn differences(first: &Recording, directory: &Path, second: &Recording) -> Resul
     }
     let mut found = answers(first, second);
     found.extend(variables(first, second)?);
-    let seen = [first, second].map(|recording| Seen::of(recording, family));
-    found.extend(words(&seen));
-    found.extend(updates(&seen));
-    found.extend(orders(&seen));
+    // Without a trace nothing is known of what the board writes.
+    if [first, second].iter().all(|recording| !recording.accesses.is_empty()) {
+        let seen = [first, second].map(|recording| Seen::of(recording, family));
+        found.extend(words(&seen));
+        found.extend(updates(&seen));
+        found.extend(orders(&seen));
+    }
     Ok(found)
 }
 

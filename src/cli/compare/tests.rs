@@ -87,6 +87,14 @@ fn e6_each_kind_of_difference_is_told() {
     );
 }
 
+#[test]
+fn e6_a_capture_without_a_trace_says_nothing_of_what_the_board_writes() {
+    let one = board(2, &acknowledged());
+    let mut other = board(2, &acknowledged());
+    other.accesses.clear();
+    assert_eq!(found(&one, &other), [""; 0]);
+}
+
 /// Somebody watches a register on the one and not on the other.
 #[test]
 fn e6_what_clients_have_asked_for_is_no_difference() {

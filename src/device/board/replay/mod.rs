@@ -80,7 +80,7 @@ impl ReplayBoard {
             warn!("replay: the recording was cut short: {why}");
         }
         if about.dropped > 0 {
-            let (all, dropped) = (about.accesses + about.dropped, about.dropped);
+            let (all, dropped) = (about.accesses.saturating_add(about.dropped), about.dropped);
             warn!("replay: of {all} accesses {dropped} were not recorded; what they showed is missing");
         }
         Ok(Self::of(&recording, family, order, clock))

@@ -62,7 +62,7 @@ impl Timeline {
             !recording.accesses.is_empty() && recording.images.first().is_none_or(|image| image.t_ns > zero);
         let mut found = reader.finish(begins_late);
         // Otherwise the window begins as the image, and what was read comes after it.
-        found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns += 1);
+        found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns = at_ns.saturating_add(1));
         found.sort_by_key(|(at_ns, _)| *at_ns);
         let last_access = recording.accesses.last().map_or(0, |access| access.t_ns);
         let end_ns = recording.images.last().map_or(0, |image| image.t_ns).max(last_access);
