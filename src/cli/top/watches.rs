@@ -92,9 +92,8 @@ impl Watches {
             None => Registers::begin(context, names)?,
         };
         registers.held.check()?;
-        let values = registers.values()?;
-        self.registers = Some(registers);
-        Ok(values)
+        // It stays held while the board has not copied anything yet.
+        self.registers.insert(registers).values()
     }
 }
 
