@@ -42,7 +42,7 @@ pub fn take(context: &Context, options: &Capture) -> Result<Taken, Failure> {
     let stop = Interrupt::listen()?;
     let board = context.board()?;
     let mut connection = context.connection()?;
-    let mut taking = Taking::begin(&board, &mut connection, stop, options)?;
+    let mut taking = Taking::begin(&board, &mut connection, &context.socket(), stop, options)?;
     let failure = taking.record().err();
     taking.finish(failure)
 }

@@ -1,7 +1,7 @@
 //! A capture under way. One thread does everything in turn, and the trace first: the daemon's memory for it is small.
 
 use std::fs::File;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -107,6 +107,8 @@ pub struct Taking<'a> {
     writer: Writer,
     filter: TextFilter,
     updates_before: u64,
+    /// What errors name the socket by.
+    socket: String,
     questions: Times,
     reads: Times,
     wake_ups: Times,
@@ -117,6 +119,7 @@ impl<'a> Taking<'a> {
     pub fn begin(
         board: &'a Board,
         connection: &'a mut Connection,
+        socket: &Path,
         stop: Interrupt,
         options: &'a Capture,
     ) -> Result<Self, Failure> {
@@ -160,7 +163,9 @@ impl<'a> Taking<'a> {
         let writer = Writer::create(&options.directory, &about)?;
         Ok(Self {
             filter: TextFilter::new(&family.ascii),
-            updates_before: board.subscriber().counter(Counter::Updates),
+            // Until the trace begins there are none.
+            updates_before: u64::MAX,
+            socket: socket.display().to_string(),
             board,
             connection,
             stop,
@@ -252,7 +257,7 @@ impl<'a> Taking<'a> {
         let cut_short = match &failure {
             // Its path may name a user.
             Some(failure) => {
-                let text = failure.to_string();
+                let text = failure.to_string().replace(&self.socket, "SOCKET");
                 let inside = text.strip_prefix(&self.options.directory.display().to_string());
                 Some(without_users(&inside.map_or(text.clone(), |inside| format!("DIR{inside}"))))
             }

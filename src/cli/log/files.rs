@@ -323,6 +323,8 @@ impl Files {
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
+        // The last one that has rows.
+        let last = self.previous.filter(|_| self.file.kept() == 0);
         let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
         let present = self.file.bytes().max(self.rotation.limit().unwrap_or_default());
@@ -331,7 +333,7 @@ impl Files {
             if bytes <= keep || number > self.number {
                 break;
             }
-            if !opened(&path).is_ok_and(|file| !is_in_use(&file)) {
+            if Some(number) == last || !opened(&path).is_ok_and(|file| !is_in_use(&file)) {
                 continue;
             }
             match std::fs::remove_file(&path) {
@@ -531,6 +533,20 @@ mod tests {
         assert_eq!(files.present(), place(&path, 3));
         assert!(place(&path, 1).exists() && place(&path, 2).exists() && linked.exists());
         assert!(strange.iter().all(|(is_given, path)| path.exists() == *is_given));
+    }
+
+    #[test]
+    fn e1_where_not_even_one_file_fits_the_last_rows_stay() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.csv");
+        let rotation = Rotation { keep: Some(4), ..Rotation::default() };
+        let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
+        for update in 0..5 {
+            files.row(&row(update), Meaning::Update).unwrap();
+        }
+        files.finish().unwrap();
+        let left: Vec<u64> = series(&path).unwrap().into_iter().map(|(number, ..)| number).collect();
+        assert_eq!((left, files.present()), (vec![5], place(&path, 5)));
     }
 
     #[test]

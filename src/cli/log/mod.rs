@@ -324,7 +324,7 @@ fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict,
             "{unscaled} of the missed were read, but the board had not told the scale (Ix08) again after a reset or a start of pmacd"
         )?;
     }
-    summarize(context, options, tally, Some(files.present()))?;
+    summarize(context, options, tally, (updates > 0).then(|| files.present()))?;
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
