@@ -68,7 +68,7 @@ impl HeldJog {
             if connection.jog_renew()? {
                 return Ok(());
             }
-            let reason = "the jog is over: the motor stands, or has been given another command (no stop was sent then), or pmacd has stopped it";
+            let reason = "the jog is over: pmacd has stopped it, or the motor stands or obeys another command; then no stop was sent";
             Err(CallError::Refused { reason: reason.to_owned() }.into())
         }))
     }

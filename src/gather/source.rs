@@ -42,13 +42,15 @@ pub enum SourceError {
     },
     /// The prefix is no motor or coordinate system of the board.
     #[error(
-        "{text:?}: there is no such motor or coordinate system; write 1.NAME to {last}.NAME or cs1.NAME to cs{last}.NAME"
+        "{text:?}: there is no such motor or coordinate system; write 1.NAME to {motors}.NAME or cs1.NAME to cs{systems}.NAME"
     )]
     Number {
         /// The text.
         text: String,
-        /// The last motor, and coordinate system.
-        last: usize,
+        /// The last motor.
+        motors: usize,
+        /// The last coordinate system.
+        systems: usize,
     },
     /// No register of that name.
     #[error("{text:?} is not known; {known}, or an address such as X:$0033")]
@@ -180,7 +182,10 @@ fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'
     };
     match digits.parse() {
         Ok(number) if (1..=last).contains(&number) => Ok((owner, Some(number), name)),
-        _ => Err(SourceError::Number { text: text.to_owned(), last }),
+        _ => {
+            let (motors, systems) = (family.motors, family.coordinate_systems);
+            Err(SourceError::Number { text: text.to_owned(), motors, systems })
+        }
     }
 }
 

@@ -16,12 +16,12 @@ pub struct TypedAddress {
 #[non_exhaustive]
 pub enum AddressError {
     /// Neither a PMAC address nor a host offset.
-    #[error(
-        "{text:?} is not an address; write Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210 or 0x0024"
-    )]
+    #[error("{text:?} is not an address; write {examples}")]
     Shape {
         /// The text.
         text: String,
+        /// Addresses of the family.
+        examples: String,
     },
     /// A character that is no digit, or a number of more than 32 bits.
     #[error("{digits:?} in address {text:?} is not a {base} number")]
@@ -64,16 +64,16 @@ impl TypedAddress {
         if let Some(digits) = host_digits(text) {
             return host(text, digits, family);
         }
-        let (space, number) = split_space(text).ok_or_else(|| shape(text))?;
+        let (space, number) = split_space(text).ok_or_else(|| shape(text, family))?;
         let number = match number.strip_prefix(':') {
             Some(number) => number,
             // Without a colon only a number makes an address of a letter; "foo" is none of F.
             None if number.starts_with(|c: char| c == '$' || c.is_ascii_digit()) => number,
-            None => return Err(shape(text)),
+            None => return Err(shape(text, family)),
         };
         let number = match number.strip_prefix('$') {
             Some(digits) => parse_digits(text, digits, 16)?,
-            None if number.is_empty() => return Err(shape(text)),
+            None if number.is_empty() => return Err(shape(text, family)),
             None => parse_digits(text, number, 10)?,
         };
         let offset = family.host_offset(space, number).ok_or_else(|| pmac_outside(text, space, family))?;
@@ -119,8 +119,10 @@ fn split_space(text: &str) -> Option<(Space, &str)> {
     })
 }
 
-fn shape(text: &str) -> AddressError {
-    AddressError::Shape { text: text.to_owned() }
+fn shape(text: &str, family: &Family) -> AddressError {
+    let places = [("Y", 1), ("X", 9), ("DP", 0x200), ("D", 0x14), ("L", 0x9A), ("F", 0x210)];
+    let places = places.map(|(space, word)| format!("{space}:${:04X}", family.base + word)).join(", ");
+    AddressError::Shape { text: text.to_owned(), examples: format!("{places} or 0x0024") }
 }
 
 fn parse_digits(text: &str, digits: &str, radix: u32) -> Result<u32, AddressError> {

@@ -71,7 +71,7 @@ pub struct Identifier {
     recheck: Duration,
     /// How long the board may take to begin its answer.
     patience: Duration,
-    /// It did not in time, and nothing has come since.
+    /// The last question was not answered in time, and no answer has come since.
     has_failed: bool,
     /// When the last question was due.
     asked: Instant,

@@ -154,8 +154,8 @@ impl MemoryScan {
         self.next >= m_variables(self.family)
     }
 
-    /// The line to send now, if any, for at most `most_lines`, but for [`LEAST`], and how long to wait for its reply. Tell with
-    /// [`Self::sent`] if it was.
+    /// The line to send now, if any, and how long to wait for its reply. It asks for at most `most_lines` definitions, but at least
+    /// [`LEAST`]. Tell with [`Self::sent`] if it was sent.
     pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if !self.due_in(now).is_zero() {
             return None;

@@ -13,8 +13,9 @@ const TELLING: usize = 4;
 pub(super) struct LinePace {
     /// In the last telling reply.
     known: Duration,
-    /// In the present one, when its last line came, and how many have.
+    /// In the present one.
     shortest: Duration,
+    /// When the last line of the present reply came, and how many have.
     last: Option<Instant>,
     lines: usize,
 }
