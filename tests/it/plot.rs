@@ -44,7 +44,7 @@ fn e3_gather_and_log_draw_what_they_wrote() {
     }
 
     let log = ["log", "-o", npy_name, "--motors", "1", "--seconds", "0.2", "--plot", png_name];
-    let ran = site.hurried(|| site.run(&log));
+    let ran = site.run_slowly(&log);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(fs::read(&png).unwrap().starts_with(b"\x89PNG\r\n"));
     let ran = site.run(&["plot", npy_name, "-o", "-", "--columns", "1.velocity"]);

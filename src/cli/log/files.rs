@@ -2,17 +2,16 @@
 //!
 //! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
 
-use std::ffi::OsStr;
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use nix::fcntl::OFlag;
-use nix::unistd::geteuid;
 
 use super::row::GAP;
+use super::series::{MOST, newest, place, series};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::sink::{is_in_use, is_stdout};
 use crate::cli::console::table_file::{Form, TableFile};
@@ -24,11 +23,6 @@ use crate::table::Field;
 const TRY_AGAIN: Duration = Duration::from_secs(1);
 /// How often rows go to the file though the buffer is not full, and old files are removed.
 const TEND: Duration = Duration::from_secs(1);
-/// Digits of a file's number, at least.
-const DIGITS: usize = 6;
-/// The highest number: a file with the date in its name (`run-20261126.csv`) is none of a series.
-const MOST: u64 = 9_999_999;
-
 /// When another file is begun, and how much is kept.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rotation {
@@ -367,54 +361,6 @@ fn next(
     }
     let name = path.display();
     Err(Failure::Request(format!("{name}: there is no number left for another file; log under another name")))
-}
-
-/// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 is no series.
-fn place(path: &Path, number: u64) -> PathBuf {
-    if number == 0 {
-        return path.to_owned();
-    }
-    let mut name = path.file_stem().unwrap_or_default().to_owned();
-    name.push(format!("-{number:0DIGITS$}."));
-    name.push(path.extension().unwrap_or_default());
-    path.with_file_name(name)
-}
-
-/// The files of the series `path` that are one's own: number, path, and the bytes that it takes. Where others may create files, too,
-/// theirs neither count nor go, and give no number; nor does a second name of one's own file, which others may have given it.
-fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
-    let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
-    let number = |name: &OsStr| {
-        let (stem, rest) = (path.file_stem()?.to_str()?, name.to_str()?);
-        let digits = rest.strip_prefix(stem)?.strip_prefix('-')?;
-        let digits = digits.strip_suffix(path.extension()?.to_str()?)?.strip_suffix('.')?;
-        let number = digits.parse().ok().filter(|number| *number <= MOST)?;
-        (digits == format!("{number:0DIGITS$}")).then_some(number)
-    };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(directory)? {
-        let entry = entry?;
-        if let Some(number) = number(&entry.file_name())
-            && let Ok(metadata) = entry.metadata()
-            && metadata.is_file()
-            && metadata.uid() == geteuid().as_raw()
-            && metadata.nlink() == 1
-        {
-            files.push((number, entry.path(), taken(&metadata)));
-        }
-    }
-    Ok(files)
-}
-
-/// The bytes that a file takes: of one with holes, those that are on the disk.
-fn taken(metadata: &Metadata) -> u64 {
-    metadata.len().min(metadata.blocks().saturating_mul(512))
-}
-
-/// The highest number in the series; 0 where there is none.
-fn newest(path: &Path) -> Result<u64, Failure> {
-    let files = series(path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
-    Ok(files.into_iter().map(|(number, ..)| number).max().unwrap_or(0))
 }
 
 #[cfg(test)]

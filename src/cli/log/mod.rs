@@ -2,6 +2,7 @@
 
 mod files;
 mod row;
+mod series;
 mod trigger;
 mod wait;
 
