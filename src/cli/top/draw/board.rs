@@ -108,15 +108,15 @@ impl Picture<'_> {
     fn systems(&self, width: usize) -> Rows {
         let Ok(snapshot) = self.snapshot else { return Vec::new() };
         let Some(background) = &snapshot.background else {
-            let stale = snapshot.stale.unwrap_or(Staleness::Off);
-            return vec![vec![format!("STALE: there are no background data yet: {stale}")]];
+            let why = self.why(snapshot.stale.unwrap_or(Staleness::Off));
+            return vec![vec![format!("STALE: there are no background data yet: {why}")]];
         };
         let none = Overrides::default();
         let overrides = self.answer.map_or(&none, |answer| &answer.overrides);
         let mut rows =
             coordinates::systems(&background.data, overrides).fitting_rows(width, &SPARE_OF_SYSTEMS);
         if let (Some(stale), Some(heading)) = (background.stale, rows.first_mut()) {
-            heading.insert(0, format!("STALE: {stale}"));
+            heading.insert(0, format!("STALE: {}", self.why(stale)));
         }
         rows
     }

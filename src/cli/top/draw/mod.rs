@@ -22,6 +22,7 @@ use crate::cli::console::table::wrapped;
 use crate::cli::show::status;
 use crate::client::{Snapshot, Staleness};
 use crate::format::Visible;
+use crate::protocol::board::REPLAY_OVER;
 
 pub use look::Look;
 
@@ -60,12 +61,18 @@ impl Picture<'_> {
             Err(why) => return Some(format!("no data: {why}")),
         };
         match &snapshot.servo {
-            Some(servo) => servo.stale.map(|stale| format!("STALE: {stale}")),
+            Some(servo) => servo.stale.map(|stale| format!("STALE: {}", self.why(stale))),
             None => {
-                let stale = snapshot.stale.unwrap_or(Staleness::Off);
-                Some(format!("STALE: there are no servo data yet: {stale}"))
+                let why = self.why(snapshot.stale.unwrap_or(Staleness::Off));
+                Some(format!("STALE: there are no servo data yet: {why}"))
             }
         }
+    }
+
+    /// Why data are `stale`: of a replay that is over, that it is.
+    fn why(&self, stale: Staleness) -> String {
+        let is_over = self.answer.is_some_and(|answer| answer.status["socket"]["replay"]["over"] == true);
+        if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
     }
 
     /// What the daemon said of the rest, if it is not live.

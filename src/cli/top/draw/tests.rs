@@ -139,6 +139,16 @@ fn assert_screen(board: &Board, width: u16, height: u16, golden: &str) {
 }
 
 #[test]
+fn e6_of_a_replay_that_is_over_the_cable_is_not_to_be_looked_at() {
+    let mut board = Board::of(&PMAC, 8).stale(Staleness::BoardSilent);
+    let screen = |board: &Board| board.screen(160, 30).join("\n");
+    assert!(screen(&board).contains("cable"), "{}", screen(&board));
+    board.answer.as_mut().unwrap().status["socket"]["replay"] = json!({ "over": true });
+    let shown = screen(&board);
+    assert!(shown.contains("STALE: the recording is over") && !shown.contains("cable"), "{shown}");
+}
+
+#[test]
 fn e2_a_screen_of_80_by_24_has_everything() {
     assert_screen(&Board::of(&PMAC, 8), 80, 24, include_str!("screens/80x24"));
 }
