@@ -42,8 +42,8 @@ pub enum CallError {
         /// Why, and what to do.
         reason: String,
     },
-    /// Too many commands wait already.
-    #[error("too many commands wait already; nothing was sent, try again")]
+    /// Others' commands, or questions of the daemon's, took the board's time until the caller's was over.
+    #[error("the board is busy with other commands; nothing was sent, try again")]
     #[serde(rename = "io.github.pmac-dpram.Board.Busy")]
     Busy,
     /// The caller lacks a role.

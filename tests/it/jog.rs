@@ -195,6 +195,17 @@ fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
     site.assert_no_violations();
 }
 
+/// Its position in raw units is nowhere near the target in counts.
+#[test]
+fn b5_7_a_wait_judges_no_motor_whose_scale_is_not_known() {
+    let site = VirtualSite::new();
+    site.start_simulator(&["--dpram-startup"]);
+    site.start_daemon(&["--config", &site.file("silent.toml", "ask_board = false\n")]);
+    site.wait_for_live_servo();
+    refused(&site, &["jog", "1", "=1500", "--wait"], 1, "whether that is 1500.0 is not known");
+    assert!((number(&site, "#1P") - 1500.0).abs() < 1.0);
+}
+
 #[test]
 fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
     let site = running("");

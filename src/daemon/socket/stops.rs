@@ -10,8 +10,8 @@ use super::call_table::Caller;
 use super::stop_target::Target;
 use crate::function::servo::Motion;
 
-/// How long the board has to say what is addressed.
-pub(super) const QUESTION_TAKES: Duration = Duration::from_millis(200);
+/// How long the board has to say what is addressed. One given up holds the port for longer than a slow board takes.
+pub(super) const QUESTION_TAKES: Duration = Duration::from_millis(400);
 /// How long the board has for the line, and for ^A.
 pub(super) const LINE_TAKES: Duration = Duration::from_secs(1);
 /// How long a motor must be seen to stand. A report may be from just before the motor began to move.

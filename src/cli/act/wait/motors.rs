@@ -31,6 +31,8 @@ const FAULTS: [(&str, &str); 6] = [
 /// How far from its target the commanded position of a motor that has arrived may be, in counts. A target is rounded to 1/32
 /// of a count.
 const NEAR: f64 = 0.5;
+/// How long a motor has stood when the board will not tell its scale any more.
+const TOLD: Duration = Duration::from_secs(10);
 
 /// What is waited for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -222,10 +224,19 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
     let moved = seen.moved;
     let has_begun = moved || look.elapsed >= BEGINS;
     let missed = match goal {
-        Goal::At(target) => {
-            let is_there = commanded(motor).is_some_and(|commanded| (commanded - target).abs() <= NEAR);
-            (!is_there).then(|| format!("not at {}", fixed(target, 1)))
-        }
+        Goal::At(target) => match commanded(motor) {
+            Some(commanded) => {
+                ((commanded - target).abs() > NEAR).then(|| format!("not at {}", fixed(target, 1)))
+            }
+            None if stood < TOLD => return Progress::GoesOn,
+            None => {
+                return Progress::Failed(format!(
+                    "motor {number} stands at {}; the board has not told its scale (Ix08), so whether that is {} is not known",
+                    position(motor),
+                    fixed(target, 1)
+                ));
+            }
+        },
         Goal::Home => {
             let is_home = has_begun && motor.has("home_complete") == Some(true);
             // The flag of an earlier search stands until another one begins, which the board may have dropped.

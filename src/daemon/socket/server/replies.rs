@@ -34,7 +34,9 @@ pub(super) fn reply_lines(
         }),
         Outcome::Done => Ok(lines),
         Outcome::Error(code) => {
-            let meaning = meaning(code).unwrap_or("an error number without a documented meaning").to_owned();
+            let meaning = meaning(code)
+                .unwrap_or("an error number without a documented meaning, so it may have been carried out")
+                .to_owned();
             Err(CallError::Board { code, meaning, lines })
         }
         Outcome::TimedOut => Err(CallError::TimedOut { lines }),
