@@ -47,15 +47,19 @@ impl DpramPort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, BusError> {
-        let over_question = self.hold_asks() && [ABORT, KILL, CANCEL].contains(&character);
-        let is_free = over_question || bus.read16(self.words.control_character)? == 0;
-        if has_reply && !self.is_idle() || !is_free {
+        let stops = [ABORT, KILL, CANCEL].contains(&character);
+        let over_question = self.hold_asks() && stops;
+        let found = bus.read16(self.words.control_character)?;
+        // One that nobody here has put there may lie there for ever.
+        let over_foreign = stops && self.lying.is_none() && !matches!(found, 0 | u16::MAX);
+        let is_over = over_question || over_foreign;
+        if has_reply && !self.is_idle() || found != 0 && !is_over {
             return Ok(false);
         }
         if over_question {
             self.ask_later(now);
         }
-        self.put_control(bus, character, over_question, now)?;
+        self.put_control(bus, character, is_over, now)?;
         if has_reply {
             self.untold = Untold::default();
             self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };

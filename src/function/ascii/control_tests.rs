@@ -141,3 +141,32 @@ fn b2_1_an_error_of_an_earlier_command_does_not_end_a_characters_reply() {
         }
     }
 }
+
+/// Another host may have left it, at a board that takes none without the flag.
+#[test]
+fn a_foreign_character_that_lies_there_for_ever_holds_up_neither_a_stop_nor_the_port() {
+    for family in FAMILIES {
+        let foreign = 0x04;
+        let mut rig = Rig::new(family);
+        rig.write(family.ascii.control_character, foreign);
+        rig.port.hold(rig.now);
+        assert_eq!(rig.poll(), None);
+        assert_eq!(rig.control_word(), foreign, "the board may be about to take it");
+        rig.now += Duration::from_secs(1);
+        assert_eq!(rig.poll(), None);
+        assert_eq!(rig.control_word(), 0);
+        assert_eq!(rig.poll(), None);
+        assert_eq!(rig.control_word(), u16::from(b'F' - 64), "the question");
+
+        let mut rig = Rig::new(family);
+        rig.write(family.ascii.control_character, foreign);
+        assert!(!rig.port.control(&mut rig.bus, b'R' - 64, false, rig.now).unwrap());
+        assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
+        // The board may have cleared the word for the other one.
+        for lies in [true, false] {
+            assert_eq!(rig.control_word(), u16::from(ABORT));
+            rig.write(family.ascii.control_character, 0);
+            assert_eq!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap(), lies);
+        }
+    }
+}

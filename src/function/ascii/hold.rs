@@ -36,6 +36,8 @@ const QUESTION: u8 = b'F' - 64;
 pub const ASK_LIMIT: Duration = Duration::from_millis(300);
 /// How long the board may then take to answer it.
 const ANSWER_LIMIT: Duration = Duration::from_secs(1);
+/// How long the board may leave a control character that nobody here has put there.
+const FOREIGN_LIMIT: Duration = Duration::from_secs(1);
 /// How soon after it was taken back it is asked again.
 pub const ASK_AGAIN: Duration = Duration::from_millis(500);
 
@@ -252,12 +254,20 @@ impl DpramPort {
         now: Instant,
     ) -> Result<(), BusError> {
         match hold.asking {
-            Asking::Due { from, what } => {
-                if now >= from && self.lying.is_none() && bus.read16(self.words.control_character)? == 0 {
-                    self.put_control(bus, what.character(), false, now)?;
-                    hold.asking = Asking::Lies { since: now, what };
+            Asking::Due { from, what } if now >= from && self.lying.is_none() => {
+                match bus.read16(self.words.control_character)? {
+                    0 => {
+                        self.put_control(bus, what.character(), false, now)?;
+                        hold.asking = Asking::Lies { since: now, what };
+                    }
+                    // Nobody looks after it: it is another host's, or one of ours that memory out of reach seemed to have lost.
+                    foreign if now >= from + FOREIGN_LIMIT && foreign != u16::MAX => {
+                        self.withdraw_control(bus)?;
+                    }
+                    _ => {}
                 }
             }
+            Asking::Due { .. } => {}
             Asking::Lies { since, what } => {
                 if !self.control_pending(bus, now)? {
                     hold.in_vain = false;
