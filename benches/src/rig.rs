@@ -15,6 +15,9 @@ use tempfile::TempDir;
 /// How long either program may take to be there, or to end.
 const PATIENCE: Duration = Duration::from_secs(10);
 
+/// How long a Turbo board at the lowest rate may take for its M-variables.
+const DEFINITIONS: Duration = Duration::from_secs(120);
+
 /// The programs and where they meet.
 pub struct Rig {
     pub simulator: Program,
@@ -125,6 +128,11 @@ impl Rig {
             snapshot.is_some_and(|snapshot| {
                 has_servo(snapshot.servo.is_some()) && snapshot.identity.motor_mask.is_some()
             })
+        });
+        // Until then it asks the board where its M-variables point, which takes time of both.
+        let mut connection = self.connection();
+        until_within(DEFINITIONS, "the M-variables' definitions", || {
+            connection.info().is_ok_and(|info| info.definitions.read == info.definitions.of)
         });
     }
 
@@ -243,10 +251,14 @@ pub fn program(name: &str) -> PathBuf {
     found.unwrap_or_else(|| panic!("there is no {name}; first: cargo build --release"))
 }
 
-fn until(what: &str, mut there: impl FnMut() -> bool) {
-    let end = Instant::now() + PATIENCE;
+fn until(what: &str, there: impl FnMut() -> bool) {
+    until_within(PATIENCE, what, there);
+}
+
+fn until_within(patience: Duration, what: &str, mut there: impl FnMut() -> bool) {
+    let end = Instant::now() + patience;
     while !there() {
-        assert!(Instant::now() < end, "{what} did not come in {} s", PATIENCE.as_secs());
+        assert!(Instant::now() < end, "{what} did not come in {} s", patience.as_secs());
         std::thread::sleep(Duration::from_millis(1));
     }
 }
