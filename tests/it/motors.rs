@@ -58,6 +58,17 @@ fn b5_6_a_motor_tells_following_error_velocity_and_flags() {
 }
 
 #[test]
+fn c1_where_no_motor_is_reported_that_is_said() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    site.wait_for_identity();
+    site.ask("I59=0");
+    site.wait_until("a report without motors", || {
+        site.pmacctl(&["motors"]).1.contains("no motor is in the servo report: ")
+    });
+}
+
+#[test]
 fn b5_6_a_line_that_was_not_sent_leaves_positions_in_counts() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();

@@ -82,6 +82,11 @@ fn table_or_why(snapshot: &Snapshot, width: Option<usize>, why: impl FnOnce(Stal
     };
     let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
     let motors = motors(snapshot);
+    if motors.is_empty() {
+        return note
+            + "no motor is in the servo report: the board is told to report none, or pmacd leaves that as found until it knows \
+               the M-variables (pmacctl status)\n";
+    }
     let table = table(&motors);
     let table = match width {
         Some(width) => table.fitting(width, &SPARE),
