@@ -111,7 +111,7 @@ impl BackgroundMirror {
     pub fn configure(&mut self, motors: usize) {
         self.reader.set_numbers(self.block.reported(motors));
         if self.block.count.is_some() {
-            self.ask_anew();
+            self.count_changes();
         } else if let Some(asked) = &mut self.asked {
             // What was half read is read again; it was made when it was.
             asked.began_ns = None;
@@ -191,14 +191,20 @@ impl BackgroundMirror {
     /// Whether to leave the host's words that say what is reported as they are found.
     pub fn keep_as_found(&mut self, as_found: bool) {
         if self.reader.keep_as_found(as_found) {
-            self.ask_anew();
+            self.count_changes();
         }
+    }
+
+    /// The board may be at a report under the old count.
+    fn count_changes(&mut self) {
+        self.is_outdated |= self.asked.is_some();
+        self.ask_anew();
     }
 
     /// The report that was asked for, or is half read, was made under another count: blocks beyond it are old, or somebody's.
     fn ask_anew(&mut self) {
         self.reader.reset();
-        self.is_outdated |= self.asked.take().is_some();
+        self.asked = None;
     }
 
     /// Puts the host's words that say what is reported back as they were found.

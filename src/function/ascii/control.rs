@@ -12,6 +12,7 @@
 use std::time::{Duration, Instant};
 
 use super::response_buffer::Untold;
+use super::stop::goes_over_foreign;
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
@@ -47,11 +48,11 @@ impl DpramPort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, BusError> {
-        let stops = [ABORT, KILL, CANCEL].contains(&character);
-        let over_question = self.hold_asks() && stops;
+        let over_question = self.hold_asks() && [ABORT, KILL, CANCEL].contains(&character);
         let found = bus.read16(self.words.control_character)?;
         // One that nobody here has put there may lie there for ever.
-        let over_foreign = stops && self.lying.is_none() && !matches!(found, 0 | u16::MAX);
+        let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
+        let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
         let is_over = over_question || over_foreign;
         if has_reply && !self.is_idle() || found != 0 && !is_over {
             return Ok(false);

@@ -1,6 +1,7 @@
 //! Control characters: what is waited for before and after them.
 
 use super::*;
+use crate::protocol::control::{HOLD, KILL};
 
 #[test]
 fn b3_2_a_board_that_needs_the_flag_gets_it_with_an_empty_line() {
@@ -168,5 +169,27 @@ fn a_foreign_character_that_lies_there_for_ever_holds_up_neither_a_stop_nor_the_
             rig.write(family.ascii.control_character, 0);
             assert_eq!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap(), lies);
         }
+    }
+}
+
+#[test]
+fn a_weaker_stop_goes_over_no_stronger_one_of_another_host() {
+    for (character, found, goes) in [
+        (ABORT, ABORT, true),
+        (KILL, ABORT, true),
+        (ABORT, KILL, false),
+        (HOLD, ABORT, false),
+        (HOLD, 0x04, true),
+        (CANCEL, 0x04, true),
+        (CANCEL, KILL, false),
+        (b'R' - 64, 0x04, false),
+    ] {
+        let mut rig = Rig::new(FAMILIES[0]);
+        rig.write(FAMILIES[0].ascii.control_character, found.into());
+        assert_eq!(
+            rig.port.control(&mut rig.bus, character, false, rig.now).unwrap(),
+            goes,
+            "{character} {found}"
+        );
     }
 }

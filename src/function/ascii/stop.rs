@@ -20,7 +20,7 @@ use std::time::Instant;
 use super::late_mark::Follows;
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
-use crate::protocol::control::{ABORT, HOLD, KILL, QUIT};
+use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
 
 /// What a stop has done to the line under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +42,15 @@ const fn may_come_twice(character: u8) -> bool {
 fn stronger(before: Option<u8>, character: u8) -> Option<u8> {
     let strength = |character: &u8| [HOLD, QUIT, ABORT, KILL].iter().position(|stop| stop == character);
     before.into_iter().chain(may_come_twice(character).then_some(character)).max_by_key(strength)
+}
+
+/// Whether `character` goes over another one, of nobody here, that the board leaves in its word: what stops over what stops no more.
+pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
+    let found = Some(found).filter(|found| may_come_twice(*found));
+    match character {
+        CANCEL => found.is_none(),
+        _ => may_come_twice(character) && stronger(found, character) == Some(character),
+    }
 }
 
 impl DpramPort {
@@ -84,9 +93,7 @@ impl DpramPort {
             *again = stronger(Some(*again), character).unwrap_or(character);
             return;
         }
-        let is_under_way =
-            matches!(self.state, State::Loaded { .. } | State::Replying { .. } | State::Held(_));
-        if self.stop_again.is_some() || may_move && is_under_way {
+        if self.stop_again.is_some() || may_move {
             self.stop_again = stronger(self.stop_again, character);
         }
     }
