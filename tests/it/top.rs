@@ -237,15 +237,18 @@ fn e2_two_screens_do_not_jog_one_motor() {
     // On a slow machine the first one may have let go meanwhile; then it is the one that is refused.
     let mut told = String::new();
     wait_until("a refusal", || {
-        // As keys repeat. The next one may take away what the last one has told.
         for seat in [&mut first, &mut second] {
-            seat.types(RIGHT);
-            std::thread::sleep(Duration::from_millis(15));
-            if seat.shows("disarmed: ") {
-                told = seat.screen();
+            // The next key takes away what the last one has told.
+            let screen = seat.screen();
+            if screen.contains("disarmed: ") {
+                told = screen;
+                return true;
             }
+            seat.types(RIGHT);
         }
-        !told.is_empty()
+        // As keys repeat.
+        std::thread::sleep(Duration::from_millis(60));
+        false
     });
     assert!(told.contains("holds a jog of motor 1"), "{told}");
     wait_until("a motor that stands", || !moves(&site));

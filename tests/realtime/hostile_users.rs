@@ -156,7 +156,8 @@ fn a_stranger_may_look_and_nothing_else(family: &'static Family) {
     }
     let log = users.site.log();
     assert!(!log.contains(&format!("[INFO ] uid {STRANGER} ")), "something of his was sent: {log}");
-    let engineer = users.pmacctl(ENGINEER, &["send", "I58"]);
+    // What only asks is logged at level debug.
+    let engineer = users.pmacctl(ENGINEER, &["send", "P1=1 P1"]);
     assert_eq!(String::from_utf8_lossy(&engineer.stdout), "1\n", "{engineer:?}");
     let sent = format!("[INFO ] uid {ENGINEER} pid ");
     wait_until("the line in the log", || users.site.log().contains(&sent));
