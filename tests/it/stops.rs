@@ -8,8 +8,10 @@ use std::time::Duration;
 use nix::unistd::getuid;
 use pmac_dpram::client::{CommandError, Connection};
 use pmac_dpram::protocol::control;
+use serde_json::json;
 
 use crate::support::jogs::{ask, until};
+use crate::support::raw::Raw;
 use crate::support::{PATIENCE, VirtualSite};
 
 fn running(config: &str) -> VirtualSite {
@@ -47,6 +49,28 @@ fn hears_of_its_end(mut held: Connection) -> JoinHandle<CommandError> {
 fn is_open(board: &mut Connection) -> bool {
     let status = board.send("#1?", PATIENCE).unwrap().concat();
     u32::from_str_radix(&status[..6], 16).unwrap() >> 18 & 1 == 1
+}
+
+/// Both are read in one round, and the character goes first.
+#[test]
+fn b2_6_a_jog_that_is_asked_for_just_before_an_abort_is_held_by_nobody_and_does_not_begin() {
+    let site = running("");
+    site.wait_for_identity();
+    let mut board = site.connection();
+    for _ in 0..20 {
+        site.hold();
+        let mut holder = Raw::at(&site.socket());
+        let mut stopper = Raw::at(&site.socket());
+        holder.call("PanelHold", json!({"action": "jog+", "numbers": [1]}));
+        stopper.call("SendControl", json!({"character": "^A"}));
+        site.go_on();
+        stopper.receive().unwrap();
+        holder.receive().unwrap();
+        // The holder says nothing more, and stays.
+        site.run_for(Duration::from_millis(700));
+        let speed: f64 = board.send("#1V", PATIENCE).unwrap()[0].parse().unwrap();
+        assert!(speed.abs() < 0.01, "it moves at {speed}: {}", site.log());
+    }
 }
 
 #[test]

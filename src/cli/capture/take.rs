@@ -312,7 +312,8 @@ impl<'a> Taking<'a> {
     fn variables(&mut self) -> Result<(), Failure> {
         if self.options.no_variables {
             self.about.left_out.push(NO_VARIABLES.to_owned());
-            return driver_questions(self.family).iter().try_for_each(|line| self.ask(line));
+            let mut lines = driver_questions(self.family).into_iter();
+            return lines.try_for_each(|line| if self.stop.came() { Ok(()) } else { self.ask(&line) });
         }
         match Saved::ask(self.connection, "capture", &VARIABLES, (1, 1), Some(&self.stop)) {
             Ok(saved) => self.writer.variables(&saved.text())?,

@@ -81,6 +81,8 @@ pub(super) enum Then {
     Resets(Instant),
     /// The sequence of this number goes on.
     Sequence(u64),
+    /// The caller is refused what was to begin: all motion was stopped meanwhile.
+    Refuse(String),
 }
 
 impl Then {
@@ -302,9 +304,20 @@ impl CallTable {
         .collect()
     }
 
-    /// Takes every line and request of the panel back that waits for its turn, whosever it is, but for what stops, and held jogs,
-    /// which end by their leases.
-    pub(super) fn drop_what_waits(&mut self) -> Vec<Ended> {
+    /// Takes every line and request of the panel back that waits for its turn, whosever it is, but for what stops.
+    ///
+    /// What was to begin behind a question is refused for this `reason` when that is answered.
+    pub(super) fn drop_what_waits(&mut self, reason: &str) -> Vec<Ended> {
+        for pending in self.pending.values_mut() {
+            let begins = match &pending.then {
+                Then::Job(call) => !call.stops,
+                Then::JogTo(..) | Then::FirstStart(_) => true,
+                _ => false,
+            };
+            if begins {
+                pending.then = Then::Refuse(reason.to_owned());
+            }
+        }
         let stops = |ticket: &Ticket| {
             self.pending
                 .get(ticket)

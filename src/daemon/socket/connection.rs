@@ -21,7 +21,8 @@ use crate::protocol::{BOARD, CALL_MAX, CallError, Inbox, Message, Reply, frame::
 pub(super) const HIGH_WATER: usize = 64 * 1024;
 /// The longest call of an observer, in bytes. A watch of all 128 registers needs about 2 KiB.
 const OBSERVER_CALL_MAX: usize = 8 * 1024;
-/// More than the kernel holds of what a client has sent, in bytes.
+/// What is looked at of that which a client has sent and that is unread, in bytes. Where there is more, all is meant up to when nothing
+/// is.
 const UNREAD_MAX: usize = 256 * 1024;
 /// Unsolicited texts are counted as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
@@ -82,6 +83,8 @@ pub(super) struct Client {
     asks_again: bool,
     /// All motion was stopped behind so many bytes of what it has sent, for this reason.
     outdated: Option<(usize, Text<REASON_MAX>)>,
+    /// More than that lies unread, as much as it may be.
+    outdated_unread: bool,
     /// Why the call that was taken last is among them.
     call_outdated: Option<Text<REASON_MAX>>,
 }
@@ -105,6 +108,7 @@ impl Client {
             closing: false,
             asks_again: false,
             outdated: None,
+            outdated_unread: false,
             call_outdated: None,
         }
     }
@@ -116,6 +120,7 @@ impl Client {
         let unread = recv(self.stream.as_raw_fd(), &mut unread, flags).unwrap_or_default();
         let sent = self.inbox.held().len() + unread;
         self.outdated = (sent > 0).then_some((sent, reason));
+        self.outdated_unread = unread == UNREAD_MAX;
     }
 
     /// Why the call that was taken last begins nothing: it was sent before all motion was stopped.
@@ -194,6 +199,9 @@ impl Client {
                 Ok(0) => self.input_ended = true,
                 Ok(count) => {
                     self.inbox.push(&chunk[..count]);
+                    if count < chunk.len() {
+                        self.outdated_unread = false;
+                    }
                     if count < chunk.len() && !self.hung_up {
                         // That was all. The poll reports more.
                         break;
@@ -243,8 +251,8 @@ impl Client {
         let call = self.inbox.next_message();
         let taken = held - self.inbox.held().len();
         self.call_outdated = self.outdated.map(|(_, reason)| reason);
-        self.outdated =
-            self.outdated.filter(|(sent, _)| *sent > taken).map(|(sent, why)| (sent - taken, why));
+        let is_left = |(sent, _): &(usize, _)| *sent > taken || self.outdated_unread;
+        self.outdated = self.outdated.filter(is_left).map(|(sent, why)| (sent.saturating_sub(taken), why));
         self.has_spoken |= matches!(call, Ok(Some(_)));
         // The clock of a half-sent message starts anew with each message.
         self.half_sent_since = None;

@@ -151,9 +151,14 @@ impl Action {
         }
     }
 
-    /// Whether it is a part of a sequence of lines.
-    pub(super) const fn is_lines(&self) -> bool {
-        matches!(self, Self::Sequence(SequenceCall::Lines(_)))
+    /// Whether it may set something in motion.
+    pub(super) fn may_move(&self) -> bool {
+        match self {
+            Self::Ask(Ask::Control { character, .. }) => matches!(*character, control::RUN | control::STEP),
+            Self::Watch(_) => false,
+            Self::Sequence(call) => matches!(call, SequenceCall::Lines(_) | SequenceCall::Rotary(_)),
+            _ => self.begins(),
+        }
     }
 }
 

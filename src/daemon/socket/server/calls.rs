@@ -50,7 +50,7 @@ impl Service {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
             match outdated {
                 _ if self.stopping.is_some() && action.begins() => Err(is_stopping()),
-                Some(reason) if action.begins() || action.is_lines() => Err(refused(reason)),
+                Some(reason) if action.may_move() => Err(refused(reason)),
                 _ => Ok(action),
             }
         });
@@ -162,7 +162,9 @@ impl Service {
                     effect.ends_jogs(&line, silence);
                 }
                 let shown = without_password(&line);
-                let is_question = only_asks_for_variables(line.as_bytes());
+                // Into an open buffer it may be a part of a program.
+                let is_closed = self.info.board().open_buffer.is_none();
+                let is_question = is_closed && only_asks_for_variables(line.as_bytes());
                 let audit = audit::entry(caller.peer, format!("sends {shown:?}"), is_question);
                 let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
                 let account = caller.peer.account();
@@ -187,7 +189,7 @@ impl Service {
                 let uid = caller.peer.uid.as_raw();
                 let drops_lines = stops_all && !keeps_lines;
                 if stops_all {
-                    self.leases.control_begins(character, now);
+                    self.stop_all_begins(character, now);
                 }
                 if drops_lines {
                     self.drop_what_waits(uid, character, Some(caller.client), now);
@@ -397,6 +399,7 @@ impl Service {
                 return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
             }
             Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
+            Then::Refuse(reason) => return self.answer(caller, Err(CallError::Refused { reason }), now),
             Then::Reason(guard, failed) => {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
                     let why = guard.check(found.and_then(|found| found.first().copied())).err();

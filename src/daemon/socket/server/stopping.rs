@@ -15,13 +15,21 @@ use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
 use crate::protocol::{CallError, Function, Reply, control};
 
 impl Service {
+    /// `character`, which stops all motion, is on its way to the board. A jog that is to be held and was not handed over would begin
+    /// behind it, and be held by nobody.
+    pub(super) fn stop_all_begins(&mut self, character: u8, now: Instant) {
+        self.leases.control_begins(character, now);
+        let all: Vec<u64> = self.clients.iter().map(|(client, _)| client).collect();
+        self.withdraw_holds(&all, now);
+    }
+
     /// User `uid` stops all motion by `character`, as client `by` or for nobody: no line and no request of the panel that waits here is
     /// sent any more, nor a line that a sequence would send, nor what other clients have sent and nobody has read yet.
     pub(super) fn drop_what_waits(&mut self, uid: u32, character: u8, by: Option<u64>, now: Instant) {
         let reason = dropped_by(uid, character);
         self.clients.outdate(reason, by);
         self.sequences.drop_lines(reason);
-        for ended in self.calls.drop_what_waits() {
+        for ended in self.calls.drop_what_waits(&reason.to_string()) {
             self.on_end(ended, Outcome::Dropped(reason), now);
         }
     }
@@ -148,7 +156,7 @@ impl Service {
                 Seen::Move if stop.ends_hold && may_abort => {
                     stop.at = At::AbortAll;
                     error!(target: "audit", "{target} may still move after its held jog is over: pmacd sends ^A");
-                    self.leases.control_begins(control::ABORT, now);
+                    self.stop_all_begins(control::ABORT, now);
                     self.drop_what_waits(geteuid().as_raw(), control::ABORT, None, now);
                     let deadline = now + LINE_TAKES;
                     let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| {
