@@ -121,7 +121,8 @@ fn split_space(text: &str) -> Option<(Space, &str)> {
 
 fn shape(text: &str, family: &Family) -> AddressError {
     let places = [("Y", 1), ("X", 9), ("DP", 0x200), ("D", 0x14), ("L", 0x9A), ("F", 0x210)];
-    let places = places.map(|(space, word)| format!("{space}:${:04X}", family.base + word)).join(", ");
+    let places =
+        places.map(|(space, word)| format!("{space}:{}", family.print_number(family.base + word))).join(", ");
     AddressError::Shape { text: text.to_owned(), examples: format!("{places} or 0x0024") }
 }
 
@@ -149,7 +150,7 @@ fn pmac_outside(text: &str, space: Space, family: &Family) -> AddressError {
 
 #[cfg(test)]
 mod tests {
-    use super::super::PMAC;
+    use super::super::{PMAC, TURBO2};
     use super::*;
     use proptest::prelude::*;
 
@@ -194,6 +195,12 @@ mod tests {
         for word in ["foo", "yes", "dp", "X"] {
             assert!(refused(word).starts_with(&format!("{word:?} is not an address; write")), "{word}");
         }
+        assert!(
+            refused("foo")
+                .ends_with("; write Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210 or 0x0024")
+        );
+        let turbo = TypedAddress::parse("$060450", &TURBO2).unwrap_err().to_string();
+        assert!(turbo.contains("write Y:$060001, X:$060009, DP:$060200"), "{turbo}");
         assert_eq!(refused("0x"), "\"\" in address \"0x\" is not a hexadecimal number");
         for text in ["", "$D001", "Z:$D001", "0024", "Y:", "Y", "é", "D"] {
             assert!(refused(text).contains("is not an address"), "{text}: {}", refused(text));
