@@ -155,7 +155,7 @@ impl MemoryScan {
     }
 
     /// The line to send now, if any, and how long to wait for its reply. It asks for at most `most_lines` definitions, but at least
-    /// [`LEAST`]. Tell with [`Self::sent`] if it was sent.
+    /// six. Tell with [`Self::sent`] if it was sent.
     pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if !self.due_in(now).is_zero() {
             return None;
