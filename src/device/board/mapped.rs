@@ -38,15 +38,9 @@ impl<M: Mapped> Bus for M {
 
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
         let mapping = self.mapping();
-        let (start, count) = (first.bytes() as usize, words.len());
-        if start + 2 * count > mapping.length() {
-            return Err(out_of_range(mapping, first, count));
-        }
-        for (index, word) in words.iter_mut().enumerate() {
-            let read = mapping.read16(start + 2 * index);
-            *word = read.ok_or_else(|| out_of_range(mapping, first, count))?;
-        }
-        Ok(())
+        mapping
+            .read_words(first.bytes() as usize, words)
+            .ok_or_else(|| out_of_range(mapping, first, words.len()))
     }
 
     fn read_data(&mut self, first: HostOffset, words: &mut [u16]) -> Result<usize, BusError> {

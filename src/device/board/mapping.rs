@@ -88,6 +88,23 @@ impl Mapping {
         })
     }
 
+    /// Reads consecutive words from byte `offset` on, ascending, each by one access; `None`, and nothing is read, when the
+    /// offset is odd or the last of them outside the window.
+    #[inline]
+    #[must_use]
+    pub fn read_words(&self, offset: usize, words: &mut [u16]) -> Option<()> {
+        let Some(last) = words.len().checked_sub(1) else { return Some(()) };
+        let first = self.word(offset)?;
+        self.word(last.checked_mul(2)?.checked_add(offset)?)?;
+        for (index, word) in words.iter_mut().enumerate() {
+            // SAFETY: `word` gave both the first and the last of these words, so all lie in the mapping.
+            let place = unsafe { first.add(index) };
+            // SAFETY: as above; `word` gives only aligned addresses, and the mapping lives as long as `self`.
+            *word = unsafe { load16(place) };
+        }
+        Some(())
+    }
+
     /// Reads the word at byte `offset` and the next one by one 32-bit access; `None` when its address is no multiple of
     /// 4 or the window ends before.
     #[inline]
