@@ -109,6 +109,9 @@ pub struct ServoReader {
     last_timer: Option<u32>,
     clock: Clock,
     image: Box<[u16]>,
+    /// What the motors' status in it says.
+    open_loops: u32,
+    motion: Motion,
 }
 
 impl ServoReader {
@@ -138,6 +141,8 @@ impl ServoReader {
             last_timer: None,
             clock: Clock::real(),
             image: vec![0; block.words()].into_boxed_slice(),
+            open_loops: 0,
+            motion: Motion::default(),
         };
         reader.read_motors(u32::MAX);
         reader
@@ -202,6 +207,7 @@ impl ServoReader {
         let image = &mut self.image[self.block.index(blocks.first)..];
         let others = image.chunks_mut(blocks.words).enumerate().filter(|(at, _)| read >> at & 1 == 0);
         others.for_each(|(_, block)| block.fill(0));
+        self.see_motors();
     }
 
     fn reported(&self) -> Selection {
@@ -226,20 +232,25 @@ impl ServoReader {
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.
     #[must_use]
     pub fn open_loops(&self) -> u32 {
-        self.motors_with(self.block.open_loop)
+        self.open_loops
     }
 
     /// Which motors moved at the last update; only of those whose status is read.
     #[must_use]
     pub fn motion(&self) -> Motion {
+        self.motion
+    }
+
+    fn see_motors(&mut self) {
+        self.open_loops = self.motors_with(self.block.open_loop);
         let known = self.motors_with(self.block.activated);
-        let standing = self.motors_with(self.block.standing) | self.open_loops();
-        Motion { moving: known & !standing, standing: known & standing }
+        let standing = self.motors_with(self.block.standing) | self.open_loops;
+        self.motion = Motion { moving: known & !standing, standing: known & standing };
     }
 
     fn motors_with(&self, flag: Flag) -> u32 {
-        let status = self.image.iter().skip(self.block.index(flag.word)).step_by(self.block.motors.words);
-        status.enumerate().fold(0, |mask, (motor, word)| mask | u32::from(flag.is_set(*word)) << motor)
+        let status = self.image[self.block.index(flag.word)..].chunks(self.block.motors.words);
+        status.enumerate().fold(0, |mask, (motor, words)| mask | u32::from(flag.is_set(words[0])) << motor)
     }
 
     /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an
@@ -429,6 +440,7 @@ impl ServoReader {
             self.image[at..at + 2].copy_from_slice(&motors);
             self.mask_updates = self.mask_updates.saturating_sub(1);
         }
+        self.see_motors();
         self.take(bus, before)?;
         Ok(ServoPoll::Update(self.timer(before)))
     }
@@ -469,126 +481,5 @@ pub fn read_timer(bus: &mut impl Bus, report: &ServoBlock) -> Result<u32, BusErr
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::device::{Counted, FileBoard};
-    use crate::map::pmac::{PMAC_BUSY, SERVO_HOST_STATUS, SERVO_MOTOR, SERVO_PMAC_STATUS};
-    use crate::map::{HostOffset, PMAC};
-
-    fn bus() -> Counted<FileBoard> {
-        let file = tempfile::tempfile().unwrap();
-        file.set_len(0x4000).unwrap();
-        Counted::new(FileBoard::from_file(&file, 0x4000).unwrap())
-    }
-
-    fn update(bus: &mut impl Bus, timer: u16) {
-        bus.write16(SERVO_MOTOR, timer).unwrap();
-        bus.write16(SERVO_PMAC_STATUS, timer).unwrap();
-    }
-
-    #[test]
-    fn what_lay_there_before_is_not_an_update() {
-        let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Optimistic));
-        update(&mut bus, 5);
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::First(5));
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Unchanged);
-        update(&mut bus, 6);
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(6));
-        assert_eq!(reader.image()[PMAC.servo.index(SERVO_MOTOR)], 6);
-        reader.reset();
-        update(&mut bus, 9);
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::First(9));
-    }
-
-    #[test]
-    fn an_update_costs_the_words_it_needs() {
-        for (reading, overhead) in [(ServoReading::Optimistic, 2), (ServoReading::Handshake, 5)] {
-            for motors in 0..=8 {
-                let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, reading));
-                reader.set_motors((1 << motors) - 1);
-                reader.poll(&mut bus).unwrap();
-                update(&mut bus, 1);
-                let before = bus.accesses();
-                assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(1));
-                assert_eq!(
-                    bus.accesses() - before,
-                    overhead + 4 + 30 * motors as u64,
-                    "{reading:?} {motors}"
-                );
-                assert_eq!(bus.read16(SERVO_HOST_STATUS).unwrap(), 0, "Host-Busy is clear again");
-            }
-        }
-    }
-
-    /// A bus on which PMAC acts at a chosen access of the host.
-    struct Interfering {
-        bus: FileBoard,
-        accesses: usize,
-        at: usize,
-        write: (HostOffset, u16),
-    }
-
-    impl Interfering {
-        fn act(&mut self, words: usize) {
-            for _ in 0..words {
-                if self.accesses == self.at {
-                    self.bus.write16(self.write.0, self.write.1).unwrap();
-                }
-                self.accesses += 1;
-            }
-        }
-    }
-
-    impl Bus for Interfering {
-        fn length(&self) -> usize {
-            self.bus.length()
-        }
-        fn read16(&mut self, offset: HostOffset) -> Result<u16, BusError> {
-            self.act(1);
-            self.bus.read16(offset)
-        }
-        fn write16(&mut self, offset: HostOffset, value: u16) -> Result<(), BusError> {
-            self.act(1);
-            self.bus.write16(offset, value)
-        }
-        fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError> {
-            self.act(words.len());
-            self.bus.read_block(first, words)
-        }
-        fn order_reads(&mut self) {}
-        fn order_writes(&mut self) {}
-    }
-
-    #[test]
-    fn a_copy_pmac_wrote_into_is_never_accepted() {
-        for reading in [ServoReading::Optimistic, ServoReading::Handshake] {
-            // Wherever PMAC-Busy comes up during the copy, even after Host-Busy was set, the copy is refused.
-            let accesses = if reading == ServoReading::Optimistic { 1..246 } else { 2..248 };
-            for at in accesses {
-                let file = tempfile::tempfile().unwrap();
-                file.set_len(0x4000).unwrap();
-                let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-                let mut reader = ServoReader::new(&PMAC.servo, reading);
-                reader.poll(&mut bus).unwrap();
-                update(&mut bus, 1);
-                let mut bus = Interfering { bus, accesses: 0, at, write: (SERVO_PMAC_STATUS, PMAC_BUSY | 1) };
-                let poll = reader.poll(&mut bus).unwrap();
-                assert!(matches!(poll, ServoPoll::Torn | ServoPoll::Busy), "{reading:?} {at} {poll:?}");
-                assert_eq!(bus.bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
-                // It is taken at the next poll, once PMAC is done.
-                bus.bus.write16(SERVO_PMAC_STATUS, 2).unwrap();
-                assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(2));
-            }
-        }
-    }
-
-    #[test]
-    fn a_stuck_busy_bit_and_a_missing_board_give_no_data() {
-        let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Handshake));
-        bus.write16(SERVO_PMAC_STATUS, PMAC_BUSY | 3).unwrap();
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Busy);
-        bus.write16(SERVO_PMAC_STATUS, 0xFFFF).unwrap();
-        assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Busy);
-        assert_eq!(bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
-    }
-}
+#[path = "servo_tests.rs"]
+mod tests;
