@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::bus::board_function::Context;
+use pmac_dpram::daemon::bus::command_intake::CommandIntake;
 use pmac_dpram::daemon::bus::function_table::FunctionTable;
 use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::daemon::bus::memory_scan::MemoryScan;
@@ -15,7 +16,7 @@ use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::open_buffer::{Account, Writer};
-use pmac_dpram::daemon::shared::queue::{Command, Event, Origin, Receive, Sender, Text, Ticket, queue};
+use pmac_dpram::daemon::shared::queue::{Command, Event, Origin, Receive, Text, Ticket, queue};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::gather::GatherBuffer;
 use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
@@ -51,7 +52,7 @@ const LAST_PASSES: usize = 400;
 struct Shared {
     _directory: tempfile::TempDir,
     publisher: Publisher,
-    sender: Sender<Event>,
+    intake: CommandIntake,
     receiver: Receive<Event>,
 }
 
@@ -80,7 +81,8 @@ fn shared() -> Shared {
     let mut options = CreateOptions::new(SegmentName::new("pmac0").unwrap(), regions.to_vec());
     options.directory = directory.path().to_owned();
     let (sender, receiver) = queue(8).unwrap();
-    Shared { publisher: Publisher::create(&options).unwrap(), _directory: directory, sender, receiver }
+    let intake = CommandIntake::new(queue(1).unwrap().1, sender);
+    Shared { publisher: Publisher::create(&options).unwrap(), _directory: directory, intake, receiver }
 }
 
 struct Bench<'a> {
@@ -317,17 +319,18 @@ impl Bench<'_> {
             _ => Some(Function::Background),
         };
         let Some(function) = function else { return };
-        let polled = self.in_context(|functions, context| functions.poll(function, context));
-        let told = polled.expect("everything lies in the memory").answer;
-        if let Some(event) = told {
-            self.take(event);
+        if self.shared.intake.is_held_up() {
+            // As the loop: nothing that may answer goes on before the last answer found room.
+            self.hear();
         }
+        let polled = self.in_context(|functions, context| functions.poll(function, context));
+        polled.expect("everything lies in the memory");
         self.bounded(one_go(self.family));
     }
 
     fn in_context<T>(&mut self, act: impl FnOnce(&mut FunctionTable, &mut Context<'_, RamBus>) -> T) -> T {
-        let Shared { publisher, sender, .. } = &mut *self.shared;
-        let mut context = Context { bus: &mut self.bus, publisher, events: sender, clock: &self.clock };
+        let Shared { publisher, intake, .. } = &mut *self.shared;
+        let mut context = Context { bus: &mut self.bus, publisher, intake, clock: &self.clock };
         act(&mut self.functions, &mut context)
     }
 
@@ -340,8 +343,14 @@ impl Bench<'_> {
     }
 
     fn hear(&mut self) {
-        while let Some(event) = self.shared.receiver.try_receive() {
-            self.take(event);
+        loop {
+            while let Some(event) = self.shared.receiver.try_receive() {
+                self.take(event);
+            }
+            if !self.shared.intake.is_held_up() {
+                return;
+            }
+            self.shared.intake.retry();
         }
     }
 

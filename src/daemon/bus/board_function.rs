@@ -2,8 +2,8 @@
 //! and left.
 
 use crate::clock::Clock;
+use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::ports::command_port::PortError;
-use crate::daemon::shared::queue::{Event, Sender};
 use crate::device::{Bus, BusError};
 use crate::mirror::Transition;
 use crate::segment::{Counter, Publisher};
@@ -14,17 +14,15 @@ pub struct Context<'a, B> {
     pub bus: &'a mut B,
     /// The segment.
     pub publisher: &'a mut Publisher,
-    /// To the socket.
-    pub events: &'a Sender<Event>,
+    /// Where answers go.
+    pub intake: &'a mut CommandIntake,
     /// The time.
     pub clock: &'a Clock,
 }
 
-/// What came of a poll.
-#[derive(Debug, Default)]
+/// What came of a poll, but for answers to commands.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Polled {
-    /// The answer to a command.
-    pub answer: Option<Event>,
     /// The function's data are live again, or stale.
     pub transition: Option<Transition>,
     /// The board was found reset.

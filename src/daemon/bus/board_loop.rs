@@ -7,6 +7,7 @@
 //! The loop alone reacts, here and in `life`: its parts find out, and give what they found as a value.
 
 mod life;
+mod rounds;
 mod virtual_time;
 
 use std::os::fd::AsFd;
@@ -16,12 +17,13 @@ use std::time::{Duration, Instant};
 use log::warn;
 use nix::sys::eventfd::EventFd;
 
+use self::rounds::Ahead;
 use crate::clock::{Clock, sleep_until};
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
-use crate::daemon::bus::function_table::FunctionTable;
-use crate::daemon::bus::guard_time::{GuardTime, Turn};
+use crate::daemon::bus::function_table::{FunctionTable, ServoSigns};
+use crate::daemon::bus::guard_time::GuardTime;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::BoardPresence;
@@ -35,12 +37,10 @@ use crate::map::HostOffset;
 use crate::mirror::Transition;
 use crate::protocol::{CommandState, Enabled, Function};
 use crate::segment::identity::first_motors;
-use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp, State};
+use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
 
 /// How often the segment's heartbeat is written.
 const HEARTBEAT_NS: u64 = 50_000_000;
-/// How long the heartbeat can wait for the servo data.
-const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
 /// How often the memory behind the bus is checked to be still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
 /// How long a board may take to give its first sign of life before it is called stale.
@@ -50,7 +50,7 @@ const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
 /// A wait as short as this may be a sleep: commands and interrupts that come meanwhile wait no longer.
-const SHORT_WAIT_NS: u64 = 500_000;
+const SHORT_WAIT_NS: u64 = 2_000_000;
 /// For this long after the last command no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
 /// How long nothing but sleeps may follow each other.
@@ -88,6 +88,9 @@ pub struct BoardLoop {
     guard: GuardTime,
     clock: Clock,
     phase: Phase,
+    ahead: Ahead,
+    /// What the servo report told then.
+    signs: ServoSigns,
     began_ns: u64,
     heartbeat_due_ns: u64,
     check_due_ns: u64,
@@ -116,12 +119,14 @@ impl BoardLoop {
             reporter: if bus.replay().is_some() { reporter.of_replay() } else { reporter },
             bus,
             presence,
+            signs: functions.servo_signs(),
             functions,
             configured,
             publisher,
             connections,
             guard: GuardTime::default(),
             phase: Phase::Begin,
+            ahead: Ahead::NOW,
             began_ns: clock.ns(),
             heartbeat_due_ns: 0,
             check_due_ns: clock.ns(),
@@ -183,28 +188,6 @@ impl BoardLoop {
         }
     }
 
-    fn running(&mut self, readable: &Readable) {
-        let now = self.clock.ns();
-        if !self.is_paused(now) {
-            self.attend(readable, now);
-            self.connections.pulse.count_round();
-            let result = self.one_round(now);
-            self.note_failure(result);
-        }
-        // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
-        let beats = now >= self.heartbeat_due_ns;
-        if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
-            self.heartbeat_due_ns = now + HEARTBEAT_NS;
-            self.beat(now);
-        }
-        if now >= self.check_due_ns {
-            self.check_due_ns = now + BOARD_CHECK_NS;
-            let result = self.check_board();
-            self.note_failure(result);
-        }
-        self.tell_clients(beats, self.clock.at(now));
-    }
-
     /// Tells the clients what has changed; counts alone only `with_counts`.
     fn tell_clients(&mut self, with_counts: bool, now: Instant) {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
@@ -230,11 +213,13 @@ impl BoardLoop {
             status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();
             status.uses = *self.functions.uses_of_all();
-            status.definitions = queue.scan.progress();
-            status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
             status.replay = replay;
+            if with_counts {
+                status.definitions = queue.scan.progress();
+                status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
+            }
         });
-        self.reporter.send(self.connections.intake.events(), with_counts);
+        self.reporter.send(self.connections.intake.events());
     }
 
     /// Whether the bus is left alone for a moment, because it could not be reached.
@@ -242,51 +227,15 @@ impl BoardLoop {
         now < self.paused_until_ns
     }
 
-    /// The most urgent piece of work that is due: servo data, else what has waited longest.
-    fn one_round(&mut self, now: u64) -> Result<(), PortError> {
-        let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
-        let servo_due = now >= self.functions.servo_due_ns();
-        let near = self.is_servo_near(now);
-        let intake = &self.connections.intake;
-        match (self.guard.turn(servo_due, near, work.is_some(), || intake.has_waiting()), work) {
-            (Turn::Servo, _) => self.poll_function(Function::Servo),
-            (Turn::Others, Some((_, function))) => {
-                if function == Function::Ascii && self.presence.is_out_of_reach() {
-                    // Nothing is begun in words that are still to be put in order.
-                    self.check_page()?;
-                }
-                let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
-                self.poll_function(function)?;
-                let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
-                self.guard.took(self.bus.accesses() - accesses, took);
-                Ok(())
-            }
-            (Turn::Others | Turn::Nobody, _) => Ok(()),
-        }
-    }
-
-    fn poll_function(&mut self, function: Function) -> Result<(), PortError> {
-        let accesses = self.bus.accesses();
-        let (functions, mut context) = self.functions_in_context();
-        let polled = functions.poll(function, &mut context)?;
-        if let Some(counter) = functions.counter::<BoardBus>(function) {
-            self.publisher.counters().add(counter, self.bus.accesses() - accesses);
-        }
-        self.react(function, polled)
-    }
-
     /// The functions, and what they work with.
     fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
         let Self { functions, bus, publisher, connections, clock, .. } = self;
-        (functions, Context { bus, publisher, events: connections.intake.events(), clock })
+        (functions, Context { bus, publisher, intake: &mut connections.intake, clock })
     }
 
     /// What follows from what a function found.
     fn react(&mut self, function: Function, polled: Polled) -> Result<(), PortError> {
-        let Polled { answer, transition, was_reset } = polled;
-        if let Some(event) = answer {
-            self.connections.intake.answer(event);
-        }
+        let Polled { transition, was_reset } = polled;
         match function {
             Function::Servo => {
                 if let Some(transition) = transition {
@@ -398,11 +347,6 @@ impl BoardLoop {
         self.functions.servo.is_live() && self.guard.is_near(ns, self.functions.servo_due_ns())
     }
 
-    /// Of the work that can wait for the servo, that which is due first, and when.
-    fn next_work(&self) -> Option<(u64, Function)> {
-        self.functions.next::<BoardBus>(self.only_watches())
-    }
-
     /// Whether only what watches the board goes on: an answer finds no room, or what would be read is no board's.
     fn only_watches(&self) -> bool {
         self.connections.intake.is_held_up() || self.presence.is_silent()
@@ -416,13 +360,13 @@ impl BoardLoop {
             Phase::Ended => u64::MAX,
             Phase::Running if self.is_paused(now) => self.paused_until_ns.min(self.heartbeat_due_ns),
             Phase::Running => {
-                let others = self.functions.wake_ns::<BoardBus>(self.only_watches());
+                let Ahead { due_ns, latest_ns } = self.ahead;
                 // Work that would not fit before the servo data waits until after them, unless it starves.
                 let servo = self.functions.servo_due_ns();
-                let starving = self.guard.is_starving() && others <= now;
-                let waits = self.is_servo_near(others.max(now)) && !starving;
-                let due = if waits { servo } else { servo.min(others) };
-                due.min(self.functions.with_servo_ns(self.heartbeat_due_ns, HEARTBEAT_SPARE_NS))
+                let starving = self.guard.is_starving() && due_ns <= now;
+                let waits = self.is_servo_near(due_ns.max(now)) && !starving;
+                // One wake serves both, if the work can wait as long.
+                if waits || servo <= latest_ns { servo } else { due_ns }
             }
         }
     }

@@ -22,6 +22,7 @@ use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::RotarySetup;
+use crate::function::servo::Motion;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
 use crate::map::{BufferLayout, HostOffset};
@@ -50,6 +51,14 @@ pub struct FunctionTable {
     gather: GatherMirror,
     variables: Variables,
     rotary: RotaryQueue,
+}
+
+/// What the servo report says that others than its readers go by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ServoSigns {
+    motion: Motion,
+    open_loops: u32,
+    global_status: Option<[u32; 2]>,
 }
 
 impl FunctionTable {
@@ -134,29 +143,35 @@ impl FunctionTable {
         first.map(|(due_ns, _, function)| (due_ns, function))
     }
 
-    /// When to wake for [`Self::next`]; never where nothing is to be done.
+    /// When the first of those is due, and until when each of them can wait; never where nothing is to be done.
     #[must_use]
-    pub fn wake_ns<B: Bus>(&self, only_watching: bool) -> u64 {
-        let others = self.others::<B>(only_watching);
-        others.map(|(due_ns, spare_ns, _)| self.with_servo_ns(due_ns, spare_ns)).min().unwrap_or(u64::MAX)
+    pub fn times<B: Bus>(&self, only_watching: bool) -> [u64; 2] {
+        self.others::<B>(only_watching).fold([u64::MAX; 2], |[due, latest], (due_ns, spare_ns, _)| {
+            [due.min(due_ns), latest.min(due_ns.saturating_add(spare_ns))]
+        })
     }
 
-    /// When to wake for work that is due at `due_ns` and can wait for `spare_ns`: with the servo data, if they are due by
-    /// then. One wake serves both.
+    /// What the servo report says that others than its readers go by.
     #[must_use]
-    pub fn with_servo_ns(&self, due_ns: u64, spare_ns: u64) -> u64 {
-        let servo_ns = self.servo_due_ns();
-        if servo_ns <= due_ns.saturating_add(spare_ns) { servo_ns.max(due_ns) } else { due_ns }
+    pub fn servo_signs(&self) -> ServoSigns {
+        let Self { servo, .. } = self;
+        ServoSigns {
+            motion: servo.motion(),
+            open_loops: servo.open_loops(),
+            global_status: servo.global_status(),
+        }
     }
 
     /// The others that are used and have something to do: when, for how long it can wait, and which.
-    fn others<B: Bus>(&self, only_watching: bool) -> impl Iterator<Item = (u64, u64, Function)> {
-        let rows = self.rows::<B>().map(|(function, row)| {
+    fn others<'a, B: Bus + 'a>(
+        &'a self,
+        only_watching: bool,
+    ) -> impl Iterator<Item = (u64, u64, Function)> + 'a {
+        self.rows::<B>().into_iter().filter_map(move |(function, row)| {
             let is_asked =
                 function != Function::Servo && self.uses(function) && (row.watches() || !only_watching);
-            is_asked.then(|| Some((row.due_ns(&self.clock)?, row.spare_ns(), function))).flatten()
-        });
-        rows.into_iter().flatten()
+            if is_asked { Some((row.due_ns(&self.clock)?, row.spare_ns(), function)) } else { None }
+        })
     }
 
     /// Does one bounded piece of a function's work, and counts its accesses of the board.

@@ -116,12 +116,14 @@ impl Reporter {
         self.info.set(change);
     }
 
-    /// Tells the clients what has changed; counts alone only `with_counts`.
-    pub fn send(&mut self, events: &Sender<Event>, with_counts: bool) {
-        self.info.poll(events, with_counts);
-        if with_counts {
-            self.log.sum_up(self.log.clock.now());
-        }
+    /// Tells the clients what has changed.
+    pub fn send(&mut self, events: &Sender<Event>) {
+        self.info.poll(events);
+    }
+
+    /// Ends what the log holds back, if its time is over. To be called now and then.
+    pub fn tend_log(&mut self) {
+        self.log.sum_up(self.log.clock.now());
     }
 
     /// The state that was told; `None` before the first.
@@ -154,7 +156,7 @@ impl Reporter {
     /// The loop ends, and with it what the clients see.
     pub fn end(&mut self, events: &Sender<Event>) {
         self.info.set(|status| status.state = State::Dead);
-        self.info.poll(events, true);
+        self.info.poll(events);
     }
 
     /// Somebody else has taken `motors` out of the servo report's mask, bit 0 being motor 1; 0: they are in it again.

@@ -31,13 +31,11 @@ impl InfoReport {
         change(&mut self.now);
     }
 
-    /// Reports what has changed since the last report, in one event; counts alone only `with_counts`. A full queue is tried
-    /// again by the next call.
-    pub fn poll(&mut self, events: &Sender<Event>, with_counts: bool) {
-        let BoardStatus { host_port, definitions, .. } = if with_counts { self.now } else { self.reported };
-        let status = BoardStatus { host_port, definitions, ..self.now };
-        if status != self.reported && events.try_send(Event::Info(status)).is_ok() {
-            self.reported = status;
+    /// Reports what has changed since the last report, in one event. A full queue is tried again by the next call.
+    pub fn poll(&mut self, events: &Sender<Event>) {
+        // Compared where they lie: most calls find no change, and a copy costs more than they do.
+        if self.now != self.reported && events.try_send(Event::Info(self.now)).is_ok() {
+            self.reported = self.now;
         }
     }
 }
@@ -288,39 +286,37 @@ mod tests {
             ..BoardInfo::default()
         };
         let mut info = Info::new(&PMAC, board, BoardSettings::default());
-        let mut take = |report: &mut InfoReport, with_counts| {
-            report.poll(&events, with_counts);
+        let mut take = |report: &mut InfoReport| {
+            report.poll(&events);
             let event = told.try_receive();
             if let Some(Event::Info(status)) = event {
                 info.take(status);
             }
             (event.is_some(), info.board().clone(), info.pulse().board())
         };
-        assert!(!take(&mut report, true).0, "nothing has changed");
+        assert!(!take(&mut report).0, "nothing has changed");
         report.set(|status| {
             status.state = State::Live;
             status.enabled = Enabled::SERVO | Enabled::INTERRUPT;
             status.command_state = CommandState::Silent;
-            status.host_port.served = 7;
         });
-        let (reported, board, seen) = take(&mut report, false);
+        let (reported, board, seen) = take(&mut report);
         assert!(reported && board == seen);
         assert_eq!((board.state, board.command_state), (State::Live, CommandState::Silent));
         assert_eq!(
             (board.enabled, board.firmware.as_deref()),
             (vec!["servo".to_owned(), "interrupt".to_owned()], Some("1.16D"))
         );
-        assert!(!take(&mut report, false).0, "counts alone can wait");
-        assert!(take(&mut report, true).0);
+        assert!(!take(&mut report).0, "it was told");
         report.set(|status| {
             let identity =
                 KnownIdentity { firmware: None, board_type: None, motors: 4, servo_period_ns: Some(5) };
             status.identity = Some(identity);
         });
         assert!(events.try_send(Event::Info(BoardStatus::default())).is_ok());
-        report.poll(&events, false);
+        report.poll(&events);
         told.try_receive();
-        let (reported, board, _) = take(&mut report, false);
+        let (reported, board, _) = take(&mut report);
         assert!(reported, "a full queue is tried again");
         assert_eq!((board.motors, board.servo_period_ns, board.firmware), (4, Some(5), None));
     }

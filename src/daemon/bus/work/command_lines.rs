@@ -149,7 +149,7 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         let now = context.clock.now();
         let registers = self.queue.ports().register_accesses();
-        self.queue.poll(context.bus, context.events, context.publisher, now)?;
+        self.queue.poll(context.bus, context.intake.events(), context.publisher, now)?;
         if let Some(host_port) = &mut self.host_port {
             let held_up = self.queue.is_held_up();
             if host_port.serve(context.bus, self.queue.ports(), held_up, now)? {

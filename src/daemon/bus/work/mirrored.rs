@@ -13,7 +13,7 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         let transition = self.poll(context.bus, context.publisher)?;
-        Ok(Polled { transition, was_reset: self.take_reset(), answer: None })
+        Ok(Polled { transition, was_reset: self.take_reset() })
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.reset();

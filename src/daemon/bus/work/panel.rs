@@ -358,7 +358,10 @@ impl<B: Bus> BoardFunction<B> for PanelQueue {
         self.due().map(|due| clock.ns_of(due))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        Ok(Polled { answer: PanelQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
+        if let Some(answer) = PanelQueue::poll(self, context.bus, context.clock.now())? {
+            context.intake.answer(answer);
+        }
+        Ok(Polled::default())
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         Ok(PanelQueue::acquire(self, context.bus)?)

@@ -203,7 +203,10 @@ impl<B: Bus> BoardFunction<B> for RotaryQueue {
         self.due().map(|due| clock.ns_of(due))
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
-        Ok(Polled { answer: RotaryQueue::poll(self, context.bus, context.clock.now())?, ..Polled::default() })
+        if let Some(answer) = RotaryQueue::poll(self, context.bus, context.clock.now())? {
+            context.intake.answer(answer);
+        }
+        Ok(Polled::default())
     }
     fn acquire(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
         self.streams.iter_mut().for_each(RotaryStream::reset);

@@ -25,9 +25,10 @@ impl<B: Bus> BoardFunction<B> for Variables {
             self.read.due().is_some_and(|read| self.write.due().is_none_or(|write| read < write));
         if read_first {
             self.read.poll(context.bus, context.publisher, now)?;
-            return Ok(Polled::default());
+        } else if let Some(answer) = self.write.poll(context.bus, now)? {
+            context.intake.answer(answer);
         }
-        Ok(Polled { answer: self.write.poll(context.bus, now)?, ..Polled::default() })
+        Ok(Polled::default())
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
         let now = context.clock.now();

@@ -1,0 +1,154 @@
+//! What the loop does each time it wakes: the servo data alone, or all that is due.
+
+use std::time::Duration;
+
+use super::{BOARD_CHECK_NS, BoardLoop, HEARTBEAT_NS};
+use crate::daemon::bus::board::BoardBus;
+use crate::daemon::bus::board_function::Polled;
+use crate::daemon::bus::guard_time::Turn;
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::daemon::bus::readable::Readable;
+use crate::protocol::Function;
+use crate::segment::State;
+
+/// A round goes on for this time while work is due. Commands and interrupts that come meanwhile wait no longer.
+const ROUND_NS: u64 = 50_000;
+/// Pieces of work in a round at most, where time stands still.
+const PIECES_A_ROUND: usize = 32;
+/// How long the heartbeat can wait for the servo data.
+const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
+
+/// When something else than the servo data is due, as the last whole round found it.
+#[derive(Clone, Copy)]
+pub(super) struct Ahead {
+    pub due_ns: u64,
+    /// It can wait until then.
+    pub latest_ns: u64,
+}
+
+impl Ahead {
+    /// It is not known.
+    pub const NOW: Self = Self { due_ns: 0, latest_ns: 0 };
+}
+
+impl BoardLoop {
+    pub(super) fn running(&mut self, readable: &Readable) {
+        let now = self.clock.ns();
+        let is_alone = *readable == Readable::default() && now < self.ahead.due_ns;
+        if is_alone && self.functions.servo.is_live() && !self.is_paused(now) && !self.only_watches() {
+            self.servo_alone(now);
+        } else {
+            // What was taken meanwhile.
+            self.see_global_status();
+            self.whole_round(readable, now);
+            (self.ahead, self.signs) = (self.look_ahead(), self.functions.servo_signs());
+        }
+    }
+
+    /// Takes the servo data, at a time when nothing else is due and nothing has come. On a machine that has slept, the rest of a
+    /// round costs more than they do.
+    fn servo_alone(&mut self, now: u64) {
+        if now < self.functions.servo_due_ns() {
+            return;
+        }
+        let polled = self.poll_only(Function::Servo);
+        let is_data = polled.as_ref().is_ok_and(|polled| *polled == Polled::default());
+        if is_data && self.functions.servo_signs() == self.signs {
+            return;
+        }
+        // More than data has come of it.
+        self.ahead = Ahead::NOW;
+        let result = polled.and_then(|polled| self.react(Function::Servo, polled));
+        self.note_failure(result);
+    }
+
+    fn whole_round(&mut self, readable: &Readable, now: u64) {
+        if !self.is_paused(now) {
+            self.attend(readable, now);
+            self.connections.pulse.count_round();
+            let result = self.one_round(now);
+            self.note_failure(result);
+        }
+        // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
+        let beats = now >= self.heartbeat_due_ns;
+        if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
+            self.heartbeat_due_ns = now + HEARTBEAT_NS;
+            self.beat(now);
+            self.reporter.tend_log();
+        }
+        if now >= self.check_due_ns {
+            self.check_due_ns = now + BOARD_CHECK_NS;
+            let result = self.check_board();
+            self.note_failure(result);
+        }
+        self.tell_clients(beats, self.clock.at(now));
+    }
+
+    /// What is due from `now` on, piece by piece, for a round's time. A wait for nothing between two pieces would cost more
+    /// than most of them.
+    fn one_round(&mut self, now: u64) -> Result<(), PortError> {
+        let mut at = now;
+        for _ in 0..PIECES_A_ROUND {
+            if !self.one_piece(at)? {
+                break;
+            }
+            at = self.clock.ns();
+            if at >= now + ROUND_NS || self.connections.intake.has_waiting() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The most urgent piece of work that is due `now`: servo data, else what has waited longest. Whether there was one.
+    fn one_piece(&mut self, now: u64) -> Result<bool, PortError> {
+        let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
+        let servo_due = now >= self.functions.servo_due_ns();
+        let near = self.is_servo_near(now);
+        let intake = &self.connections.intake;
+        match (self.guard.turn(servo_due, near, work.is_some(), || intake.has_waiting()), work) {
+            (Turn::Servo, _) => self.poll_function(Function::Servo)?,
+            (Turn::Others, Some((_, function))) => {
+                if function == Function::Ascii && self.presence.is_out_of_reach() {
+                    // Nothing is begun in words that are still to be put in order.
+                    self.check_page()?;
+                }
+                let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
+                self.poll_function(function)?;
+                let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
+                self.guard.took(self.bus.accesses() - accesses, took);
+            }
+            (Turn::Others | Turn::Nobody, _) => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn poll_function(&mut self, function: Function) -> Result<(), PortError> {
+        let polled = self.poll_only(function)?;
+        self.react(function, polled)
+    }
+
+    fn poll_only(&mut self, function: Function) -> Result<Polled, PortError> {
+        let accesses = self.bus.accesses();
+        let (functions, mut context) = self.functions_in_context();
+        let polled = functions.poll(function, &mut context)?;
+        if let Some(counter) = functions.counter::<BoardBus>(function) {
+            self.publisher.counters().add(counter, self.bus.accesses() - accesses);
+        }
+        Ok(polled)
+    }
+
+    /// Of the work that can wait for the servo, that which is due first, and when.
+    fn next_work(&self) -> Option<(u64, Function)> {
+        self.functions.next::<BoardBus>(self.only_watches())
+    }
+
+    /// When that is due, or the heartbeat, and how long it can wait.
+    fn look_ahead(&self) -> Ahead {
+        let [due_ns, latest_ns] = self.functions.times::<BoardBus>(self.only_watches());
+        Ahead {
+            due_ns: due_ns.min(self.heartbeat_due_ns),
+            latest_ns: latest_ns.min(self.heartbeat_due_ns + HEARTBEAT_SPARE_NS),
+        }
+    }
+}
