@@ -4,7 +4,8 @@
 //! short, and before each the servo's due time is looked at ([`GuardTime`]). After start the thread neither allocates nor
 //! logs in each round, and waits for no client. It says when something changes, once ([`Reporter`]).
 //!
-//! The loop alone reacts, here and in `life`: its parts find out, and give what they found as a value.
+//! The loop alone reacts, here, in `rounds` and in `life`: its parts find out, and give what they found as a value. Answers to
+//! commands they put into the queue to the socket.
 
 mod life;
 mod rounds;
@@ -22,7 +23,7 @@ use crate::clock::{Clock, sleep_until};
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
-use crate::daemon::bus::function_table::{FunctionTable, ServoSigns};
+use crate::daemon::bus::function_table::{FunctionTable, ServoTold};
 use crate::daemon::bus::guard_time::GuardTime;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
@@ -49,14 +50,15 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
-/// A wait as short as this may be a sleep: commands and interrupts that come meanwhile wait no longer.
+/// A wait as short as this may be a sleep: a command that comes meanwhile waits for its end, an interrupt for that of the sleeps that
+/// follow each other.
 const SHORT_WAIT_NS: u64 = 2_000_000;
 /// For this long after the last command no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
 /// How long nothing but sleeps may follow each other.
 const POLL_NS: u64 = 4_000_000;
-/// Pieces of work that one [`BoardLoop::poll`] does at most.
-const STEPS_A_POLL: usize = 10_000;
+/// Rounds that one [`BoardLoop::poll`] does at most.
+const ROUNDS_A_POLL: usize = 10_000;
 
 /// What the configuration says of the board.
 pub struct Configured {
@@ -90,7 +92,7 @@ pub struct BoardLoop {
     phase: Phase,
     ahead: Ahead,
     /// What the servo report told then.
-    signs: ServoSigns,
+    told: ServoTold,
     began_ns: u64,
     heartbeat_due_ns: u64,
     check_due_ns: u64,
@@ -119,7 +121,7 @@ impl BoardLoop {
             reporter: if bus.replay().is_some() { reporter.of_replay() } else { reporter },
             bus,
             presence,
-            signs: functions.servo_signs(),
+            told: functions.servo_told(),
             functions,
             configured,
             publisher,
@@ -154,10 +156,10 @@ impl BoardLoop {
 
     /// Does everything that is due now, and returns when something is due next, in nanoseconds of the loop's clock:
     /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
-    /// when a command or an interrupt has come. Returns after so many pieces of work even if some is left.
+    /// when a command or an interrupt has come. Returns after so many rounds even if some work is left.
     pub fn poll(&mut self) -> u64 {
         self.publisher.set_now(self.clock.ns());
-        for _ in 0..STEPS_A_POLL {
+        for _ in 0..ROUNDS_A_POLL {
             let now = self.clock.ns();
             let readable = self.wait(now, now);
             self.step(&readable);
@@ -170,7 +172,7 @@ impl BoardLoop {
         self.clock.ns()
     }
 
-    /// One piece of work, after what became readable.
+    /// One round, after what became readable.
     fn step(&mut self, readable: &Readable) {
         if readable.stop {
             self.stop();
@@ -188,7 +190,7 @@ impl BoardLoop {
         }
     }
 
-    /// Tells the clients what has changed; counts alone only `with_counts`.
+    /// Tells the clients what has changed; of counts only `with_counts`.
     fn tell_clients(&mut self, with_counts: bool, now: Instant) {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
         let queue = ascii.queue();
@@ -248,10 +250,7 @@ impl BoardLoop {
                         self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
                     }
                 }
-                self.see_global_status();
-                if let Some(motors) = self.functions.servo.take_taken_out() {
-                    self.reporter.taken_out(motors);
-                }
+                self.see_servo();
                 if was_reset {
                     self.reporter.reset();
                     self.after_reset(!self.presence.is_reset_known())?;
@@ -276,6 +275,14 @@ impl BoardLoop {
             Function::Variables | Function::Gather | Function::Panel | Function::Rotary => {}
         }
         Ok(())
+    }
+
+    /// Passes on what the servo report tells, of all updates since the last call.
+    fn see_servo(&mut self) {
+        self.see_global_status();
+        if let Some(motors) = self.functions.servo.take_taken_out() {
+            self.reporter.taken_out(motors);
+        }
     }
 
     /// Tells the command lines what a report says of the whole board.
@@ -352,7 +359,7 @@ impl BoardLoop {
         self.connections.intake.is_held_up() || self.presence.is_silent()
     }
 
-    /// When something is due next, at `now`. Never later than the next heartbeat.
+    /// When something is due next, at `now`. No later than the next heartbeat can wait.
     fn due_ns(&self, now: u64) -> u64 {
         match self.phase {
             Phase::Begin => 0,

@@ -53,12 +53,14 @@ pub struct FunctionTable {
     rotary: RotaryQueue,
 }
 
-/// What the servo report says that others than its readers go by.
+/// What the clients are told of the servo report, beside its data. The copies of the global status are not among it as they lie:
+/// some of their bits come and go by themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ServoSigns {
+pub struct ServoTold {
     motion: Motion,
-    open_loops: u32,
-    global_status: Option<[u32; 2]>,
+    loops: [u32; 3],
+    program_buffer: Option<bool>,
+    gathers: Option<bool>,
 }
 
 impl FunctionTable {
@@ -151,14 +153,14 @@ impl FunctionTable {
         })
     }
 
-    /// What the servo report says that others than its readers go by.
+    /// What the clients are told of the servo report, beside its data.
     #[must_use]
-    pub fn servo_signs(&self) -> ServoSigns {
-        let Self { servo, .. } = self;
-        ServoSigns {
-            motion: servo.motion(),
-            open_loops: servo.open_loops(),
-            global_status: servo.global_status(),
+    pub fn servo_told(&self) -> ServoTold {
+        ServoTold {
+            motion: self.servo.motion(),
+            loops: [self.open_loops(), self.loops_left_open(), self.loops_untold()],
+            program_buffer: self.servo.program_buffer_open(),
+            gathers: self.servo.gathering(),
         }
     }
 

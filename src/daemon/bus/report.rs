@@ -121,6 +121,12 @@ impl Reporter {
         self.info.poll(events);
     }
 
+    /// Whether the clients have been told all of it; a full queue is to be tried again.
+    #[must_use]
+    pub const fn is_told(&self) -> bool {
+        !self.info.is_untold()
+    }
+
     /// Ends what the log holds back, if its time is over. To be called now and then.
     pub fn tend_log(&mut self) {
         self.log.sum_up(self.log.clock.now());

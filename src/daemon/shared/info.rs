@@ -23,6 +23,8 @@ const SILENT: Duration = Duration::from_secs(2);
 pub struct InfoReport {
     now: BoardStatus,
     reported: BoardStatus,
+    /// The queue had no room for the last change.
+    is_untold: bool,
 }
 
 impl InfoReport {
@@ -34,9 +36,17 @@ impl InfoReport {
     /// Reports what has changed since the last report, in one event. A full queue is tried again by the next call.
     pub fn poll(&mut self, events: &Sender<Event>) {
         // Compared where they lie: most calls find no change, and a copy costs more than they do.
-        if self.now != self.reported && events.try_send(Event::Info(self.now)).is_ok() {
+        let is_new = self.now != self.reported;
+        self.is_untold = is_new && events.try_send(Event::Info(self.now)).is_err();
+        if is_new && !self.is_untold {
             self.reported = self.now;
         }
+    }
+
+    /// Whether the last call of [`Self::poll`] found no room for a change.
+    #[must_use]
+    pub const fn is_untold(&self) -> bool {
+        self.is_untold
     }
 }
 
@@ -315,9 +325,10 @@ mod tests {
         });
         assert!(events.try_send(Event::Info(BoardStatus::default())).is_ok());
         report.poll(&events);
+        assert!(report.is_untold());
         told.try_receive();
         let (reported, board, _) = take(&mut report);
-        assert!(reported, "a full queue is tried again");
+        assert!(reported && !report.is_untold(), "a full queue is tried again");
         assert_eq!((board.motors, board.servo_period_ns, board.firmware), (4, Some(5), None));
     }
 }

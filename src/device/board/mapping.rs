@@ -343,6 +343,25 @@ mod tests {
     }
 
     #[test]
+    fn consecutive_words_are_all_inside_or_none_is_read() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(0x1000).unwrap();
+        let window = Mapping::new(&file, 0x102, 0x20).unwrap();
+        for word in 0..0x10 {
+            window.write16(2 * word, 0x1100 + word as u16).unwrap();
+        }
+        let mut words = [0; 4];
+        assert_eq!(
+            (window.read_words(0x18, &mut words), words),
+            (Some(()), [0x110C, 0x110D, 0x110E, 0x110F])
+        );
+        for wrong in [0x1A, 0x19, 0x20, usize::MAX - 1, usize::MAX - 5] {
+            assert_eq!((window.read_words(wrong, &mut words), words[0]), (None, 0x110C), "{wrong:#x}");
+        }
+        assert_eq!(window.read_words(0, &mut []), Some(()));
+    }
+
+    #[test]
     fn two_words_are_read_at_once_where_they_are_aligned() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x1000).unwrap();

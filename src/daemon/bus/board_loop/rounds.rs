@@ -1,4 +1,4 @@
-//! What the loop does each time it wakes: the servo data alone, or all that is due.
+//! What the loop does each time it wakes: it takes the servo data alone, or does what is due, for 50 us.
 
 use std::time::Duration;
 
@@ -11,7 +11,8 @@ use crate::daemon::bus::readable::Readable;
 use crate::protocol::Function;
 use crate::segment::State;
 
-/// A round goes on for this time while work is due. Commands and interrupts that come meanwhile wait no longer.
+/// A round goes on for this time while work is due. An interrupt that comes meanwhile waits for the rest of it, a command for the
+/// piece under way.
 const ROUND_NS: u64 = 50_000;
 /// Pieces of work in a round at most, where time stands still.
 const PIECES_A_ROUND: usize = 32;
@@ -27,33 +28,44 @@ pub(super) struct Ahead {
 }
 
 impl Ahead {
-    /// It is not known.
+    /// Something may be due now.
     pub const NOW: Self = Self { due_ns: 0, latest_ns: 0 };
 }
 
 impl BoardLoop {
     pub(super) fn running(&mut self, readable: &Readable) {
         let now = self.clock.ns();
-        let is_alone = *readable == Readable::default() && now < self.ahead.due_ns;
-        if is_alone && self.functions.servo.is_live() && !self.is_paused(now) && !self.only_watches() {
+        if *readable == Readable::default() && self.is_servo_alone(now) {
             self.servo_alone(now);
         } else {
-            // What was taken meanwhile.
-            self.see_global_status();
+            self.see_servo();
             self.whole_round(readable, now);
-            (self.ahead, self.signs) = (self.look_ahead(), self.functions.servo_signs());
+            (self.ahead, self.told) = (self.look_ahead(), self.functions.servo_told());
         }
     }
 
-    /// Takes the servo data, at a time when nothing else is due and nothing has come. On a machine that has slept, the rest of a
-    /// round costs more than they do.
+    /// Whether nothing else than the servo data is to be looked after.
+    fn is_servo_alone(&self, now: u64) -> bool {
+        now < self.ahead.due_ns
+            && self.functions.servo.is_live()
+            && !self.is_paused(now)
+            && !self.only_watches()
+            // Where the servo is always near, a whole round counts how often a command has stood back.
+            && !self.connections.intake.has_waiting()
+            && self.reporter.is_told()
+            && !self.presence.is_reset_known()
+    }
+
+    /// Takes the servo data. On a machine that has slept, the rest of a round costs more than they do.
     fn servo_alone(&mut self, now: u64) {
         if now < self.functions.servo_due_ns() {
             return;
         }
+        // Nobody has waited for them.
+        self.guard.others_had_turn();
         let polled = self.poll_only(Function::Servo);
         let is_data = polled.as_ref().is_ok_and(|polled| *polled == Polled::default());
-        if is_data && self.functions.servo_signs() == self.signs {
+        if is_data && self.functions.servo_told() == self.told {
             return;
         }
         // More than data has come of it.
@@ -66,7 +78,7 @@ impl BoardLoop {
         if !self.is_paused(now) {
             self.attend(readable, now);
             self.connections.pulse.count_round();
-            let result = self.one_round(now);
+            let result = self.due_work(now);
             self.note_failure(result);
         }
         // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
@@ -86,14 +98,14 @@ impl BoardLoop {
 
     /// What is due from `now` on, piece by piece, for a round's time. A wait for nothing between two pieces would cost more
     /// than most of them.
-    fn one_round(&mut self, now: u64) -> Result<(), PortError> {
+    fn due_work(&mut self, now: u64) -> Result<(), PortError> {
         let mut at = now;
         for _ in 0..PIECES_A_ROUND {
             if !self.one_piece(at)? {
                 break;
             }
             at = self.clock.ns();
-            if at >= now + ROUND_NS || self.connections.intake.has_waiting() {
+            if at >= now + ROUND_NS || self.is_paused(at) || self.connections.intake.has_waiting() {
                 break;
             }
         }
