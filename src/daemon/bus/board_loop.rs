@@ -93,6 +93,8 @@ pub struct BoardLoop {
     ahead: Ahead,
     /// What the servo report told then.
     told: ServoTold,
+    /// Short rounds have polled it since, and passed nothing on.
+    is_unseen: bool,
     began_ns: u64,
     heartbeat_due_ns: u64,
     check_due_ns: u64,
@@ -129,6 +131,7 @@ impl BoardLoop {
             guard: GuardTime::default(),
             phase: Phase::Begin,
             ahead: Ahead::NOW,
+            is_unseen: false,
             began_ns: clock.ns(),
             heartbeat_due_ns: 0,
             check_due_ns: clock.ns(),

@@ -38,7 +38,9 @@ impl BoardLoop {
         if *readable == Readable::default() && self.is_servo_alone(now) {
             self.servo_alone(now);
         } else {
-            self.see_servo();
+            if std::mem::take(&mut self.is_unseen) {
+                self.see_servo();
+            }
             self.whole_round(readable, now);
             (self.ahead, self.told) = (self.look_ahead(), self.functions.servo_told());
         }
@@ -65,6 +67,7 @@ impl BoardLoop {
         self.guard.others_had_turn();
         let polled = self.poll_only(Function::Servo);
         let is_data = polled.as_ref().is_ok_and(|polled| *polled == Polled::default());
+        self.is_unseen = is_data;
         if is_data && self.functions.servo_told() == self.told {
             return;
         }
