@@ -160,6 +160,14 @@ pub struct OpenBuffer {
 }
 
 impl OpenBuffer {
+    /// Of a board that was just reset, or is another one: none is open. Its first reports may lie there from before, so it is asked.
+    #[must_use]
+    pub fn after_reset() -> Self {
+        let mut buffer = Self::default();
+        buffer.distrust();
+        buffer
+    }
+
     /// Whether a buffer is open.
     #[must_use]
     pub const fn is_open(&self) -> bool {

@@ -69,6 +69,19 @@ fn b1_2_the_boards_reports_tell_what_others_open_and_close() {
 }
 
 #[test]
+fn b1_2_a_report_from_before_a_reset_opens_nothing() {
+    let now = Instant::now();
+    let mut buffer = OpenBuffer::after_reset();
+    buffer.see(true, 700);
+    assert!(!buffer.is_open() && buffer.must_ask(b"P1=5", ANNE, now), "it lay there before");
+    buffer.learn(Some(41301), now);
+    buffer.see(true, 699 + OLD_REPORTS);
+    assert_eq!((buffer.bars(b"P1=5", ANNE), buffer.must_ask(b"P1=5", ANNE, now)), (None, false));
+    buffer.see(true, 700 + OLD_REPORTS);
+    assert_eq!(buffer.bars(b"P1=5", ANNE), Some(Barred::Open(None)), "another host has opened one since");
+}
+
+#[test]
 fn b1_2_after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();

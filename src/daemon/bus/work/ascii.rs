@@ -222,7 +222,7 @@ impl AsciiQueue {
     /// # Errors
     /// When a port cannot be reached.
     pub fn reset(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        self.buffer = OpenBuffer::default();
+        self.buffer = OpenBuffer::after_reset();
         if let Some(pending) = self.control_pending.take() {
             let taken = self.ports.dpram.is_out_of_reach(bus)? || !self.ports.control_pending(bus, now)?;
             self.control_lost = Some((pending.ticket, taken));
