@@ -9,7 +9,7 @@ use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Event, Origin, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
-use crate::map::pmac::{ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
+use crate::map::pmac::{ASCII_CONTROL_CHARACTER, ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
 use crate::protocol::{CommandPort, State};
 
 const SECOND: u64 = 1_000_000_000;
@@ -124,6 +124,35 @@ fn what_is_begun_and_when_it_is_given_up_goes_by_the_injected_time() {
     world.run(Duration::from_secs(2), |_, _| {});
     assert_eq!(world.ended(), Some((1, Outcome::Unavailable { port: CommandPort::Dpram, page: None })));
     assert_eq!(world.word(ASCII_OUTPUT_CONTROL), 0, "and was taken back");
+}
+
+#[test]
+fn a_stop_stands_back_for_a_few_updates_where_the_next_one_is_always_near() {
+    let period = 100_000;
+    let report = |memory: &mut FileBoard, ns: u64| {
+        memory.write16(SERVO_PMAC_STATUS, (ns / period) as u16 & 0x7FFF).unwrap();
+    };
+    // Each time at another moment of what else goes on.
+    for moment in 0..20 {
+        let mut world = World::new();
+        // The identifier's question is given up.
+        world.run(Duration::from_secs(8), |_, _| {});
+        world.board_loop.learn(period, 1_000);
+        world.run(Duration::from_millis(300) + moment * Duration::from_micros(2_300), report);
+        assert_eq!(world.state(), State::Live);
+        // On ISA a piece takes 140 us: it would always delay the next update.
+        world.board_loop.learn(period, 1_000);
+        let deadline = world.time.clock().now() + Duration::from_secs(1);
+        let (ticket, character) = (Ticket(1), 1);
+        let abort = Command::Control { ticket, uid: 0, drops_lines: false, character, deadline };
+        world.backend.commands.try_send(abort).unwrap();
+        let sent = world.time.ns();
+        while world.word(ASCII_CONTROL_CHARACTER) != 1 {
+            world.run(Duration::from_nanos(period / 4), report);
+            let updates = (world.time.ns() - sent) / period;
+            assert!(updates <= 9, "{updates} updates went before the stop at moment {moment}");
+        }
+    }
 }
 
 #[test]

@@ -67,8 +67,8 @@ impl BoardLoop {
         self.guard.others_had_turn();
         let polled = self.poll_only(Function::Servo);
         let is_data = polled.as_ref().is_ok_and(|polled| *polled == Polled::default());
-        self.is_unseen = is_data;
-        if is_data && self.functions.servo_told() == self.told {
+        self.is_unseen = is_data && self.functions.servo_told() == self.told;
+        if self.is_unseen {
             return;
         }
         // More than data has come of it.
@@ -165,5 +165,12 @@ impl BoardLoop {
             due_ns: due_ns.min(self.heartbeat_due_ns),
             latest_ns: latest_ns.min(self.heartbeat_due_ns + HEARTBEAT_SPARE_NS),
         }
+    }
+
+    /// What the board would tell of its servo period, and what the bus would teach: time of a test's own stands still during an access.
+    #[cfg(test)]
+    pub(crate) fn learn(&mut self, servo_period_ns: u64, access_ns: u64) {
+        self.functions.servo.configure(0xFF, Some(servo_period_ns), Some(1));
+        (0..100).for_each(|_| self.guard.took(100, Duration::from_nanos(100 * access_ns)));
     }
 }
