@@ -89,15 +89,17 @@ impl Mapping {
     }
 
     /// Reads consecutive words from byte `offset` on, ascending, each by one access; `None`, and nothing is read, when the
-    /// offset is odd or the last of them outside the window.
+    /// offset is odd or their end outside the window.
     #[inline]
     #[must_use]
     pub fn read_words(&self, offset: usize, words: &mut [u16]) -> Option<()> {
-        let Some(last) = words.len().checked_sub(1) else { return Some(()) };
+        let end = words.len().checked_mul(2)?.checked_add(offset).filter(|end| *end <= self.length)?;
+        if end == offset {
+            return Some(());
+        }
         let first = self.word(offset)?;
-        self.word(last.checked_mul(2)?.checked_add(offset)?)?;
         for (index, word) in words.iter_mut().enumerate() {
-            // SAFETY: `word` gave both the first and the last of these words, so all lie in the mapping.
+            // SAFETY: the first of these words lies in the mapping, and their end was checked, so all do.
             let place = unsafe { first.add(index) };
             // SAFETY: as above; `word` gives only aligned addresses, and the mapping lives as long as `self`.
             *word = unsafe { load16(place) };
@@ -358,7 +360,7 @@ mod tests {
         for wrong in [0x1A, 0x19, 0x20, usize::MAX - 1, usize::MAX - 5] {
             assert_eq!((window.read_words(wrong, &mut words), words[0]), (None, 0x110C), "{wrong:#x}");
         }
-        assert_eq!(window.read_words(0, &mut []), Some(()));
+        assert_eq!([0, 0x20, 0x22].map(|end| window.read_words(end, &mut [])), [Some(()), Some(()), None]);
     }
 
     #[test]
