@@ -6,8 +6,8 @@
 //!
 //! - The grid is when the board makes its updates. It comes from the earliest finds (`window`).
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
-//!   further back. So one first poll in five is empty, however late this machine wakes up, and a poll that is
-//!   milliseconds late counts no more than any other.
+//!   further back. So one first poll in six is empty until the aim is found, then one in eleven, however late this
+//!   machine wakes up; a poll that is milliseconds late counts no more than any other. A poll in vain costs a wake-up.
 
 mod window;
 
@@ -19,15 +19,17 @@ type Ns = u64;
 const MICROSECOND: Ns = 1_000;
 const MILLISECOND: Ns = 1_000_000;
 
-/// A step of the aim is this part of a period, and at most this time. An update found at the first poll moves the aim
-/// a step earlier, an empty first poll moves it [`LATER`] steps later.
+/// A step of the aim is this part of a period, and at most this time.
 const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
-const LATER: f64 = 6.0;
-/// Many finds at the first poll in a row show that the aim is far too late: after each so many the step doubles, up to
-/// this part of a period. The first empty poll undoes the last step.
-const HASTE: u32 = 8;
+/// While the aim is looked for, and once it is found.
+const FINDING: Pace = Pace { earlier: 1.0, later: 6.0, haste: 8 };
+const HOLDING: Pace = Pace { earlier: 0.5, later: 7.0, haste: 16 };
+/// No step is longer than this part of a period.
 const LONGEST_STEP: f64 = 1.0 / 8.0;
+/// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll.
+const SETTLED: u32 = 4;
+const UNSETTLED: u32 = 48;
 /// The aim stays this near to the grid, as a part of a period.
 const AIM: f64 = 1.0 / 4.0;
 /// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
@@ -50,6 +52,17 @@ const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=15 * MICROSE
 const IDLE_POLL: Ns = MILLISECOND;
 const RARE_POLL: Ns = 10 * MILLISECOND;
 
+/// How the aim moves, in steps.
+struct Pace {
+    /// Earlier by so many after an update found at the first poll.
+    earlier: f64,
+    /// Later by so many after an empty first poll.
+    later: f64,
+    /// Many finds at the first poll in a row show that the aim is far too late: after each so many, `earlier` doubles.
+    /// The first empty poll undoes the last of these.
+    haste: u32,
+}
+
 /// Predicts updates that come at a nearly constant period.
 #[derive(Debug, Clone, Default)]
 pub struct UpdateClock {
@@ -66,6 +79,8 @@ pub struct UpdateClock {
     last_empty_ns: Option<Ns>,
     /// How many updates in a row were found at the first poll. An empty one halves the count.
     at_once: u32,
+    /// Whole windows since the phase was taken, or the aim was lost.
+    windows: u32,
     due_ns: Ns,
 }
 
@@ -159,6 +174,7 @@ impl UpdateClock {
     fn lock(&mut self, at: f64, window: Window) {
         self.grid_ns = (self.period_ns > 0.0).then_some(at);
         self.window = window;
+        self.windows = 0;
         self.move_aim(0.0);
     }
 
@@ -170,8 +186,13 @@ impl UpdateClock {
         let empty = self.last_empty_ns.map(|empty| empty as f64);
         let step = (STEP * period).min(STEP_NS);
         let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
-        let hasty = (step * f64::from(1 << (self.at_once / HASTE).min(16))).min(LONGEST_STEP * period);
-        self.move_aim(if was_early { hasty.max(LATER * step) } else { -hasty });
+        if self.at_once >= UNSETTLED {
+            self.windows = 0;
+        }
+        let Pace { earlier, later, haste } = if self.windows < SETTLED { FINDING } else { HOLDING };
+        let hasty = earlier * step * f64::from(1 << (self.at_once / haste).min(16));
+        let hasty = hasty.min(LONGEST_STEP * period);
+        self.move_aim(if was_early { hasty.max(later * step) } else { -hasty });
         self.at_once = if was_early { self.at_once / 2 } else { self.at_once.saturating_add(1) };
         self.window.add(at, updates, period, due, empty, was_early);
         // An update is found after it was made, so the grid cannot be later.
@@ -193,6 +214,7 @@ impl UpdateClock {
         }
         self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());
         self.window = self.window.next(at);
+        self.windows = self.windows.saturating_add(1);
     }
 
     /// Sets the grid to `grid`, corrected `by` a time. The correction leaves the aim in place.

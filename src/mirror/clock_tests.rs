@@ -355,6 +355,22 @@ fn b6_1_the_phase_is_found_soon_after_the_start() {
 }
 
 #[test]
+fn b6_2_few_polls_are_in_vain_once_the_aim_is_found() {
+    // A poll in vain costs a wake-up. An aim that is far too late would cost none.
+    for period in [2e6, 442_708.4, 111_111.1] {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(period as Ns);
+        let mut random = random();
+        let mut seen = watch(&mut clock, &updates(20_000, |_| period), |_| 15_000 + random(30_000));
+        seen.delays.sort_unstable();
+        let median = seen.delays[seen.delays.len() / 2];
+        println!("{period} ns: {:.3} polls an update, {median} ns late in the median", seen.polls);
+        assert!(seen.polls < 1.12, "{} polls an update at {period} ns", seen.polls);
+        assert!(median < 30_000, "{median} ns late at {period} ns, as a thread that only sleeps");
+    }
+}
+
+#[test]
 fn b6_3_the_phase_is_found_on_a_machine_that_is_held_up() {
     for (period, changed) in
         [(2e6, 1e6), (442_708.4, 885_416.8), (111_111.1, 222_222.2), (885_416.8, 442_708.4)]
