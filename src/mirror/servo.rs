@@ -347,7 +347,7 @@ impl ServoMirror {
         counters.add(Counter::Updates, 1);
         counters.add(Counter::Skipped, skipped);
         counters.add(Counter::Missed, not_read - skipped);
-        self.last_poll_ns = self.time.ns();
+        self.last_poll_ns = time_ns;
         let transition = self.freshness.on_update(time_ns);
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
