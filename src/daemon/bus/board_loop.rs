@@ -51,12 +51,13 @@ const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
 /// A wait as short as this may be a sleep: a command that comes meanwhile waits for its end, an interrupt for that of the sleeps that
-/// follow each other.
-const SHORT_WAIT_NS: u64 = 2_000_000;
-/// For this long after the last command no wait is a sleep: the next one may follow.
+/// follow each other. A little more than the period of 500 Hz.
+const SHORT_WAIT_NS: u64 = 2_500_000;
+/// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
-/// How long nothing but sleeps may follow each other.
-const POLL_NS: u64 = 4_000_000;
+/// How long nothing but sleeps may follow each other. Commands are seen after each sleep; only an interrupt of a board that
+/// nobody has asked can come meanwhile.
+const POLL_NS: u64 = 10_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
 
@@ -401,7 +402,11 @@ impl BoardLoop {
         let commands = if works && !stand_back { intake.descriptor() } else { None };
         let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
         let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
-        Readable::wait(stop.as_fd(), commands, interrupts, timeout)
+        let readable = Readable::wait(stop.as_fd(), commands, interrupts, timeout);
+        if readable != Readable::default() {
+            self.sleeps_from_ns = due_ns.saturating_add(ATTENTIVE_NS);
+        }
+        readable
     }
 
     /// Whether commands wait, or the board has been asked something.
