@@ -166,8 +166,8 @@ impl GlobalStatus {
             let &[low, high] = image.get(offset.words_since(start)..)?.first_chunk()?;
             Some(int24::unsigned(join32(low, high)))
         };
-        let [first, second] = self.longs.map(long);
-        Some([first?, second?])
+        let [first, second] = self.longs;
+        Some([long(first)?, long(second)?])
     }
 }
 
