@@ -57,7 +57,7 @@ const SHORT_WAIT_NS: u64 = 2_500_000;
 const ATTENTIVE_NS: u64 = 10_000_000;
 /// How long nothing but sleeps may follow each other. Commands are seen after each sleep; only an interrupt of a board that
 /// nobody has asked can come meanwhile.
-const POLL_NS: u64 = 10_000_000;
+const POLL_NS: u64 = 20_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
 
