@@ -23,21 +23,27 @@ const MOST_ACCESSES: f64 = 1.05;
 /// How often the samples are fetched. The segment holds many more.
 const FETCH: Duration = Duration::from_millis(100);
 
+/// So many wakes of the bare thread have one phase. The next is this part of a period later, so that they spread evenly.
+const WAKES_A_PHASE: usize = 20;
+const NEXT_PHASE: f64 = 0.618;
+
 /// The median lateness of a thread, in ns, and the processor seconds that it used.
 struct Bare {
     lateness: f64,
     processor: f64,
 }
 
-/// Sleeps until each multiple of the period, until `stop` is set.
+/// Sleeps until each multiple of the period, until `stop` is set. A wake costs less soon after another on the same
+/// processor, so the phase beside simulator and pmacd moves on every so many wakes.
 fn sleep_only(servo_hz: f64, stop: &AtomicBool) -> Bare {
     // As the bus thread of pmacd.
     let _ = nix::sys::prctl::set_timerslack(1);
     let period = 1e9 / servo_hz;
     let (start, mut lateness) = (monotonic_ns(), Vec::new());
     while !stop.load(Ordering::Relaxed) {
-        let passed = ((monotonic_ns() - start) as f64 / period).floor() + 1.0;
-        let due = start + (passed * period) as u64;
+        let phase = (lateness.len() / WAKES_A_PHASE) as f64 * NEXT_PHASE % 1.0;
+        let passed = ((monotonic_ns() - start) as f64 / period - phase).floor() + 1.0;
+        let due = start + ((passed + phase) * period) as u64;
         let until = TimeSpec::from_duration(Duration::from_nanos(due));
         let _ = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &until);
         lateness.push(monotonic_ns().saturating_sub(due) as f64);

@@ -79,8 +79,8 @@ impl Rig {
             _ => simulator.arg("--dpram-startup"),
         };
         let simulator = Program::start(&mut simulator);
-        let control = at("control");
-        until("the simulator's control socket", || control.exists());
+        // It is there before anybody listens at it.
+        until("the simulator's control socket", || UnixStream::connect(at("control")).is_ok());
         let name = format!("pmac-bench-{}", std::process::id());
         let rig = Self { simulator, daemon: None, name, directory };
         rig.control("time on");
