@@ -30,6 +30,9 @@ const LONGEST_STEP: f64 = 1.0 / 8.0;
 /// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll.
 const SETTLED: u32 = 4;
 const UNSETTLED: u32 = 48;
+/// An update that was not there so long after it was due was made late: this part of a period, and at most this time.
+const LATE: f64 = 1.0 / 4.0;
+const LATE_NS: f64 = 100_000.0;
 /// The aim stays this near to the grid, as a part of a period.
 const AIM: f64 = 1.0 / 4.0;
 /// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
@@ -187,14 +190,12 @@ impl UpdateClock {
         let empty = self.last_empty_ns.map(|empty| empty as f64);
         let step = (STEP * period).min(STEP_NS);
         let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
-        if self.at_once >= UNSETTLED {
-            self.windows = 0;
+        // The board was late: that says nothing of the aim.
+        let is_next = due < grid + 1.5 * period;
+        let is_late = is_next && empty.is_some_and(|empty| empty > due + (LATE * period).min(LATE_NS));
+        if !is_late {
+            self.follow_aim(was_early, step);
         }
-        let Pace { earlier, later, haste } = if self.windows < SETTLED { FINDING } else { HOLDING };
-        let hasty = earlier * step * f64::from(1 << (self.at_once / haste).min(16));
-        let hasty = hasty.min(LONGEST_STEP * period);
-        self.move_aim(if was_early { hasty.max(later * step) } else { -hasty });
-        self.at_once = if was_early { self.at_once / 2 } else { self.at_once.saturating_add(1) };
         self.window.add(at, updates, period, due, empty, was_early);
         // An update is found after it was made, so the grid cannot be later.
         self.set_grid(due, (at - due).min(0.0));
@@ -216,6 +217,18 @@ impl UpdateClock {
         self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());
         self.window = self.window.next(at);
         self.windows = self.windows.saturating_add(1);
+    }
+
+    /// Moves the aim after an update of which the first poll `was_early`, by a `step` or some.
+    fn follow_aim(&mut self, was_early: bool, step: f64) {
+        if self.at_once >= UNSETTLED {
+            self.windows = 0;
+        }
+        let Pace { earlier, later, haste } = if self.windows < SETTLED { FINDING } else { HOLDING };
+        let hasty = earlier * step * f64::from(1 << (self.at_once / haste).min(16));
+        let hasty = hasty.min(LONGEST_STEP * self.period_ns);
+        self.move_aim(if was_early { hasty.max(later * step) } else { -hasty });
+        self.at_once = if was_early { self.at_once / 2 } else { self.at_once.saturating_add(1) };
     }
 
     /// Sets the grid to `grid`, corrected `by` a time. The correction leaves the aim in place.

@@ -321,6 +321,26 @@ fn b6_1_polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
 }
 
 #[test]
+fn b6_1_a_board_that_is_often_late_does_not_make_the_polls_late() {
+    // A simulated board is held up as its machine is. Its late updates say nothing of when the others come.
+    for (percent, period) in [(15, 2e6), (15, 442_708.4), (20, 2e6), (20, 442_708.4)] {
+        let mut clock = UpdateClock::default();
+        clock.expect_period(period as Ns);
+        let (mut held_up, mut by, mut random) = (random(), random(), random());
+        let mut updates = updates(20_000, |_| period);
+        for (time, _) in &mut updates {
+            if held_up(100) < percent {
+                *time += period * 0.3 + by((period * 0.4) as u64) as f64;
+            }
+        }
+        let mut delays = watch(&mut clock, &updates, |_| 15_000 + random(30_000)).delays;
+        delays.sort_unstable();
+        let median = delays[delays.len() / 2];
+        assert!(median < 30_000, "{percent} % late: {median} ns late at {period} ns");
+    }
+}
+
+#[test]
 fn b6_1_the_phase_is_found_soon_after_the_start() {
     // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
     for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {
