@@ -50,13 +50,13 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
-/// A wait as short as this may be a sleep: a command that comes meanwhile waits for its end, an interrupt for that of the sleeps that
-/// follow each other. A little more than the period of 500 Hz.
+/// A wait as short as this may be a sleep, and a command that comes meanwhile waits for its end. A little more than the period of
+/// 500 Hz.
 const SHORT_WAIT_NS: u64 = 2_500_000;
 /// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
-/// How long nothing but sleeps may follow each other. Commands are seen after each sleep; only an interrupt of a board that
-/// nobody has asked can come meanwhile.
+/// How long nothing but sleeps may follow each other. Commands are seen after each of them. An interrupt of a board that nobody
+/// has asked, and the end of the daemon, wait so long.
 const POLL_NS: u64 = 20_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
@@ -385,7 +385,7 @@ impl BoardLoop {
     /// Waits from `now` until `due_ns`, or until there is something to read.
     ///
     /// A poll costs more processor time than a sleep. So while nobody has asked anything for a while, a short wait is a
-    /// sleep, and what comes meanwhile is seen after it.
+    /// sleep, and a command that comes meanwhile is seen after it.
     fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
         if self.phase != Phase::Running || self.is_asked() {
             self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
@@ -404,7 +404,7 @@ impl BoardLoop {
         let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
         let readable = Readable::wait(stop.as_fd(), commands, interrupts, timeout);
         if readable != Readable::default() {
-            self.sleeps_from_ns = due_ns.saturating_add(ATTENTIVE_NS);
+            self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
         }
         readable
     }

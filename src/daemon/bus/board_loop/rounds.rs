@@ -167,7 +167,7 @@ impl BoardLoop {
         }
     }
 
-    /// What the board would tell of its servo period, and what the bus would teach: time of a test's own stands still during an access.
+    /// Sets the servo period and the time of an access, which a clock of the test's own would not show.
     #[cfg(test)]
     pub(crate) fn learn(&mut self, servo_period_ns: u64, access_ns: u64) {
         self.functions.servo.configure(0xFF, Some(servo_period_ns), Some(1));
