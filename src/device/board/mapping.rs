@@ -93,8 +93,11 @@ impl Mapping {
     #[inline]
     #[must_use]
     pub fn read_words(&self, offset: usize, words: &mut [u16]) -> Option<()> {
-        let end = words.len().checked_mul(2)?.checked_add(offset).filter(|end| *end <= self.length)?;
-        if end == offset {
+        let end = words.len().checked_mul(2)?.checked_add(offset)?;
+        if end % 2 != 0 || end > self.length {
+            return None;
+        }
+        if words.is_empty() {
             return Some(());
         }
         let first = self.word(offset)?;
@@ -360,7 +363,8 @@ mod tests {
         for wrong in [0x1A, 0x19, 0x20, usize::MAX - 1, usize::MAX - 5] {
             assert_eq!((window.read_words(wrong, &mut words), words[0]), (None, 0x110C), "{wrong:#x}");
         }
-        assert_eq!([0, 0x20, 0x22].map(|end| window.read_words(end, &mut [])), [Some(()), Some(()), None]);
+        assert_eq!([0, 0x20].map(|end| window.read_words(end, &mut [])), [Some(()); 2]);
+        assert_eq!([1, 0x22].map(|end| window.read_words(end, &mut [])), [None; 2]);
     }
 
     #[test]
