@@ -8,6 +8,7 @@
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
 //!   further back. So one first poll in six is empty until the aim is found, then one in eleven, however late this
 //!   machine wakes up; a poll that is milliseconds late counts no more than any other. A poll in vain costs a wake-up.
+//!   An update that the board makes late, as a simulated one may, does not move the aim, and costs several of them.
 
 mod window;
 
@@ -27,7 +28,8 @@ const FINDING: Pace = Pace { earlier: 1.0, later: 6.0, haste: 8 };
 const HOLDING: Pace = Pace { earlier: 0.5, later: 7.0, haste: 16 };
 /// No step is longer than this part of a period.
 const LONGEST_STEP: f64 = 1.0 / 8.0;
-/// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll.
+/// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll. It is
+/// then looked for in haste.
 const SETTLED: u32 = 4;
 const UNSETTLED: u32 = 48;
 /// An update that was not there so long after it was due was made late: this part of a period, and at most this time.
@@ -81,7 +83,7 @@ pub struct UpdateClock {
     last_update_ns: Option<Ns>,
     /// When the last empty poll since then began.
     last_empty_ns: Option<Ns>,
-    /// How many updates in a row were found at the first poll. An empty one halves the count.
+    /// How many updates in a row were found at the first poll, but for late ones. An empty one halves the count.
     at_once: u32,
     /// Whole windows since the phase was taken, or the aim was lost.
     windows: u32,
@@ -190,7 +192,7 @@ impl UpdateClock {
         let empty = self.last_empty_ns.map(|empty| empty as f64);
         let step = (STEP * period).min(STEP_NS);
         let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
-        // The board was late: that says nothing of the aim.
+        // Behind updates that were left out, a find just before the grid looks like a late one of the update before.
         let is_next = due < grid + 1.5 * period;
         let is_late = is_next && empty.is_some_and(|empty| empty > due + (LATE * period).min(LATE_NS));
         if !is_late {
