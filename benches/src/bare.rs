@@ -24,7 +24,7 @@ const MOST_ACCESSES: f64 = 1.05;
 const FETCH: Duration = Duration::from_millis(100);
 
 /// So many wakes of the bare thread have one phase. The next is this part of a period later, so that they spread evenly.
-const WAKES_A_PHASE: usize = 20;
+const WAKES_A_PHASE: usize = 100;
 const NEXT_PHASE: f64 = 0.618;
 
 /// The median lateness of a thread, in ns, and the processor seconds that it used.
