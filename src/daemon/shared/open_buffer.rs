@@ -160,7 +160,8 @@ pub struct OpenBuffer {
 }
 
 impl OpenBuffer {
-    /// Of a board that was just reset, or is another one: none is open. Its first reports may lie there from before, so it is asked.
+    /// Of a board that was just reset, or is met for the first time: none is known to be open. Its first reports may lie there from
+    /// before, so the board is asked.
     #[must_use]
     pub fn after_reset() -> Self {
         let mut buffer = Self::default();
