@@ -51,12 +51,13 @@ fn e6_every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
     assert!(site.log().contains("traces the bus accesses"), "{}", site.log());
     assert!(refusal(&mut other).contains(&format!("(pid {}) traces the bus accesses", std::process::id())));
     let accesses = || site.attach().counter(Counter::BusAccesses);
-    // The count is published with the heartbeat.
+    // The count is published with the heartbeat, so at first it may be of before the trace.
+    site.step(150);
     let before = accesses();
-    site.step(200);
+    site.step(150);
     let counted = accesses() - before;
     let traced = rest(&mut connection).len() as u64 / 4;
-    assert!(counted > 10_000 && traced * 10 > counted * 9, "{traced} of {counted}");
+    assert!(counted > 10_000 && traced >= counted, "{traced} of {counted}");
     // Whoever comes next has it, and begins with nothing.
     site.step(10);
     assert_eq!(other.trace(false).unwrap().accesses, [0; 0]);
