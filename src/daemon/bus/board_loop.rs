@@ -30,6 +30,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::readable::Readable;
 use crate::daemon::bus::report::Reporter;
+use crate::daemon::bus::watch::Watch;
 use crate::daemon::config::board_settings::CheckedSettings;
 use crate::daemon::shared::info::Pulse;
 use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
@@ -55,9 +56,8 @@ const COMMANDS_A_ROUND: usize = 4;
 const SHORT_WAIT_NS: u64 = 2_500_000;
 /// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
-/// How long nothing but sleeps may follow each other. Commands are seen after each of them. An interrupt of a board that nobody
-/// has asked, and the end of the daemon, wait so long.
-const POLL_NS: u64 = 20_000_000;
+/// How long nothing but sleeps may follow each other. An interrupt that was connected meanwhile is watched from then on.
+const POLL_NS: u64 = 200_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
 
@@ -105,6 +105,8 @@ pub struct BoardLoop {
     sleeps_from_ns: u64,
     /// By then a poll is due between the sleeps.
     poll_due_ns: u64,
+    /// Says after a sleep whether to poll. Without it no wait is a sleep.
+    watch: Option<Watch>,
 }
 
 impl BoardLoop {
@@ -139,6 +141,7 @@ impl BoardLoop {
             paused_until_ns: 0,
             sleeps_from_ns: 0,
             poll_due_ns: 0,
+            watch: None,
             clock,
         }
     }
@@ -147,6 +150,8 @@ impl BoardLoop {
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
+        let watch = Watch::begin(&self.connections.stop);
+        self.watch = watch.inspect_err(|error| warn!("short waits cost more than they need: {error}")).ok();
         let mut readable = Readable::default();
         loop {
             self.step(&readable);
@@ -385,17 +390,17 @@ impl BoardLoop {
     /// Waits from `now` until `due_ns`, or until there is something to read.
     ///
     /// A poll costs more processor time than a sleep. So while nobody has asked anything for a while, a short wait is a
-    /// sleep, and a command that comes meanwhile is seen after it.
+    /// sleep. What comes meanwhile is seen after it: a command by its queue, all else by the [`Watch`].
     fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
         if self.phase != Phase::Running || self.is_asked() {
             self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
         }
         let is_short = now < due_ns && due_ns <= now.saturating_add(SHORT_WAIT_NS);
-        if is_short && self.sleeps_from_ns <= now && due_ns <= self.poll_due_ns {
+        let watch = self.watch.as_ref().filter(|_| is_short && self.sleeps_from_ns <= now);
+        if due_ns <= self.poll_due_ns && watch.is_some_and(|watch| !watch.is_raised()) {
             sleep_until(due_ns);
             return Readable::default();
         }
-        self.poll_due_ns = now.saturating_add(POLL_NS);
         let works = self.phase == Phase::Running && !self.is_paused(now);
         let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;
@@ -403,8 +408,12 @@ impl BoardLoop {
         let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
         let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
         let readable = Readable::wait(stop.as_fd(), commands, interrupts, timeout);
+        self.poll_due_ns = 0;
         if readable != Readable::default() {
             self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
+        } else if let Some(watch) = watch {
+            watch.arm(interrupts);
+            self.poll_due_ns = now.saturating_add(POLL_NS);
         }
         readable
     }

@@ -2,7 +2,7 @@
 //!
 //! | place | what is in it |
 //! |---|---|
-//! | [`board_loop`], [`phase`], [`readable`] | the loop, its start and its end, what it waits for |
+//! | [`board_loop`], [`phase`], [`readable`], [`watch`] | the loop, its start and its end, what it waits for |
 //! | [`board`], [`presence`] | the board opened, gone and back |
 //! | [`function_table`], [`board_function`] | who is served next |
 //! | [`guard_time`] | what is not begun shortly before a servo update |
@@ -28,4 +28,5 @@ pub mod readable;
 pub mod report;
 pub mod scale_doubts;
 pub mod servo_sign;
+pub mod watch;
 pub mod work;
