@@ -6,7 +6,7 @@
 //!
 //! - The grid is when the board makes its updates. It comes from the earliest finds (`window`).
 //! - The aim is when to poll. An update found at the first poll moves it a little earlier, an empty poll moves it
-//!   further back. So one first poll in six is empty until the aim is found, then one in eleven, however late this
+//!   further back. So one first poll in six is empty until the aim is found, then one in fourteen, however late this
 //!   machine wakes up; a poll that is milliseconds late counts no more than any other. A poll in vain costs a wake-up.
 //!   An update that the board makes late, as a simulated one may, does not move the aim, and costs several of them.
 
@@ -25,7 +25,7 @@ const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
 /// While the aim is looked for, and once it is found.
 const FINDING: Pace = Pace { earlier: 1.0, later: 6.0, haste: 8 };
-const HOLDING: Pace = Pace { earlier: 0.5, later: 7.0, haste: 16 };
+const HOLDING: Pace = Pace { earlier: 0.25, later: 6.0, haste: 16 };
 /// No step is longer than this part of a period.
 const LONGEST_STEP: f64 = 1.0 / 8.0;
 /// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll. It is
