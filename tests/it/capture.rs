@@ -283,10 +283,11 @@ fn e6_nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
     let capture = site.command(&["capture", &text, "--seconds", "0.05", "--no-variables"]);
     let mut shell = Command::new("sh");
     shell.args(["-c", "umask 002; exec \"$@\"", "sh"]).arg(capture.get_program()).args(capture.get_args());
-    let child = shell.stdin(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
+    let child = shell.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let output = std::thread::spawn(|| child.wait_with_output().unwrap());
     site.wait_until("the capture", || output.is_finished());
-    assert!(output.join().unwrap().status.success());
+    let ran = output.join().unwrap();
+    assert!(ran.status.success(), "{ran:?}");
     for directory in [path.clone(), path.join("images")] {
         for entry in std::fs::read_dir(directory).unwrap() {
             let entry = entry.unwrap();
