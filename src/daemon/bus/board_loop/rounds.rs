@@ -16,7 +16,7 @@ use crate::segment::State;
 const ROUND_NS: u64 = 50_000;
 /// Pieces of work in a round at most, where time stands still.
 const PIECES_A_ROUND: usize = 32;
-/// How long the heartbeat can wait for the servo data.
+/// How long the heartbeat can wait for the servo data, and how much sooner a round for something else brings it.
 const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
 
 /// When something else than the servo data is due, as the last whole round found it.
@@ -85,7 +85,7 @@ impl BoardLoop {
             self.note_failure(result);
         }
         // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
-        let beats = now >= self.heartbeat_due_ns;
+        let beats = now + HEARTBEAT_SPARE_NS >= self.heartbeat_due_ns;
         if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
             self.heartbeat_due_ns = now + HEARTBEAT_NS;
             self.beat(now);
