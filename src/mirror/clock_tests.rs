@@ -342,6 +342,23 @@ fn b6_1_a_board_that_is_often_late_does_not_make_the_polls_late() {
 }
 
 #[test]
+fn b6_1_a_period_that_is_held_for_too_long_is_unlearnt() {
+    // A machine that stood still at the wrong moment has the clock learn one. Each poll finds an update then, and none is in vain.
+    for period in [111_111.1, 442_708.4, 2e6] {
+        for percent in [103, 106, 108, 110, 112, 115, 120, 124] {
+            let mut clock = UpdateClock::default();
+            clock.expect_period((period * f64::from(percent) / 100.0) as Ns);
+            let mut random = random();
+            let seen = watch(&mut clock, &updates(4_000, |_| period), |_| 10_000 + random(20_000));
+            let mut delays = seen.delays[1_000..].to_vec();
+            delays.sort_unstable();
+            let median = delays[delays.len() / 2];
+            assert!(median < 20_000, "{percent} % of {period} ns: {median} ns late");
+        }
+    }
+}
+
+#[test]
 fn b6_1_the_phase_is_found_soon_after_the_start() {
     // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
     for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {

@@ -86,9 +86,14 @@ impl Window {
         self.finds >= self.length
     }
 
+    /// Whether no window is longer.
+    pub fn is_longest(&self) -> bool {
+        self.length == LONGEST
+    }
+
     /// The part of a change of the period to take: all of it after a short window, half after the longest.
     pub fn gain(&self) -> f64 {
-        if self.length < LONGEST { 1.0 } else { 0.5 }
+        if self.is_longest() { 0.5 } else { 1.0 }
     }
 
     /// Whether empty polls bound the finds from below at both ends.
