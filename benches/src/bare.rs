@@ -1,6 +1,6 @@
 //! `bare`: the mirror beside a bare thread that only sleeps until each update is due.
 //!
-//! Both have the same priority and timer slack, at the same time and on the same machine. The bare thread's lateness
+//! Both have the same priority and timer slack, at the same time and on the same processor. The bare thread's lateness
 //! is what this machine costs anybody. What the mirror adds to that is its own: a wrong phase, polls that find
 //! nothing, the copy.
 
@@ -14,6 +14,7 @@ use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, monotonic_ns};
 use crate::clock::Series;
 use crate::daemon::delay_ns;
 use crate::machine;
+use crate::process::bind;
 use crate::rig::{Rig, Setup};
 
 /// Delay and processor time of the mirror may be this multiple of the bare thread's.
@@ -22,6 +23,11 @@ const MOST: f64 = 1.5;
 const MOST_ACCESSES: f64 = 1.05;
 /// How often the samples are fetched. The segment holds many more.
 const FETCH: Duration = Duration::from_millis(100);
+
+/// The processor of pmacd and the bare thread, and that of the simulator and the reader. Where the kernel chooses, one of the
+/// two threads shares a processor with the simulator, which wakes it, and costs up to three times less than the other.
+const MEASURED: usize = 1;
+const OTHERS: usize = 0;
 
 /// So many wakes of the bare thread have one phase. The next is this part of a period later, so that they spread evenly.
 const WAKES_A_PHASE: usize = 100;
@@ -99,7 +105,11 @@ pub fn run(rounds: usize, seconds: u64) -> bool {
 
 fn line(servo_hz: f64, seconds: u64) -> [f64; 3] {
     let setup = Setup { servo_hz, ..Setup::default() };
-    let rig = Rig::start(&setup);
+    bind(OTHERS);
+    let mut rig = Rig::simulator_alone(&setup);
+    bind(MEASURED);
+    rig.start_daemon(&setup);
+    bind(OTHERS);
     let subscriber = rig.subscriber();
     // The daemon asks the board who it is at first; the phase is found meanwhile.
     std::thread::sleep(Duration::from_millis(1000));
@@ -108,7 +118,10 @@ fn line(servo_hz: f64, seconds: u64) -> [f64; 3] {
     let stop = AtomicBool::new(false);
     let (before, used_before) = (counts(), rig.daemon().processor_seconds());
     let (delays, bare) = std::thread::scope(|scope| {
-        let bare = scope.spawn(|| sleep_only(servo_hz, &stop));
+        let bare = scope.spawn(|| {
+            bind(MEASURED);
+            sleep_only(servo_hz, &stop)
+        });
         let delays = delays(&subscriber, Duration::from_secs(seconds));
         stop.store(true, Ordering::Relaxed);
         (delays, bare.join().expect("the bare thread ends"))
