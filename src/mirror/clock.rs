@@ -38,7 +38,8 @@ const LATE_NS: f64 = 100_000.0;
 /// The aim stays this near to the grid, as a part of a period.
 const AIM: f64 = 1.0 / 4.0;
 /// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
-/// lost. Finds that are all at the first poll move with the aim, so in a short window they must change it by more.
+/// lost. Finds that are all at the first poll move with the aim, so they must change it by more, unless they have moved
+/// further than the aim can.
 const CHANGED: f64 = 1.0 / 16.0;
 const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
 /// A period that is hardly known is taken as this part of the estimate. Polls then come too early, which shows; polls
@@ -205,9 +206,9 @@ impl UpdateClock {
             return;
         }
         let change = self.window.period_change_ns();
-        let is_bounded = self.window.is_bounded();
-        let shorter = if is_bounded { SHORTER } else { SHORTER_UNBOUNDED };
-        let most = if is_bounded || self.window.is_longest() { CHANGED } else { CHANGED_UNBOUNDED };
+        let is_bounded = self.window.is_bounded() || self.window.is_beyond(2.0 * AIM * period);
+        let (most, shorter) =
+            if is_bounded { (CHANGED, SHORTER) } else { (CHANGED_UNBOUNDED, SHORTER_UNBOUNDED) };
         if change.abs() > most * period {
             self.period_ns = (shorter * (period + change)).max(0.0);
             self.lock(at, Window::short(at));

@@ -359,6 +359,40 @@ fn b6_1_a_period_that_is_held_for_too_long_is_unlearnt() {
 }
 
 #[test]
+fn b6_1_after_rough_times_the_phase_is_found_again() {
+    // The clock is told a wrong period or none; the board is held up or leaves updates out, or the machine is held up, once in so
+    // many updates. Then all goes well.
+    const CALM: usize = 5_000;
+    for seed in 1..=300 {
+        let mut draw = seeded(seed);
+        let period = [111_111.1, 442_708.4, 885_416.8, 2e6][draw(4) as usize];
+        let [board, machine, left_out] = [(); 3].map(|()| [u64::MAX, 100, 10, 3][draw(4) as usize]);
+        let rough = 200 + draw(2_000) as usize;
+        let mut all = updates((rough + CALM) as u64, |_| period);
+        for index in 1..all.len() {
+            let held_up = index < rough && draw(board) == 0;
+            let by = if held_up { draw((2.5 * period) as u64) as f64 } else { 0.0 };
+            all[index].0 = (all[index].0 + by).max(all[index - 1].0 + 500.0);
+        }
+        let calm_from = all[rough].0 as Ns;
+        let made: Vec<Update> =
+            all.into_iter().filter(|(time, _)| *time as Ns >= calm_from || draw(left_out) > 0).collect();
+        let mut clock = UpdateClock::default();
+        if draw(2) == 0 {
+            clock.expect_period((period * (0.5 + draw(150) as f64 / 100.0)) as Ns);
+        }
+        let seen = watch(&mut clock, &made, |due| match due < calm_from && draw(machine) == 0 {
+            true => draw(1_000_000 + 4 * period as u64),
+            false => 10_000 + draw(20_000),
+        });
+        let mut delays = seen.delays[seen.delays.len() - CALM / 2..].to_vec();
+        delays.sort_unstable();
+        let median = delays[delays.len() / 2];
+        assert!(median < 30_000, "seed {seed}: {median} ns late at {period} ns");
+    }
+}
+
+#[test]
 fn b6_1_the_phase_is_found_soon_after_the_start() {
     // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
     for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {

@@ -86,14 +86,15 @@ impl Window {
         self.finds >= self.length
     }
 
-    /// Whether no window is longer.
-    pub fn is_longest(&self) -> bool {
-        self.length == LONGEST
+    /// Whether the finds have moved by more than that from the first to the last. A shorter window has too few of them.
+    pub fn is_beyond(&self, ns: f64) -> bool {
+        let moved = self.first.zip(self.last).map_or(0.0, |(first, last)| last.late_ns - first.late_ns);
+        self.length == LONGEST && moved.abs() > ns
     }
 
     /// The part of a change of the period to take: all of it after a short window, half after the longest.
     pub fn gain(&self) -> f64 {
-        if self.is_longest() { 0.5 } else { 1.0 }
+        if self.length < LONGEST { 1.0 } else { 0.5 }
     }
 
     /// Whether empty polls bound the finds from below at both ends.
