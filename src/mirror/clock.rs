@@ -38,8 +38,8 @@ const LATE_NS: f64 = 100_000.0;
 /// The aim stays this near to the grid, as a part of a period.
 const AIM: f64 = 1.0 / 4.0;
 /// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
-/// lost. Finds that are all at the first poll move with the aim, so they must change it by more, unless they have moved
-/// further than the aim can.
+/// lost. Finds that are all at the first poll move with the grid, which can have been a period late, and with the aim. So
+/// they must change it by more, unless they have come earlier by more than that.
 const CHANGED: f64 = 1.0 / 16.0;
 const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
 /// A period that is hardly known is taken as this part of the estimate. Polls then come too early, which shows; polls
@@ -206,15 +206,15 @@ impl UpdateClock {
             return;
         }
         let change = self.window.period_change_ns();
-        let is_bounded = self.window.is_bounded() || self.window.is_beyond(2.0 * AIM * period);
+        let is_sure = self.window.is_bounded() || self.window.is_earlier_by((1.0 + AIM) * period);
         let (most, shorter) =
-            if is_bounded { (CHANGED, SHORTER) } else { (CHANGED_UNBOUNDED, SHORTER_UNBOUNDED) };
+            if is_sure { (CHANGED, SHORTER) } else { (CHANGED_UNBOUNDED, SHORTER_UNBOUNDED) };
         if change.abs() > most * period {
             self.period_ns = (shorter * (period + change)).max(0.0);
             self.lock(at, Window::short(at));
             return;
         }
-        if is_bounded {
+        if is_sure {
             self.period_ns += self.window.gain() * change;
         }
         self.set_grid(self.grid_ns.unwrap_or(due), self.window.shift_ns());

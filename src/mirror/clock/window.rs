@@ -86,10 +86,11 @@ impl Window {
         self.finds >= self.length
     }
 
-    /// Whether the finds have moved by more than that from the first to the last. A shorter window has too few of them.
-    pub fn is_beyond(&self, ns: f64) -> bool {
-        let moved = self.first.zip(self.last).map_or(0.0, |(first, last)| last.late_ns - first.late_ns);
-        self.length == LONGEST && moved.abs() > ns
+    /// Whether the finds have come earlier by more than that, from the first to the last: no hold-up does it. A shorter window
+    /// has too few of them.
+    pub fn is_earlier_by(&self, ns: f64) -> bool {
+        let earlier = self.first.zip(self.last).map_or(0.0, |(first, last)| first.late_ns - last.late_ns);
+        self.length == LONGEST && earlier > ns
     }
 
     /// The part of a change of the period to take: all of it after a short window, half after the longest.
