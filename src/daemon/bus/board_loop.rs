@@ -1,4 +1,4 @@
-//! The one thread that owns the board: one poll over timer, interrupt and command queue.
+//! The one thread that owns the board. It waits for the time, for commands and for interrupts.
 //!
 //! Nobody else touches the bus, so no lock guards it. Servo data come first: every other piece of work is bounded and
 //! short, and before each the servo's due time is looked at ([`GuardTime`]). After start the thread neither allocates nor
@@ -56,7 +56,7 @@ const COMMANDS_A_ROUND: usize = 4;
 const SHORT_WAIT_NS: u64 = 2_500_000;
 /// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
 const ATTENTIVE_NS: u64 = 10_000_000;
-/// How long nothing but sleeps may follow each other. An interrupt that was connected meanwhile is watched from then on.
+/// How long nothing but sleeps may follow each other, if nothing was to be watched anew.
 const POLL_NS: u64 = 200_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
@@ -395,22 +395,25 @@ impl BoardLoop {
         if self.phase != Phase::Running || self.is_asked() {
             self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
         }
-        let is_short = now < due_ns && due_ns <= now.saturating_add(SHORT_WAIT_NS);
-        let watch = self.watch.as_ref().filter(|_| is_short && self.sleeps_from_ns <= now);
-        if due_ns <= self.poll_due_ns && watch.is_some_and(|watch| !watch.is_raised()) {
-            sleep_until(due_ns);
-            return Readable::default();
-        }
         let works = self.phase == Phase::Running && !self.is_paused(now);
+        let is_short = now < due_ns && due_ns <= now.saturating_add(SHORT_WAIT_NS);
+        let watch = self.watch.as_ref().filter(|_| works && is_short && self.sleeps_from_ns <= now);
+        if let Some(watch) = watch {
+            if due_ns <= self.poll_due_ns && !watch.is_raised() {
+                sleep_until(due_ns);
+                return Readable::default();
+            }
+            watch.lower();
+        }
         let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;
         let commands = if works && !stand_back { intake.descriptor() } else { None };
         let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
         let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
         let readable = Readable::wait(stop.as_fd(), commands, interrupts, timeout);
-        self.poll_due_ns = 0;
         if readable != Readable::default() {
             self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
+            self.poll_due_ns = 0;
         } else if let Some(watch) = watch {
             watch.arm(interrupts);
             self.poll_due_ns = now.saturating_add(POLL_NS);
@@ -427,7 +430,12 @@ impl BoardLoop {
     fn attend(&mut self, readable: &Readable, now: u64) {
         let now = self.clock.at(now);
         self.connections.intake.retry();
+        let had_interrupt = self.functions.ascii.queue().has_interrupt();
         let interrupts = self.functions.ascii.take_interrupts(readable, now);
+        if self.functions.ascii.queue().has_interrupt() != had_interrupt {
+            // It is to be watched before a sleep.
+            self.poll_due_ns = 0;
+        }
         self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
         if readable.commands {
             self.take_commands(now);
