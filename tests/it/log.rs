@@ -10,7 +10,7 @@ use nix::unistd::Pid;
 use pmac_dpram::segment::Counter;
 use pmac_dpram::table::Table;
 
-use crate::support::{PATIENCE, VirtualSite};
+use crate::support::{PATIENCE, VirtualSite, wait_until};
 
 /// Servo cycles at a time: what the segment keeps is four times as much.
 const PIECE: u64 = 1000;
@@ -360,7 +360,8 @@ fn a_trigger_brings_the_rows_from_before_it() {
     site.wait_until("the log's file", || std::fs::exists(&file).unwrap());
     let output = std::thread::spawn(|| child.wait_with_output().unwrap());
     let mut there = false;
-    site.wait_until("the end of the log", || {
+    // Time does not hurry: the log, a process of its own, shall miss nothing.
+    wait_until("the end of the log", || {
         site.ask(if there { "#1J=0" } else { "#1J=5000" });
         there = !there;
         output.is_finished()
