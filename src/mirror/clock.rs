@@ -24,22 +24,25 @@ const MILLISECOND: Ns = 1_000_000;
 const STEP: f64 = 1.0 / 128.0;
 const STEP_NS: f64 = 2_000.0;
 /// While the aim is looked for, and once it is found.
-const FINDING: Pace = Pace { earlier: 1.0, later: 6.0, haste: 8 };
-const HOLDING: Pace = Pace { earlier: 0.25, later: 6.0, haste: 16 };
+const FINDING: Pace = Pace { earlier: 1.0, haste: 8 };
+const HOLDING: Pace = Pace { earlier: 0.25, haste: 16 };
+/// Later by so many steps after an empty first poll.
+const LATER: f64 = 6.0;
 /// No step is longer than this part of a period.
 const LONGEST_STEP: f64 = 1.0 / 8.0;
-/// The aim counts as found after so many whole windows, until so many updates in a row are found at the first poll. It is
-/// then looked for in haste.
+/// After so many whole windows the aim counts as found. After so many updates in a row at the first poll it is looked for
+/// again, in haste.
 const SETTLED: u32 = 4;
 const UNSETTLED: u32 = 48;
 /// An update that was not there so long after it was due was made late: this part of a period, and at most this time.
 const LATE: f64 = 1.0 / 4.0;
 const LATE_NS: f64 = 100_000.0;
-/// The aim stays this near to the grid, as a part of a period.
-const AIM: f64 = 1.0 / 4.0;
-/// If the finds of a window change the period by more than this part, the board's period has changed, and the phase is
-/// lost. Finds that are all at the first poll move with the grid, which can have been a period late, and with the aim. So
-/// they must change it by more, unless they have come earlier by more than that.
+/// The aim stays this near to the grid, as a part of a period. A machine that never wakes sooner than that after it was asked
+/// finds each update at the first poll, and no empty poll bounds what it finds.
+const AIM: f64 = 3.0 / 8.0;
+/// If a window changes the period by more than this part, the board has changed its period, and the phase is lost. Without
+/// empty polls in both halves the finds may only have followed our own aim and grid. Then the change must be larger, or
+/// the finds must come earlier by more than aim and grid can move.
 const CHANGED: f64 = 1.0 / 16.0;
 const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
 /// A period that is hardly known is taken as this part of the estimate. Polls then come too early, which shows; polls
@@ -63,8 +66,6 @@ const RARE_POLL: Ns = 10 * MILLISECOND;
 struct Pace {
     /// Earlier by so many after an update found at the first poll.
     earlier: f64,
-    /// Later by so many after an empty first poll.
-    later: f64,
     /// Many finds at the first poll in a row show that the aim is far too late: after each so many, `earlier` doubles.
     /// The first empty poll undoes the last of these.
     haste: u32,
@@ -227,10 +228,10 @@ impl UpdateClock {
         if self.at_once >= UNSETTLED {
             self.windows = 0;
         }
-        let Pace { earlier, later, haste } = if self.windows < SETTLED { FINDING } else { HOLDING };
+        let Pace { earlier, haste } = if self.windows < SETTLED { FINDING } else { HOLDING };
         let hasty = earlier * step * f64::from(1 << (self.at_once / haste).min(16));
         let hasty = hasty.min(LONGEST_STEP * self.period_ns);
-        self.move_aim(if was_early { hasty.max(later * step) } else { -hasty });
+        self.move_aim(if was_early { hasty.max(LATER * step) } else { -hasty });
         self.at_once = if was_early { self.at_once / 2 } else { self.at_once.saturating_add(1) };
     }
 

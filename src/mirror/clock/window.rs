@@ -26,7 +26,7 @@ pub(super) struct Window {
     /// The earliest find in the first quarter of the window, and in the last.
     first: Option<Find>,
     last: Option<Find>,
-    /// Whether an empty first poll came before a find in that quarter.
+    /// Whether an empty first poll came before a find in the first half of the window, and in the last.
     first_bounded: bool,
     last_bounded: bool,
     /// The earliest find after the grid.
@@ -71,11 +71,13 @@ impl Window {
         let earlier = |of: Option<Find>| of.filter(|of| of.late_ns <= late_ns).or(Some(find));
         if self.finds < self.length / 4 {
             self.first = earlier(self.first);
-            self.first_bounded |= was_early;
         } else if self.finds >= self.length - self.length / 4 {
             self.last = earlier(self.last);
-            self.last_bounded |= was_early;
         }
+        // Halves, because empty first polls may come a window apart, and keep its time: never one in the first quarter.
+        let bounded =
+            if self.finds < self.length / 2 { &mut self.first_bounded } else { &mut self.last_bounded };
+        *bounded |= was_early;
         self.finds += 1;
         self.find_ns = self.find_ns.min(find_ns - due_ns);
         self.empty_ns = empty_ns.map_or(self.empty_ns, |empty| self.empty_ns.max(empty - due_ns));
@@ -86,11 +88,10 @@ impl Window {
         self.finds >= self.length
     }
 
-    /// Whether the finds have come earlier by more than that, from the first to the last: no hold-up does it. A shorter window
-    /// has too few of them.
+    /// Whether the finds have come earlier by more than that, from the first quarter to the last. Hold-ups make them late, never
+    /// early.
     pub fn is_earlier_by(&self, ns: f64) -> bool {
-        let earlier = self.first.zip(self.last).map_or(0.0, |(first, last)| first.late_ns - last.late_ns);
-        self.length == LONGEST && earlier > ns
+        self.first.zip(self.last).is_some_and(|(first, last)| first.late_ns - last.late_ns > ns)
     }
 
     /// The part of a change of the period to take: all of it after a short window, half after the longest.
@@ -98,7 +99,7 @@ impl Window {
         if self.length < LONGEST { 1.0 } else { 0.5 }
     }
 
-    /// Whether empty polls bound the finds from below at both ends.
+    /// Whether empty polls bound the finds from below in both halves.
     pub fn is_bounded(&self) -> bool {
         self.first_bounded && self.last_bounded
     }
