@@ -361,7 +361,8 @@ fn b6_1_a_period_that_is_held_for_too_long_is_unlearnt() {
 #[test]
 fn b6_1_a_period_is_learnt_where_no_wake_up_is_in_time() {
     // None is less than a quarter of a period late, up to a third.
-    for (period, late) in [(111_111.1, 30_000), (111_111.1, 36_000), (221_354.2, 60_000), (221_354.2, 72_000)] {
+    for (period, late) in [(111_111.1, 30_000), (111_111.1, 36_000), (221_354.2, 60_000), (221_354.2, 72_000)]
+    {
         let mut clock = UpdateClock::default();
         clock.expect_period((period * 1.01) as Ns);
         let mut random = random();

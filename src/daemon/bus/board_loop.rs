@@ -13,13 +13,13 @@ mod virtual_time;
 
 use std::os::fd::AsFd;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use log::warn;
 use nix::sys::eventfd::EventFd;
 
 use self::rounds::Ahead;
-use crate::clock::{Clock, sleep_until};
+use crate::clock::Clock;
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
@@ -28,9 +28,9 @@ use crate::daemon::bus::guard_time::GuardTime;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::BoardPresence;
-use crate::daemon::bus::readable::Readable;
+use crate::daemon::bus::readable::{Descriptors, Readable};
 use crate::daemon::bus::report::Reporter;
-use crate::daemon::bus::watch::Watch;
+use crate::daemon::bus::waits::Waits;
 use crate::daemon::config::board_settings::CheckedSettings;
 use crate::daemon::shared::info::Pulse;
 use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
@@ -41,7 +41,7 @@ use crate::protocol::{CommandState, Enabled, Function};
 use crate::segment::identity::first_motors;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
 
-/// How often the segment's heartbeat is written.
+/// How often the segment's heartbeat is written, in the round that is nearest to it.
 const HEARTBEAT_NS: u64 = 50_000_000;
 /// How often the memory behind the bus is checked to be still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
@@ -51,13 +51,6 @@ const FIRST_SIGN_NS: u64 = 1_000_000_000;
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
-/// A wait as short as this may be a sleep, and a command that comes meanwhile waits for its end. A little more than the period of
-/// 500 Hz.
-const SHORT_WAIT_NS: u64 = 2_500_000;
-/// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
-const ATTENTIVE_NS: u64 = 10_000_000;
-/// How long nothing but sleeps may follow each other, if nothing was to be watched anew.
-const POLL_NS: u64 = 200_000_000;
 /// Rounds that one [`BoardLoop::poll`] does at most.
 const ROUNDS_A_POLL: usize = 10_000;
 
@@ -101,12 +94,7 @@ pub struct BoardLoop {
     check_due_ns: u64,
     /// The bus could not be reached, and is left alone until then.
     paused_until_ns: u64,
-    /// From then on short waits may be sleeps.
-    sleeps_from_ns: u64,
-    /// By then a poll is due between the sleeps.
-    poll_due_ns: u64,
-    /// Says after a sleep whether to poll. Without it no wait is a sleep.
-    watch: Option<Watch>,
+    waits: Waits,
 }
 
 impl BoardLoop {
@@ -139,9 +127,7 @@ impl BoardLoop {
             heartbeat_due_ns: 0,
             check_due_ns: clock.ns(),
             paused_until_ns: 0,
-            sleeps_from_ns: 0,
-            poll_due_ns: 0,
-            watch: None,
+            waits: Waits::default(),
             clock,
         }
     }
@@ -150,8 +136,11 @@ impl BoardLoop {
     pub fn run(mut self) {
         // Without it the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
-        let watch = Watch::begin(&self.connections.stop);
-        self.watch = watch.inspect_err(|error| warn!("short waits cost more than they need: {error}")).ok();
+        if let Err(error) = self.waits.allow_sleeps(&self.connections.stop) {
+            warn!(
+                "no thread listens for interrupts ({error}): the bus thread polls instead, and uses more of the processor"
+            );
+        }
         let mut readable = Readable::default();
         loop {
             self.step(&readable);
@@ -388,37 +377,17 @@ impl BoardLoop {
     }
 
     /// Waits from `now` until `due_ns`, or until there is something to read.
-    ///
-    /// A poll costs more processor time than a sleep. So while nobody has asked anything for a while, a short wait is a
-    /// sleep. What comes meanwhile is seen after it: a command by its queue, all else by the [`Watch`].
     fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
-        if self.phase != Phase::Running || self.is_asked() {
-            self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
-        }
         let works = self.phase == Phase::Running && !self.is_paused(now);
-        let is_short = now < due_ns && due_ns <= now.saturating_add(SHORT_WAIT_NS);
-        let watch = self.watch.as_ref().filter(|_| works && is_short && self.sleeps_from_ns <= now);
-        if let Some(watch) = watch {
-            if due_ns <= self.poll_due_ns && !watch.is_raised() {
-                sleep_until(due_ns);
-                return Readable::default();
-            }
-            watch.lower();
-        }
+        let is_quiet = works && !self.is_asked();
         let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;
-        let commands = if works && !stand_back { intake.descriptor() } else { None };
-        let interrupts = if works { self.functions.ascii.descriptors() } else { [None; 3] };
-        let timeout = Duration::from_nanos(due_ns.saturating_sub(now));
-        let readable = Readable::wait(stop.as_fd(), commands, interrupts, timeout);
-        if readable != Readable::default() {
-            self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
-            self.poll_due_ns = 0;
-        } else if let Some(watch) = watch {
-            watch.arm(interrupts);
-            self.poll_due_ns = now.saturating_add(POLL_NS);
-        }
-        readable
+        let descriptors = Descriptors {
+            stop: stop.as_fd(),
+            commands: if works && !stand_back { intake.descriptor() } else { None },
+            interrupts: if works { self.functions.ascii.descriptors() } else { [None; 3] },
+        };
+        self.waits.wait(now, due_ns, is_quiet, &descriptors)
     }
 
     /// Whether commands wait, or the board has been asked something.
@@ -430,12 +399,7 @@ impl BoardLoop {
     fn attend(&mut self, readable: &Readable, now: u64) {
         let now = self.clock.at(now);
         self.connections.intake.retry();
-        let had_interrupt = self.functions.ascii.queue().has_interrupt();
         let interrupts = self.functions.ascii.take_interrupts(readable, now);
-        if self.functions.ascii.queue().has_interrupt() != had_interrupt {
-            // It is to be watched before a sleep.
-            self.poll_due_ns = 0;
-        }
         self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
         if readable.commands {
             self.take_commands(now);

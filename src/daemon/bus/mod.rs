@@ -2,7 +2,8 @@
 //!
 //! | place | what is in it |
 //! |---|---|
-//! | [`board_loop`], [`phase`], [`readable`], [`watch`] | the loop, its start and its end, what it waits for |
+//! | [`board_loop`], [`phase`] | the loop, its start and its end |
+//! | [`waits`], [`readable`], [`doorbell`] | how it waits, and what for |
 //! | [`board`], [`presence`] | the board opened, gone and back |
 //! | [`function_table`], [`board_function`] | who is served next |
 //! | [`guard_time`] | what is not begun shortly before a servo update |
@@ -17,6 +18,7 @@ pub mod board_function;
 pub mod board_loop;
 pub mod change_watch;
 pub mod command_intake;
+pub mod doorbell;
 pub mod function_table;
 pub mod guard_time;
 pub mod identify;
@@ -28,5 +30,5 @@ pub mod readable;
 pub mod report;
 pub mod scale_doubts;
 pub mod servo_sign;
-pub mod watch;
+pub mod waits;
 pub mod work;

@@ -9,6 +9,16 @@ use nix::sys::time::TimeSpec;
 /// The interrupts of the ports for command lines, where there are some: the DPRAM's, and the two of the mailboxes.
 pub type Interrupts<T> = [Option<T>; 3];
 
+/// What is waited for.
+pub struct Descriptors<'a> {
+    /// The thread's end.
+    pub stop: BorrowedFd<'a>,
+    /// Commands, if some would be taken.
+    pub commands: Option<BorrowedFd<'a>>,
+    /// Interrupts.
+    pub interrupts: Interrupts<BorrowedFd<'a>>,
+}
+
 /// Which descriptors became readable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Readable {
@@ -22,16 +32,11 @@ pub struct Readable {
     pub mailbox: bool,
 }
 
-impl Readable {
+impl Descriptors<'_> {
     /// Waits so long, or until there is something to read.
     #[must_use]
-    pub fn wait(
-        stop: BorrowedFd<'_>,
-        commands: Option<BorrowedFd<'_>>,
-        interrupts: Interrupts<BorrowedFd<'_>>,
-        timeout: Duration,
-    ) -> Self {
-        let [interrupt, taken, reply] = interrupts;
+    pub fn wait(&self, timeout: Duration) -> Readable {
+        let Self { stop, commands, interrupts: [interrupt, taken, reply] } = *self;
         // The kernel takes longer with each descriptor: it gets only those that are there.
         let mut watched = std::array::from_fn::<_, 5, _>(|_| PollFd::new(stop, PollFlags::POLLIN));
         let mut count = 0;
@@ -42,10 +47,10 @@ impl Readable {
         });
         if ppoll(&mut watched[..count], Some(TimeSpec::from_duration(timeout)), None).is_err() {
             // A signal, or no memory: the next round looks again.
-            return Self::default();
+            return Readable::default();
         }
         let [stop, commands, interrupt, taken, reply] =
             places.map(|place| place.is_some_and(|place: usize| watched[place].any().unwrap_or(false)));
-        Self { stop, commands, interrupt, mailbox: taken || reply }
+        Readable { stop, commands, interrupt, mailbox: taken || reply }
     }
 }

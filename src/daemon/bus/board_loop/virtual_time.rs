@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::{BoardLoop, Connections};
 use crate::clock::ManualTime;
-use crate::daemon::bus::readable::Readable;
+use crate::daemon::bus::readable::Descriptors;
 use crate::device::Presence;
 
 impl BoardLoop {
@@ -24,8 +24,9 @@ impl BoardLoop {
             }
             let left = Duration::from_nanos(due_ns.saturating_sub(real_ns));
             let Connections { intake, stop, .. } = &self.connections;
+            let commands = intake.descriptor();
             // Only to sleep: the poll itself looks at what became readable.
-            let _ = Readable::wait(stop.as_fd(), intake.descriptor(), [None; 3], left);
+            let _ = Descriptors { stop: stop.as_fd(), commands, interrupts: [None; 3] }.wait(left);
             time.move_to(self.clock.ns_of(Instant::now()));
         }
     }

@@ -1,0 +1,191 @@
+//! How the bus thread waits: in a sleep, or in a poll of its descriptors.
+//!
+//! A poll costs more processor time than a sleep, and seldom is something readable. So while nobody has asked anything for a
+//! while, a short wait is a sleep. What comes meanwhile is seen after it: a command by its queue, all else by the
+//! [`Doorbell`].
+
+use std::io;
+use std::os::fd::{AsRawFd, RawFd};
+use std::time::Duration;
+
+use nix::sys::eventfd::EventFd;
+
+use crate::clock::sleep_until;
+use crate::daemon::bus::doorbell::Doorbell;
+use crate::daemon::bus::readable::{Descriptors, Interrupts, Readable};
+
+/// The longest wait that may be a sleep. A command that comes in it waits for its end. It is longer than the 2 ms of 500 Hz.
+const LONGEST_SLEEP_NS: u64 = 2_500_000;
+/// For this long after the last command or interrupt no wait is a sleep: the next one may follow.
+const ATTENTIVE_NS: u64 = 10_000_000;
+/// The longest time without a poll.
+const POLL_NS: u64 = 200_000_000;
+
+/// How to wait next.
+pub struct Waits {
+    /// Without it every wait is a poll.
+    doorbell: Option<Doorbell>,
+    /// What it listens to.
+    heard: Interrupts<RawFd>,
+    /// No wait before is a sleep.
+    sleeps_from_ns: u64,
+    /// No sleep ends later.
+    sleeps_until_ns: u64,
+    poll_ns: u64,
+}
+
+impl Default for Waits {
+    fn default() -> Self {
+        Self { doorbell: None, heard: [None; 3], sleeps_from_ns: 0, sleeps_until_ns: 0, poll_ns: POLL_NS }
+    }
+}
+
+impl Waits {
+    /// From now on short waits are sleeps. `stop` is the one of all [`Descriptors`] to come.
+    ///
+    /// # Errors
+    /// There can be no doorbell: every wait stays a poll.
+    pub fn allow_sleeps(&mut self, stop: &EventFd) -> io::Result<()> {
+        self.doorbell = Some(Doorbell::new(stop)?);
+        Ok(())
+    }
+
+    /// Waits from `now` until `due_ns`, or until something is readable. After a sleep nothing is. The wait is no sleep if not
+    /// `is_quiet`: something was asked, or the board is not at work.
+    pub fn wait(&mut self, now: u64, due_ns: u64, is_quiet: bool, descriptors: &Descriptors<'_>) -> Readable {
+        if !is_quiet {
+            self.sleeps_from_ns = now.saturating_add(ATTENTIVE_NS);
+        }
+        let is_short = now < due_ns && due_ns <= now.saturating_add(LONGEST_SLEEP_NS);
+        let doorbell = self.doorbell.as_ref().filter(|_| is_short && self.sleeps_from_ns <= now);
+        let interrupts = descriptors.interrupts;
+        if let Some(doorbell) = doorbell {
+            let is_heard = self.heard == interrupts.map(|fd| fd.map(|fd| fd.as_raw_fd()));
+            if is_heard && due_ns <= self.sleeps_until_ns && !doorbell.has_rung() {
+                sleep_until(due_ns);
+                return Readable::default();
+            }
+            doorbell.silence();
+        }
+        let readable = descriptors.wait(Duration::from_nanos(due_ns.saturating_sub(now)));
+        if readable != Readable::default() {
+            self.sleeps_from_ns = due_ns.max(now).saturating_add(ATTENTIVE_NS);
+            self.sleeps_until_ns = 0;
+        } else if let Some(doorbell) = doorbell {
+            // What it cannot listen to is polled.
+            self.heard =
+                interrupts.map(|fd| fd.filter(|fd| doorbell.listen(*fd).is_ok()).map(|fd| fd.as_raw_fd()));
+            self.sleeps_until_ns = now.saturating_add(self.poll_ns);
+        }
+        readable
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+    use std::sync::Arc;
+    use std::thread;
+    use std::time::Instant;
+
+    use nix::sys::eventfd::EfdFlags;
+
+    use super::*;
+    use crate::segment::monotonic_ns;
+
+    /// Long past the end of a test.
+    const NEVER_NS: u64 = u64::MAX / 2;
+    const WAIT_NS: u64 = 200_000;
+
+    /// Waits that are sleeps, but for the first. No poll comes by itself.
+    fn sleeping(stop: &EventFd) -> Waits {
+        let mut waits = Waits { poll_ns: NEVER_NS, ..Waits::default() };
+        waits.allow_sleeps(stop).unwrap();
+        waits
+    }
+
+    fn stop() -> Arc<EventFd> {
+        Arc::new(EventFd::from_value_and_flags(0, EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK).unwrap())
+    }
+
+    /// Waits, quietly and for a short time each, until something is readable; 10 s at most.
+    fn wait(waits: &mut Waits, stop: &EventFd, interrupts: [Option<&UnixStream>; 3]) -> Readable {
+        let interrupts = interrupts.map(|stream| stream.map(AsFd::as_fd));
+        let until = Instant::now() + Duration::from_secs(10);
+        loop {
+            let now = monotonic_ns();
+            let descriptors = Descriptors { stop: stop.as_fd(), commands: None, interrupts };
+            let readable = waits.wait(now, now + WAIT_NS, true, &descriptors);
+            if readable != Readable::default() || Instant::now() > until {
+                return readable;
+            }
+        }
+    }
+
+    #[test]
+    fn the_end_is_seen_behind_a_sleep_whenever_it_comes() {
+        for run in 0..300 {
+            let stop = stop();
+            let mut waits = sleeping(&stop);
+            let writer = Arc::clone(&stop);
+            let writer = thread::spawn(move || {
+                // Some before the first poll, some in it or right behind it, some in a sleep.
+                thread::sleep(Duration::from_micros(run * 2));
+                writer.write(1).unwrap();
+            });
+            assert!(wait(&mut waits, &stop, [None; 3]).stop, "run {run}");
+            writer.join().unwrap();
+        }
+    }
+
+    #[test]
+    fn each_interrupt_is_seen_behind_a_sleep() {
+        let stop = stop();
+        let mut waits = sleeping(&stop);
+        let (mut board, mut interrupt) = UnixStream::pair().unwrap();
+        let (mut bus, mailbox) = UnixStream::pair().unwrap();
+        for round in 0..20 {
+            // Waits are sleeps again after a while without any.
+            let from_ns = monotonic_ns() + 2 * ATTENTIVE_NS;
+            while monotonic_ns() < from_ns {
+                let now = monotonic_ns();
+                let interrupts = [Some(interrupt.as_fd()), None, (round > 9).then_some(mailbox.as_fd())];
+                let descriptors = Descriptors { stop: stop.as_fd(), commands: None, interrupts };
+                assert_eq!(waits.wait(now, now + WAIT_NS, true, &descriptors), Readable::default());
+            }
+            assert!(waits.sleeps_from_ns <= monotonic_ns() && waits.sleeps_until_ns >= NEVER_NS, "it sleeps");
+            board.write_all(&[1]).unwrap();
+            assert!(wait(&mut waits, &stop, [Some(&interrupt), None, None]).interrupt, "round {round}");
+            interrupt.read_exact(&mut [0]).unwrap();
+        }
+        // One that was not there before.
+        bus.write_all(&[1]).unwrap();
+        assert!(wait(&mut waits, &stop, [Some(&interrupt), None, Some(&mailbox)]).mailbox);
+    }
+
+    #[test]
+    fn a_wait_is_a_sleep_only_if_it_is_short_and_nobody_has_asked() {
+        let stop = stop();
+        stop.write(1).unwrap();
+        let descriptors = Descriptors { stop: stop.as_fd(), commands: None, interrupts: [None; 3] };
+        let now = monotonic_ns();
+        let polls =
+            |waits: &mut Waits, due_ns, is_quiet| waits.wait(now, due_ns, is_quiet, &descriptors).stop;
+        // It sleeps although the end has come: nobody has rung.
+        let asleep = || {
+            let waits = sleeping(&self::stop());
+            Waits { sleeps_until_ns: NEVER_NS, ..waits }
+        };
+        assert!(!polls(&mut asleep(), now + LONGEST_SLEEP_NS, true));
+        assert!(polls(&mut asleep(), now + LONGEST_SLEEP_NS + 1, true), "too long");
+        assert!(polls(&mut asleep(), now, true), "nothing to wait for");
+        assert!(polls(&mut asleep(), now + LONGEST_SLEEP_NS, false), "somebody has asked");
+        let mut waits = Waits { sleeps_from_ns: now + 1, ..asleep() };
+        assert!(polls(&mut waits, now + LONGEST_SLEEP_NS, true), "somebody has asked a moment ago");
+        let mut waits = Waits { sleeps_until_ns: now, ..asleep() };
+        assert!(polls(&mut waits, now + LONGEST_SLEEP_NS, true), "a poll is due");
+        assert!(polls(&mut Waits::default(), now + LONGEST_SLEEP_NS, true), "there is no doorbell");
+    }
+}
