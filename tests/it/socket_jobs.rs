@@ -1,5 +1,9 @@
 //! The command socket's jobs: panel requests with their guard and their leases, words of the user area.
 
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
 use serde_json::{Value, json};
 
 use crate::support::bench::Bench;
@@ -73,6 +77,27 @@ fn a_held_jog_stops_when_its_holder_is_gone() {
     client.receive().unwrap();
     drop(client);
     wait_for_stop(&bench);
+    assert_eq!(stops(&bench), 1);
+}
+
+#[test]
+fn the_end_does_not_wait_for_a_holder_who_says_nothing() {
+    let mut bench = Bench::new();
+    let mut client = panel_enabled(&bench);
+    client.call("PanelHold", json!({"action": "jog+", "numbers": [1, 3]}));
+    client.receive().unwrap();
+    let (ended, end) = mpsc::channel::<()>();
+    let holder = thread::spawn(move || {
+        // Nothing else happens meanwhile that could wake the server.
+        let _ = end.recv_timeout(Duration::from_secs(10));
+        drop(client);
+    });
+    let asked = Instant::now();
+    bench.stop_server();
+    let took = asked.elapsed();
+    drop(ended);
+    holder.join().unwrap();
+    assert!(took < Duration::from_secs(8), "{took:?}");
     assert_eq!(stops(&bench), 1);
 }
 

@@ -214,10 +214,10 @@ impl Service {
         self.hand_out(now);
     }
 
-    /// How long nothing need be done unless something happens.
-    fn timeout(&self) -> PollTimeout {
+    /// How long nothing need be done unless something happens; `None` is for ever.
+    fn timeout(&self) -> Option<Duration> {
         if self.calls.has_next() || self.clients.has_more() {
-            return PollTimeout::ZERO;
+            return Some(Duration::ZERO);
         }
         let deadlines = [
             self.calls.next_deadline(),
@@ -231,13 +231,13 @@ impl Service {
             self.watches.next_try(),
             self.tracing.next_end(),
         ];
-        deadlines.into_iter().flatten().min().map_or(PollTimeout::NONE, |deadline| {
-            let left = deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
-            PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX)
-        })
+        let deadline = deadlines.into_iter().flatten().min()?;
+        Some(deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1))
     }
 
-    fn wait(&self, stop: &EventFd, timeout: PollTimeout) -> nix::Result<Ready> {
+    fn wait(&self, stop: &EventFd, timeout: Option<Duration>) -> nix::Result<Ready> {
+        let timeout =
+            timeout.map_or(PollTimeout::NONE, |timeout| timeout.try_into().unwrap_or(PollTimeout::MAX));
         let mut ids = Vec::with_capacity(self.clients.count());
         let mut fds = vec![
             PollFd::new(stop.as_fd(), PollFlags::POLLIN),

@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use log::error;
-use nix::poll::PollTimeout;
 use nix::sys::eventfd::EventFd;
 
 use super::Service;
@@ -29,8 +28,8 @@ impl Service {
         let begun = Instant::now();
         self.begin_end(begun);
         while let Some(left) = self.time_left(begun, Instant::now()) {
-            let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::ZERO).min(self.timeout());
-            match self.wait(stop, timeout) {
+            let timeout = self.timeout().map_or(left, |timeout| timeout.min(left));
+            match self.wait(stop, Some(timeout)) {
                 Ok(ready) => self.round(ready, Instant::now()),
                 Err(nix::Error::EINTR) => {}
                 Err(_) => break,

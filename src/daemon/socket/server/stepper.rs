@@ -5,9 +5,8 @@
 
 use std::io;
 use std::os::unix::net::UnixStream;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use nix::poll::PollTimeout;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::{Backend, Service};
@@ -71,7 +70,7 @@ impl ServerStepper {
     /// # Errors
     /// What `poll` says.
     pub fn round(&mut self, now: Instant) -> nix::Result<()> {
-        let ready = self.service.wait(&self.never, PollTimeout::ZERO)?;
+        let ready = self.service.wait(&self.never, Some(Duration::ZERO))?;
         self.service.round(ready, now);
         Ok(())
     }
