@@ -391,8 +391,8 @@ impl ServoMirror {
         // One pause says nothing of what comes behind it, nor does a long one.
         let whole = period.saturating_mul(clocks.min(std::mem::replace(&mut self.clocks_before, clocks)));
         let period = if (STALE_NS / 10..=LONGEST_PERIOD_NS).contains(&whole) { whole } else { period };
-        // A few per cent either way change nothing for anybody.
-        if period.abs_diff(self.published_period_ns) > self.published_period_ns / 16 {
+        // What is learnt wavers by less.
+        if period.abs_diff(self.published_period_ns) > self.published_period_ns / 512 {
             self.published_period_ns = period;
             self.freshness.set_limit(limit_ns(STALE_NS, period));
             publisher.set_period(RegionId::Servo, period, self.freshness.limit_ns());
