@@ -46,7 +46,7 @@ bitflags::bitflags! {
         const BACKGROUND = 1 << 1;
         /// ASCII communication (I58).
         const ASCII = 1 << 2;
-        /// The interrupt that announces a reply (I56).
+        /// The interrupt that announces a reply (I56): it is connected, and comes.
         const INTERRUPT = 1 << 3;
         /// Data gathering, as the report tells that has the board's global status.
         const GATHER = 1 << 4;

@@ -188,6 +188,43 @@ fn replies_come_without_interrupts_and_in_spite_of_false_ones() {
 }
 
 #[test]
+fn an_interrupt_that_is_connected_and_does_not_come_is_not_relied_on() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let subscriber = site.attach();
+    let is_told = || site.pmacctl(&["doctor"]).1.contains("connected, and announces the board's replies");
+    assert!(is_told());
+    // As with I56=0. Before, each text lay for up to a second.
+    site.control("fault lost_interrupt on");
+    site.run_for(Duration::from_millis(200));
+    assert_eq!(site.ask("P1"), ["0"]);
+    site.hold();
+    site.step(500);
+    let before = counter(&subscriber, Counter::AsciiUnsolicited);
+    for texts in 1..=10 {
+        site.control("send DOOR");
+        // The daemon still asks for definitions, and a text comes behind a reply.
+        site.step(300);
+        assert_eq!(counter(&subscriber, Counter::AsciiUnsolicited) - before, texts);
+    }
+    site.go_on();
+    assert!(!is_told());
+    site.control("fault lost_interrupt off");
+    assert_eq!(site.ask("P1"), ["0"]);
+    assert!(is_told());
+    site.assert_no_violations();
+}
+
+#[test]
+fn the_period_that_is_told_is_the_boards() {
+    let site = VirtualSite::running(&["--servo-hz", "2000"], &[]);
+    site.wait_for_live_servo();
+    site.run_for(Duration::from_secs(2));
+    let period = site.attach().region(RegionId::Servo).unwrap().period_ns;
+    assert!((498_500..501_500).contains(&period), "{period}");
+}
+
+#[test]
 fn a_late_acknowledgement_never_answers_the_next_command() {
     let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();

@@ -523,9 +523,9 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     }
     commands(report, info);
     if info.enabled.iter().any(|name| name == "interrupt") {
-        report.add(Level::Ok, "interrupt", "connected; the board announces its replies by it while I56 is 1");
+        report.add(Level::Ok, "interrupt", "connected, and announces the board's replies");
     } else {
-        report.add(Level::Ok, "interrupt", "none; replies are polled for");
+        report.add(Level::Ok, "interrupt", "none comes: replies are polled for, at least every 20 ms");
     }
     if let Some(host_port) = &info.host_port {
         let HostPortInfo { controller, line, served, old, unannounced } = host_port;

@@ -5,6 +5,7 @@
 //! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
 //! over, a command by its deadline, a poll by the number of responses it takes.
 
+mod announced;
 mod answers;
 mod buffer;
 mod check;
@@ -20,6 +21,7 @@ mod way;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use announced::Announced;
 use buffer::BufferQuestion;
 use check::Check;
 use line_pace::LinePace;
@@ -152,7 +154,7 @@ pub struct AsciiQueue {
     answered: Option<Instant>,
     last_event: Instant,
     next_poll: Instant,
-    has_interrupt: bool,
+    announced: Announced,
     clock: Clock,
     page_again: PageAgain,
 }
@@ -185,7 +187,7 @@ impl AsciiQueue {
             answered: None,
             last_event: now,
             next_poll: now,
-            has_interrupt: false,
+            announced: Announced::default(),
             clock,
             page_again: PageAgain::default(),
         }
@@ -264,17 +266,23 @@ impl AsciiQueue {
         &mut self.ports
     }
 
-    /// Whether interrupts announce responses, so that they need not be looked for so often.
-    pub fn set_interrupt(&mut self, has_interrupt: bool) {
-        if std::mem::replace(&mut self.has_interrupt, has_interrupt) != has_interrupt {
+    /// Interrupts can announce responses, or not.
+    pub fn set_interrupt(&mut self, is_connected: bool) {
+        if self.announced.connect(is_connected) {
             self.next_poll = self.clock.now();
         }
+    }
+
+    /// An interrupt came: poll at once.
+    pub fn interrupt_came(&mut self, now: Instant) {
+        self.announced.interrupt(now);
+        self.poll_now(now);
     }
 
     /// Whether interrupts announce responses.
     #[must_use]
     pub const fn has_interrupt(&self) -> bool {
-        self.has_interrupt
+        self.announced.is_proven()
     }
 
     /// When to poll next.
@@ -283,7 +291,7 @@ impl AsciiQueue {
         self.next_poll
     }
 
-    /// An interrupt came, or a command: poll at once.
+    /// A command came, or may have ended: poll at once.
     pub fn poll_now(&mut self, now: Instant) {
         self.last_event = now;
         self.next_poll = now;
@@ -350,8 +358,10 @@ impl AsciiQueue {
             }
             let Some(event) = self.ports.poll(bus, now)? else { break };
             self.last_event = now;
+            self.announced.see(&event, now);
             self.handle(events, publisher, event, now);
         }
+        self.announced.tend(now);
         self.consider_fallback(bus, now)?;
         if self.outbox.is_empty() {
             self.expire(bus, events, publisher, now)?;
@@ -387,7 +397,7 @@ impl AsciiQueue {
         } else {
             self.identifier.due_in(now).min(self.scan_due_in(now)).max(self.questions_barred_for(now))
         };
-        match (self.is_busy(), self.has_interrupt) {
+        match (self.is_busy(), self.announced.is_sure()) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
             (true, _)
                 if self.ports.in_use() == CommandPort::Dpram

@@ -73,17 +73,17 @@ impl CommandLines {
                 if let Some(host_port) = self.host_port.as_mut().filter(|_| count > 0) {
                     host_port.interrupted(self.queue.ports().responses());
                 }
-                self.queue.poll_now(now);
             }
             link.tend(now);
         }
         if let Some(mailbox) = &mut self.queue.ports_mut().mailbox {
-            let interrupts = if readable.mailbox { mailbox.take_interrupts(now) } else { 0 };
-            mailbox.tend(now);
-            if interrupts > 0 {
-                count = count.saturating_add(interrupts);
-                self.queue.poll_now(now);
+            if readable.mailbox {
+                count = count.saturating_add(mailbox.take_interrupts(now));
             }
+            mailbox.tend(now);
+        }
+        if count > 0 {
+            self.queue.interrupt_came(now);
         }
         self.see_interrupt();
         count
