@@ -68,7 +68,7 @@
 //!
 //! Kept by shape:
 //! * One thread owns the bus ([`daemon::bus::board_loop`]), so no lock guards it. After start it waits for no client.
-//! * Every wait is bounded, except that M-variables are not asked for while somebody has a program buffer open. [`function`]s never wait: they do what can be done now and return.
+//! * Every wait for a board or a client is bounded, except that M-variables are not asked for while somebody has a program buffer open. [`function`]s never wait: they do what can be done now and return.
 //! * What lies where, and in which format, is data of a family; firmware, DPRAM size, byte and text order are settings. Code asks
 //!   for the generation only where the boards answer or are asked otherwise.
 

@@ -7,8 +7,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use nix::sys::time::TimeSpec;
-use nix::time::{ClockId, ClockNanosleepFlags, clock_nanosleep};
+use nix::time::ClockId;
+use pmac_dpram::clock::sleep_until;
 use pmac_dpram::segment::{Counter, RegionId, Sample, Subscriber, monotonic_ns};
 
 use crate::clock::Series;
@@ -24,8 +24,8 @@ const MOST_ACCESSES: f64 = 1.05;
 /// How often the samples are fetched. The segment holds many more.
 const FETCH: Duration = Duration::from_millis(100);
 
-/// The processor of pmacd and the bare thread, and that of the simulator and the reader. Where the kernel chooses, one of the
-/// two threads shares a processor with the simulator, which wakes it, and costs up to three times less than the other.
+/// The processor of pmacd and the bare thread, and that of the simulator and the reader. If the kernel chooses, pmacd or the bare
+/// thread shares the simulator's. A wake there is up to three times cheaper.
 const MEASURED: usize = 1;
 const OTHERS: usize = 0;
 
@@ -50,8 +50,7 @@ fn sleep_only(servo_hz: f64, stop: &AtomicBool) -> Bare {
         let phase = (lateness.len() / WAKES_A_PHASE) as f64 * NEXT_PHASE % 1.0;
         let passed = ((monotonic_ns() - start) as f64 / period - phase).floor() + 1.0;
         let due = start + ((passed + phase) * period) as u64;
-        let until = TimeSpec::from_duration(Duration::from_nanos(due));
-        let _ = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &until);
+        sleep_until(due);
         lateness.push(monotonic_ns().saturating_sub(due) as f64);
     }
     let used = ClockId::CLOCK_THREAD_CPUTIME_ID.now().map_or(Duration::ZERO, Duration::from);

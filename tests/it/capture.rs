@@ -57,7 +57,8 @@ fn e6_every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
     site.step(150);
     let counted = accesses() - before;
     let traced = rest(&mut connection).len() as u64 / 4;
-    assert!(counted > 10_000 && traced >= counted, "{traced} of {counted}");
+    // Of twice the time, and a heartbeat either way.
+    assert!(counted > 10_000 && (counted..4 * counted).contains(&traced), "{traced} of {counted}");
     // Whoever comes next has it, and begins with nothing.
     site.step(10);
     assert_eq!(other.trace(false).unwrap().accesses, [0; 0]);

@@ -360,7 +360,7 @@ fn a_trigger_brings_the_rows_from_before_it() {
     site.wait_until("the log's file", || std::fs::exists(&file).unwrap());
     let output = std::thread::spawn(|| child.wait_with_output().unwrap());
     let mut there = false;
-    // Time does not hurry: the log, a process of its own, shall miss nothing.
+    // Time runs at its real speed, so that the log, a process of its own, keeps up.
     wait_until("the end of the log", || {
         site.ask(if there { "#1J=0" } else { "#1J=5000" });
         there = !there;

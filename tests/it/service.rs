@@ -91,7 +91,7 @@ fn no_thread_of_the_running_daemon_holds_a_capability() {
     let pid = site.daemon_pid();
     for field in ["CapEff", "CapPrm", "CapInh", "CapAmb"] {
         let sets = of_each_thread(pid, field);
-        assert!(sets.len() >= 4 && sets.iter().all(|set| set == "0000000000000000"), "{field}: {sets:?}");
+        assert!(sets.len() >= 5 && sets.iter().all(|set| set == "0000000000000000"), "{field}: {sets:?}");
     }
     assert!(of_each_thread(pid, "NoNewPrivs").iter().all(|flag| flag == "1"));
     // Said once everything runs, which may be after the first servo data.

@@ -16,7 +16,7 @@ use crate::segment::State;
 const ROUND_NS: u64 = 50_000;
 /// Pieces of work in a round at most, where time stands still.
 const PIECES_A_ROUND: usize = 32;
-/// How long the heartbeat can wait for the servo data, and how much sooner a round for something else brings it.
+/// The heartbeat may come this much late, with the servo data, or this much early, with other work.
 const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
 
 /// When something else than the servo data is due, as the last whole round found it.
