@@ -6,11 +6,12 @@
 mod gather;
 pub mod jobs;
 pub mod lines;
+mod link;
 pub mod rotary;
 pub mod trace;
 pub mod variables;
 
-use std::io::{self, Read, Write};
+use std::io;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -20,15 +21,14 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
+use self::link::{Link, after};
 use crate::map::HostOffset;
 use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::transport::connect;
-use crate::protocol::{
-    BOARD, BoardInfo, BoardSettings, Call, CallError, Inbox, Message, REPLY_MAX, Reply, calls, control,
-};
+use crate::protocol::{BOARD, BoardInfo, BoardSettings, Call, CallError, Message, Reply, calls, control};
 use crate::segment::{SegmentName, is_trusted};
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
@@ -151,12 +151,6 @@ pub struct SendAs {
     pub silence_ms: Option<u64>,
 }
 
-#[derive(Debug)]
-struct Link {
-    stream: UnixStream,
-    inbox: Inbox,
-}
-
 impl Connection {
     /// Connects to the daemon at the socket `path`.
     ///
@@ -171,7 +165,7 @@ impl Connection {
     /// A connection that has been made already. Where it breaks, the daemon at the socket `path` is connected to.
     #[must_use]
     pub fn over(stream: UnixStream, path: &Path) -> Self {
-        let link = Some(Link { stream, inbox: Inbox::new(REPLY_MAX) });
+        let link = Some(Link::new(stream));
         Self { path: path.to_owned(), link, confirms: false }
     }
 
@@ -197,7 +191,7 @@ impl Connection {
         if !is_trusted(uid) {
             return Err(CommandError::Stranger { path: self.path.clone(), uid });
         }
-        Ok(Link { stream, inbox: Inbox::new(REPLY_MAX) })
+        Ok(Link::new(stream))
     }
 
     /// The same connection, once the daemon has said that its board is the one called `name`: what is read in that segment
@@ -351,7 +345,8 @@ impl Connection {
             Some(link) => link,
             None => self.dial()?,
         };
-        link.call(&encode(&call), Instant::now() + DAEMON_TIMEOUT, &path)?;
+        let sent = link.call(&encode(&call), Instant::now() + DAEMON_TIMEOUT);
+        sent.map_err(|error| not_taken(&path, error))?;
         Ok(Messages { path, link, ended: false })
     }
 
@@ -388,7 +383,7 @@ impl Connection {
             Some(link) => link,
             None => self.dial()?,
         };
-        link.call(&encode(&call), after(timeout), &self.path)?;
+        link.call(&encode(&call), after(timeout)).map_err(|error| not_taken(&self.path, error))?;
         self.link = Some(link);
         Ok(())
     }
@@ -434,72 +429,16 @@ fn read_reply<T: DeserializeOwned>(reply: Reply) -> Result<T, CommandError> {
     serde_json::from_value(parameters).map_err(|error| CallError::Protocol(error.to_string()).into())
 }
 
+/// The daemon has not got the whole call.
+fn not_taken(path: &Path, source: io::Error) -> CommandError {
+    CommandError::NotTaken { path: path.to_owned(), source }
+}
+
 fn fault(path: &Path, error: io::Error) -> CommandError {
     let path = path.to_owned();
     match error.kind() {
         io::ErrorKind::TimedOut => CommandError::NoAnswer { path },
         _ => CommandError::Broken { path, source: error },
-    }
-}
-
-/// The moment `timeout` from now; a day from now when that is beyond the clock.
-fn after(timeout: Duration) -> Instant {
-    let now = Instant::now();
-    now.checked_add(timeout).unwrap_or(now + Duration::from_secs(86_400))
-}
-
-/// The time left until `deadline`, which must not be zero for a socket's time-out.
-fn left(deadline: Instant) -> io::Result<Duration> {
-    let left = deadline.saturating_duration_since(Instant::now());
-    if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
-}
-
-impl Link {
-    /// Sends a whole call. The daemon begins none whose end it has not got.
-    fn call(&mut self, bytes: &[u8], deadline: Instant, path: &Path) -> Result<(), CommandError> {
-        let sent = self.write(bytes, deadline);
-        sent.map_err(|source| CommandError::NotTaken { path: path.to_owned(), source })
-    }
-
-    fn write(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
-        while !bytes.is_empty() {
-            self.stream.set_write_timeout(Some(left(deadline)?))?;
-            match self.stream.write(bytes) {
-                Ok(count) => bytes = &bytes[count..],
-                Err(error) => again(error)?,
-            }
-        }
-        Ok(())
-    }
-
-    fn next_reply(&mut self, deadline: Instant) -> io::Result<Reply> {
-        let mut chunk = [0; 8192];
-        loop {
-            let message = self.inbox.next_message();
-            if let Some(message) =
-                message.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?
-            {
-                return serde_json::from_slice(&message)
-                    .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
-            }
-            self.stream.set_read_timeout(Some(left(deadline)?))?;
-            match self.stream.read(&mut chunk) {
-                Ok(0) => {
-                    let closed = "pmacd closed the connection";
-                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, closed));
-                }
-                Ok(count) => self.inbox.push(&chunk[..count]),
-                Err(error) => again(error)?,
-            }
-        }
-    }
-}
-
-/// Passes what is worth another try; the deadline decides how long.
-fn again(error: io::Error) -> io::Result<()> {
-    match error.kind() {
-        io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Ok(()),
-        _ => Err(error),
     }
 }
 
@@ -541,6 +480,8 @@ impl Messages {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read, Write};
+
     use super::*;
 
     #[test]

@@ -362,9 +362,26 @@ fn b1_1_a_stream_whose_client_is_silent_ends_its_program() {
     assert!(stranger.to_string().contains("no stream"), "{stranger}");
     site.run_for(Duration::from_secs(8));
     let stop = feed.stop().unwrap();
-    assert_eq!(stop.reason.as_deref(), Some("its client is silent"), "{stop:?}");
+    assert_eq!(stop.reason.as_deref(), Some("the stream was ended: its client is silent"), "{stop:?}");
     assert!(!runs(&site) && site.ask("I57") == ["0"]);
     site.assert_no_violations();
+}
+
+#[test]
+fn a_stream_whose_client_was_suspended_says_that_it_was_silent() {
+    let site = running();
+    let child = long_stream(&site);
+    signal(&child, Signal::SIGSTOP);
+    site.run_for(Duration::from_secs(8));
+    assert!(site.log().contains("has been ended: its client is silent"), "{}", site.log());
+    signal(&child, Signal::SIGCONT);
+    let ran = ended(&site, child);
+    let stderr = String::from_utf8_lossy(&ran.stderr);
+    let said = stderr.lines().last().unwrap();
+    assert!(ran.status.code() == Some(1) && said.contains("long.pmc:"), "{stderr}");
+    assert!(said.contains(": the stream was ended: its client is silent; "), "{stderr}");
+    assert!(said.contains("of 2001 lines were sent, ") && !said.contains("not known"), "{stderr}");
+    assert_ended(&site);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, fault, milliseconds, read_reply};
+use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, fault, milliseconds, not_taken, read_reply};
 use crate::protocol::board::RunLinesReply;
 use crate::protocol::cut_off::{self, line_cuts_off};
 use crate::protocol::message::encode;
@@ -149,7 +149,7 @@ impl<'c> LineSequence<'c> {
             None => self.connection.dial()?,
         };
         let path = &self.connection.path;
-        link.call(&encode(&call), super::after(DAEMON_TIMEOUT), path)?;
+        link.call(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| not_taken(path, error))?;
         loop {
             // The last reply may have to wait for the line under way, and for what comes at the end after it.
             let patience =

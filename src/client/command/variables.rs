@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use super::{
-    CommandError, Connection, DAEMON_TIMEOUT, Link, MARGIN, after, fault, milliseconds, read_reply, when_used,
+    CommandError, Connection, DAEMON_TIMEOUT, Link, MARGIN, after, fault, milliseconds, not_taken,
+    read_reply, when_used,
 };
 use crate::map::VariableName;
 use crate::protocol::board::{Done, VariableRecord, WatchReply};
@@ -33,7 +34,7 @@ impl Connection {
         };
         let WatchReply { table, .. } = when_used(|| {
             let deadline = Instant::now() + DAEMON_TIMEOUT;
-            link.call(&encode(&call), deadline, &path)?;
+            link.call(&encode(&call), deadline).map_err(|error| not_taken(&path, error))?;
             read_reply(link.next_reply(deadline).map_err(|error| fault(&path, error))?)
         })?;
         Ok(VariableWatch { path, link, table })
@@ -93,6 +94,6 @@ impl VariableWatch {
 
 impl AsFd for VariableWatch {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.link.stream.as_fd()
+        self.link.as_fd()
     }
 }

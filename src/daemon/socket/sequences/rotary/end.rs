@@ -108,11 +108,10 @@ impl Rotary {
         let mut notes = std::mem::take(&mut self.notes);
         notes.extend(self.unfinished());
         notes.iter().for_each(|note| warn!("the end of a rotary stream: {note}"));
-        let why = self.ending.map(|why| why.to_string());
+        let ended = |when: &str| self.ending.map(|why| format!("the stream was ended{when}: {why}"));
         if !self.started {
-            let before =
-                || refused(format!("the stream was ended before it began: {}", why.unwrap_or_default()));
-            let error = self.failure.take().unwrap_or_else(before);
+            let before = ended(" before it began").unwrap_or_default();
+            let error = self.failure.take().unwrap_or_else(|| refused(before));
             return Err(match error {
                 CallError::Refused { reason } if !notes.is_empty() => {
                     refused(format!("{reason}; {}", notes.join("; ")))
@@ -121,7 +120,7 @@ impl Rotary {
             });
         }
         Reply::with(&RotaryStopReply {
-            reason: self.failure.as_ref().map(ToString::to_string).or(why),
+            reason: self.failure.as_ref().map(ToString::to_string).or_else(|| ended("")),
             ahead_lines: self.ahead,
             left_lines: self.left,
             quit: self.quit,
