@@ -148,4 +148,16 @@ impl CallError {
     pub fn invalid(parameter: &str, expected: impl std::fmt::Display) -> Self {
         Self::InvalidParameter { parameter: parameter.to_owned(), expected: expected.to_string() }
     }
+
+    /// Something cannot be asked of a replay, for the reason `what`.
+    #[must_use]
+    pub fn of_replay(what: impl std::fmt::Display) -> Self {
+        Self::Refused { reason: format!("this is a replay of a recording, no board: {what}") }
+    }
+
+    /// What moves, writes or sets cannot be asked of a replay.
+    #[must_use]
+    pub fn replay_moves_nothing() -> Self {
+        Self::of_replay("nothing can be moved, written or set")
+    }
 }

@@ -177,6 +177,18 @@ fn e6_nothing_can_be_moved_in_a_replay_and_every_difference_is_told() {
     refused(connection.control(b'A' - 64).map(drop));
     refused(connection.jog_to(1, 10.0));
     refused(connection.panel("jog+", &[1]));
+    // It is over: that its data are not live is no matter.
+    for arguments in [
+        &["jog", "1", "=5"][..],
+        &["jog", "1", "stop", "--wait"],
+        &["tune", "step", "1", "--size", "10", "--yes"],
+        &["panel", "home", "1", "--wait"],
+        &["jog", "1", "+"],
+    ] {
+        let (status, stdout, stderr) = site.pmacctl(arguments);
+        let said = "this is a replay of a recording, no board: nothing can be moved, written or set\n";
+        assert!(status == 1 && stdout.is_empty() && stderr.ends_with(said), "{arguments:?}: {stderr}");
+    }
     let differences = || site.connection().info().unwrap().replay.unwrap().differences;
     site.wait_until("a difference", || differences() > 0);
     site.stop_daemon();

@@ -17,7 +17,7 @@ use self::recorder::{Record, Recorder};
 use self::response::{BAND, Response, Settles};
 use crate::cli::act::jog::{motor, send};
 use crate::cli::act::panel::check_numbers;
-use crate::cli::act::wait::{Goal, Watch, motors_end};
+use crate::cli::act::wait::{Goal, Watch, is_no_replay, motors_end};
 use crate::cli::args::values::seconds;
 use crate::cli::console::confirm::{board_of, confirm};
 use crate::cli::console::interrupt::Interrupt;
@@ -152,6 +152,7 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     let size = (wanted.size * 32.0).round() / 32.0;
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, &[number])?;
+    is_no_replay(&mut connection).map_err(not_sent)?;
     let mut recorder = Recorder::new(context, number).map_err(not_sent)?;
     let mut watch = Watch::begin(context, recorder.connection()).map_err(not_sent)?;
     watch.check_motors(&[number]).map_err(not_sent)?;

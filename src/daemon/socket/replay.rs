@@ -11,7 +11,7 @@ use crate::recording::Replies;
 /// # Errors
 /// It cannot: nothing is done.
 pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError> {
-    let refusal = match action {
+    let unanswered = match action {
         Action::Reply(_)
         | Action::Info
         | Action::Stream
@@ -27,11 +27,9 @@ pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError>
         Action::Sequence(SequenceCall::Lines(batch)) => {
             batch.all_lines().find_map(|line| unanswered(line, replies))
         }
-        _ => Some("nothing can be moved, written or set".to_owned()),
+        _ => return Err(CallError::replay_moves_nothing()),
     };
-    refusal.map_or(Ok(()), |what| {
-        Err(CallError::Refused { reason: format!("this is a replay of a recording, no board: {what}") })
-    })
+    unanswered.map_or(Ok(()), |what| Err(CallError::of_replay(what)))
 }
 
 fn unanswered(line: &[u8], replies: &Replies) -> Option<String> {

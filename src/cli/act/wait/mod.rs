@@ -18,8 +18,9 @@ use stops::Stops;
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure};
-use crate::client::{Board, Connection, Snapshot, Staleness};
+use crate::client::{Board, CommandError, Connection, Snapshot, Staleness};
 use crate::decode::ServoData;
+use crate::protocol::CallError;
 use crate::protocol::board::SentStop;
 use crate::segment::Counter;
 use crate::segment::identity::MOTORS;
@@ -109,8 +110,9 @@ impl Watch {
     /// Begins before the request is sent over `connection`. From here on ^C only ends the wait.
     ///
     /// # Errors
-    /// [`Failure::Refused`] if the reports are not live: nobody could see the motion end.
+    /// [`Failure::Refused`] if this is a replay, or the reports are not live: nobody could see the motion end.
     pub fn begin(context: &Context, connection: &mut Connection) -> Result<Self, Failure> {
+        is_no_replay(connection)?;
         let mut board = context.board()?;
         let snapshot = board.snapshot()?;
         let servo = snapshot.servo.as_ref().map(|servo| servo.stale);
@@ -276,6 +278,17 @@ fn is_silent(snapshot: &Snapshot) -> bool {
         snapshot.background.as_ref().map(|view| view.age_ns),
     ];
     ages.into_iter().flatten().any(|age_ns| age_ns > SILENCE.as_nanos() as u64)
+}
+
+/// Sees that there is something to move, whatever the data show.
+///
+/// # Errors
+/// [`Failure::Refused`] if this is a replay.
+pub fn is_no_replay(connection: &mut Connection) -> Result<(), Failure> {
+    match connection.info()?.replay {
+        Some(_) => Err(CommandError::from(CallError::replay_moves_nothing()).into()),
+        None => Ok(()),
+    }
 }
 
 /// The numbers of the latest servo and background reports.
