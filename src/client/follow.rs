@@ -1,5 +1,7 @@
 //! Follows every servo update, and says what is missing between two.
 
+use std::time::Duration;
+
 use super::{Board, ClientError, Staleness, View, identity};
 use crate::decode::ServoData;
 use crate::segment::RegionId;
@@ -19,13 +21,16 @@ pub enum Step {
     Gap(Gap),
 }
 
-/// Updates that are missing between two. Where both numbers are 0, board or daemon paused, or was started again.
+/// What is missing between two updates: some of them, or where both numbers are 0, board or daemon paused, or was started again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Gap {
     /// Updates that the daemon did not read in time.
     pub missed: u64,
     /// Updates that this program did not take, or could not write, in time.
     pub lost: u64,
+    /// How long board or daemon paused here, where one did. What updates the board made meanwhile, nobody can tell: they are not in
+    /// `missed`.
+    pub pause: Option<Duration>,
 }
 
 /// What is kept of the update before.
@@ -52,8 +57,8 @@ pub struct Follower {
     generation: u64,
     next: u64,
     last: Option<Last>,
-    /// Whether another daemon has come since the last update.
-    restarted: bool,
+    /// When the last update of the daemon before came, where another one has come since.
+    restarted: Option<u64>,
     /// The length of a servo cycle, as last known: the daemon forgets it at a reset, until the board has told it again.
     cycle_ns: Option<f64>,
 }
@@ -70,7 +75,7 @@ impl Follower {
             generation: board.subscriber().generation(),
             next,
             last: None,
-            restarted: false,
+            restarted: None,
             cycle_ns: None,
         })
     }
@@ -107,7 +112,7 @@ impl Follower {
         let generation = board.subscriber().generation();
         if generation != self.generation {
             (self.generation, self.next) = (generation, 1);
-            self.restarted |= self.last.take().is_some();
+            self.restarted = self.last.take().map(|last| last.time_ns).or(self.restarted);
         }
         let pace = self.pace(board)?;
         let history = board.history(self.next, BATCH)?;
@@ -117,7 +122,10 @@ impl Follower {
             let lost = sequence.saturating_sub(self.next);
             let gap = match self.last {
                 Some(last) => between(last, (servo_timer, time_ns), lost, pace),
-                None => (std::mem::take(&mut self.restarted) || lost > 0).then_some(Gap { missed: 0, lost }),
+                None => {
+                    let pause = self.restarted.take().map(|last_ns| pause(last_ns, time_ns));
+                    (pause.is_some() || lost > 0).then_some(Gap { missed: 0, lost, pause })
+                }
             };
             self.last = Some(Last { servo_timer, time_ns });
             self.next = sequence + 1;
@@ -154,7 +162,13 @@ fn between(last: Last, (servo_timer, time_ns): (u64, u64), lost: u64, pace: Pace
         || pace.cycle_ns.is_some_and(|cycle_ns| passed as f64 > fitting(silence_ns, cycle_ns));
     let made = pace.cycles.filter(|cycles| !is_pause && passed.is_multiple_of(*cycles)).map(|c| passed / c);
     let missed = made.map_or(0, |made| made.saturating_sub(1 + lost));
-    (is_pause || lost > 0 || missed > 0).then_some(Gap { missed, lost })
+    let pause = is_pause.then(|| pause(last.time_ns, time_ns));
+    (is_pause || lost > 0 || missed > 0).then_some(Gap { missed, lost, pause })
+}
+
+/// How long the pause between two updates was.
+fn pause(last_ns: u64, next_ns: u64) -> Duration {
+    Duration::from_nanos(next_ns.saturating_sub(last_ns))
 }
 
 /// The most servo cycles that can pass in a time. A timer that shows more began anew, by a reset.
@@ -179,6 +193,13 @@ mod tests {
         assert_eq!(gap(0, (4, 900)), Some((0, 0)), "the board was reset");
         assert_eq!(gap(0, (21_000, 900)), Some((0, 0)), "the same, and its timer was carried on");
         assert_eq!(gap(4992, (11_000, 4_500_000)), Some((7, 4992)), "this program was stopped");
+        let pause = |lost, at| between(last, at, lost, pace).unwrap().pause;
+        assert_eq!(
+            pause(0, (9000, 200_000)),
+            Some(Duration::from_micros(200)),
+            "its updates are in no number"
+        );
+        assert_eq!((pause(0, (1010, 4500)), pause(4, (1010, 4500))), (None, None));
         assert_eq!(
             between(last, (1013, 900), 0, Pace { cycles: None, ..pace }),
             None,

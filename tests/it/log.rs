@@ -170,6 +170,37 @@ fn what_the_daemon_missed_is_a_row_of_its_own() {
 }
 
 #[test]
+fn a_pause_of_the_daemon_is_told_and_that_its_updates_are_not_counted() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_axes();
+    let mut log = Log::begin(&site, &["--fields", "commanded_position"]);
+    let subscriber = site.attach();
+    // Longer than the data may be old: 0.44 s and 0.89 s.
+    for pause in [1000, 2000] {
+        site.daemon_stands_still(true);
+        site.step(pause);
+        site.daemon_stands_still(false);
+        log.follow_until(subscriber.counter(Counter::Updates) + PIECE);
+    }
+    let (table, said) = log.end();
+    let column = |name: &str| table.column(name).unwrap();
+    let (missed, lost, positions) = (column("missed"), column("lost"), column("1.commanded_position"));
+    let is_pause = |row: &usize| positions[*row].is_nan() && missed[*row] == 0.0 && lost[*row] == 0.0;
+    assert_eq!((0..table.rows()).filter(is_pause).count(), 2, "{said}");
+    let told = "2 pauses of the board or of pmacd, 1.3 s in all: the updates in that time, if the board made any, are not counted";
+    assert!(said.contains(told), "{said}");
+    let last = said.lines().last().unwrap_or_default();
+    assert!(last.starts_with("updates=") && last.contains(" lost=0 missed="), "{said}");
+    // Without a pause there is nothing to say.
+    let file = site.path("none.csv").display().to_string();
+    let arguments = ["log", "-o", &file, "--motors", "1", "--seconds", "0.05", "--json"];
+    let ran = site.run_slowly(&arguments);
+    let document: serde_json::Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!((&document["pauses"], &document["paused_s"]), (&0.into(), &0.0.into()), "{ran:?}");
+    assert!(!ran.stderr.contains("pause"), "{ran:?}");
+}
+
+#[test]
 fn an_update_of_unknown_scale_is_missing_and_the_time_goes_on_over_a_reset() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();

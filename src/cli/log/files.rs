@@ -83,6 +83,13 @@ impl Tally {
     }
 }
 
+/// How often board or `pmacd` paused, and how long in all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pauses {
+    pub count: u64,
+    pub time: Duration,
+}
+
 /// The files of a log.
 pub struct Files {
     path: PathBuf,
@@ -105,6 +112,7 @@ pub struct Files {
     kept: u64,
     /// How many of the missed were read.
     unscaled: u64,
+    pauses: Pauses,
     /// What found no room since the last row that did.
     unwritten: Tally,
     /// Until when the disk counts as full.
@@ -150,6 +158,7 @@ impl Files {
             pending: Vec::new(),
             kept: 0,
             unscaled: 0,
+            pauses: Pauses::default(),
             unwritten: Tally::default(),
             full_until: None,
             is_full: false,
@@ -175,6 +184,11 @@ impl Files {
         self.unscaled
     }
 
+    /// The pauses, whether their rows found room or not.
+    pub fn pauses(&self) -> Pauses {
+        self.pauses
+    }
+
     /// Lost updates of which a row in the files tells, and those that found no room up to now, of which none does.
     pub fn lost(&self) -> (u64, u64) {
         (self.written.lost, self.unwritten.lost)
@@ -186,13 +200,17 @@ impl Files {
     /// [`Failure`]: the output cannot be written to, other than for want of room.
     pub fn row(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
         self.unscaled += u64::from(meaning == Meaning::Unscaled);
+        if let Meaning::Gap(Gap { pause: Some(time), .. }) = meaning {
+            self.pauses.count += 1;
+            self.pauses.time += time;
+        }
         if self.full_until.is_some_and(|until| Instant::now() < until) {
             self.unwritten.add_unwritten(meaning);
             return Ok(());
         }
         let Tally { missed, lost, .. } = std::mem::take(&mut self.unwritten);
         if missed + lost > 0 {
-            let gap = Gap { missed, lost };
+            let gap = Gap { missed, lost, pause: None };
             // With the number and times of the row behind it: those of the one before are gone.
             self.gap_row[..GAP.start].copy_from_slice(&row[..GAP.start]);
             self.gap_row[GAP].copy_from_slice(&[missed as f64, lost as f64]);
@@ -541,7 +559,7 @@ mod tests {
         std::os::unix::fs::symlink("/dev/full", &path).unwrap();
         let mut files = Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
         for update in 0..2000 {
-            let gap = Gap { missed: 2, lost: 0 };
+            let gap = Gap { missed: 2, ..Gap::default() };
             let meaning = if update == 7 { Meaning::Gap(gap) } else { Meaning::Update };
             files.row(&row(update), meaning).unwrap();
         }

@@ -13,7 +13,7 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
-use self::files::{Files, Meaning, Rotation, Tally};
+use self::files::{Files, Meaning, Pauses, Rotation, Tally};
 use self::row::{Rows, TIME};
 use self::trigger::{Before, Condition};
 use self::wait::{SILENCE, Silence, Wait};
@@ -169,7 +169,7 @@ impl Run<'_> {
             Step::Gap(gap) => {
                 // Before the first update nothing is missing.
                 let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
-                if gap == Gap::default() {
+                if gap.missed + gap.lost == 0 {
                     rows.pause();
                 }
                 if let Some(before) = &mut self.before {
@@ -188,8 +188,9 @@ impl Run<'_> {
         if silent_ns < pause_ns || self.before.is_some() {
             return Ok(());
         }
-        self.silent = Some((Duration::from_nanos(silent_ns), stale));
-        files.row(rows.pause_at_end(silent_ns), Meaning::Gap(Gap::default()))
+        let silent = Duration::from_nanos(silent_ns);
+        self.silent = Some((silent, stale));
+        files.row(rows.pause_at_end(silent_ns), Meaning::Gap(Gap { pause: Some(silent), ..Gap::default() }))
     }
 
     /// Whether to wait for the scales of `lacking` with the first row: a log that begins just after `pmacd` would be raw to its end.
@@ -305,7 +306,7 @@ fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict,
     let options = run.options;
     let waited_in_vain = run.before.is_some();
     let Some(Output { mut files, .. }) = run.output else {
-        summarize(context, options, Tally::default(), None)?;
+        summarize(context, options, Default::default(), None)?;
         return Err(Failure::Refused(match run.scales.has_begun() {
             true => "it ended before the board had told its scales; nothing is written".to_owned(),
             false => no_update(board),
@@ -325,7 +326,11 @@ fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict,
             "{unscaled} of the missed were read, but the board had not told the scale (Ix08) again after a reset or a start of pmacd"
         )?;
     }
-    summarize(context, options, tally, (updates > 0).then(|| files.present()))?;
+    let pauses = files.pauses();
+    if let Some(said) = said_of_pauses(pauses) {
+        writeln!(io::stderr(), "{said}")?;
+    }
+    summarize(context, options, (tally, pauses), (updates > 0).then(|| files.present()))?;
     if waited_in_vain {
         return Err(Failure::Refused("the trigger never came; nothing is written".to_owned()));
     }
@@ -357,11 +362,14 @@ fn no_update(board: &mut Board) -> String {
 fn summarize(
     context: &mut Context,
     options: &Log,
-    Tally { updates, missed, lost }: Tally,
+    (Tally { updates, missed, lost }, pauses): (Tally, Pauses),
     present: Option<PathBuf>,
 ) -> Result<(), Failure> {
     if context.output.is_json() && !is_stdout(&options.output) {
-        let document = json!({ "updates": updates, "lost": lost, "missed": missed, "file": present });
+        let document = json!({
+            "updates": updates, "lost": lost, "missed": missed, "pauses": pauses.count,
+            "paused_s": pauses.time.as_secs_f64(), "file": present,
+        });
         return Ok(context.output.json(&document)?);
     }
     let summary = format!("updates={updates} lost={lost} missed={missed}");
@@ -369,6 +377,18 @@ fn summarize(
         return Ok(writeln!(io::stderr(), "{summary}")?);
     }
     Ok(context.output.line(summary)?)
+}
+
+/// What is to be said of pauses.
+fn said_of_pauses(Pauses { count, time }: Pauses) -> Option<String> {
+    let plural = if count == 1 { "" } else { "s" };
+    (count > 0).then(|| {
+        format!(
+            "{count} pause{plural} of the board or of pmacd, {:.1} s in all: the updates in that time, if the board made any, are \
+             not counted; rows without values, missed=0 and lost=0, say where",
+            time.as_secs_f64()
+        )
+    })
 }
 
 /// What is to be said of lost updates: of those a row tells, or none does.

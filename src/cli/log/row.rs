@@ -127,7 +127,7 @@ impl Rows {
     /// The row of an update whose scales are not known: with its number and times, missed, and without values.
     pub fn unscaled_update(&mut self, update: &View<ServoData>) -> &[f64] {
         self.update(update);
-        self.gap(Gap { missed: 1, lost: 0 })
+        self.gap(Gap { missed: 1, ..Gap::default() })
     }
 
     /// Time 0 becomes that of the latest update. Returns what its time was until now.

@@ -191,11 +191,11 @@ mod tests {
         let mut before = Before::new(10);
         for time in [0, 5, 9, 10, 11, 20, 21] {
             before.keep(time, Meaning::Update, &[time as f64]);
-            before.keep_gap(Gap { missed: time, lost: 0 }, &[-(time as f64)]);
+            before.keep_gap(Gap { missed: time, ..Gap::default() }, &[-(time as f64)]);
         }
         let kept: Vec<_> = before.take().map(|(meaning, row)| (meaning, row[0])).collect();
         let both = |time: u64| {
-            let gap = Meaning::Gap(Gap { missed: time, lost: 0 });
+            let gap = Meaning::Gap(Gap { missed: time, ..Gap::default() });
             [(Meaning::Update, time as f64), (gap, -(time as f64))]
         };
         assert_eq!(kept, [both(11), both(20), both(21)].concat());
