@@ -282,13 +282,25 @@ impl Connection {
         &mut self,
         line: &str,
         timeout: Duration,
-        SendAs { question, into_buffer, while_connected, silence_ms }: SendAs,
+        send_as: SendAs,
     ) -> Result<Vec<String>, CommandError> {
+        Ok(self.send_and_see(line, timeout, send_as)?.lines)
+    }
+
+    /// As [`Connection::send_as`]. The reply tells, too, into which program buffer of this user's the line went, if one is open.
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send_and_see(
+        &mut self,
+        line: &str,
+        timeout: Duration,
+        SendAs { question, into_buffer, while_connected, silence_ms }: SendAs,
+    ) -> Result<SendReply, CommandError> {
         let (line, timeout_ms, confirmed) = (line.to_owned(), Some(milliseconds(timeout)), self.confirmed());
         let parameters =
             calls::Send { line, timeout_ms, question, into_buffer, while_connected, silence_ms, confirmed };
-        let reply: SendReply = self.call("Send", &parameters, timeout.saturating_add(MARGIN))?;
-        Ok(reply.lines)
+        self.call("Send", &parameters, timeout.saturating_add(MARGIN))
     }
 
     /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board

@@ -7,6 +7,7 @@ use crate::format::Text;
 pub const NAME_MAX: usize = 16;
 const OPEN: &str = "OPEN";
 const CLOSES: [&str; 2] = ["CLOSE", "CLS"];
+const CLEARS: [&str; 2] = ["CLEAR", "CLR"];
 const BUFFERS: [&str; 8] = ["PROG", "PLCC", "PLC", "BINARY", "ROTARY", "ROT", "FORWARD", "INVERSE"];
 
 /// What a line does.
@@ -54,6 +55,14 @@ pub fn enters_nothing(line: &[u8]) -> bool {
         }
     }
     acts
+}
+
+/// Whether program statements of `line` enter a buffer that is open: it opens, closes and empties none, and does not only report or
+/// stop.
+#[must_use]
+pub fn enters(line: &[u8]) -> bool {
+    let empties = CLEARS.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()));
+    effect(line).is_none() && !empties && !enters_nothing(line)
 }
 
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
@@ -115,6 +124,18 @@ mod tests {
         for line in ["OPEN PROG 3", "#8KOPENPROG3", "LISTLINKOPENPROG3", "k open prog 3", "#1J/OPEN PROG3"] {
             let Some(Effect::Opens(name)) = effect(line.as_bytes()) else { panic!("{line}") };
             assert_eq!(name.as_bytes(), b"PROG 3", "{line}");
+        }
+    }
+
+    #[test]
+    fn a_line_enters_what_is_open_unless_it_opens_closes_empties_reports_or_stops() {
+        for (line, expected) in [("P20=77", true), ("X1", true), ("I57", true), ("P1 CLEAR", true)] {
+            assert_eq!(enters(line.as_bytes()), expected, "{line}");
+        }
+        for line in
+            ["OPEN PROG 3 CLEAR", "CLOSE", "close all", " clear ", "CLR", "#1P", "#1J/", "&1A", "???", "$$$"]
+        {
+            assert!(!enters(line.as_bytes()), "{line}");
         }
     }
 

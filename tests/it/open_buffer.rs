@@ -174,6 +174,44 @@ fn d1_a_programs_lines_enter_its_own_buffer_and_no_other() {
 }
 
 #[test]
+fn a_line_that_went_into_a_buffer_which_another_process_opened_is_told_to_its_sender() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let said = |arguments: &[&str]| {
+        let ran = site.run(&[&["send"], arguments].concat());
+        assert_eq!(ran.code, Some(0), "{arguments:?}: {ran:?}");
+        ran.stderr
+    };
+    assert_eq!(said(&["P20=5"]), "");
+    assert_eq!(said(&["OPEN PROG 3 CLEAR"]), "");
+    let told = said(&["P20=77"]);
+    let uid = getuid();
+    assert!(told.starts_with(&format!("note: PROG 3, opened by uid {uid} (pid ")), "{told}");
+    let end = "), is open: the program statements of P20=77 went into it and were not carried out; CLOSE closes it\n";
+    assert!(told.ends_with(end), "{told}");
+    for quiet in ["#1P", "LIST", "^K", "SIZE", "CLOSE"] {
+        assert_eq!(said(&[quiet]), "", "{quiet}");
+    }
+    assert_eq!((site.ask("P20"), site.ask("LIST PROG 3")), (vec!["5".into()], vec!["P20=77".into()]));
+    // Lines that have opened it themselves know; those that have not are told, each of them.
+    let piped = |text: &str| {
+        let mut child = site.command(&["terminal"]);
+        let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = child.spawn().unwrap();
+        child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert_eq!(piped("OPEN PROG 4 CLEAR\nX1\nCLOSE\nP20=6\n"), "");
+    site.ask("OPEN PROG 5 CLEAR");
+    let told = piped("X1\nX2\nCLOSE\nP20=7\n");
+    assert_eq!(told.matches("note: PROG 5, opened by uid").count(), 2, "{told}");
+    assert_eq!(site.ask("P20"), ["7"]);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();

@@ -314,7 +314,7 @@ fn b3_a_request_does_not_change_the_words_of_the_one_before() {
     for line in
         ["&1 #1->X OPEN PROG 7 CLEAR", "LINEAR F9000 INC", "WHILE(1>0)", "X900", "ENDWHILE", "CLOSE &1B7"]
     {
-        done(&site, &["send", line]);
+        site.ask(line);
     }
     done(&site, &["panel", "start", "1"]);
     until(&mut board, "#1V", "the program runs", |speed| speed.abs() > 0.1);

@@ -6,10 +6,12 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::context::Failure;
+use crate::client::command::SendAs;
 use crate::client::{CommandError, Connection, SerialError, SerialLine};
-use crate::protocol::board::{LineFailure, LineOutcome};
+use crate::protocol::board::{LineFailure, LineOutcome, SendReply};
 use crate::protocol::line;
-use crate::protocol::{CallError, deadlines};
+use crate::protocol::password::without_password;
+use crate::protocol::{CallError, OpenBufferInfo, deadlines};
 
 /// How long the board may stay silent after a reset.
 const AWAY: Duration = Duration::from_secs(20);
@@ -122,6 +124,14 @@ impl From<SerialError> for LineError {
     }
 }
 
+/// What whoever sends `line` is told that `open` took, which these lines have not opened.
+pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
+    format!(
+        "note: {open}, is open: the program statements of {} went into it and were not carried out; CLOSE closes it",
+        without_password(line)
+    )
+}
+
 /// A way to the board's command interpreter.
 pub enum Way {
     /// Through the daemon.
@@ -144,11 +154,11 @@ impl Way {
     /// # Errors
     /// [`LineError`].
     pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, LineError> {
-        self.send_as(line, false, timeout)
+        Ok(self.send_as(line, false, timeout)?.lines)
     }
 
     /// As [`Way::send`]. A line that goes `into_buffer`, the program buffer that its user has open, is not sent when that is
-    /// closed.
+    /// closed. The reply of any other one tells into which buffer of his it went.
     ///
     /// # Errors
     /// [`LineError`].
@@ -157,21 +167,22 @@ impl Way {
         line: &str,
         into_buffer: bool,
         timeout: Duration,
-    ) -> Result<Vec<String>, LineError> {
+    ) -> Result<SendReply, LineError> {
         let timeout = deadlines::of_line(line, timeout);
         // The board need not acknowledge a reset.
         let resets = line::resets(line.as_bytes());
-        match self {
-            Self::Daemon(connection) if into_buffer => Ok(connection.send_into_buffer(line, timeout)?),
-            Self::Daemon(connection) => match connection.send(line, timeout) {
-                Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Ok(Vec::new()),
-                result => Ok(result?),
+        let lines = match self {
+            Self::Daemon(connection) if into_buffer => connection.send_into_buffer(line, timeout)?,
+            Self::Daemon(connection) => match connection.send_and_see(line, timeout, SendAs::default()) {
+                Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Vec::new(),
+                result => return Ok(result?),
             },
             Self::Serial(serial) => match serial.send(line, timeout) {
-                Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if resets => Ok(Vec::new()),
-                result => Ok(result?),
+                Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if resets => Vec::new(),
+                result => result?,
             },
-        }
+        };
+        Ok(SendReply { lines, entered: None })
     }
 
     /// Waits until the board answers again after a reset. Only a serial line shows that.

@@ -6,12 +6,15 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 
+use crate::cli::act::lines::entered_note;
 use crate::cli::args::values::seconds;
 use crate::cli::console::late::warn_if_late;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::programs::what_runs;
 use crate::client::CommandError;
+use crate::client::command::SendAs;
 use crate::map::errors;
+use crate::protocol::board::SendReply;
 use crate::protocol::line::resets;
 use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines};
 
@@ -45,8 +48,8 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         let mut connection = context.connection()?.confirming(options.yes);
         let begun = Instant::now();
         Ok(match control {
-            Some(character) => connection.control(character),
-            None => match connection.send(&options.line, timeout) {
+            Some(character) => connection.control(character).map(|lines| SendReply { lines, entered: None }),
+            None => match connection.send_and_see(&options.line, timeout, SendAs::default()) {
                 Err(CommandError::Refused(CallError::TimedOut { lines }))
                     if lines.is_empty() && resets(options.line.as_bytes()) && begun.elapsed() < timeout =>
                 {
@@ -55,7 +58,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
                     let note =
                         "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
                     let _ = writeln!(io::stderr(), "{note}");
-                    Ok(Vec::new())
+                    Ok(SendReply { lines: Vec::new(), entered: None })
                 }
                 reply => reply,
             },
@@ -66,8 +69,17 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     let reply = if stops { warn_if_late(send) } else { send() }?;
     let json = context.output.is_json();
     match reply {
-        Ok(lines) if json => context.output.json(&json!({ "lines": lines, "error": null }))?,
-        Ok(lines) => print(context, &lines, options.raw)?,
+        Ok(SendReply { lines, entered }) => {
+            if let Some(open) = entered {
+                // If stderr is closed, the note is lost.
+                let _ = writeln!(io::stderr(), "{}", entered_note(&options.line, &open));
+            }
+            if json {
+                context.output.json(&json!({ "lines": lines, "error": null }))?;
+            } else {
+                print(context, &lines, options.raw)?;
+            }
+        }
         Err(error) => {
             // Lines before the error belong to the reply, so print them first.
             let (code, meaning, lines) = parts(&error);

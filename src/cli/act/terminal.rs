@@ -24,11 +24,12 @@ use serde_json::json;
 
 use crate::cli::act::address::{Addressed, goes_by_address};
 use crate::cli::act::control_keys::{ControlKeys, Pressed};
-use crate::cli::act::lines::{LineError, Way};
+use crate::cli::act::lines::{LineError, Way, entered_note};
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Messages;
+use crate::protocol::board::SendReply;
 use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::line::resets;
 use crate::protocol::password::without_password;
@@ -119,6 +120,8 @@ struct Session {
     addressed: Option<Addressed>,
     /// His lines have opened a program buffer that they have not closed.
     inside: bool,
+    /// The program buffer into which the last line went, and which these lines have not opened.
+    entered: Option<OpenBufferInfo>,
 }
 
 /// The reply lines, and the error that ended them.
@@ -126,7 +129,7 @@ type Answer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
     fn new(way: Way, timeout: Duration) -> Self {
-        Self { way, timeout, all_taken: true, addressed: None, inside: false }
+        Self { way, timeout, all_taken: true, addressed: None, inside: false, entered: None }
     }
 
     /// The board's reply to a line or control character.
@@ -175,7 +178,11 @@ impl Session {
             Err(LineError::NotSent(Failure::Refused(why))) if into_buffer => Err(LineError::NotSent(
                 Failure::Refused(format!("{why}; CLOSE ends the lines that belong into it")),
             )),
-            sent => sent,
+            sent => {
+                let SendReply { lines, entered } = sent?;
+                self.entered = entered.filter(|_| !self.inside);
+                Ok(lines)
+            }
         }
     }
 
@@ -404,6 +411,11 @@ fn piped(
             Input::Control(_) | Input::Line(_) => {
                 let answer = session.ask(&input)?;
                 session.see_reset(&mut watch, Some(&text));
+                // No prompt says so.
+                if let Some(open) = session.entered.take() {
+                    // If stderr is closed, the note is lost.
+                    let _ = writeln!(io::stderr(), "{}", entered_note(text.trim(), &open));
+                }
                 answer
             }
         };

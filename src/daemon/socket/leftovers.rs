@@ -156,6 +156,8 @@ pub(super) struct LineEffect {
     pub aborts: u32,
     /// It switches the control panel off.
     pub ends_panel: bool,
+    /// Where a program buffer of its sender's is open, it enters that.
+    pub enters: bool,
     /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
     pub jogs: [u32; 2],
     /// How long their sender may be silent meanwhile, if that ends them, too.

@@ -440,7 +440,7 @@ impl Service {
                 let clients = self.leases.control_taken();
                 self.withdraw_holds(&clients, now);
                 self.end_streams(caller.peer, character, now);
-                Reply::with(&SendReply { lines })
+                Reply::with(&SendReply { lines, entered: None })
             }
             (Then::PanelStop { target, .. }, Outcome::Done) => {
                 self.panel_has_stopped(target, caller, now);
@@ -448,8 +448,7 @@ impl Service {
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
             (Then::ReplyToLine(effect), Outcome::Done) => {
-                self.line_done(effect, caller.peer.account(), now);
-                outcome_reply(outcome, lines, is_overlong, now)
+                self.reply_to_line(effect, caller.peer.account(), (lines, is_overlong), now)
             }
             (Then::Resets(asked), Outcome::Done) => {
                 self.see_counter(&lines, asked, now);

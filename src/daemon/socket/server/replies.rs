@@ -18,7 +18,7 @@ pub(super) fn outcome_reply(
     is_overlong: bool,
     now: Instant,
 ) -> Result<Reply, CallError> {
-    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)? })
+    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)?, entered: None })
 }
 
 /// The lines of the board's reply, or why they are not there.

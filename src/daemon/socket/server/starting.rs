@@ -3,11 +3,14 @@
 use std::time::Instant;
 
 use super::Service;
-use super::replies::held_by_another;
+use super::replies::{held_by_another, reply_lines};
 use crate::daemon::shared::open_buffer::Account;
+use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::leftovers::{LineEffect, Starts};
+use crate::protocol::board::SendReply;
+use crate::protocol::buffer_line::enters;
 use crate::protocol::moved_motors::motors_moved;
-use crate::protocol::{CallError, Function, OpenBufferInfo, control};
+use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
 
 impl Service {
     /// Whether `client` may send `line`, by itself or in a sequence, and what it does. `confirmed`: what is left is to run.
@@ -25,7 +28,7 @@ impl Service {
         self.may_start(Starts { systems: effect.starts, confirmed })?;
         match self.leases.held_by_another(client, motors_moved(line)) {
             Some((holder, held)) => Err(held_by_another(holder, held)),
-            None => Ok(effect),
+            None => Ok(LineEffect { enters: enters(line.as_bytes()), ..effect }),
         }
     }
 
@@ -36,6 +39,23 @@ impl Service {
         if effect.ends_panel {
             self.panel_ended(Some(by), now);
         }
+    }
+
+    /// What `by` is answered, whose line with this effect the board has carried out.
+    pub(super) fn reply_to_line(
+        &mut self,
+        effect: LineEffect,
+        by: Account,
+        (lines, is_overlong): (Vec<String>, bool),
+        now: Instant,
+    ) -> Result<Reply, CallError> {
+        self.line_done(effect, by, now);
+        let lines = reply_lines(Outcome::Done, lines, is_overlong, now)?;
+        // Of this moment: the bus thread tells what is open in the order in which it tells what the board has answered.
+        let open = self.info.board().open_buffer.as_ref();
+        let enters = effect.enters && lines.is_empty();
+        let entered = open.filter(|open| enters && open.takes_lines_of(by.uid)).cloned();
+        Reply::with(&SendReply { lines, entered })
     }
 
     /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (FACTS 7), so
