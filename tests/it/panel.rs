@@ -1,5 +1,6 @@
 //! The control panel and the open words from the command line to the simulated motors.
 
+use std::io::{BufRead, BufReader};
 use std::os::unix::fs::FileExt;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use pmac_dpram::client::{Connection, HeldJog};
 use serde_json::Value;
 
 use crate::support::jogs::{ask, signal, status, until};
-use crate::support::{PATIENCE, VirtualSite};
+use crate::support::{PATIENCE, VirtualSite, wait_until};
 
 fn running() -> VirtualSite {
     let site = VirtualSite::running(&[], &[]);
@@ -335,6 +336,33 @@ fn an_abort_ends_a_held_jog_and_says_so() {
     assert!(error.contains("somebody sent ^A"), "{error}");
     let log = site.log();
     assert!(!log.contains("holder is gone or silent") && log.contains("it gets no stop"), "{log}");
+}
+
+#[test]
+fn a_held_jog_that_nobody_can_see_any_more_ends_and_says_so() {
+    let site = running();
+    let mut board = site.connection();
+    let mut child = start(&site, &["panel", "jog+", "1", "--hold"]);
+    until(&mut board, "#1V", "it is held", |speed| speed > 1.0);
+    site.board_stands_still(true);
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let first = std::thread::spawn(move || {
+        let mut told = String::new();
+        stderr.read_line(&mut told).unwrap();
+        (told, stderr)
+    });
+    wait_until("its warning", || first.is_finished());
+    let (told, stderr) = first.join().unwrap();
+    assert!(told.starts_with("pmacctl: the data are not live (") && told.contains("MAY BE MOVING"), "{told}");
+    site.board_stands_still(false);
+    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
+    let rest = std::io::read_to_string(stderr).unwrap();
+    assert_eq!(status(child), Some(1), "{rest}");
+    assert!(
+        rest.contains("the hold of motor 1 was ended: the data were not live; the stop was taken"),
+        "{rest}"
+    );
+    site.assert_no_violations();
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod address;
 mod control_keys;
+pub mod hold;
 pub mod jog;
 pub mod lines;
 pub mod panel;

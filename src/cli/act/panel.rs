@@ -1,31 +1,23 @@
 //! `pmacctl panel`: jog, home, run, stop and feed rate override through the control panel of the DPRAM (I2=3).
 
-use std::io::{self, Read, Write};
-use std::os::fd::AsFd;
-use std::sync::mpsc::channel;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
-use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Serialize;
 
+use crate::cli::act::hold::hold;
 use crate::cli::act::wait::{Goal, Wait, Watch, see_programs_begin, wait_for_motors, wait_for_programs};
 use crate::cli::args::values::number;
-use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::late::warn_if_late;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{CommandError, Connection, HeldJog};
+use crate::client::Connection;
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
 use crate::map::Family;
 
 /// How long the daemon may take to identify its board.
 const ASKING: Duration = Duration::from_secs(2);
-/// Period of the checks during a held jog, in milliseconds.
-const LOOK: u16 = 20;
-/// How long the answer to a stop may stay away until the user is warned.
-pub const SILENCE: Duration = Duration::from_millis(600);
 
 /// `panel`.
 #[derive(Debug, Args)]
@@ -67,8 +59,8 @@ pub enum PanelCommand {
 pub struct Jog {
     #[command(flatten)]
     pub motors: Motors,
-    /// Jog only while this command runs: until ^C, the end of its input, or --seconds. After a kill the motors jog on for
-    /// at most 200 ms
+    /// Jog only while this command runs: until ^C, the end of its input, or --seconds, or when the data are not live any more.
+    /// After a kill the motors jog on for at most 200 ms
     #[arg(long)]
     pub hold: bool,
     /// End the held jog after this time, in seconds
@@ -147,8 +139,8 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
     let motions = |motions: &Motions| (motions.motors.numbers.clone(), motions.wait);
     let at_once = |numbers: &[u8]| (numbers.to_owned(), Wait::default());
     let (action, (numbers, wait)) = match &options.command {
-        PanelCommand::JogPlus(jog) if jog.hold => return hold(context, PanelAction::JogPlus, jog),
-        PanelCommand::JogMinus(jog) if jog.hold => return hold(context, PanelAction::JogMinus, jog),
+        PanelCommand::JogPlus(jog) if jog.hold => return held(context, PanelAction::JogPlus, jog),
+        PanelCommand::JogMinus(jog) if jog.hold => return held(context, PanelAction::JogMinus, jog),
         PanelCommand::JogPlus(jog) => (PanelAction::JogPlus, at_once(&jog.motors.numbers)),
         PanelCommand::JogMinus(jog) => (PanelAction::JogMinus, at_once(&jog.motors.numbers)),
         PanelCommand::JogStop(motors) => (PanelAction::JogStop, motions(motors)),
@@ -239,69 +231,10 @@ pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Resul
     }
 }
 
-fn hold(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
-    let interrupt = Interrupt::listen()?;
+fn held(context: &Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     check_numbers(Context::family(None, &mut connection)?, true, &jog.motors.numbers)?;
-    // An input that has ended before the jog begins holds nothing: the time alone ends it then.
-    let holds = !input_ended();
-    if !holds && jog.seconds.is_none() {
-        let reason =
-            "--hold needs an open input, or --seconds: else nothing would hold the jog; nothing was sent";
-        return Err(Failure::Request(reason.to_owned()));
-    }
-    let end = jog.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
-    let held = HeldJog::begin(connection, action.name(), &jog.motors.numbers)?;
-    let over = || interrupt.came() || end.is_some_and(|end| Instant::now() >= end) || !held.is_held();
-    while !over() {
-        if !holds {
-            std::thread::sleep(Duration::from_millis(LOOK.into()));
-        } else if input_ended() {
-            break;
-        }
-    }
-    stop(held, &jog.motors.numbers)
-}
-
-/// Stops the held jog. Says soon, not only in the end, that the motors may be moving.
-fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
-    let warning = may_be_moving(numbers);
-    let (tell, told) = channel();
-    std::thread::spawn(move || tell.send(held.stop()));
-    let stopped = told.recv_timeout(SILENCE).or_else(|_| {
-        let _ = writeln!(io::stderr(), "pmacctl: {warning}");
-        told.recv()
-    });
-    match stopped {
-        Ok(Ok(_)) => Ok(Verdict::Yes),
-        Ok(Err(error @ CommandError::Refused(_))) => Err(error.into()),
-        Ok(Err(error)) => Err(Failure::Request(format!("{error}; {warning}"))),
-        Err(_) => Err(Failure::Request(warning)),
-    }
-}
-
-/// What is said while nobody knows that the stop of a held jog was taken.
-pub fn may_be_moving(numbers: &[u8]) -> String {
-    let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
-    format!(
-        "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does \
-         not: use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
-        numbers.join(", ")
-    )
-}
-
-/// Waits a moment for input and discards it. Returns whether the input has ended.
-fn input_ended() -> bool {
-    let stdin = io::stdin();
-    match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(LOOK)) {
-        Ok(0) | Err(Errno::EINTR) => false,
-        Ok(_) => match stdin.lock().read(&mut [0; 256]) {
-            Ok(count) => count == 0,
-            Err(error) => error.kind() != io::ErrorKind::Interrupted,
-        },
-        // The input cannot be read: treat it as ended.
-        Err(_) => true,
-    }
+    hold(context, connection, action, &jog.motors.numbers, jog.seconds)
 }
 
 fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::cli::act::panel::may_be_moving;
+use crate::cli::act::hold::may_be_moving;
 use crate::client::hold::jogs_by_panel;
 use crate::client::{CommandError, Connection, HeldJog};
 use crate::function::panel::PanelAction;

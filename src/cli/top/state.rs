@@ -7,7 +7,7 @@ use ratatui::termion::event::Key;
 use super::arming::{Arming, IDLE};
 use super::hand::{Order, Told};
 use super::keys::{Action, action};
-use crate::cli::act::panel;
+use crate::cli::act::hold;
 use crate::cli::console::late;
 use crate::protocol::control;
 
@@ -182,7 +182,7 @@ impl State {
         let is_late = |since: Instant, limit: Duration| now.saturating_duration_since(since) >= limit;
         let late = self.waiting.iter().find_map(|waiting| match waiting {
             Waiting::Stop { motor, since } => {
-                is_late(*since, panel::SILENCE).then(|| panel::may_be_moving(&[*motor]))
+                is_late(*since, hold::SILENCE).then(|| hold::may_be_moving(&[*motor]))
             }
             Waiting::Character { character, since } => is_late(*since, late::SILENCE)
                 .then(|| format!("{}: {}", control::name(*character), late::UNANSWERED)),

@@ -237,7 +237,7 @@ fn e2_without_colours_nothing_is_coloured_and_all_is_said() {
 #[test]
 fn e2_no_warning_is_cut() {
     let mut board = Board::of(&PMAC, 8);
-    let warning = crate::cli::act::panel::may_be_moving(&[1]);
+    let warning = crate::cli::act::hold::may_be_moving(&[1]);
     board.state.told(Told::Fault(warning.clone()), board.now);
     for width in [40, 80, 200] {
         let screen = board.screen(width, 24).join(" ");

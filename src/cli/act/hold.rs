@@ -1,0 +1,138 @@
+//! `pmacctl panel jog+ --hold`: a jog that lasts as long as its command runs, and somebody can see what the motors do.
+
+use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
+use std::sync::mpsc::channel;
+use std::time::{Duration, Instant};
+
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
+use crate::cli::console::interrupt::Interrupt;
+use crate::cli::context::{Context, Failure, Verdict};
+use crate::client::{Board, CommandError, Connection, HeldJog};
+use crate::function::panel::PanelAction;
+
+/// Period of the checks during a held jog, in milliseconds.
+const LOOK: u16 = 20;
+/// How long the answer to a stop, or the data, may stay away until the user is warned.
+pub const SILENCE: Duration = Duration::from_millis(600);
+
+/// Jogs the motors `numbers` over `connection`, for `seconds` at most.
+pub fn hold(
+    context: &Context,
+    connection: Connection,
+    action: PanelAction,
+    numbers: &[u8],
+    seconds: Option<Duration>,
+) -> Result<Verdict, Failure> {
+    let interrupt = Interrupt::listen()?;
+    // An input that has ended before the jog begins holds nothing: the time alone ends it then.
+    let holds = !input_ended();
+    if !holds && seconds.is_none() {
+        let reason =
+            "--hold needs an open input, or --seconds: else nothing would hold the jog; nothing was sent";
+        return Err(Failure::Request(reason.to_owned()));
+    }
+    let end = seconds.and_then(|seconds| Instant::now().checked_add(seconds));
+    let mut sight = Sight::begin(context);
+    let held = HeldJog::begin(connection, action.name(), numbers)?;
+    let over = || interrupt.came() || end.is_some_and(|end| Instant::now() >= end) || !held.is_held();
+    let mut lost = None;
+    while lost.is_none() && !over() {
+        if !holds {
+            std::thread::sleep(Duration::from_millis(LOOK.into()));
+        } else if input_ended() {
+            break;
+        }
+        lost = sight.lost();
+    }
+    let Some(why) = lost else { return stop(held, numbers) };
+    let motors = listed(numbers);
+    let _ = writeln!(
+        io::stderr(),
+        "pmacctl: the data are not live ({why}), so nobody can see what motor {motors} does: it MAY BE MOVING; the hold \
+         ends with a stop"
+    );
+    stop(held, numbers)?;
+    Err(Failure::Refused(format!(
+        "the hold of motor {motors} was ended: the data were not live; the stop was taken"
+    )))
+}
+
+/// What can be seen of the motors during the jog.
+struct Sight {
+    /// `None` where nothing could be seen from the start.
+    board: Option<Board>,
+    /// Whether the servo data were live at the start: without them a jog can be held all the same.
+    has_servo: bool,
+    /// Since when nothing is live.
+    blind_since: Option<Instant>,
+}
+
+impl Sight {
+    fn begin(context: &Context) -> Self {
+        let mut board = context.board().ok();
+        let servo = board.as_mut().and_then(|board| board.snapshot().ok()?.servo);
+        Self { board, has_servo: servo.is_some_and(|servo| servo.is_fresh()), blind_since: None }
+    }
+
+    /// Why it has not been seen for [`SILENCE`] what the motors do, where that is so.
+    fn lost(&mut self) -> Option<String> {
+        let board = self.board.as_mut()?;
+        let snapshot = board.snapshot().ok()?;
+        let servo = snapshot.servo.filter(|_| self.has_servo).and_then(|servo| servo.stale);
+        let Some(why) = snapshot.stale.or(servo) else {
+            self.blind_since = None;
+            return None;
+        };
+        let since = *self.blind_since.get_or_insert_with(Instant::now);
+        (since.elapsed() >= SILENCE).then(|| why.to_string())
+    }
+}
+
+/// Stops the held jog. Says soon, not only in the end, that the motors may be moving.
+fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
+    let warning = may_be_moving(numbers);
+    let (tell, told) = channel();
+    std::thread::spawn(move || tell.send(held.stop()));
+    let stopped = told.recv_timeout(SILENCE).or_else(|_| {
+        let _ = writeln!(io::stderr(), "pmacctl: {warning}");
+        told.recv()
+    });
+    match stopped {
+        Ok(Ok(_)) => Ok(Verdict::Yes),
+        Ok(Err(error @ CommandError::Refused(_))) => Err(error.into()),
+        Ok(Err(error)) => Err(Failure::Request(format!("{error}; {warning}"))),
+        Err(_) => Err(Failure::Request(warning)),
+    }
+}
+
+/// What is said while nobody knows that the stop of a held jog was taken.
+pub fn may_be_moving(numbers: &[u8]) -> String {
+    format!(
+        "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does \
+         not: use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
+        listed(numbers)
+    )
+}
+
+/// The numbers as they are told: `1, 2`.
+fn listed(numbers: &[u8]) -> String {
+    let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+    numbers.join(", ")
+}
+
+/// Waits a moment for input and discards it. Returns whether the input has ended.
+fn input_ended() -> bool {
+    let stdin = io::stdin();
+    match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(LOOK)) {
+        Ok(0) | Err(Errno::EINTR) => false,
+        Ok(_) => match stdin.lock().read(&mut [0; 256]) {
+            Ok(count) => count == 0,
+            Err(error) => error.kind() != io::ErrorKind::Interrupted,
+        },
+        // The input cannot be read: treat it as ended.
+        Err(_) => true,
+    }
+}
