@@ -119,7 +119,10 @@ impl Service {
                 self.withdraw_holds(&clients, now);
                 self.end_streams(by_itself().peer, control::ABORT, now);
                 let (stop, cure) = match self.uses(Function::Panel) {
-                    true => ("the control panel did not take the stop", "; the panel needs I2=3"),
+                    true => (
+                        "the control panel did not take the stop",
+                        "; the panel needs I2=3 and a board that answers",
+                    ),
                     false => ("the command line did not stop it", ""),
                 };
                 let reason = format!(
