@@ -126,16 +126,35 @@ mod tests {
 
     #[test]
     fn the_end_is_seen_behind_a_sleep_whenever_it_comes() {
-        for run in 0..300 {
+        for run in 0..50 {
             let stop = stop();
             let mut waits = sleeping(&stop);
             let writer = Arc::clone(&stop);
             let writer = thread::spawn(move || {
-                // Some before the first poll, some in it or right behind it, some in a sleep.
-                thread::sleep(Duration::from_micros(run * 2));
+                // Some before the first poll, some in it, some in a sleep.
+                thread::sleep(Duration::from_micros(run * 10));
                 writer.write(1).unwrap();
             });
             assert!(wait(&mut waits, &stop, [None; 3]).stop, "run {run}");
+            writer.join().unwrap();
+        }
+    }
+
+    #[test]
+    fn what_comes_right_behind_a_poll_is_seen_behind_the_sleep() {
+        for _ in 0..20 {
+            let stop = stop();
+            let mut waits = sleeping(&stop);
+            let writer = Arc::clone(&stop);
+            let writer = thread::spawn(move || {
+                thread::sleep(Duration::from_millis(1));
+                writer.write(1).unwrap();
+            });
+            // A poll that does not see it, as one that has just looked.
+            let (now, unseen) = (monotonic_ns(), self::stop());
+            let descriptors = Descriptors { stop: unseen.as_fd(), commands: None, interrupts: [None; 3] };
+            assert!(!waits.wait(now, now + LONGEST_SLEEP_NS, true, &descriptors).stop);
+            assert!(wait(&mut waits, &stop, [None; 3]).stop);
             writer.join().unwrap();
         }
     }
