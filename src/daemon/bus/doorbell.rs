@@ -22,7 +22,7 @@ pub struct Doorbell {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread shares with its owner. It must outlive both: a descriptor that is closed wakes nobody.
+/// What the thread shares with its owner. It lives until both are done: a descriptor that is closed wakes nobody.
 struct Wires {
     descriptors: Epoll,
     end: EventFd,
