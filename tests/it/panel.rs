@@ -13,7 +13,11 @@ use crate::support::jogs::{ask, signal, status, until};
 use crate::support::{PATIENCE, VirtualSite, wait_until};
 
 fn running() -> VirtualSite {
-    let site = VirtualSite::running(&[], &[]);
+    enabled(VirtualSite::running(&[], &[]))
+}
+
+/// Waits until the board takes panel requests.
+fn enabled(site: VirtualSite) -> VirtualSite {
     site.wait_for_live_servo();
     site.wait_until("a board that takes commands", || site.pmacctl(&["send", "I2=3"]).0 == 0);
     site
@@ -340,7 +344,8 @@ fn an_abort_ends_a_held_jog_and_says_so() {
 
 #[test]
 fn a_held_jog_that_nobody_can_see_any_more_ends_and_says_so() {
-    let site = running();
+    // However long the board stands still: no ^A in the place of the stop.
+    let site = enabled(VirtualSite::configured(&[], "stop_all_after_ms = 0\n"));
     let mut board = site.connection();
     let mut child = start(&site, &["panel", "jog+", "1", "--hold"]);
     until(&mut board, "#1V", "it is held", |speed| speed > 1.0);
