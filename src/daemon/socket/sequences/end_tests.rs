@@ -29,10 +29,14 @@ struct Board {
     reports: bool,
     report_runs: bool,
     gathers: bool,
+    /// The daemon follows the gather buffer into the segment.
+    followed: bool,
     timer: u16,
     period: String,
     open: bool,
     transfer: bool,
+    /// The daemon has set the buffer in the DPRAM up, and lines may be on their way into it.
+    fed: bool,
     runs: bool,
     left: u64,
     ahead: u64,
@@ -48,10 +52,12 @@ impl Board {
             reports,
             report_runs,
             gathers: false,
+            followed: false,
             timer: 0,
             period: "1".to_owned(),
             open: false,
             transfer: false,
+            fed: false,
             runs: false,
             left: 0,
             ahead: 3,
@@ -98,6 +104,29 @@ impl Board {
         None
     }
 
+    /// The daemon does a job.
+    fn job(&mut self, job: &Job, done: &mut Done) {
+        match job {
+            Job::GatherBegin { .. } => self.followed = true,
+            Job::GatherEnd => self.followed = false,
+            Job::RotaryOpen { .. } => self.fed = true,
+            Job::RotaryFinish(_) => self.fed = false,
+            Job::RotaryState(_) => {
+                done.rotary = Some(RotaryState {
+                    ahead_longs: 0,
+                    ahead_commands: 0,
+                    ahead_lines: self.ahead,
+                    is_inside_line: false,
+                    sent_lines: SENT,
+                    busy: false,
+                    error: None,
+                    underruns: 0,
+                });
+            }
+            _ => {}
+        }
+    }
+
     /// Does a step as `outcome` says: what is not known to be undone is done.
     fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
         let is_done = !outcome.is_unsent();
@@ -129,18 +158,7 @@ impl Board {
                 self.timer += u16::from(self.report_runs);
                 done.words = vec![self.timer; *count];
             }
-            Step::Job { job, .. } if matches!(**job, Job::RotaryState(_)) => {
-                done.rotary = Some(RotaryState {
-                    ahead_longs: 0,
-                    ahead_commands: 0,
-                    ahead_lines: self.ahead,
-                    is_inside_line: false,
-                    sent_lines: SENT,
-                    busy: false,
-                    error: None,
-                    underruns: 0,
-                });
-            }
+            Step::Job { job, .. } if is_done => self.job(job, &mut done),
             _ => {}
         }
         match outcome {
@@ -201,12 +219,13 @@ fn gather() -> Gather {
 }
 
 #[test]
-fn b1_3_a_gather_cut_anywhere_leaves_the_board_as_it_was() {
+fn a_gather_cut_anywhere_leaves_the_board_as_it_was_and_is_followed_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
             let mut board = Board::new(reports, report_runs);
             let reply = drive(&mut gather(), &mut board, (cut, why), (usize::MAX, Outcome::Done));
-            assert_eq!((board.gathers, board.period.as_str()), (false, "1"), "{cut} {why}: {reply:?}");
+            let found = (board.gathers, board.followed, board.period.as_str());
+            assert_eq!(found, (false, false, "1"), "{reports} {report_runs} {cut} {why}: {reply:?}");
             assert!(
                 board.report_runs || !report_runs,
                 "{cut} {why}: everybody's servo report has been ended"
@@ -216,7 +235,7 @@ fn b1_3_a_gather_cut_anywhere_leaves_the_board_as_it_was() {
 }
 
 #[test]
-fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
+fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         // The steps of the end come after those of the owner.
         for fails in 0..2 * STEPS {
@@ -236,6 +255,7 @@ fn b1_3_a_gather_of_which_a_step_fails_leaves_the_board_as_it_was() {
                 let is_told = format!("{reply:?}").contains("may ");
                 let is_as_before = !board.gathers && board.period == "1";
                 assert!(is_as_before || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
+                assert!(!board.followed, "{reports} {report_runs} {fails} {outcome:?}: {reply:?}");
             }
         }
     }
@@ -257,19 +277,20 @@ fn stream(left: Option<calls::LeftLines>) -> Rotary {
 }
 
 #[test]
-fn b1_5_a_stream_cut_anywhere_leaves_no_program_running() {
+fn a_stream_cut_anywhere_leaves_no_program_running_and_no_line_on_its_way() {
     for left in [0, 497] {
         for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
             let mut board = Board { left, ..Board::new(true, true) };
             let mut machine = stream((left > 0).then_some(calls::LeftLines::Clear));
             let reply = drive(&mut machine, &mut board, (cut, why), (usize::MAX, Outcome::Done));
-            assert!(!board.runs && !board.open && !board.transfer, "{cut} {why}: {board:?} {reply:?}");
+            let is_fed = board.open || board.transfer || board.fed;
+            assert!(!board.runs && !is_fed, "{cut} {why}: {board:?} {reply:?}");
         }
     }
 }
 
 #[test]
-fn b1_5_a_stream_of_which_a_step_fails_leaves_no_program_running() {
+fn a_stream_of_which_a_step_fails_leaves_no_program_running_and_no_line_on_its_way() {
     for fails in 0..2 * STEPS {
         for outcome in [Outcome::TimedOut, Outcome::Interrupted(Text::of(&"^X")), Outcome::Busy] {
             let mut board = Board::new(true, true);
@@ -278,6 +299,7 @@ fn b1_5_a_stream_of_which_a_step_fails_leaves_no_program_running() {
             let is_told = format!("{reply:?}").contains("may ");
             let is_ended = !board.runs && !board.open && !board.transfer;
             assert!(is_ended || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
+            assert!(!board.fed, "{fails} {outcome:?}: lines still go into the DPRAM: {reply:?}");
         }
     }
 }

@@ -198,8 +198,8 @@ impl Rotary {
                 Phase::SetUp
             }
             Phase::SetUp => {
+                self.set_up = !unsent;
                 done.result?;
-                self.set_up = true;
                 Phase::Enable
             }
             Phase::Enable => {

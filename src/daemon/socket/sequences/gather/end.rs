@@ -21,7 +21,9 @@ impl Gather {
         let gather_period = self.family.i.gather_period;
         let is_question = matches!(self.phase, Phase::AskWhetherToEnd | Phase::AskPeriodAgain);
         let can_be_tried = done.outcome.is_unsent() || is_question && done.outcome == Outcome::TimedOut;
-        if can_be_tried && !matches!(self.phase, Phase::EndFollow | Phase::CheckAtEnd) {
+        // A daemon that does not use the function any more follows nothing.
+        let is_lost = self.phase == Phase::EndFollow && matches!(done.outcome, Outcome::Refused(_));
+        if can_be_tried && !is_lost && self.phase != Phase::CheckAtEnd {
             let again = self.retry.again(done.outcome, self.call.is_some(), now);
             if again.is_some() && self.ending != Some(Ending::Stopping) {
                 // Somebody may end the gather, or set another period, meanwhile.
@@ -117,6 +119,8 @@ impl Gather {
             Begun::Report => Phase::EndGather,
             // A full buffer ends its gather, and so may somebody else: what ENDGATHER would end then is the servo report.
             Begun::Gathering => Phase::AskWhetherToEnd,
+            // `GATHER` did not go: nothing comes into the buffer that is followed.
+            Begun::Nothing if self.followed => Phase::EndFollow,
             Begun::Nothing if self.period_sent => Phase::AskPeriodAgain,
             Begun::Nothing => Phase::Over,
         }

@@ -24,9 +24,12 @@ impl Rotary {
         let cs = self.call.coordinate_system;
         // Another buffer is open, so the rotary buffers are closed: one is open at a time.
         let is_closed = self.phase == Phase::Close && matches!(done.outcome, Outcome::Barred(_));
+        // A reset has taken the buffer, and with it the lines that waited.
+        let is_lost = matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
+            && matches!(done.outcome, Outcome::Refused(_));
         if done.outcome.is_unsent()
             && !is_closed
-            && !matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
+            && !is_lost
             && self.ending != Some(Ending::Stopping)
             && let Some(again) = self.retry.again(done.outcome, true, now)
         {
