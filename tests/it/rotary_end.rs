@@ -43,14 +43,19 @@ fn running() -> VirtualSite {
 
 /// Begins to stream a program of 2000 moves by one count each, and waits until it runs.
 fn long_stream(site: &VirtualSite) -> Child {
-    stream_of(site, &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)))
+    stream_of(site, &long_program(), &["--define", "100"])
+}
+
+fn long_program() -> String {
+    "LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000)
 }
 
 /// Begins to stream `program`, which has many moves, and waits until it runs.
-fn stream_of(site: &VirtualSite, program: &str) -> Child {
+fn stream_of(site: &VirtualSite, program: &str, arguments: &[&str]) -> Child {
     let file = site.file("long.pmc", program);
     let child = site
-        .command(&["rotary", "stream", &file, "--define", "100", "--size", "40", "--run"])
+        .command(&["rotary", "stream", &file, "--size", "40", "--run"])
+        .args(arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -268,6 +273,30 @@ fn b1_5_a_program_starts_after_what_a_stream_left_was_taken_away() {
 }
 
 #[test]
+fn a_stream_that_clears_what_another_left_is_held_and_started_again_at_will() {
+    let site = running();
+    let child = long_stream(&site);
+    assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
+    ended(&site, child);
+    assert_ended(&site);
+    assert_eq!(site.pmacctl(&["panel", "start", "1"]).0, 1, "lines are left");
+    let child = stream_of(&site, &long_program(), &["--clear"]);
+    // The state of the first stream's buffer was still there to be seen.
+    site.wait_until("its own start", || site.log().matches("sends \"&1R\"").count() == 2);
+    for goes_on in [["panel", "hold", "1"], ["panel", "start", "1"]] {
+        let (status, _, stderr) = site.pmacctl(&goes_on);
+        assert_eq!(status, 0, "{goes_on:?}: {stderr}");
+    }
+    for line in ["&1R", "&1S"] {
+        let (_, _, stderr) = site.pmacctl(&["send", line]);
+        assert!(!stderr.contains("not started"), "{line}: {stderr}");
+    }
+    assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
+    ended(&site, child);
+    site.assert_no_violations();
+}
+
+#[test]
 fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
     let site = running();
     let file = site.file("first.pmc", "LINEAR INC TM20\nX50\n");
@@ -425,7 +454,11 @@ fn b1_1_a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why(
 #[test]
 fn b1_1_an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand() {
     let site = running();
-    let child = stream_of(&site, &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000) + "STOP\n"));
+    let child = stream_of(
+        &site,
+        &("LINEAR INC TM20\n".to_owned() + &"X1\n".repeat(2000) + "STOP\n"),
+        &["--define", "100"],
+    );
     assert_eq!(site.pmacctl(&["abort", "2"]).0, 0);
     site.run_for(Duration::from_secs(1));
     assert!(runs(&site), "that was another one");

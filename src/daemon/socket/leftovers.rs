@@ -36,7 +36,7 @@ pub(super) struct Leftovers {
     known: u32,
     /// Of these it was the board that told.
     found: u32,
-    /// Of these the board was asked since a stream has left something.
+    /// Of these the board was asked since a stream has left something, or a start was refused.
     asked: u32,
     /// Streams into these were fed whole, and may still run from the buffer.
     whole: u32,
@@ -109,28 +109,25 @@ impl Leftovers {
         if starts.confirmed {
             self.forget(starts.systems);
         }
-        let found = self.found;
-        match self.of(starts.systems).find(|(_, left)| **left > 0) {
-            None => Ok(()),
-            Some((cs, lines)) => {
-                let what = if found >> (cs - 1) & 1 != 0 {
-                    format!(
-                        "{lines} lines of an earlier program are left in &{cs}'s rotary buffer, and would run now"
-                    )
-                } else {
-                    format!(
-                        "the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its rotary buffer"
-                    )
-                };
-                Err(CallError::Refused {
-                    reason: format!(
-                        "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 \
-                         instead, send '&{cs}B5' first",
-                        start_anyway(cs, has_panel)
-                    ),
-                })
-            }
-        }
+        let left = self.of(starts.systems).find(|(_, left)| **left > 0).map(|(cs, lines)| (cs, *lines));
+        let Some((cs, lines)) = left else { return Ok(()) };
+        self.asked &= !starts.systems;
+        let what = if self.found >> (cs - 1) & 1 != 0 {
+            format!(
+                "{lines} lines of an earlier program are left in &{cs}'s rotary buffer, and would run now"
+            )
+        } else {
+            format!(
+                "the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its rotary buffer"
+            )
+        };
+        Err(CallError::Refused {
+            reason: format!(
+                "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 instead, send \
+                 '&{cs}B5' first",
+                start_anyway(cs, has_panel)
+            ),
+        })
     }
 
     fn see(&mut self, resets: u64) {
@@ -322,6 +319,24 @@ mod tests {
         let mut forgotten = left();
         forgotten.forget(u32::MAX);
         assert!(forgotten.check(start(0b10, false), 1, true).is_ok());
+    }
+
+    #[test]
+    fn the_board_is_asked_again_at_each_start_of_what_is_left() {
+        let start = Starts { systems: 0b1, confirmed: false };
+        let mut left = Leftovers::default();
+        left.set(0b1, 7, 0);
+        for still in [7, 5, 5] {
+            assert_eq!(left.left(start), 0b1);
+            left.find(0b1, still, 0);
+            assert_eq!(left.left(start), 0, "asked");
+            let told = left.check(start, 0, true).unwrap_err().to_string();
+            assert!(told.contains(&format!("{still} lines of it")), "{told}");
+        }
+        // Another host, or a reset that nobody saw, has taken it.
+        assert_eq!(left.left(start), 0b1);
+        left.refused(0b1, NO_BUFFER, 0);
+        assert!(left.check(start, 0, true).is_ok());
     }
 
     #[test]

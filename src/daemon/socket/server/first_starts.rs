@@ -1,7 +1,7 @@
 //! Has the board asked what lies in rotary buffers that the daemon knows nothing of, before it starts their programs.
 //!
 //! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
-//! about once, and once more where a stream has left something: a reset that nobody saw may have taken it. Where command lines are not
+//! about once, and again at each start where something is left: another host, or a reset that nobody saw, may have taken it. Where command lines are not
 //! used nobody can ask: a start goes as it is.
 
 use std::time::{Duration, Instant};

@@ -301,6 +301,8 @@ impl Service {
                     }
                 }
                 Step::Answer(reply) => {
+                    // What was left before a stream it has cleared, or runs as its own.
+                    self.leftovers.forget(running.machine.feeds());
                     running.waits = if running.machine.watches() { Waits::Until(now) } else { Waits::Owner };
                     let call = running.call.take();
                     self.sequences.renew(owner.client, now);
