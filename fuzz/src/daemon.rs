@@ -3,6 +3,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use pmac_dpram::clock::{Clock, ManualTime};
@@ -115,7 +116,7 @@ pub fn body(data: &[u8]) {
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
         let port = CommandPorts::new(family, order, None, now);
         let identifier = Identifier::new(family, Identity::default(), way & 32 != 0, now);
-        let scan = MemoryScan::new(family, way & 64 != 0, now);
+        let scan = MemoryScan::new(family, way & 64 != 0, Arc::default(), now);
         let mut bench = Bench {
             shared,
             family,

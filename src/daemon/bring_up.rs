@@ -6,6 +6,7 @@
 use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Parser;
@@ -21,7 +22,9 @@ use super::service::journal;
 use super::service::privilege::{self, Account, Holdings};
 use super::service::simulator::Simulator;
 use super::service::socket_directory;
+use super::service::state_file::StateFile;
 use super::service::supervisor::{Manager, Signals, until_asked_to_end};
+use super::shared::definition_blocks::DefinitionBlocks;
 use super::socket::options::ServeOptions;
 use super::socket::server::serve;
 use crate::clock::{Clock, ManualTime};
@@ -123,7 +126,9 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     };
     // Closes the inherited descriptors: /dev/mem would give access to all of physical memory.
     drop(inherited);
-    let parts = Parts::new(settings, machine, publisher, clock)?;
+    let state = StateFile::of(settings.name.as_str());
+    let blocks = Arc::new(DefinitionBlocks::new(state.blocks()));
+    let parts = Parts::new(settings, machine, publisher, clock, Arc::clone(&blocks))?;
     let Parts { board_loop, backend, stop, mut simulator } = parts;
     let pulse = backend.info.pulse();
     let serve_options = ServeOptions {
@@ -162,6 +167,9 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
 
     let mut simulator_ended = None;
     let asked = until_asked_to_end(&mut signals, &mut manager, &pulse, || {
+        if let Some(found) = blocks.take_changed() {
+            state.keep(found);
+        }
         simulator_ended = simulator.as_mut().and_then(Simulator::ended);
         simulator_ended.is_some() || bus_thread.is_finished()
     });

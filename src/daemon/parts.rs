@@ -12,6 +12,7 @@ use super::config::settings::Settings;
 use super::exit::{self, Failure};
 use super::machine::Machine;
 use super::service::simulator::Simulator;
+use super::shared::definition_blocks::DefinitionBlocks;
 use super::shared::info::Info;
 use super::shared::queue::{at_once, queue};
 use super::socket::policy::group_id;
@@ -54,7 +55,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Puts the parts together. Nothing touches the board before the loop is polled.
+    /// Puts the parts together. Nothing touches the board before the loop is polled. The definitions of M-variables in `blocks` are
+    /// asked for first.
     ///
     /// # Errors
     /// The kernel gives no event descriptor.
@@ -63,6 +65,7 @@ impl Parts {
         machine: Machine,
         publisher: Publisher,
         clock: Clock,
+        blocks: Arc<DefinitionBlocks>,
     ) -> Result<Self, Failure> {
         let Machine { board, mailbox, host_port } = machine;
         let Board { simulator, bus, open, interrupt, replies } = board;
@@ -98,7 +101,7 @@ impl Parts {
                  If its programs keep data in the DPRAM, ask it by another way first: docs/operations.md, Programs that use the DPRAM too"
             );
         }
-        let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, now);
+        let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, blocks, now);
         let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
         let ports = match (&replies, asks) {
             // No host was there before.

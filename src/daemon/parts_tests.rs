@@ -1,5 +1,6 @@
 //! The loop stepped in time of the test's own, on a board played by hand.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::*;
@@ -39,7 +40,7 @@ impl World {
         let machine = Machine::open(&settings, &Inherited::default(), &Clock::real()).unwrap();
         let publisher = Publisher::create(&options).unwrap();
         let Parts { board_loop, backend, .. } =
-            Parts::new(&settings, machine, publisher, time.clock()).unwrap();
+            Parts::new(&settings, machine, publisher, time.clock(), Arc::default()).unwrap();
         let memory = FileBoard::from_file(&file, 0x4000).unwrap();
         Self { time, board_loop, backend, memory, due_ns: 0, _directory: directory }
     }

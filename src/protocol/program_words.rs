@@ -31,7 +31,8 @@ pub fn waits_for(buffer_is_open: bool, definitions: &DefinitionsRead) -> String 
             "{far}, and cannot while a program buffer is open: CLOSE by an engineer closes it; stops go as command lines meanwhile"
         ),
         Some(seconds @ 5..) => format!(
-            "{far}; try again in about {seconds} s, or name the function in shared_functions of its configuration"
+            "{far}; try again in about {seconds} s. Where the board's programs keep nothing in the function's words, name it in \
+             shared_functions of its configuration; where they keep nothing in the DPRAM at all, write ask_m_variables = false there"
         ),
         _ => format!("{far}; try again in a few seconds"),
     }
@@ -72,5 +73,20 @@ impl fmt::Display for ProgramWords {
             f,
             ". Move them, or write shared_functions = [\"{name}\"] in pmacd's configuration to use it all the same"
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_waits_long_is_told_the_seconds_and_the_settings_that_end_the_wait() {
+        let text = |seconds_left| waits_for(false, &DefinitionsRead { read: 50, of: 8192, seconds_left });
+        let long = text(Some(240));
+        for told in ["50 of 8192", "240 s", "shared_functions", "ask_m_variables = false"] {
+            assert!(long.contains(told), "{told}: {long}");
+        }
+        assert!(text(Some(3)).ends_with("try again in a few seconds"));
     }
 }

@@ -8,6 +8,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use pmac_dpram::client::Connection;
+
 use crate::support::{PATIENCE, Site, wait_until};
 
 fn root() -> PathBuf {
@@ -141,6 +143,29 @@ fn b4_4_b4_5_questions_fill_no_log_and_passwords_stay_out_of_it() {
     let log = site.log();
     assert!(log.lines().filter(|line| line.contains("refused that of")).count() <= 20, "{log}");
     assert!(!log.contains("OpenSesame"), "{log}");
+}
+
+#[test]
+fn the_state_directory_keeps_where_definitions_were_found() {
+    let mut site = Site::new();
+    site.start_simulator(&["--dpram-startup"]);
+    let state = site.path("state");
+    fs::create_dir(&state).unwrap();
+    let file = state.join(format!("{}.m_variables", site.name));
+    fs::write(&file, "broken").unwrap();
+    let log = fs::File::create(site.path("log")).unwrap();
+    let daemon = site.daemon_command(&[]).env("STATE_DIRECTORY", &state).stderr(log).spawn().unwrap();
+    let site = site.adopt(daemon);
+    wait_until("a line taken", || {
+        Connection::open(&site.socket())
+            .is_ok_and(|mut connection| connection.send("M500->DP:$D7F0", PATIENCE).is_ok())
+    });
+    wait_until("the file", || {
+        fs::read_to_string(&file).is_ok_and(|text| text.lines().any(|line| line == "M384"))
+    });
+    assert_eq!(fs::read_dir(&state).unwrap().count(), 1, "the new file took the old one's place");
+    let log = fs::read_to_string(site.path("log")).unwrap();
+    assert!(log.contains("is broken and not used"), "{log}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! A simulated board and a daemon in one thread, in time that the test moves.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
@@ -102,7 +103,8 @@ impl World {
         let segment = segment_options(&settings, &self.time.clock()).map_err(failed)?;
         let publisher = Publisher::create(&segment).map_err(|error| error.to_string())?;
         let machine = Machine::open(&settings, &Inherited::default(), &self.time.clock()).map_err(failed)?;
-        let parts = Parts::new(&settings, machine, publisher, self.time.clock()).map_err(failed)?;
+        let parts =
+            Parts::new(&settings, machine, publisher, self.time.clock(), Arc::default()).map_err(failed)?;
         let serve_options = ServeOptions {
             mode: settings.socket_mode,
             group: settings.socket_group.clone(),

@@ -3,9 +3,15 @@
 //! Sites keep data of their own there, also where automatic functions have their words (FACTS-TURBO 19.2). So the board is
 //! asked for the definitions of all its M-variables, a few at a time, when nobody else has a line to send: at the start,
 //! after a reset, and after a line that defines one. What another host defines meanwhile is not noticed.
+//!
+//! Any of them may point anywhere, so nothing is known before the last is read. Those come first that are likely to point into
+//! the DPRAM: what they keep from use is told at once.
 
+use std::ops::Range;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::daemon::shared::definition_blocks::{BLOCK, DefinitionBlocks};
 use crate::format::Text;
 use crate::map::word_use::{Definition, definition, m_variables};
 use crate::map::{Family, HostOffset};
@@ -57,8 +63,17 @@ pub struct Unclear {
 /// Asks for the definitions, and keeps which words they point to.
 pub struct MemoryScan {
     family: &'static Family,
-    /// The M-variable to ask for next; all are asked for when it is past the last.
+    /// All M-variables, in the order in which they are asked for.
+    spans: Box<[Range<u16>]>,
+    /// The span that is asked for; all are when it is past the last.
+    span: usize,
+    /// The M-variable to ask for next.
     next: u16,
+    /// How many have been read.
+    read: u16,
+    /// Where a definition was found in the DPRAM, for the next start; bit 0 is the first block.
+    found: u64,
+    blocks: Arc<DefinitionBlocks>,
     /// Definitions that one question asks for.
     size: u16,
     /// Of each word of the DPRAM: the first M-variable that points to it, and 1; 0 where none does.
@@ -94,12 +109,19 @@ pub struct MemoryScan {
 }
 
 impl MemoryScan {
-    /// Asks the board, of `family`, from `now` on, if that is `wanted`.
+    /// Asks the board, of `family`, from `now` on, if that is `wanted`: first for the `blocks` in which a definition was found last
+    /// time.
     #[must_use]
-    pub fn new(family: &'static Family, wanted: bool, now: Instant) -> Self {
+    pub fn new(family: &'static Family, wanted: bool, blocks: Arc<DefinitionBlocks>, now: Instant) -> Self {
+        let spans = blocks.order(m_variables(family));
         Self {
             family,
-            next: 0,
+            span: 0,
+            next: spans.first().map_or(0, |span| span.start),
+            spans,
+            read: 0,
+            found: 0,
+            blocks,
             size: A_QUESTION,
             pointers: vec![0; if wanted { family.length as usize / 2 } else { 0 }].into(),
             has_more: false,
@@ -145,13 +167,13 @@ impl MemoryScan {
     /// How far the questions are.
     #[must_use]
     pub fn progress(&self) -> DefinitionsRead {
-        let (read, of) = (u32::from(self.next), u32::from(m_variables(self.family)));
+        let (read, of) = (u32::from(self.read), u32::from(m_variables(self.family)));
         let left = (read > 0).then(|| self.took.as_secs_f64() * f64::from(of - read) / f64::from(read));
         DefinitionsRead { read, of, seconds_left: left.map(|seconds| seconds.ceil() as u32) }
     }
 
     fn is_over(&self) -> bool {
-        self.next >= m_variables(self.family)
+        self.span >= self.spans.len()
     }
 
     /// The line to send now, if any, and how long to wait for its reply. It asks for at most `most_lines` definitions, but at least
@@ -167,7 +189,8 @@ impl MemoryScan {
 
     /// The last M-variable of the present question.
     fn last(&self) -> u16 {
-        (self.next + self.size).min(m_variables(self.family)) - 1
+        let end = self.spans.get(self.span).map_or(self.next, |span| span.end);
+        (self.next + self.size).min(end).saturating_sub(1)
     }
 
     /// The line was sent.
@@ -194,6 +217,7 @@ impl MemoryScan {
         match text.and_then(|text| definition(text, number, self.family)) {
             Some(Definition::Elsewhere) => {}
             Some(Definition::Dpram(place)) => {
+                self.found |= 1 << (number / BLOCK);
                 let words = self.pointers.iter_mut().skip(place.offset.word()).take(place.space.words());
                 for word in words.filter(|word| **word == 0) {
                     *word = number + 1;
@@ -222,11 +246,18 @@ impl MemoryScan {
         self.under_way = false;
         self.progress = now;
         self.took = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
-        self.next = self.last() + 1;
+        let end = self.last() + 1;
+        self.read += end - self.next;
+        self.next = end;
+        if self.spans.get(self.span).is_none_or(|span| span.end == end) {
+            self.span += 1;
+            self.next = self.spans.get(self.span).map_or(end, |span| span.start);
+        }
         if now < self.sent + PATIENCE / 2 {
             self.size = (2 * self.size).min(A_QUESTION);
         }
         if self.is_over() {
+            self.blocks.set(self.found);
             self.tell(self.unclear.map_or(Outcome::Known, Outcome::Unclear));
         } else {
             self.tell_more();
@@ -274,7 +305,9 @@ impl MemoryScan {
     fn restart(&mut self) {
         if self.again && !self.under_way {
             self.again = false;
-            self.next = 0;
+            self.span = 0;
+            self.next = self.spans.first().map_or(0, |span| span.start);
+            (self.read, self.found) = (0, 0);
             self.begun = None;
             self.pointers.fill(0);
             self.has_more = false;
@@ -316,6 +349,28 @@ mod tests {
     use super::*;
     use crate::map::{PMAC, TURBO2};
 
+    fn scan_of(family: &'static Family, wanted: bool, now: Instant) -> MemoryScan {
+        MemoryScan::new(family, wanted, Arc::default(), now)
+    }
+
+    #[test]
+    fn where_a_definition_was_found_last_time_is_asked_for_first_and_told_at_once() {
+        let now = Instant::now();
+        let blocks = Arc::new(DefinitionBlocks::new(0));
+        let mut scan = MemoryScan::new(&TURBO2, true, Arc::clone(&blocks), now);
+        answer(&mut scan, &[(2050, "DP:$60080"), (7, "X:$C000,8")], now);
+        let found = blocks.take_changed().unwrap();
+        assert_eq!((found, blocks.take_changed()), (1 << 16, None));
+        let mut scan = MemoryScan::new(&TURBO2, true, Arc::new(DefinitionBlocks::new(found)), now);
+        let (line, _) = scan.next_line(u16::MAX, now).unwrap();
+        assert_eq!(line.as_bytes(), b"M2048..2097->");
+        scan.sent(now);
+        (2048..2098).for_each(|number| scan.line(if number == 2050 { b"DP:$60080" } else { b"*" }));
+        scan.done(false, now);
+        assert_eq!(scan.take_outcome(now), Some(Outcome::More), "it is told before the others are read");
+        assert_eq!(scan.progress().read, 50);
+    }
+
     /// Answers every question with `*`, but for these definitions. How many were asked.
     fn answer(scan: &mut MemoryScan, definitions: &[(u16, &str)], now: Instant) -> usize {
         let mut asked = 0;
@@ -339,7 +394,7 @@ mod tests {
     #[test]
     fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
         let now = Instant::now();
-        for (family, asked) in [(&PMAC, 21), (&TURBO2, 164)] {
+        for (family, asked) in [(&PMAC, 21), (&TURBO2, 165)] {
             let base = family.base;
             let definitions = [
                 (211, format!("DP:${:X}", base + 0x80)),
@@ -349,7 +404,7 @@ mod tests {
             ];
             let definitions: Vec<_> =
                 definitions.iter().map(|(number, text)| (*number, text.as_str())).collect();
-            let mut scan = MemoryScan::new(family, true, now);
+            let mut scan = scan_of(family, true, now);
             assert_eq!(scan.take_outcome(now), None);
             assert_eq!(answer(&mut scan, &definitions, now), asked);
             assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
@@ -367,7 +422,7 @@ mod tests {
     #[test]
     fn c3_a_board_that_cannot_be_asked_keeps_nobody_waiting() {
         let now = Instant::now();
-        let begun = || MemoryScan::new(&PMAC, true, now);
+        let begun = || scan_of(&PMAC, true, now);
         // It refuses, does not answer, answers something else, or is never free.
         // After an answer it is asked for fewer at first: 6, 12, 24, 50 …
         type Answering = fn(&mut MemoryScan, Instant);
@@ -399,14 +454,14 @@ mod tests {
             assert_eq!(answer(&mut scan, &[], time + LATER), questions, "it is asked again");
             assert_eq!(scan.take_outcome(time + LATER), Some(Outcome::Known));
         }
-        let mut scan = MemoryScan::new(&PMAC, false, now);
+        let mut scan = scan_of(&PMAC, false, now);
         assert_eq!((scan.due_in(now), scan.take_outcome(now + AGAIN)), (Duration::MAX, None));
     }
 
     #[test]
     fn c3_what_was_told_stands_whatever_becomes_of_the_other_questions() {
         let now = Instant::now();
-        let mut scan = MemoryScan::new(&PMAC, true, now);
+        let mut scan = scan_of(&PMAC, true, now);
         for question in 0..3_u16 {
             assert!(scan.next_line(u16::MAX, now).is_some());
             scan.sent(now);
@@ -442,9 +497,9 @@ mod tests {
     /// A question costs a slow board 0.4 s, or each definition 0.15 s: all of them are read, and it is told how long that takes.
     #[test]
     fn c3_a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
-        for (a_question, a_line, most) in [(400, 0, 66), (0, 150, 1500)] {
+        for (a_question, a_line, most) in [(400, 0, 67), (0, 150, 1500)] {
             let began = Instant::now();
-            let mut scan = MemoryScan::new(&TURBO2, true, began);
+            let mut scan = scan_of(&TURBO2, true, began);
             assert_eq!(scan.progress(), DefinitionsRead { read: 0, of: 8192, seconds_left: None });
             let (mut now, mut half) = (began, None);
             while !scan.is_over() {
@@ -461,7 +516,7 @@ mod tests {
                     scan.done(false, now);
                 }
                 assert_ne!(scan.take_outcome(now), Some(Outcome::Unknown));
-                if scan.next >= 4096 {
+                if scan.read >= 4096 {
                     half.get_or_insert((now, scan.progress().seconds_left.unwrap()));
                 }
             }
@@ -476,7 +531,7 @@ mod tests {
     fn c3_a_slow_board_is_asked_for_as_many_as_it_tells_in_time() {
         let now = Instant::now();
         let asked = |most_lines| {
-            let line = MemoryScan::new(&TURBO2, true, now).next_line(most_lines, now).unwrap().0;
+            let line = scan_of(&TURBO2, true, now).next_line(most_lines, now).unwrap().0;
             String::from_utf8(line.as_bytes().to_vec()).unwrap()
         };
         assert_eq!([20, 2].map(asked), ["M0..19->", "M0..5->"]);
@@ -485,7 +540,7 @@ mod tests {
     #[test]
     fn c3_time_in_which_others_hold_the_port_does_not_count() {
         let now = Instant::now();
-        let mut scan = MemoryScan::new(&PMAC, true, now);
+        let mut scan = scan_of(&PMAC, true, now);
         for second in 0..60 {
             let time = now + Duration::from_secs(second);
             scan.pass(second > 2, time);
@@ -501,7 +556,7 @@ mod tests {
     #[test]
     fn c3_an_answer_that_is_no_definition_does_not_say_that_none_points() {
         let now = Instant::now();
-        let mut scan = MemoryScan::new(&PMAC, true, now);
+        let mut scan = scan_of(&PMAC, true, now);
         assert_eq!(answer(&mut scan, &[(7, "M8->DP:$D012"), (9, "?")], now), 21);
         let unclear = Unclear { variable: 7, text: Text::from_bytes(b"M8->DP:$D012") };
         assert_eq!(scan.take_outcome(now), Some(Outcome::Unclear(unclear)));
@@ -514,7 +569,7 @@ mod tests {
     #[test]
     fn c3_what_is_defined_during_a_pass_begins_another() {
         let now = Instant::now();
-        let mut scan = MemoryScan::new(&PMAC, true, now);
+        let mut scan = scan_of(&PMAC, true, now);
         assert!(scan.next_line(u16::MAX, now).is_some());
         scan.sent(now);
         scan.line_goes(b"M5->Y:$D000", now);

@@ -5,4 +5,5 @@ mod notify;
 pub mod privilege;
 pub mod simulator;
 pub(super) mod socket_directory;
+pub(super) mod state_file;
 pub(super) mod supervisor;

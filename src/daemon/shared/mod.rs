@@ -1,5 +1,6 @@
 //! What passes between the bus thread and the socket's thread.
 
+pub mod definition_blocks;
 pub mod function_use;
 pub mod info;
 pub mod job;

@@ -1,5 +1,7 @@
 //! Command lines for a hand-driven board: who waits for whom, and what is never begun.
 
+use std::sync::Arc;
+
 use super::*;
 use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::shared::open_buffer::{Account, Barred};
@@ -58,7 +60,7 @@ impl Rig {
             queue: AsciiQueue::new(
                 port,
                 Identifier::new(&PMAC, Identity::default(), false, now),
-                MemoryScan::new(&PMAC, false, now),
+                MemoryScan::new(&PMAC, false, Arc::default(), now),
                 clock,
             ),
             events,
@@ -275,7 +277,7 @@ fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
     assert_eq!(next_check(&mut rig), "I3 I10 I3");
     let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, rig.now).after_another_host(rig.now);
     let identifier = Identifier::new(&PMAC, Identity::default(), false, rig.now);
-    let scan = MemoryScan::new(&PMAC, false, rig.now);
+    let scan = MemoryScan::new(&PMAC, false, Arc::default(), rig.now);
     rig.queue = AsciiQueue::new(ports, identifier, scan, Clock::real());
     rig.queue.see_buffer(Some((false, 1)));
     rig.queue.take_over(&mut rig.bus).unwrap();
