@@ -22,7 +22,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
-use crate::map::{Family, ReportStart};
+use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
 use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::program_words::waits_for;
@@ -509,6 +509,9 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     {
         let level = if other.is_laid_out_otherwise() { Level::Fail } else { Level::Ok };
         report.add(level, "family", other.to_string());
+    }
+    if info.board_type.as_deref().is_some_and(lacks_dpram) {
+        report.add(Level::Fail, "board", LACKS_DPRAM);
     }
     if !info.waiting.is_empty() {
         let names: Vec<_> = info.waiting.iter().map(|function| function.name()).collect();

@@ -7,7 +7,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::{global_status, programs};
 use crate::client::{Board, ClientError, CommandError, Staleness, View};
 use crate::format::Visible;
-use crate::map::Family;
+use crate::map::{Family, LACKS_DPRAM, lacks_dpram};
 use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::UNKNOWN_FAMILY;
 use crate::protocol::program_words::waits_for;
@@ -94,10 +94,6 @@ fn condition_name(condition: Condition) -> &'static str {
     }
 }
 
-fn is_gone(condition: Condition) -> bool {
-    matches!(condition, Condition::Dead | Condition::OwnerGone | Condition::Replaced)
-}
-
 fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value {
     let socket = socket(context, board);
     let subscriber = board.subscriber();
@@ -107,7 +103,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     let now_ns = subscriber.now_ns();
     let age_ms = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e6;
     // A daemon that is gone is no longer up.
-    let end_ns = if is_gone(condition) { header.heartbeat_ns } else { now_ns };
+    let end_ns = if condition.is_over() { header.heartbeat_ns } else { now_ns };
     let regions: Map<String, Value> = subscriber
         .regions()
         .map(|region| {
@@ -254,6 +250,9 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
     let known = ["type", "family", "firmware"].map(|key| &board[key]);
     let known: Vec<_> = known.into_iter().filter(|value| !value.is_null()).map(plain).collect();
     say("board", if known.is_empty() { "not identified".to_owned() } else { known.join(", ") });
+    if board["type"].as_str().is_some_and(lacks_dpram) {
+        say("warning", LACKS_DPRAM.to_owned());
+    }
     if let Some(motors) = board["motors_of_reports"].as_array() {
         say("reports", reports(motors));
     }
@@ -336,4 +335,20 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
         say("socket", plain(&socket["reason"]));
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_that_has_no_dpram_by_its_type_is_warned_of() {
+        let warnings = |board_type: Option<&str>| {
+            let document = json!({ "condition": "live", "board": { "type": board_type } });
+            lines(&document).into_iter().filter(|(what, _)| what == "warning").collect::<Vec<_>>()
+        };
+        let told = warnings(Some("PMAC1, STD, BATTERY, PID, CLK X1"));
+        assert!(told.len() == 1 && told[0].1.contains("PMAC STD"), "{told:?}");
+        assert!(warnings(Some("PMAC1, ISA, FLASH")).is_empty() && warnings(None).is_empty());
+    }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Arguments;
 use std::time::{Duration, Instant};
 
-use log::{Level, error, info, log};
+use log::{Level, error, info, log, warn};
 
 use crate::clock::Clock;
 use crate::daemon::bus::memory_scan::{Outcome, Unclear};
@@ -12,7 +12,7 @@ use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
-use crate::map::{Family, ReportStart};
+use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Identity, State};
@@ -254,6 +254,9 @@ impl Reporter {
         if let Some(other) = board_type.and_then(|answer| self.family.contradicted_by_type(answer)) {
             let level = if other.is_laid_out_otherwise() { Level::Error } else { Level::Info };
             log!(level, "{other}");
+        }
+        if board_type.is_some_and(lacks_dpram) {
+            warn!("{LACKS_DPRAM}");
         }
     }
 

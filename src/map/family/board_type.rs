@@ -43,6 +43,16 @@ impl fmt::Display for OtherFamily {
     }
 }
 
+/// What is to be said of a board that [`lacks_dpram`].
+pub const LACKS_DPRAM: &str = "the board says by TYPE that it is a PMAC STD, for which the DPRAM (Option 2) is not available: \
+                               what pmacd reads may be no DPRAM of this board; see `board` in its configuration";
+
+/// Whether the answer to `TYPE` names a board that cannot have a DPRAM: one for the STD bus (Software Reference p. 286).
+#[must_use]
+pub fn lacks_dpram(answer: &str) -> bool {
+    answer.split(',').nth(1).is_some_and(|bus| bus.trim() == "STD")
+}
+
 impl Family {
     /// What `TYPE` answers tells more of this family: which board of its generation it is.
     #[must_use]
@@ -87,6 +97,14 @@ mod tests {
                 assert_eq!(told, expected, "{} {answer}", taken.name);
             }
             assert_eq!(taken.contradicted_by_type("UMAC 7"), None, "a text that is not known tells nothing");
+        }
+    }
+
+    #[test]
+    fn only_a_board_for_the_std_bus_lacks_the_dpram() {
+        assert!(lacks_dpram("PMAC1, STD, BATTERY, PID, CLK X1") && lacks_dpram("PMAC1,STD"));
+        for answer in ANSWERS.into_iter().chain(["PMAC1, ISA/VME, FLASH", "PMAC1", "STD", ""]) {
+            assert!(!lacks_dpram(answer), "{answer}");
         }
     }
 

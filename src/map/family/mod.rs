@@ -10,7 +10,7 @@ pub(super) mod turbo_table;
 use std::fmt;
 use std::str::FromStr;
 
-pub use self::board_type::OtherFamily;
+pub use self::board_type::{LACKS_DPRAM, OtherFamily, lacks_dpram};
 
 use super::functions::{
     AsciiPort, BackgroundBlock, Controller, IVariables, PanelBlock, RotaryHeaders, ServoBlock, StartRule,
