@@ -91,7 +91,10 @@ impl BufferSettings {
 #[non_exhaustive]
 pub enum BufferLayoutError {
     /// Two buffers share words.
-    #[error("{first} and {second} overlap; make one of them smaller, or give it another place")]
+    #[error(
+        "{first} and {second} overlap; make one of them smaller, or give it another place: {}",
+        settings_of(&[first.name, second.name])
+    )]
     Overlap {
         /// One buffer, with its addresses.
         first: Extent,
@@ -99,7 +102,10 @@ pub enum BufferLayoutError {
         second: Extent,
     },
     /// A buffer that leaves the user area.
-    #[error("{buffer} does not fit into the area {area}; make it or its neighbours smaller")]
+    #[error(
+        "{buffer} does not fit into the area {area}; make it or its neighbours smaller: {}",
+        settings_of(&[buffer])
+    )]
     Outside {
         /// The buffer's name.
         buffer: &'static str,
@@ -107,7 +113,7 @@ pub enum BufferLayoutError {
         area: Extent,
     },
     /// A size its function does not allow.
-    #[error("{buffer}: {size} is not possible; {allowed}")]
+    #[error("{}: {size} is not possible for {buffer}; {allowed}", settings_of(&[buffer]))]
     Size {
         /// The buffer's name.
         buffer: &'static str,
@@ -453,6 +459,20 @@ fn check_sizes(settings: &BufferSettings, family: &Family) -> Result<(), BufferL
         }
     }
     Ok(())
+}
+
+/// The names of the settings that place these buffers, and give their sizes.
+fn settings_of(buffers: &[&str]) -> String {
+    let of_one = |buffer: &&str| match *buffer {
+        "gather" => &["gather_longs"][..],
+        "variable_read" => &["variable_read_entries", "variable_read_start"],
+        "variable_write" => &["variable_write_records", "variable_write_start"],
+        "firmware" => &[],
+        _ => &["rotary_longs", "rotary_start"],
+    };
+    let mut names: Vec<&str> = buffers.iter().flat_map(of_one).copied().collect();
+    names.dedup();
+    names.join(", ")
 }
 
 /// Longs that `entries` entries of the variable-read table take with their data.

@@ -48,7 +48,7 @@ fn buffers_that_overlap_are_named_with_their_addresses() {
     assert_eq!(
         refused(wide),
         "gather ($D200-$DAFF) and variable_read ($DA80-$DBFF) overlap; make one of them smaller, or give it \
-         another place"
+         another place: gather_longs, variable_read_entries, variable_read_start"
     );
     let placed = BufferSettings { variable_read_start: 0xD700, ..BufferSettings::default() };
     assert!(refused(placed).starts_with("gather ($D200-$D7BF) and variable_read ($D700-$D87F) overlap"));
@@ -84,6 +84,11 @@ fn sizes_no_function_takes_are_refused() {
     ] {
         let error = BufferLayout::new(&layout(None), &settings).unwrap_err();
         assert!(matches!(error, BufferLayoutError::Size { buffer: named, .. } if named == buffer), "{error}");
+        // It begins with a name that the configuration has.
+        let settings = serde_json::to_value(&settings).unwrap();
+        let text = error.to_string();
+        let name = text.split([',', ':']).next().unwrap();
+        assert!(settings.get(name).is_some(), "{text}");
     }
 }
 
