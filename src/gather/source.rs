@@ -152,7 +152,7 @@ impl Source {
     }
 
     fn address(text: &str, family: &Family) -> Result<Self, SourceError> {
-        let bad = || BadRegister { text: text.to_owned(), last: family.last_address() };
+        let bad = || BadRegister { text: text.to_owned(), last: family.last_address(), in_dpram: false };
         let (address, unsigned) = match text.split_once(',') {
             Some((address, sign)) if sign.trim().eq_ignore_ascii_case("u") => (address, true),
             Some((address, sign)) if sign.trim().eq_ignore_ascii_case("s") => (address, false),

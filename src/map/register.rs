@@ -18,13 +18,16 @@ pub struct PmacRegister {
 /// Text that names no register.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{text:?} is no register; write Y:$C000, X:$C001, D:$002B or L:$1005, with an address up to ${last:X}"
+    "{text:?} is no register{}; write Y:$C000, X:$C001, D:$002B or L:$1005, with an address up to ${last:X}",
+    if *in_dpram { " that PMAC copies, but a place in the DPRAM, which `pmacctl read` shows" } else { "" }
 )]
 pub struct BadRegister {
     /// The text.
     pub text: String,
     /// The last address there is.
     pub last: u32,
+    /// Its space is one of the DPRAM alone.
+    pub in_dpram: bool,
 }
 
 impl FromStr for PmacRegister {
@@ -63,13 +66,13 @@ impl PmacRegister {
     }
 
     fn up_to(text: &str, last: u32) -> Result<Self, BadRegister> {
-        let parsed = text.trim().split_once(':').and_then(|(letters, digits)| {
+        let address = text.trim().split_once(':').and_then(|(letters, digits)| {
             let space = Space::ALL.into_iter().find(|space| space.name().eq_ignore_ascii_case(letters))?;
-            Self::new(PmacAddress::new(space, number::parse(digits).ok()?))
+            Some(PmacAddress::new(space, number::parse(digits).ok()?))
         });
-        parsed
-            .filter(|register| register.address.number <= last)
-            .ok_or_else(|| BadRegister { text: text.to_owned(), last })
+        let in_dpram = address.is_some_and(|address| matches!(address.space, Space::Dp | Space::F));
+        let register = address.and_then(Self::new).filter(|register| register.address.number <= last);
+        register.ok_or_else(|| BadRegister { text: text.to_owned(), last, in_dpram })
     }
 
     /// Where it lies.

@@ -28,6 +28,19 @@ fn listed(site: &VirtualSite) -> Vec<String> {
 }
 
 #[test]
+fn a_watch_says_what_is_wrong_with_a_name() {
+    let site = VirtualSite::running(&[], &[]);
+    for (name, said) in [
+        ("P99999", "there is no P99999: a PMAC has P0 to P1023"),
+        ("m1024", "there is no M1024: a PMAC has M0 to M1023"),
+        ("DP:$D800", "a place in the DPRAM, which `pmacctl read` shows"),
+    ] {
+        let ran = site.run(&["variable", "watch", name, "--count", "1"]);
+        assert!(ran.code == Some(2) && ran.stderr.contains(said), "{ran:?}");
+    }
+}
+
+#[test]
 fn clients_share_entries_and_free_them() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();

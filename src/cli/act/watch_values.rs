@@ -14,6 +14,7 @@ use crate::client::number::{digits, short};
 use crate::client::{Board, Connection, Variable as Entry, VariableTable, VariableWatch, View};
 use crate::decode::Scales;
 use crate::gather::{Column, Reading, Source};
+use crate::map::word_use::m_variables;
 use crate::map::{BadVariable, Layout, Space, VariableName};
 use crate::protocol::deadlines;
 use crate::segment::RegionId;
@@ -97,8 +98,14 @@ pub struct Copied {
 
 impl Wanted {
     fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
+        let count = m_variables(layout.family());
         match board_variable(text) {
-            Some(name) => Ok(Self::Asked(name)),
+            // A board has as many of each kind.
+            Some(name) if name[1..].parse().is_ok_and(|number: u16| number < count) => Ok(Self::Asked(name)),
+            Some(name) => {
+                let (kind, title, last) = (&name[..1], layout.family().title, count - 1);
+                Err(Failure::Request(format!("there is no {name}: a {title} has {kind}0 to {kind}{last}")))
+            }
             None => Copied::parse(text, layout, scales).map(Self::Copied),
         }
     }
@@ -160,7 +167,7 @@ impl Copied {
 pub fn board_variable(text: &str) -> Option<String> {
     let name = text.to_ascii_uppercase();
     let digits = name.strip_prefix(['I', 'M', 'P', 'Q'])?;
-    let is_number = (1..=4).contains(&digits.len()) && digits.bytes().all(|digit| digit.is_ascii_digit());
+    let is_number = !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_digit());
     is_number.then_some(name)
 }
 
@@ -339,14 +346,16 @@ mod tests {
 
     #[test]
     fn e4_variables_go_by_their_letter_and_number() {
-        for (text, name) in
-            [("p1", Some("P1")), ("I122", Some("I122")), ("M8191", Some("M8191")), ("Q0", Some("Q0"))]
-        {
+        for (text, name) in [
+            ("p1", Some("P1")),
+            ("I122", Some("I122")),
+            ("M8191", Some("M8191")),
+            ("Q0", Some("Q0")),
+            ("P99999", Some("P99999")),
+        ] {
             assert_eq!(board_variable(text).as_deref(), name, "{text}");
         }
-        for text in
-            ["P", "P12345", "L:$1005", "PLCC:7", "1.actual_position", "P1=5", "X1", "M1->X:$10", "P-1"]
-        {
+        for text in ["P", "L:$1005", "PLCC:7", "1.actual_position", "P1=5", "X1", "M1->X:$10", "P-1"] {
             assert_eq!(board_variable(text), None, "{text}");
         }
     }
