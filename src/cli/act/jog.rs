@@ -46,12 +46,24 @@ fn destination(text: &str) -> Result<Destination, String> {
         "stop" => return Ok(Destination::Key(PanelAction::JogStop)),
         _ => text.strip_prefix('=').ok_or("write a position as =5000, or +, - or stop")?.trim(),
     };
-    let is_number = |character: char| character.is_ascii_digit() || "+-.".contains(character);
-    let end = position.find(|character| !is_number(character)).unwrap_or(position.len());
-    let (number, unit) = (&position[..end], position[end..].trim());
-    let value =
-        number.parse().map_err(|_| format!("{position:?}: write a number first, as =5000 or =12.5deg"))?;
+    let (number, unit) = position.split_at(number_length(position));
+    let value = number.parse().ok().filter(|value: &f64| value.is_finite());
+    let value = value.ok_or_else(|| format!("{position:?}: write a number first, as =5000 or =12.5deg"))?;
+    let unit = unit.trim();
     Ok(Destination::Position(value, (!unit.is_empty()).then(|| unit.to_owned())))
+}
+
+/// How much of `text` is a number, with an exponent if one follows: `-1e3`, and of `1eV` only `1`.
+fn number_length(text: &str) -> usize {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    let is_number = |character: char| character.is_ascii_digit() || "+-.".contains(character);
+    let end = text.find(|character| !is_number(character)).unwrap_or(text.len());
+    let Some(exponent) = text[end..].strip_prefix(['e', 'E']) else { return end };
+    let sign = usize::from(exponent.starts_with(['+', '-']));
+    match digits(&exponent[sign..]) {
+        0 => end,
+        count => end + 1 + sign + count,
+    }
 }
 
 pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
@@ -151,6 +163,10 @@ mod tests {
             ("= 0.25 counts", 0.25, Some("counts")),
             ("=+3e", 3.0, Some("e")),
             ("=1°", 1.0, Some("°")),
+            ("=-1e3", -1000.0, None),
+            ("=1.5E+2deg", 150.0, Some("deg")),
+            ("=25e-1 counts", 2.5, Some("counts")),
+            ("=1eV", 1.0, Some("eV")),
         ] {
             assert_eq!(
                 destination(text),
@@ -160,7 +176,9 @@ mod tests {
         }
         assert_eq!(destination("-"), Ok(Destination::Key(PanelAction::JogMinus)));
         assert_eq!(destination("stop"), Ok(Destination::Key(PanelAction::JogStop)));
-        for text in ["", "5000", "=", "=deg", "=nan", "=inf", "=--1", "=1-2", "=1.2.3", "++", "halt"] {
+        for text in
+            ["", "5000", "=", "=deg", "=nan", "=inf", "=--1", "=1-2", "=1.2.3", "=1e999", "++", "halt"]
+        {
             assert!(destination(text).is_err(), "{text}");
         }
     }
