@@ -231,6 +231,18 @@ fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
 }
 
 #[test]
+fn a_wait_whose_daemon_is_gone_says_so() {
+    let site = running("");
+    site.ask("I122=5");
+    let child = start(&site, &["jog", "1", "=1000000", "--wait"]);
+    site.wait_until("the jog", || number(&site, "#1V") > 1.0);
+    site.stop_daemon();
+    let ran = ended(&site, child);
+    let told = ran.stderr.contains("pmacd is gone") && ran.stderr.contains("motor 1 MAY BE MOVING");
+    assert!(ran.code == Some(1) && told, "{ran:?}");
+}
+
+#[test]
 fn b5_7_a_wait_names_the_reset_that_ended_it() {
     // Its reports go on after a reset.
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");

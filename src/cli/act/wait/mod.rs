@@ -191,6 +191,11 @@ impl Watch {
             }
             self.follow()?;
             let now = sequence(&snapshot);
+            if self.board.subscriber().condition().is_over() {
+                return ended(
+                    "pmacd is gone, and until it is there again pmacctl moves and stops nothing".to_owned(),
+                );
+            }
             if is_silent(&snapshot) {
                 return ended(format!("no report has come for {} s", SILENCE.as_secs()));
             }
