@@ -71,8 +71,32 @@ fn e4_a_line_that_the_board_refuses_ends_the_gather() {
     let gather = ["gather", "-s", "servo_timer", "-o", csv.to_str().unwrap(), "--then", "XYZZY"];
     let ran = site.hurried(|| site.run(&gather));
     assert_eq!(ran.code, Some(1), "{ran:?}");
-    assert!(ran.stderr.contains("\"XYZZY\", so nothing is gathered: ERR003"), "{ran:?}");
+    assert!(
+        ran.stderr
+            .contains("the line of --then, \"XYZZY\", failed, and the gather was ended for that: ERR003"),
+        "{ran:?}"
+    );
     assert!(!csv.exists());
     site.wait_until("the end of the gather", || site.ask("I19") == ["1"]);
     assert!(!site.log().contains("[ERROR]"), "{}", site.log());
+}
+
+#[test]
+fn a_gather_opens_no_program_buffer_that_would_keep_its_own_end_back() {
+    let site = VirtualSite::running(&[], &[]);
+    let csv = site.path("g.csv");
+    let ran = site.run(&[
+        "gather",
+        "-s",
+        "servo_timer",
+        "-o",
+        csv.to_str().unwrap(),
+        "--then",
+        "OPEN PROG 3 CLEAR",
+    ]);
+    assert!(
+        ran.code == Some(2) && ran.stderr.contains("--then: \"OPEN PROG 3 CLEAR\" opens a program buffer"),
+        "{ran:?}"
+    );
+    assert!(!csv.exists());
 }

@@ -23,6 +23,7 @@ use crate::format::Visible;
 use crate::gather::{GatherMode, GatherPlan, SampleClock, Source, fields};
 use crate::map::Layout;
 use crate::protocol::board::GatherStopReply;
+use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::{check_line, deadlines};
 
 /// How long to sleep if there are no samples.
@@ -106,6 +107,12 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     }
     if let Some(line) = &options.then {
         check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
+        if let Some(Effect::Opens(_)) = effect(line.as_bytes()) {
+            let why = format!(
+                "--then: {line:?} opens a program buffer, which would keep the end of the gather from the board"
+            );
+            return Err(Failure::Request(why));
+        }
     }
     let named = |layout: &Layout| options.source.iter().map(|text| Source::parse(text, layout)).collect();
     let mode = if options.once { GatherMode::Stop } else { GatherMode::Wrap };
@@ -205,8 +212,10 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
 fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
     let timeout = deadlines::of_line(line, deadlines::PLAIN);
     let reply = connection.send(line, timeout).map_err(LineError::from);
-    let reply =
-        reply.map_err(|error| Failure::from(error).at(format_args!("{line:?}, so nothing is gathered")))?;
+    let reply = reply.map_err(|error| {
+        Failure::from(error)
+            .at(format_args!("the line of --then, {line:?}, failed, and the gather was ended for that"))
+    })?;
     for text in reply {
         writeln!(io::stderr(), "{}", Visible(&text))?;
     }
