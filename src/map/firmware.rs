@@ -34,6 +34,12 @@ impl Firmware {
     pub const fn first(major: u16, minor: u16) -> Self {
         Self { major, minor, letter: None }
     }
+
+    /// The version with these numbers and this capital letter.
+    #[must_use]
+    pub const fn lettered(major: u16, minor: u16, letter: char) -> Self {
+        Self { major, minor, letter: Some(letter) }
+    }
 }
 
 fn parse(text: &str) -> Option<Firmware> {

@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use super::readings::{GatherPosition, GatherSizeWord, GatherWords, Readings};
+use super::readings::{GatherSizeWord, GatherWords, Readings};
 use super::{
     Block, Confidence, Family, Firmware, GatherPlace, Generation, HostOffset, Register, SourceAt, Space,
     Width,
@@ -63,12 +63,7 @@ impl Layout {
     /// As [`Layout::new`], on a board with these readings.
     #[must_use]
     pub fn read_by(family: &'static Family, firmware: Option<Firmware>, readings: Readings) -> Self {
-        let moved = match readings.gather_position {
-            GatherPosition::ByFirmware => firmware
-                .is_some_and(|version| family.gather_moved_in.iter().any(|name| name.parse() == Ok(version))),
-            GatherPosition::Printed => false,
-            GatherPosition::Moved => true,
-        };
+        let moved = family.gather_moved_since.zip(firmware).is_some_and(|(since, version)| version >= since);
         let printed = match (family.generation, readings.gather_words) {
             (Generation::Turbo, GatherWords::IndexFirst) => {
                 let GatherPlace { size, index, buffer } = family.gather;
@@ -232,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn listed_firmware_moves_the_gather_buffer_and_no_other() {
+    fn the_gather_buffer_lies_elsewhere_from_firmware_1_16c_on() {
         let at = |version: Option<&str>, gather_size_word| {
             let firmware = version.map(|text| text.parse().unwrap());
             let readings = Readings { gather_size_word, ..Readings::default() };
@@ -240,10 +235,11 @@ mod tests {
             [place.size, place.index, place.buffer].map(HostOffset::bytes)
         };
         let printed = [0x07FC, 0x07FE, 0x0800];
-        for version in [None, Some("1.15"), Some("1.16"), Some("1.16B"), Some("1.16F"), Some("1.17")] {
+        for version in [None, Some("1.15"), Some("1.16"), Some("1.16B")] {
             assert_eq!(at(version, GatherSizeWord::WithIndex), printed, "{version:?}");
         }
-        for version in ["1.16C", "1.16D", "1.16G", "1.17C"] {
+        for version in ["1.16C", "1.16D", "1.16E", "1.16G", "1.16H", "1.17", "1.17A", "1.17C", "1.18", "2.00"]
+        {
             assert_eq!(at(Some(version), GatherSizeWord::WithIndex), [0x08FC, 0x08FE, 0x0900]);
             assert_eq!(at(Some(version), GatherSizeWord::AsPrinted), [0x07FC, 0x08FE, 0x0900]);
         }

@@ -39,7 +39,6 @@ pub static READINGS: &[Reading] = &[
     set("rotary_code2", &["bit12", "bit16"]),
     set("rotary_bit_codes", &["diagram", "table"]),
     set("rotary_header", &["size_first", "start_first"]),
-    set("gather_position", &["by_firmware", "printed", "moved"]),
     set("gather_size_word", &["with_index", "as_printed", "not_written"]),
     set("gather_index", &["after_data", "before_data"]),
     set("variable_write_field", &["at_bit_0", "at_offset"]),
@@ -162,19 +161,6 @@ impl RotaryHeader {
             Self::StartFirst => [rotary_header::SIZE, rotary_header::START],
         }
     }
-}
-
-/// Where the gather buffer and its index lie (DPRAM manual p. 25; one driver's table tells of firmware that moved them).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GatherPosition {
-    /// Where that table has them for the board's firmware; as printed while the firmware is not known.
-    #[default]
-    ByFirmware,
-    /// At $D200, index at 0x07FE, as printed.
-    Printed,
-    /// At $D240, index at 0x08FE, whatever the firmware.
-    Moved,
 }
 
 /// Where the gather buffer's size is written (0x07FC; DPRAM manual p. 25). No text says where firmware that moves the buffer
@@ -488,8 +474,6 @@ pub struct Readings {
     pub rotary_bit_codes: BitCodes,
     /// What the last two words of a rotary header are.
     pub rotary_header: RotaryHeader,
-    /// Where the gather buffer and its index lie.
-    pub gather_position: GatherPosition,
     /// Where the size of the gather buffer is written.
     pub gather_size_word: GatherSizeWord,
     /// When the gather index moves.

@@ -12,7 +12,7 @@ use crate::function::gather::{
     GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::map::readings::{GatherPosition, GatherSizeWord, GatherWords};
+use crate::map::readings::{GatherSizeWord, GatherWords};
 use crate::map::{Family, GatherPlace, Generation, HostOffset, Layout, Readings, ServoBlock};
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
@@ -89,8 +89,7 @@ pub enum NotFollowed {
     },
     /// The board's words are not those of this buffer, nor are any others.
     #[error(
-        "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand, and {size} \
-         stands nowhere else; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? A board that writes no size \
+        "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? A board that writes no size \
          needs gather_size_word = \"{none}\" under [readings] in pmacd's configuration",
         place.size, place.index, none = GatherSizeWord::NotWritten
     )]
@@ -112,18 +111,12 @@ pub enum NotFollowed {
 type Place = (&'static str, fn(Readings) -> Readings);
 
 /// On a PMAC, whose firmware may move the buffer.
-static PLACES: [Place; 3] = [
-    ("gather_position = \"printed\"", |readings| Readings {
-        gather_position: GatherPosition::Printed,
-        ..readings
-    }),
-    ("gather_position = \"moved\" and gather_size_word = \"with_index\"", |readings| Readings {
-        gather_position: GatherPosition::Moved,
+static PLACES: [Place; 2] = [
+    ("gather_size_word = \"with_index\"", |readings| Readings {
         gather_size_word: GatherSizeWord::WithIndex,
         ..readings
     }),
-    ("gather_position = \"moved\" and gather_size_word = \"as_printed\"", |readings| Readings {
-        gather_position: GatherPosition::Moved,
+    ("gather_size_word = \"as_printed\"", |readings| Readings {
         gather_size_word: GatherSizeWord::AsPrinted,
         ..readings
     }),
@@ -172,9 +165,10 @@ fn look_elsewhere(
     buffer: &GatherBuffer,
 ) -> Result<NotFollowed, BusError> {
     let (size, place) = (buffer.size_longs, buffer.place);
+    let firmware = family.gather_moved_since.filter(|_| place.buffer != family.gather.buffer);
     let (mut fit, mut at) = ([false; PLACES.len()], place.size);
     for (fits, (_, read_by)) in fit.iter_mut().zip(places(family.generation)) {
-        let found = Layout::read_by(family, None, read_by(Readings::default())).gather();
+        let found = Layout::read_by(family, firmware, read_by(Readings::default())).gather();
         *fits = found != place && u32::from(bus.read16(found.size)?) == size && bus.read16(found.index)? == 0;
         if *fits {
             at = found.size;

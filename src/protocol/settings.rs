@@ -83,14 +83,13 @@ pub enum VariableMode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::readings::{GatherPosition, GatherSizeWord};
+    use crate::map::readings::GatherSizeWord;
 
     #[test]
     fn the_tables_are_written_by_name_and_come_back() {
-        let text = "[readings]\ngather_position = \"moved\"\ngather_size_word = \"as_printed\"\n[variables]\nmode = \"multi-user\"\n\
+        let text = "[readings]\ngather_size_word = \"as_printed\"\n[variables]\nmode = \"multi-user\"\n\
                     [plan]\nrotary_start = [0xDE00, 0]\n[rotary]\nexponent_bias = 30\n";
         let settings: BoardSettings = toml::from_str(text).unwrap();
-        assert_eq!(settings.readings.gather_position, GatherPosition::Moved);
         assert_eq!(settings.readings.gather_size_word, GatherSizeWord::AsPrinted);
         assert_eq!(settings.variables.mode, VariableMode::MultiUser);
         assert_eq!(

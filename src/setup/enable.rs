@@ -530,13 +530,12 @@ fn gather(options: &Options, family: &Family, with_servo: bool) -> Result<Functi
 fn gather_start(family: &Family) -> String {
     let buffer = family.gather.buffer;
     let at = |offset: HostOffset| family.print_number(family.pmac_number(offset));
-    match family.gather_moved_in {
-        [] => format!("the buffer begins at {}", at(buffer)),
-        [others @ .., last] => format!(
-            "the buffer begins at {}, with firmware {} and {last} at {}",
-            at(buffer),
-            others.join(", "),
-            at(buffer.plus_words(family.gather_shift as usize / 2))
-        ),
+    let printed = format!("the buffer begins at {}", at(buffer));
+    match family.gather_moved_since {
+        None => printed,
+        Some(since) => {
+            let moved = at(buffer.plus_words(family.gather_shift as usize / 2));
+            format!("{printed}, from firmware {since} on at {moved}")
+        }
     }
 }

@@ -310,8 +310,8 @@ fn b3_a_gather_buffer_that_lies_elsewhere_names_the_settings_of_its_family() {
     let turbo = "family = \"turbo2\"\n";
     let told = gather(&["--family", "turbo2", "--reading", "gather_words=index_first"], turbo);
     assert!(told.contains("in pmacd's configuration write gather_words = \"index_first\""), "{told}");
-    let told = gather(&["--reading", "gather_position=printed", "--firmware", "1.16D"], "");
-    assert!(told.contains("in pmacd's configuration write gather_position = \"printed\""), "{told}");
+    let told = gather(&["--reading", "gather_size_word=as_printed"], "");
+    assert!(told.contains("in pmacd's configuration write gather_size_word = \"as_printed\""), "{told}");
     for (family, mode) in [("turbo2", "I5000"), ("pmac", "I45")] {
         let board = ["--family", family, "--reading", "gather_size_word=not_written"];
         let told = gather(&board, &format!("family = {family:?}\n"));

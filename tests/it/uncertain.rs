@@ -113,28 +113,39 @@ fn gather_fifty(simulator: &[&str], config: &str) -> (i32, String) {
 }
 
 #[test]
-fn b3_6_a_gather_buffer_that_lies_elsewhere_is_found_and_the_setting_named() {
-    for (position, size_word, at) in [
-        ("printed", "with_index", "0x07FC"),
-        ("moved", "with_index", "0x08FC"),
-        ("moved", "as_printed", "0x07FC"),
-    ] {
-        let readings = [format!("gather_position={position}"), format!("gather_size_word={size_word}")];
-        let simulator = ["--reading", &readings[0], "--reading", &readings[1]];
-        let setting = readings.each_ref().map(|reading| reading.replace('=', " = \"") + "\"");
-        // The daemon looks elsewhere: it says where the size stands, and what to write.
-        let elsewhere = if at == "0x07FC" { "moved" } else { "printed" };
-        let (status, stderr) =
-            gather_fifty(&simulator, &format!("[readings]\ngather_position = {elsewhere:?}\n"));
-        let left =
-            format!("DEFINE GATHER 50 left 50 at {at}; under [readings] in pmacd's configuration write ");
-        let write = if position == "printed" { setting[0].clone() } else { setting.join(" and ") };
-        assert!(status == 1 && stderr.contains(&left) && stderr.contains(&write), "{write}: {stderr}");
-        let (status, stderr) =
-            gather_fifty(&simulator, &format!("[readings]\n{}\n{}\n", setting[0], setting[1]));
+fn a_size_word_that_lies_elsewhere_is_found_and_the_setting_named() {
+    for (board, other, at) in [("with_index", "as_printed", "0x08FC"), ("as_printed", "with_index", "0x07FC")]
+    {
+        let simulator = ["--reading", &format!("gather_size_word={board}")];
+        let configured = |word| format!("[readings]\ngather_size_word = {word:?}\n");
+        // The daemon says where the size stands, and what to write.
+        let (status, stderr) = gather_fifty(&simulator, &configured(other));
+        let told = format!(
+            "DEFINE GATHER 50 left 50 at {at}; under [readings] in pmacd's configuration write gather_size_word = {board:?}"
+        );
+        assert!(status == 1 && stderr.contains(&told), "{told}: {stderr}");
+        let (status, stderr) = gather_fifty(&simulator, &configured(board));
         assert_eq!(status, 0, "{stderr}");
     }
-    // Older firmware gathers as printed.
-    let (status, stderr) = gather_fifty(&["--firmware", "1.13"], "");
-    assert_eq!(status, 0, "{stderr}");
+}
+
+/// The simulated board has its buffer where real ones have it, by the table of a production driver.
+#[test]
+fn every_firmware_gathers_without_a_setting() {
+    for (firmware, index) in [
+        ("1.13", "0x07FE"),
+        ("1.16B", "0x07FE"),
+        ("1.16C", "0x08FE"),
+        ("1.16E", "0x08FE"),
+        ("1.16H", "0x08FE"),
+        ("1.17A", "0x08FE"),
+        ("1.18", "0x08FE"),
+    ] {
+        let site = configured(&["--firmware", firmware], "");
+        let gather = ["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"];
+        let (status, stdout, stderr) = site.pmacctl(&gather);
+        assert_eq!((status, stdout.lines().count()), (0, 51), "{firmware}: {stderr}");
+        assert_eq!(site.word(index), 50, "{firmware}");
+        site.assert_no_violations();
+    }
 }

@@ -36,14 +36,7 @@ const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
         Generation::Pmac,
         // That an <ACK> ends a reply is no question of I3 on Turbo boards (Turbo Software Reference p. 37), nor what the
         // timer of a report is stored after (Turbo User Manual p. 403), nor where gathering is.
-        &[
-            "reply_end",
-            "gather_position",
-            "gather_size_word",
-            "panel_mask",
-            "panel_words",
-            "background_timer",
-        ],
+        &["reply_end", "gather_size_word", "panel_mask", "panel_words", "background_timer"],
     ),
     (Generation::Turbo, &["report_ready", "read_entry", "write_record", "gather_words", "write_long"]),
 ];

@@ -83,7 +83,6 @@ fn layout(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::readings::GatherPosition;
     use crate::map::{HostOffset, PMAC};
 
     fn decided(settings: BoardSettings) -> Result<CheckedSettings, String> {
@@ -99,10 +98,6 @@ mod tests {
         for other in [Some("1.13"), Some("hello"), None] {
             assert_eq!(start(checked.layout_for(other).unwrap()), HostOffset::new(0x0800), "{other:?}");
         }
-        let mut settings = BoardSettings::default();
-        settings.readings.gather_position = GatherPosition::Printed;
-        let checked = decided(settings).unwrap();
-        assert_eq!(start(checked.layout_for(Some("1.16D")).unwrap()), HostOffset::new(0x0800));
     }
 
     #[test]

@@ -103,8 +103,8 @@ pub struct Family {
     pub rotary: RotaryHeaders,
     /// Data gathering as printed.
     pub gather: GatherPlace,
-    /// The firmware versions, as `VERSION` answers, that move the gather buffer and its index.
-    pub gather_moved_in: &'static [&'static str],
+    /// The first firmware that moves the gather buffer and its index; `None` where none does.
+    pub gather_moved_since: Option<Firmware>,
     /// By how many bytes they move it.
     pub gather_shift: u32,
     /// The first firmware whose variable functions know the function blocks of compiled PLCs; `None` where no text tells of
@@ -150,7 +150,7 @@ const fn pmac_family(
         variable_write: pmac::VARIABLE_WRITE,
         rotary: pmac::ROTARY,
         gather: pmac::GATHER,
-        gather_moved_in: pmac::GATHER_MOVED_IN,
+        gather_moved_since: Some(pmac::GATHER_MOVED_SINCE),
         gather_shift: pmac::GATHER_SHIFT,
         function_blocks_since: Some(pmac::FUNCTION_BLOCKS_SINCE),
     }
@@ -200,7 +200,7 @@ const fn turbo_family(
         variable_write: turbo::VARIABLE_WRITE,
         rotary,
         gather: turbo::GATHER,
-        gather_moved_in: &[],
+        gather_moved_since: None,
         gather_shift: 0,
         function_blocks_since: None,
     }

@@ -227,10 +227,11 @@ pub const GATHER_SIZE: HostOffset = at(0x07FC);
 pub const GATHER_INDEX: HostOffset = at(0x07FE);
 /// Start of the gather buffer, $D200.
 pub const GATHER_BUFFER: HostOffset = at(0x0800);
-/// How far the firmware of [`GATHER_MOVED_IN`] moves the gather buffer: to $D240.
+/// How far the firmware from [`GATHER_MOVED_SINCE`] on moves the gather buffer: to $D240.
 pub const GATHER_SHIFT: u32 = 0x0100;
-/// The firmware that has the gather buffer at $D240 and its index at 0x08FE.
-pub const GATHER_MOVED_IN: &[&str] = &["1.16C", "1.16D", "1.16G", "1.17C"];
+/// The firmware from which on the gather buffer lies at $D240 and its index at 0x08FE. A production driver's table has 1.16C,
+/// 1.16D, 1.16G and 1.17C, the versions that its site owns.
+pub const GATHER_MOVED_SINCE: Firmware = Firmware::lettered(1, 16, 'C');
 /// The firmware from which on the variable functions know function blocks (DPRAM manual p. 23 and 24).
 pub const FUNCTION_BLOCKS_SINCE: Firmware = Firmware::first(1, 16);
 
