@@ -14,6 +14,7 @@ pub mod firmware;
 pub mod function;
 pub mod functions;
 pub mod layout;
+pub mod m_definition;
 pub mod mailbox;
 pub mod number;
 pub mod readings;

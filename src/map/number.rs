@@ -27,6 +27,18 @@ pub fn parse(text: &str) -> Result<u32, BadNumber> {
     u32::from_str_radix(digits, radix).map_err(|_| bad())
 }
 
+/// How far the number in a listing may lie from the number that was set: boards list nine or ten decimals, of at most eleven digits.
+const LISTED_WITHIN: f64 = 6e-10;
+const LISTED_SHARE: f64 = 1e-10;
+
+/// Whether a board that is given one number may list the other. Whole numbers are listed as they are.
+#[must_use]
+pub fn same_when_listed(one: f64, other: f64) -> bool {
+    let is_whole = one.fract() == 0.0 && other.fract() == 0.0;
+    let within = if is_whole { 0.0 } else { LISTED_WITHIN.max(LISTED_SHARE * one.abs()) };
+    (one - other).abs() <= within
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -38,6 +50,20 @@ mod tests {
         assert_eq!(parse(" 0XFF "), Ok(255));
         assert_eq!(parse("24"), Ok(24));
         assert_eq!(parse("$FFFFFFFF"), Ok(u32::MAX));
+    }
+
+    #[test]
+    fn a_listing_has_fewer_digits_than_a_file() {
+        for (given, listed) in
+            [(0.333_333_333_333, 0.333_333_333), (-0.0, 0.0), (123_456.789_012_3, 123_456.789_01)]
+        {
+            assert!(same_when_listed(given, listed), "{given}");
+        }
+        for (given, listed) in
+            [(0.5, 0.500_000_01), (8_388_607.0, 8_388_608.0), (1.0, -1.0), (f64::NAN, f64::NAN)]
+        {
+            assert!(!same_when_listed(given, listed), "{given}");
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! [`compile()`] converts text to words and rejects, with its place, whatever has no binary form; [`decompile()`]
 //! converts words to text. Both go through [`Item`], the meaning of one command, and both read the one table
-//! [`codes::CODES`]. What the manual leaves open is a named field of [`Settings`]. Nothing here accesses a board.
+//! [`codes::CODES`], as does [`same_line`], which knows a board's listing for the program that was typed. What the manual leaves open is a named field of [`Settings`]. Nothing here accesses a board.
 
 pub mod codes;
 pub mod compile;
@@ -20,6 +20,7 @@ pub mod reason;
 mod refused;
 mod scan;
 pub mod settings;
+mod spelling;
 
 #[cfg(test)]
 mod tests;
@@ -32,3 +33,4 @@ pub use item::{Argument, Item};
 pub use program::{Command, END_MARKER, Line, Program, START_OF_LINE};
 pub use reason::{Placed, Reason, Report, Warning};
 pub use settings::{Settings, SettingsError};
+pub use spelling::same_line;

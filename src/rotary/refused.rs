@@ -31,6 +31,10 @@ pub struct RefusedWord {
     pub name: &'static str,
     /// Why.
     pub why: Why,
+    /// The words that say the same, of one that is a short form or may be written in two words.
+    pub means: Option<&'static str>,
+    /// Whether a list of motors or PLCs follows.
+    pub takes_list: bool,
 }
 
 impl RefusedWord {
@@ -49,36 +53,44 @@ impl RefusedWord {
 }
 
 const fn word(name: &'static str, why: Why) -> RefusedWord {
-    RefusedWord { name, why }
+    RefusedWord { name, why, means: None, takes_list: false }
+}
+
+const fn form(name: &'static str, means: &'static str, why: Why) -> RefusedWord {
+    RefusedWord { name, why, means: Some(means), takes_list: false }
+}
+
+const fn listed(name: &'static str) -> RefusedWord {
+    RefusedWord { name, why: Why::NoCode, means: None, takes_list: true }
 }
 
 /// All refused words.
 pub static REFUSED: &[RefusedWord] = &[
     word("IF", Why::Branch),
     word("ELSE", Why::Branch),
-    word("ENDIF", Why::Branch),
-    word("ENDI", Why::Branch),
+    form("ENDIF", "END IF", Why::Branch),
+    form("ENDI", "END IF", Why::Branch),
     word("WHILE", Why::Branch),
-    word("ENDWHILE", Why::Branch),
-    word("ENDW", Why::Branch),
+    form("ENDWHILE", "END WHILE", Why::Branch),
+    form("ENDW", "END WHILE", Why::Branch),
     word("AND", Why::Branch),
     word("OR", Why::Branch),
     word("GOTO", Why::Branch),
     word("GOSUB", Why::Branch),
-    word("GOS", Why::Branch),
+    form("GOS", "GOSUB", Why::Branch),
     word("RETURN", Why::Branch),
-    word("RET", Why::Branch),
+    form("RET", "RETURN", Why::Branch),
     word("READ", Why::Branch),
     word("COMMAND", Why::Text),
-    word("CMD", Why::Text),
+    form("CMD", "COMMAND", Why::Text),
     word("SEND", Why::Text),
     word("SENDS", Why::Text),
     word("SENDP", Why::Text),
     // Not its short form DISP: DISPLC means DIS PLC.
-    word("DISPLAY", Why::Text),
+    form("DISPLAY", "DISP", Why::Text),
     word("ADDRESS", Why::NoCode),
-    word("ADR", Why::NoCode),
-    word("SETPHASE", Why::NoCode),
+    form("ADR", "ADDRESS", Why::NoCode),
+    listed("SETPHASE"),
     word("LOCK", Why::NoCode),
     word("UNLOCK", Why::NoCode),
     word("PRELUDE", Why::NoCode),
@@ -91,7 +103,7 @@ pub static REFUSED: &[RefusedWord] = &[
     word("TY", Why::NoCode),
     word("TZ", Why::NoCode),
     word("TR", Why::NoCode),
-    word("PLCC", Why::NoCode),
+    listed("PLCC"),
     word("PAUSE", Why::NoCode),
     word("RESUME", Why::NoCode),
     word("WAIT", Why::Wait),

@@ -74,6 +74,40 @@ fn c4b_a_whole_turbo_board_is_backed_up_and_put_back() {
     site.assert_no_violations();
 }
 
+/// A file that is written by hand or by another tool: each item once in another spelling than the board lists it in.
+#[test]
+fn what_a_board_lists_in_its_own_spelling_is_no_difference() {
+    let definitions = "M0->X:$000000,0,24,U\nM1->Y:$00FFC2,8,1\nM161->D:$000088\nM162->dp:$0d200\nM163->TWD:4,0.80,U\nM164->*\n";
+    let programs = "P1=$0F\nP2=0.33333333333333\nI122=32.50\n&1\n#1->1000.0x + 5\nOPEN PROG 7 CLEAR\nlinear abs tm 100 ; slow\n\
+                    RAPID X 10.0 Y+.5\nCIRCLE 1\tX$A I5.0\nDWELL 50\nENABLE PLC 1,2,3\nHOME 1,2,3\n\
+                    WHILE (P1 > 0 AND P2!<1.50)\nP1 = P1 - $1\nENDWHILE\nCMD\"#1j/ \"\nRETURN\nCLOSE\n\
+                    OPEN PLC 3 CLEAR\nif ( m164 = 1 )\nSEND\"a;B\"\nENDIF\nCLOSE\n";
+    let turbo = "OPEN INVERSE CLEAR\np3 = q7 * 2.0\nRETURN\nCLOSE\n";
+    for (family, more, long) in [("pmac", "", "0"), ("turbo2", turbo, "1")] {
+        let site = VirtualSite::configured(&["--family", family], &format!("family = {family:?}\n"));
+        site.wait_for_identity();
+        // Long words in the listing, or short ones.
+        site.ask(&format!("I9={long}"));
+        let file = site.file("machine.pmc", &format!("{definitions}{programs}{more}"));
+        let restored = site.run(&["restore", &file, "--yes"]);
+        let left = "disabled since their OPEN, to be enabled by ENABLE PLC: PLC 3\n";
+        assert_eq!((restored.stderr.as_str(), restored.code), (left, Some(0)), "{family}");
+        let same = site.run(&["diff", &file]);
+        assert_eq!((same.stdout.as_str(), same.code), ("", Some(0)), "{family}");
+        let nothing = site.run(&["restore", &file, "--yes"]);
+        assert_eq!((nothing.stdout.as_str(), nothing.code), ("", Some(0)), "{family}");
+        // Text that programs send is no spelling.
+        let other =
+            site.file("other.pmc", "M1->Y:$FFC2,9\nOPEN PLC 3 CLEAR\nIF(M164=1)\nSEND\"A;B\"\nENDI\nCLOSE\n");
+        let differs = site.run(&["diff", &other]);
+        assert_eq!(differs.code, Some(1));
+        let told: Vec<&str> = differs.stdout.lines().collect();
+        assert_eq!(told.len(), 4, "{told:?}");
+        assert!(told[0].starts_with("-M1->") && told[2] == "-PLC 3 line 2: SEND\"A;B\"", "{told:?}");
+        site.assert_no_violations();
+    }
+}
+
 /// What an integrator gives a board besides variables: axes, kinematics, PLCs and motion programs.
 #[test]
 fn c4b_axes_and_programs_are_backed_up_compared_and_put_back() {

@@ -13,12 +13,14 @@ use crate::cli::console::confirm::{board_of, confirm, sending};
 use crate::cli::console::sink;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings::read;
+use crate::cli::files::meaning;
 use crate::cli::files::saved::{Saved, What, complain, finish, name};
 use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::cut_off::line_cuts_off;
+use crate::rotary::same_line;
 
 /// Largest file. All variables of any board fit.
 const LARGEST: u64 = 16 << 20;
@@ -152,10 +154,10 @@ fn differing(item: Item, one: Option<&str>, other: Option<&str>) -> Vec<String> 
         };
         return sides.into_iter().flat_map(lines).collect();
     }
-    let [one, other] = [one, other].map(|text| text.unwrap_or_default().lines().collect::<Vec<_>>());
+    let [one, other] = [one, other].map(|text| meaning::program(text.unwrap_or_default()));
     let shorter = one.len().min(other.len());
-    let before = one.iter().zip(&other).take_while(|(one, other)| one == other).count();
-    let same = one.iter().rev().zip(other.iter().rev()).take_while(|(one, other)| one == other);
+    let before = one.iter().zip(&other).take_while(|(one, other)| same_line(one, other)).count();
+    let same = one.iter().rev().zip(other.iter().rev()).take_while(|(one, other)| same_line(one, other));
     let behind = same.count().min(shorter - before);
     let lines = [('-', one), ('+', other)].into_iter().flat_map(|(mark, lines)| {
         let end = lines.len() - behind;

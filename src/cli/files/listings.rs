@@ -53,7 +53,7 @@ fn read_others(sequence: &mut LineSequence<'_>, items: &[Item]) -> Result<BTreeM
                     "{line}: the board answered {got} lines instead of {wanted}"
                 )));
             }
-            held.extend(some.iter().copied().zip(replies));
+            held.extend(some.iter().zip(replies).map(|(item, line)| (*item, item.told(&line))));
         }
     }
     let lines: Vec<String> = programs.iter().map(|item| item.list_line()).collect();

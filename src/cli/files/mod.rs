@@ -3,6 +3,7 @@
 pub mod backup;
 pub mod download;
 mod listings;
+mod meaning;
 mod mistakes;
 pub mod preprocess;
 mod prose;

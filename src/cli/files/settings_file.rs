@@ -2,17 +2,19 @@
 //! (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
 //!
 //! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses one for the following
-//! lines; the default is `&1`. Programs are compared as the board lists them.
-//! Values stay as the board lists them (I9 chooses hex for addresses) and are compared as numbers. A listing has fewer
-//! digits than the register, so equal listings count as equal values.
+//! lines; the default is `&1`.
+//! Everything stays as the board lists it (I9 chooses hex for addresses, and short or long words), and is compared by what it
+//! means. A listing has fewer digits than the register, so equal listings count as equal values.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::cli::context::Failure;
+use crate::cli::files::meaning::{same_axis, same_number, same_program};
 use crate::cli::files::preprocess::{Mistake, Place};
 use crate::cli::files::sequence::ask;
 use crate::client::command::lines::LineSequence;
+use crate::map::m_definition::MDefinition;
 use crate::protocol::answer;
 use crate::protocol::buffer_line::is_close;
 use crate::protocol::{LINE_MAX, check_line};
@@ -114,6 +116,12 @@ impl Item {
         }
     }
 
+    /// Its text in what the board tells. A long listing (odd I9) starts with its name.
+    pub fn told(self, line: &str) -> String {
+        let name = format!("{}{}", self.short(), self.sign());
+        line.strip_prefix(&name).unwrap_or(line).trim().to_owned()
+    }
+
     /// The sign between name and text.
     pub const fn sign(self) -> &'static str {
         if matches!(self, Self::Definition(_) | Self::Axis { .. }) { "->" } else { "=" }
@@ -154,16 +162,17 @@ impl Item {
         format!("{self}{range}{arrow}")
     }
 
-    /// Whether two texts set the same value.
+    /// Whether two texts set the same, whatever their spelling.
     pub fn same(self, one: &str, other: &str) -> bool {
-        if one == other {
-            return true;
-        }
-        if matches!(self, Self::Definition(_)) || self.is_axis() || self.is_program() {
-            let plain = |text: &str| text.replace(' ', "").to_ascii_uppercase();
-            return plain(one) == plain(other);
-        }
-        matches!((answer::number(one), answer::number(other)), (Some(one), Some(other)) if one == other)
+        one == other
+            || match self {
+                Self::Definition(_) => {
+                    MDefinition::parse(one).is_some_and(|one| MDefinition::parse(other) == Some(one))
+                }
+                Self::Axis { .. } => same_axis(one, other),
+                Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_) => same_program(one, other),
+                Self::I(_) | Self::P(_) | Self::Q { .. } | Self::M(_) => same_number(one, other),
+            }
     }
 }
 
@@ -199,7 +208,8 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
     // The program whose lines follow.
     let mut open: Option<Entry> = None;
     for (line, number) in text.lines().zip(1..) {
-        let code = code(line);
+        let line = line.replace('\t', " ");
+        let code = code(&line);
         if code.is_empty() {
             continue;
         }
@@ -365,10 +375,7 @@ pub fn read_variables(
             )));
         }
         for (&item, line) in asked.iter().zip(lines) {
-            // A long listing (odd I9) starts with the variable's name.
-            let name = format!("{}{}", item.short(), item.sign());
-            let text = line.strip_prefix(&name).unwrap_or(line).trim();
-            held.insert(item, text.to_owned());
+            held.insert(item, item.told(line));
         }
     }
     Ok(held)
@@ -473,12 +480,16 @@ mod tests {
     }
 
     #[test]
-    fn values_are_compared_as_numbers_and_definitions_as_text() {
+    fn values_and_definitions_are_compared_by_what_they_mean() {
         let i = Item::I(125);
         assert!(i.same("$C000", "49152") && i.same("1", "1.0") && i.same("-0.5", "-.5") && i.same("0", "-0"));
         assert!(!i.same("1", "2") && !i.same("$1", "x") && !i.same("", "0") && !i.same("1E3", "1000"));
         let m = Item::Definition(1);
         assert!(m.same("y:$ffc2, 0", "Y:$FFC2,0") && !m.same("Y:$FFC2,0", "Y:$FFC2,1"));
+        assert!(
+            m.same("MI7", "MI7") && !m.same("MI7", "MI8"),
+            "what nobody here knows is compared as it stands"
+        );
     }
 
     #[test]
