@@ -102,7 +102,9 @@ pub fn stream(
     let (program, mut warnings) = compiled(name, text, &settings)?;
     let circle = |command: &pmac_dpram::rotary::Command| circles::is_circle(&command.text);
     if let Some((line, _)) = program.commands().find(|(_, command)| circle(command)) {
-        warnings.extend(py.detach(|| circles::warning(&mut board, format_args!("{name}:{line}"))));
+        warnings.extend(py.detach(|| {
+            circles::warning(&mut board, format_args!("{name}:{line}"), Some(wish.coordinate_system.into()))
+        }));
     }
     let lines: Vec<RotaryLine> = program
         .lines

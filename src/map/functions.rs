@@ -457,7 +457,7 @@ pub struct GatherPlace {
 pub struct IVariables {
     /// Control panel enable.
     pub panel: Option<u16>,
-    /// Segmentation time; `None` where each coordinate system has its own.
+    /// The one segmentation time; `None` where each coordinate system has its own: [`IVariables::segmentation`].
     pub segmentation: Option<u16>,
     /// Servo cycles between two servo reports.
     pub servo_period: u16,
@@ -533,5 +533,11 @@ impl IVariables {
     #[must_use]
     pub const fn time_base(&self, number: usize) -> usize {
         self.time_base as usize + 100 * number.saturating_sub(1)
+    }
+
+    /// The segmentation time of coordinate system `number`, from 1: I13, on Turbo boards Isx13.
+    #[must_use]
+    pub fn segmentation(&self, number: usize) -> usize {
+        self.segmentation.map_or_else(|| self.time_base(number) - 93 + 13, usize::from)
     }
 }

@@ -163,6 +163,42 @@ fn b5_5_a_circle_without_segmentation_is_warned_of() {
 }
 
 #[test]
+fn a_circle_without_segmentation_is_warned_of_on_turbo_boards_and_by_g_codes() {
+    let arcs = ["CIRCLE1 F5 X0 Y0 I0 J-5", "G02 X10 Y0 I5"];
+    for arc in arcs {
+        let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+        site.wait_for_identity();
+        let warned = |name: &str, text: &str| {
+            let path = site.file(name, text);
+            let ran = site.run(&["download", &path]);
+            assert_eq!(ran.code, Some(0), "{ran:?}");
+            ran.stderr.replace(&path, name)
+        };
+        let program = format!("#3->100X\n#4->100Y\nOPEN PROG 2 CLEAR\nINC\nP1=P2&3\n{arc}\nCLOSE\n");
+        let warning = "is 0 the board moves along the chord, not the circle";
+        let told = warned("arc.pmc", &format!("&2\n{program}"));
+        assert!(told.starts_with(&format!("warning: arc.pmc:7: while I5213 {warning}; I5213 is")), "{told}");
+        let told = warned("set.pmc", &format!("I5213=10\n&2\n{program}"));
+        assert_eq!(told, "");
+        // A file that addresses no coordinate system: any of them may run its program.
+        let program = format!("OPEN PROG 3 CLEAR\n{arc}\nCLOSE\n");
+        assert_eq!(warned("any.pmc", &program), "");
+        let told = warned("none.pmc", &format!("I5213=0\n{program}"));
+        assert!(
+            told.starts_with(&format!("warning: none.pmc:3: while each of I5113 to I6613 {warning}")),
+            "{told}"
+        );
+    }
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
+    let path = site.file("codes.pmc", "OPEN PROG 5 CLEAR\nG1 X1\nG3 X10 Y0 I5\nCLOSE\n");
+    let ran = site.run(&["download", &path]);
+    assert!(ran.stderr.starts_with(&format!("warning: {path}:3: while I13 is 0 ")), "{ran:?}");
+    let ran = site.run(&["download", &site.file("straight.pmc", "OPEN PROG 5 CLEAR\nG28 X10\nCLOSE\n")]);
+    assert_eq!(ran.stderr, "");
+}
+
+#[test]
 fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
     let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
     site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));

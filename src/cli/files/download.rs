@@ -4,6 +4,7 @@
 //! an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer that
 //! somebody else has open is left alone: nothing is sent then.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use super::mistakes::mistaken;
 use super::prose;
 use crate::cli::console::progress::LineProgress;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::files::preprocess::{SourceLine, preprocess};
+use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
 use crate::cli::files::sequence::left;
 use crate::client::Connection;
 use crate::client::circles::{self, is_circle};
@@ -26,6 +27,7 @@ use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
 use crate::protocol::TIMEOUT_MAX_MS;
 use crate::protocol::board::RunLinesReply;
+use crate::protocol::line;
 
 /// Largest file.
 const LARGEST: u64 = 64 << 20;
@@ -106,6 +108,25 @@ fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failu
     Ok(Verdict::Yes)
 }
 
+/// The first circle for each coordinate system that the lines address, and for that of lines which address none.
+fn circles_of(lines: &[SourceLine]) -> BTreeMap<Option<u32>, &Place> {
+    let mut circles = BTreeMap::new();
+    let mut system = None;
+    for SourceLine { place, text } in lines {
+        let plain = line::plain(text);
+        // In a program's line & is an operator.
+        if plain.starts_with(['&', '#'])
+            && let Some((bit, _)) = line::addressed(&plain, '&').filter(|(bit, _)| *bit > 0).last()
+        {
+            system = Some(bit.trailing_zeros() + 1);
+        }
+        if is_circle(text) {
+            circles.entry(system).or_insert(place);
+        }
+    }
+    circles
+}
+
 /// A line that the board refused or did not answer, or that did not reach it.
 struct Failed {
     line: SourceLine,
@@ -152,11 +173,13 @@ impl Run<'_> {
         self.taken = over.taken;
         self.line_failed(&over);
         let is_whole = next == texts.len() && self.failed.is_empty();
-        // Asked now: the file may have set it.
-        if let Some(circle) = self.lines.iter().find(|line| is_circle(&line.text)).filter(|_| is_whole)
-            && let Some(warning) = circles::warning(&mut connection, &circle.place)
-        {
-            say(format_args!("{warning}"));
+        if is_whole {
+            // Asked now: the file may have set it.
+            for (system, place) in circles_of(self.lines) {
+                if let Some(warning) = circles::warning(&mut connection, place, system) {
+                    say(format_args!("{warning}"));
+                }
+            }
         }
         self.leave(&over.notes, is_whole);
         match (place, self.failed.last()) {

@@ -78,7 +78,7 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     if let Some(Stopped { taken, .. }) = &stopped {
         program.lines.truncate(*taken);
     }
-    if let Some(warning) = circle_warning(&mut board, name, &program) {
+    if let Some(warning) = circle_warning(&mut board, name, &program, options.cs) {
         let _ = writeln!(io::stderr(), "{warning}");
     }
     let mut problems = differences(name, &program, &listing, &settings);

@@ -80,11 +80,11 @@ pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
     }
 }
 
-/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it.
-pub fn circle_warning(board: &mut Connection, name: &str, program: &Program) -> Option<String> {
+/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it in coordinate system `cs`.
+pub fn circle_warning(board: &mut Connection, name: &str, program: &Program, cs: u8) -> Option<String> {
     let has_circle = |line: &&Line| line.commands.iter().any(|command| circles::is_circle(&command.text));
     let line = program.lines.iter().find(has_circle)?;
-    circles::warning(board, format_args!("{name}:{}", line.line))
+    circles::warning(board, format_args!("{name}:{}", line.line), Some(cs.into()))
 }
 
 /// The file's name in messages.

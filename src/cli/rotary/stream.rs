@@ -105,7 +105,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     if program.lines.is_empty() {
         return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
     }
-    if let Some(warning) = circle_warning(&mut board, shown(&options.file), &program) {
+    if let Some(warning) = circle_warning(&mut board, shown(&options.file), &program, options.cs) {
         let _ = writeln!(io::stderr(), "{warning}");
     }
     let interrupt = Interrupt::listen()?;
