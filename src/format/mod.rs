@@ -1,8 +1,9 @@
-//! Numbers and text as the DPRAM holds them (layer 0).
+//! Numbers and text as the DPRAM holds them, and text as files do (layer 0).
 //!
 //! A PMAC word is 24 bits; the DPRAM keeps each one sign-extended in two 16-bit words, low word at the low address
 //! (DPRAM manual, "DPRAM Data Format", p. 11). A 48-bit register is two such pairs: the Y half first, then the X half.
 
+pub mod file_text;
 pub mod fixed48;
 pub mod float32;
 pub mod float48;

@@ -5,6 +5,7 @@ use super::program::Program;
 use super::reason::{Reason, Report, Warning};
 use super::scan::scan;
 use super::settings::Settings;
+use crate::format::file_text;
 
 /// A compiled text.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -25,18 +26,21 @@ pub struct Refused {
     pub warnings: Report<Warning>,
 }
 
-/// Compiles `text`, with lines ended by LF, CR LF or CR.
+/// Compiles `text`, as [`file_text`] reads it.
 ///
 /// Changes only the numbers: rounds each to the mantissa of its command, to nearest, ties to even. Drops comments (`;`
 /// and `//`) and lines without commands. `settings` must be valid ([`Settings::check`]).
 ///
 /// # Errors
 /// When any part of it cannot be sent: every reason with its place.
-/// When any part of it cannot be sent: every reason with its place.
 pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
     let mut compiled = Compiled::default();
     let mut errors = Report::default();
-    for (line, number) in lines(text).zip(1..) {
+    let text = file_text::read(text).unwrap_or_else(|reason| {
+        errors.add(1, 1, Reason::NotText(reason));
+        "".into()
+    });
+    for (line, number) in text.split('\n').map(str::as_bytes).zip(1..) {
         let tokens = scan(line);
         if tokens.is_empty() {
             continue;
@@ -52,31 +56,22 @@ pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
     if errors.is_empty() { Ok(compiled) } else { Err(Refused { errors, warnings: compiled.warnings }) }
 }
 
-/// The lines of a text without their ends, and without a leading byte order mark.
-fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let mut rest = Some(text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text));
-    std::iter::from_fn(move || {
-        let text = rest?;
-        let Some(end) = text.iter().position(|byte| matches!(byte, b'\r' | b'\n')) else {
-            rest = None;
-            return Some(text);
-        };
-        let after = if text[end..].starts_with(b"\r\n") { end + 2 } else { end + 1 };
-        rest = text.get(after..);
-        Some(&text[..end])
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn lines_end_in_three_ways() {
-        let split = |text: &'static str| lines(text.as_bytes()).collect::<Vec<_>>();
-        assert_eq!(split("a\nb\r\nc\rd"), [b"a", b"b", b"c", b"d"]);
-        assert_eq!(split("\u{FEFF}a\n\n"), [b"a".as_slice(), b"", b""]);
-        assert_eq!(split(""), [b""]);
+    fn a_program_is_the_same_however_its_file_is_marked_and_ended() {
+        let compiled = |text: &[u8]| -> Vec<(u32, u32)> {
+            compile(text, &Settings::default()).unwrap().program.words().collect()
+        };
+        let plain = compiled(b"X1\nY2\n");
+        let utf16: Vec<u8> = "\u{FEFF}X1\r\nY2\r\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for text in [b"\xEF\xBB\xBFX1\r\nY2\r\n\x1A", b"X1\rY2\r".as_slice(), b"\x0CX1\n\x0CY2\n", &utf16] {
+            assert_eq!(compiled(text), plain, "{text:?}");
+        }
+        let refused = compile(b"X\x001\x00", &Settings::default()).unwrap_err();
+        assert!(refused.errors.listed[0].to_string().contains("UTF-16"), "{refused:?}");
     }
 
     #[test]

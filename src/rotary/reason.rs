@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::codes::Range;
 use super::float::TooLarge;
+use crate::format::file_text::NotText;
 
 /// A finding and its place in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -72,6 +73,9 @@ impl<T> Report<T> {
 /// Why a piece of text cannot be sent through a binary rotary buffer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Reason {
+    /// The whole of it is no text.
+    #[error(transparent)]
+    NotText(NotText),
     /// A branch or loop.
     #[error("{0} cannot be sent: a rotary program has no branches, loops or subroutine ends")]
     Branch(&'static str),

@@ -2,6 +2,7 @@
 
 use super::npy::MAGIC;
 use super::{Field, Kind};
+use crate::format::file_text;
 
 /// A file that holds no table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -52,7 +53,7 @@ impl Table {
     pub fn parse(bytes: &[u8]) -> Result<Self, ReadError> {
         match bytes.strip_prefix(MAGIC) {
             Some(rest) => numpy(rest).ok_or(ReadError::Numpy),
-            None => csv(&String::from_utf8_lossy(bytes)),
+            None => csv(&file_text::read(bytes).map_err(|_| ReadError::NoTable)?),
         }
     }
 

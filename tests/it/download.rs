@@ -198,6 +198,63 @@ fn a_circle_without_segmentation_is_warned_of_on_turbo_boards_and_by_g_codes() {
     assert_eq!(ran.stderr, "");
 }
 
+/// How a text is written.
+type Way = fn(&str) -> Vec<u8>;
+
+fn utf16(text: &str) -> Vec<u8> {
+    text.encode_utf16().flat_map(u16::to_le_bytes).collect()
+}
+
+/// A byte-order mark, CR alone as boards end their lines, a form feed, `^Z` at the end, UTF-16.
+#[test]
+fn text_as_other_systems_write_it_is_the_same_text() {
+    let site = VirtualSite::running(&[], &[]);
+    let written = |name: &str, bytes: &[u8]| {
+        let path = site.path(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let ways: [(&str, Way); 5] = [
+        ("mark", |text| format!("\u{FEFF}{text}").replace('\n', "\r\n").into_bytes()),
+        ("dos", |text| format!("{text}\u{1A}").replace('\n', "\r\n").into_bytes()),
+        ("cr", |text| text.replace('\n', "\r").into_bytes()),
+        ("pages", |text| text.replace('\n', "\n\u{C}").into_bytes()),
+        ("utf16", |text| utf16(&format!("\u{FEFF}{text}").replace('\n', "\r\n"))),
+    ];
+    let text = "P5=7\nOPEN PROG 9 CLEAR\nX1\nX2\nCLOSE\n";
+    // Without the places, of which a form feed is one.
+    let encoded = |path: &str| {
+        let words = site.run(&["rotary", "encode", path]).stdout;
+        words.lines().map(|line| line.split(':').next().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let plain = encoded(&written("plain.rot", b"X1\nX2\n"));
+    assert!(!plain.is_empty());
+    for (name, way) in ways {
+        site.ask("P5=0");
+        site.ask("OPEN PROG 9 CLEAR CLOSE");
+        let path = written(name, &way(text));
+        let ran = site.run(&["download", &path]);
+        assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{name}");
+        assert_eq!(
+            (sent(&site, "LIST PROG 9"), sent(&site, "P5")),
+            ("X1\nX2\n".into(), "7\n".into()),
+            "{name}"
+        );
+        for command in [&["diff", &path][..], &["restore", &path, "--yes"]] {
+            let ran = site.run(command);
+            assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)), "{name}");
+        }
+        assert_eq!(encoded(&written("program.rot", &way("X1\nX2\n"))), plain, "{name}");
+    }
+    // Without its mark nobody can know; it is called by its name, and nothing is sent.
+    let path = written("unmarked.pmc", &utf16(text));
+    for command in [&["download", &path][..], &["diff", &path], &["rotary", "encode", &path]] {
+        let ran = site.run(command);
+        assert!(ran.code != Some(0) && ran.stderr.contains("UTF-16 without a byte-order mark"), "{ran:?}");
+    }
+    site.assert_no_violations();
+}
+
 #[test]
 fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
     let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");

@@ -6,6 +6,7 @@ pub mod hold;
 pub mod jog;
 pub mod lines;
 pub mod panel;
+mod piped;
 pub mod registers;
 pub mod reset_watch;
 pub mod send;

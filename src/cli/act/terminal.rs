@@ -8,7 +8,7 @@
 //! shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which the user has
 //! opened is sent only while that is open: the board would carry it out at once.
 
-use std::io::{self, BufRead, IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,6 +25,7 @@ use serde_json::json;
 use crate::cli::act::address::{Addressed, goes_by_address};
 use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, Way, entered_note};
+use crate::cli::act::piped;
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -397,8 +398,8 @@ fn piped(
         let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
     });
     let mut watch = session.watch();
-    for line in io::stdin().lock().lines() {
-        let text = line.map_err(|error| Failure::Request(format!("stdin: {error}")))?;
+    for text in piped::lines() {
+        let text = text?;
         let input = Input::of(&text);
         let (lines, error, code) = match &input {
             Input::Nothing => continue,

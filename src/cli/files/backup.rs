@@ -18,6 +18,7 @@ use crate::cli::files::saved::{Saved, What, complain, finish, name};
 use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
+use crate::format::file_text;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::cut_off::line_cuts_off;
 use crate::rotary::same_line;
@@ -370,15 +371,16 @@ fn shown(path: &Path) -> String {
 
 fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
     let file = shown(path);
-    let mut text = String::new();
+    let mut bytes = Vec::new();
     let outcome = if path == Path::new("-") {
-        io::stdin().lock().take(LARGEST).read_to_string(&mut text)
+        io::stdin().lock().take(LARGEST).read_to_end(&mut bytes)
     } else {
-        std::fs::File::open(path).and_then(|file| file.take(LARGEST).read_to_string(&mut text))
+        std::fs::File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes))
     };
     let length = outcome.map_err(|error| Failure::Request(format!("{file}: {error}")))?;
     if length as u64 == LARGEST {
         return Err(Failure::Request(format!("{file}: longer than {} MiB", LARGEST >> 20)));
     }
+    let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
     parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
 }

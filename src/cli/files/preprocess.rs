@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::format::file_text;
 use crate::protocol::check_line;
 
 /// The most files that include each other.
@@ -117,9 +118,15 @@ struct Condition {
 
 impl Source<'_> {
     fn file(&mut self, path: &Path, bytes: &[u8]) {
-        self.open.push(path.to_owned());
         // Bytes other than UTF-8 are allowed in comments. The check of the line refuses them elsewhere.
-        let text = String::from_utf8_lossy(bytes);
+        let text = match file_text::read(bytes) {
+            Ok(text) => text,
+            Err(reason) => {
+                let place = Place { file: shown(path), line: 0 };
+                return self.mistakes.push(Mistake { place, what: reason.to_string() });
+            }
+        };
+        self.open.push(path.to_owned());
         let mut conditions = Vec::new();
         let mut comment = None;
         for (line, number) in text.lines().zip(1..) {

@@ -2,15 +2,17 @@
 
 use serde_json::Value;
 
+use crate::format::file_text;
+
 /// The pairs of words in a file: JSON (objects with `word1` and `word2`, pairs, or plain strings in an array), or hex
 /// words separated by blanks, commas or lines, with comments as in a program.
 ///
 /// # Errors
 /// The first element that is not a word, and its position.
 pub fn words(bytes: &[u8]) -> Result<Vec<(u32, u32)>, String> {
-    let text = std::str::from_utf8(bytes).map_err(|_| "not text".to_owned())?;
+    let text = file_text::read(bytes).map_err(|reason| reason.to_string())?;
     if text.trim_start().starts_with('[') {
-        let values: Vec<Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let values: Vec<Value> = serde_json::from_str(&text).map_err(|error| error.to_string())?;
         let mut words = Vec::new();
         for (value, at) in values.iter().zip(1..) {
             let parts = match value {
@@ -83,6 +85,6 @@ mod tests {
             let error = words(text.as_bytes()).unwrap_err();
             assert!(error.starts_with(expected), "{text}: {error}");
         }
-        assert!(words(b"\xFF\xFE").is_err());
+        assert!(words(b"\xFF\xFE\xFF").is_err());
     }
 }

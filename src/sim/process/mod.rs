@@ -15,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use crate::format::file_text;
 use crate::process::end_with_parent;
 use crate::recording::Recording;
 use crate::sim::board::Board;
@@ -78,11 +79,12 @@ pub enum SimError {
 /// [`SimError`]; nothing is left behind but the memory file.
 pub fn power_up(options: &Options) -> Result<World, SimError> {
     let startup = match &options.startup {
-        Some(path) => Some((
-            path.display().to_string(),
-            std::fs::read_to_string(path)
-                .map_err(|source| SimError::Startup { path: path.clone(), source })?,
-        )),
+        Some(path) => {
+            let unread = |source| SimError::Startup { path: path.clone(), source };
+            let bytes = std::fs::read(path).map_err(unread)?;
+            let text = file_text::read(&bytes).map_err(io::Error::other).map_err(unread)?;
+            Some((path.display().to_string(), text.into_owned()))
+        }
         None => options
             .dpram_startup
             .then(|| ("the shipped start-up file".to_owned(), options.family.startup.to_owned())),
