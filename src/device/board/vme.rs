@@ -1,10 +1,11 @@
 //! `vme:`: a master window of a VME bridge, as a node that can be mapped (`/dev/bus/vme/m0` of the kernel's vme_user).
 //!
 //! Whoever set up the machine set the window's address on the VME bus, its address modifier and its width; here it is
-//! only mapped.
+//! only mapped, always from its start. The kernel adds an offset twice: vme_master_mmap passes it to vm_iomap_memory as a part of the
+//! address and as the page to begin at, and that refuses with EINVAL (drivers/staging/vme_user/vme.c).
 
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom};
+use std::io::{self, Seek, SeekFrom};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
@@ -19,6 +20,17 @@ use crate::device::machine::system::System;
 /// # Errors
 /// [`OpenError`] when there is no such node, this user may not use it, or the window is not set up or too short.
 pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(Mapping, File), OpenError> {
+    map_by(Mapping::within, system, node, offset, length)
+}
+
+/// As [`map`], by the kernel's `mmap` or a test's: of a file, so many bytes from a place on, of which the first are skipped.
+fn map_by(
+    mmap: impl FnOnce(&File, u64, usize, usize) -> io::Result<Mapping>,
+    system: &System,
+    node: &Path,
+    offset: u64,
+    length: usize,
+) -> Result<(Mapping, File), OpenError> {
     let refuse = |why| OpenError::new(format!("vme:{}", node.display()), why);
     let mut options = OpenOptions::new();
     options.read(true).write(true).custom_flags((OFlag::O_SYNC | OFlag::O_CLOEXEC).bits());
@@ -38,7 +50,8 @@ pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(
             width) before the daemon starts"
         ))));
     }
-    match Mapping::new(&file, offset, length) {
+    let skip = usize::try_from(offset).map_err(|_| io("mapping it", io::ErrorKind::InvalidInput.into()))?;
+    match mmap(&file, 0, skip, length) {
         Ok(mapping) => Ok((mapping, file)),
         Err(error) => Err(io("mapping it (is the window enabled, and does its bridge's driver map?)", error)),
     }
@@ -49,15 +62,27 @@ mod tests {
     use super::*;
     use crate::device::testing::FakeSystem;
 
+    /// As vme_user maps: not but from its start.
+    fn by_vme_user(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Mapping> {
+        if start > 0 {
+            return Err(nix::Error::EINVAL.into());
+        }
+        Mapping::within(file, start, skip, length)
+    }
+
     #[test]
-    fn the_window_is_mapped_from_the_offset_on_if_it_is_long_enough() {
+    fn an_offset_of_pages_lies_inside_a_mapping_of_the_whole_window() {
         let fake = FakeSystem::new();
         let node = Path::new("/dev/bus/vme/m0");
-        assert!(matches!(map(&fake.system, node, 0, 0x4000).err().unwrap().why, Why::Missing { .. }));
+        let map = |offset, length| map_by(by_vme_user, &fake.system, node, offset, length);
+        assert!(matches!(map(0, 0x4000).err().unwrap().why, Why::Missing { .. }));
         fake.memory("dev/bus/vme/m0", 0xC000);
-        map(&fake.system, node, 0x8000, 0x4000).unwrap().0.write16(0, 0x1234).unwrap();
-        assert_eq!(std::fs::read(fake.path("dev/bus/vme/m0")).unwrap()[0x8000..0x8002], [0x34, 0x12]);
-        let error = map(&fake.system, node, 0x8002, 0x4000).err().unwrap().to_string();
+        for (offset, value) in [(0, 0x0102), (0x4000, 0x0304), (0x8000, 0x1234), (0x6FF0, 0x0506)] {
+            map(offset, 0x4000).unwrap().0.write16(0, value).unwrap();
+            let bytes = std::fs::read(fake.path("dev/bus/vme/m0")).unwrap();
+            assert_eq!(bytes[offset as usize..][..2], value.to_le_bytes(), "{offset:#x}");
+        }
+        let error = map(0x8002, 0x4000).err().unwrap().to_string();
         assert!(error.contains("has 0xc000 bytes, 0xc002 are needed"), "{error}");
     }
 }
