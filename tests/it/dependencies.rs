@@ -69,3 +69,15 @@ fn the_daemon_links_these_crates_and_no_other() {
     let gone: Vec<_> = known.difference(&daemon).collect();
     assert!(gone.is_empty(), "pmacd no longer links {gone:?}: take it out of DAEMON_CRATES");
 }
+
+#[test]
+fn every_package_and_the_readme_name_the_same_oldest_rust() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
+    let oldest = env!("CARGO_PKG_RUST_VERSION");
+    for package in ["", "gateway/", "web/", "benches/", "fuzz/", "python/"] {
+        let manifest = read(&format!("{package}Cargo.toml"));
+        assert!(manifest.contains(&format!("\nrust-version = \"{oldest}\"\n")), "{package}: {oldest}");
+    }
+    assert!(read("README.md").contains(&format!("You need Rust {oldest} or newer")), "{oldest}");
+}
