@@ -6,6 +6,8 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
+use crate::daemon::shared::info::WatchedThread;
+
 /// The connection to the service manager.
 #[derive(Debug)]
 pub struct Notifier {
@@ -47,13 +49,14 @@ impl Notifier {
     }
 }
 
-/// Decides when to send a watchdog notification: twice in the manager's limit, and only if the bus thread has made
-/// rounds since the last one. So the manager notices a bus thread that hangs.
+/// Decides when to send a watchdog notification: twice in the manager's limit, and only if each of the other threads has made
+/// rounds since the last one. So the manager notices a thread that hangs.
 #[derive(Debug)]
 pub struct Watchdog {
     every: Duration,
     next: Instant,
-    rounds: Option<u64>,
+    /// At the last notification.
+    rounds: Option<[u64; WatchedThread::ALL.len()]>,
 }
 
 impl Watchdog {
@@ -73,21 +76,24 @@ impl Watchdog {
         (!limit.is_zero()).then_some(Self { every: limit / 2, next: now, rounds: None })
     }
 
-    /// The next time to call `is_due`.
+    /// The next time to call [`Self::stuck`].
     #[must_use]
     pub fn next(&self) -> Instant {
         self.next
     }
 
-    /// Whether to notify now. `rounds` counts the bus thread's rounds. Without progress it checks again soon: the
-    /// thread may only be late.
-    pub fn is_due(&mut self, now: Instant, rounds: u64) -> bool {
-        if now < self.next {
-            return false;
+    /// The thread that hinders a notification at `now`, as [`Pulse::rounds`](crate::daemon::shared::info::Pulse::rounds) count its
+    /// rounds; `None`: notify. Behind a thread without progress it is time again soon: the thread may only be late.
+    pub fn stuck(&mut self, now: Instant, rounds: [u64; WatchedThread::ALL.len()]) -> Option<WatchedThread> {
+        let last = self.rounds;
+        let stuck = WatchedThread::ALL
+            .into_iter()
+            .find(|thread| last.is_some_and(|last| last[*thread as usize] == rounds[*thread as usize]));
+        if stuck.is_none() {
+            self.rounds = Some(rounds);
         }
-        let moved = self.rounds.replace(rounds) != Some(rounds);
-        self.next = now + if moved { self.every } else { self.every / 8 };
-        moved
+        self.next = now + if stuck.is_none() { self.every } else { self.every / 8 };
+        stuck
     }
 }
 
@@ -115,17 +121,21 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_thread_that_stands_still_starves_the_watchdog() {
+    fn a_thread_that_stands_still_starves_the_watchdog() {
         let start = Instant::now();
         let at = |milliseconds| start + Duration::from_millis(milliseconds);
-        let mut watchdog = Watchdog::new(Duration::from_secs(2), start).unwrap();
-        assert!(watchdog.is_due(at(0), 0), "the start is a sign of life");
-        assert!(!watchdog.is_due(at(999), 900), "too early");
-        assert!(watchdog.is_due(at(1000), 900));
-        for late in [2000, 2200, 2400, 9000] {
-            assert!(!watchdog.is_due(at(late), 900), "no round since");
+        for (thread, stood) in [(WatchedThread::Bus, [900, 1]), (WatchedThread::Socket, [1, 900])] {
+            let mut watchdog = Watchdog::new(Duration::from_secs(2), start).unwrap();
+            assert_eq!(watchdog.stuck(at(0), [0, 0]), None, "the start is a sign of life");
+            assert_eq!(watchdog.next(), at(1000));
+            assert_eq!(watchdog.stuck(at(1000), [900, 900]), None);
+            let other = |rounds: u64| stood.map(|stood| if stood == 900 { 900 } else { 900 + rounds });
+            for late in [2000, 2200, 2400, 9000] {
+                assert_eq!(watchdog.stuck(at(late), other(late)), Some(thread), "no round since");
+            }
+            assert_eq!(watchdog.next(), at(9125), "it may only be late");
+            assert_eq!(watchdog.stuck(at(9200), [9901, 9901]), None);
         }
-        assert!(watchdog.is_due(at(9200), 901), "it was only late");
         assert!(Watchdog::new(Duration::ZERO, start).is_none());
     }
 }

@@ -13,7 +13,7 @@ use signal_hook::iterator::backend::SignalDelivery;
 use signal_hook::iterator::exfiltrator::SignalOnly;
 
 use super::notify::{Notifier, Watchdog};
-use crate::daemon::shared::info::Pulse;
+use crate::daemon::shared::info::{Pulse, WatchedThread};
 use crate::protocol::{BoardInfo, State};
 
 /// Period of the checks for a new state and for a thread that ended by itself.
@@ -57,7 +57,7 @@ pub struct Manager {
     notifier: Option<Notifier>,
     watchdog: Option<Watchdog>,
     told: String,
-    stuck: bool,
+    stuck: Option<WatchedThread>,
 }
 
 impl Manager {
@@ -69,7 +69,7 @@ impl Manager {
             None
         });
         let watchdog = notifier.as_ref().and_then(|_| Watchdog::from_environment(Instant::now()));
-        Self { notifier, watchdog, told: String::new(), stuck: false }
+        Self { notifier, watchdog, told: String::new(), stuck: None }
     }
 
     fn send(&self, assignments: &str) {
@@ -105,13 +105,18 @@ impl Manager {
         if let Some(watchdog) = &mut self.watchdog
             && now >= watchdog.next()
         {
-            let moves = watchdog.is_due(now, pulse.rounds());
-            if moves {
-                self.send("WATCHDOG=1");
-            } else if !self.stuck {
-                error!("the bus thread makes no rounds: watchdog notifications stop until it goes on");
+            let stuck = watchdog.stuck(now, pulse.rounds());
+            match stuck {
+                None => self.send("WATCHDOG=1"),
+                Some(thread) if self.stuck != stuck => {
+                    let thread = thread.name();
+                    error!(
+                        "the {thread} thread makes no rounds: watchdog notifications stop until it goes on"
+                    );
+                }
+                Some(_) => {}
             }
-            self.stuck = !moves;
+            self.stuck = stuck;
         }
     }
 
@@ -171,7 +176,7 @@ mod tests {
     use std::os::unix::net::UnixDatagram;
 
     #[test]
-    fn the_manager_learns_of_each_change_once_and_of_a_stuck_bus_thread_by_silence() {
+    fn the_manager_learns_of_each_change_once_and_of_a_stuck_thread_by_silence() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("notify");
         let socket = UnixDatagram::bind(&path).unwrap();
@@ -185,12 +190,11 @@ mod tests {
             notifier: Some(Notifier::to(path.to_str().unwrap().as_bytes()).unwrap()),
             watchdog: Watchdog::new(Duration::from_secs(2), start),
             told: String::new(),
-            stuck: false,
+            stuck: None,
         };
         let info = BoardInfo { board: "sim".to_owned(), ..BoardInfo::default() };
         let mut info = Info::new(&crate::map::PMAC, info, crate::protocol::BoardSettings::default());
         let pulse = info.pulse();
-        pulse.count_round();
         manager.ready(&pulse);
         assert_eq!(said().as_deref(), Some("READY=1\nSTATUS=sim: no data yet"));
         manager.look(&pulse, start);
@@ -209,12 +213,19 @@ mod tests {
             manager.look(&pulse, start);
         }
         assert_eq!(said().as_deref(), Some("STATUS=sim: live, firmware 1.16D READY=0, servo 2258.8 Hz"));
-        for second in 1..10 {
-            manager.look(&pulse, start + Duration::from_secs(second));
+        let mut second = 1;
+        let mut seconds = |count: u64, living: &[WatchedThread]| {
+            for now in second..second + count {
+                living.iter().for_each(|thread| pulse.count_round(*thread));
+                manager.look(&pulse, start + Duration::from_secs(now));
+            }
+            second += count;
+        };
+        for living in [&[][..], &[WatchedThread::Bus], &[WatchedThread::Socket]] {
+            seconds(10, living);
+            assert_eq!(said(), None, "only {living:?} made rounds");
+            seconds(1, &WatchedThread::ALL);
+            assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
         }
-        assert_eq!(said(), None, "the bus thread made no round");
-        pulse.count_round();
-        manager.look(&pulse, start + Duration::from_secs(10));
-        assert_eq!(said().as_deref(), Some("WATCHDOG=1"));
     }
 }

@@ -77,7 +77,7 @@ impl Info {
     /// Starts with `board`, which is of `family`. The `settings` stay.
     #[must_use]
     pub fn new(family: &'static Family, board: BoardInfo, settings: BoardSettings) -> Self {
-        let pulse = Arc::new(Pulse { rounds: AtomicU64::new(0), board: Mutex::new(board.clone()) });
+        let pulse = Arc::new(Pulse { board: Mutex::new(board.clone()), ..Pulse::default() });
         Self {
             family,
             board,
@@ -253,23 +253,46 @@ impl Info {
     }
 }
 
-/// What the first thread tells the service manager of: the bus thread's heartbeat, and the board.
+/// A thread that shows the first thread that it lives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WatchedThread {
+    /// It owns the board.
+    Bus,
+    /// It serves the command socket: without it no stop reaches the board.
+    Socket,
+}
+
+impl WatchedThread {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Bus, Self::Socket];
+
+    /// As the log names it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bus => "bus",
+            Self::Socket => "socket's",
+        }
+    }
+}
+
+/// What the first thread tells the service manager of: the other threads' heartbeats, and the board.
 #[derive(Debug, Default)]
 pub struct Pulse {
-    rounds: AtomicU64,
+    rounds: [AtomicU64; WatchedThread::ALL.len()],
     board: Mutex<BoardInfo>,
 }
 
 impl Pulse {
-    /// The bus thread has made another round. Never waits.
-    pub fn count_round(&self) {
-        self.rounds.fetch_add(1, Ordering::Relaxed);
+    /// `thread` has made another round. Never waits.
+    pub fn count_round(&self, thread: WatchedThread) {
+        self.rounds[thread as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Rounds of the bus thread so far: while it lives, at least ten a second.
+    /// Rounds of each of [`WatchedThread::ALL`] so far: while it lives, at least four a second.
     #[must_use]
-    pub fn rounds(&self) -> u64 {
-        self.rounds.load(Ordering::Relaxed)
+    pub fn rounds(&self) -> [u64; WatchedThread::ALL.len()] {
+        self.rounds.each_ref().map(|rounds| rounds.load(Ordering::Relaxed))
     }
 
     /// The board, as `GetInfo` answers. Not for the bus thread: it may wait for the socket's.

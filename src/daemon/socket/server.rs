@@ -45,7 +45,7 @@ use super::stop_target::Target;
 use super::stops::Stops;
 use super::tracing::Tracing;
 use super::watches::Watches;
-use crate::daemon::shared::info::Info;
+use crate::daemon::shared::info::{Info, Pulse, WatchedThread};
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
 use crate::device::Trace;
 use crate::protocol::board::{ReadReply, RotaryStateReply};
@@ -53,6 +53,8 @@ use crate::protocol::{Call, CallError, Enabled, Reply};
 
 /// Calls a connection may begin before others have their turn.
 const CALLS_A_TURN: usize = 8;
+/// The longest wait. The watchdog looks for rounds twice in its limit, which is two seconds in the unit.
+const LONGEST_WAIT: Duration = Duration::from_millis(250);
 
 /// What the server stands between: the queues of the bus thread, and what `GetInfo` answers.
 pub struct Backend {
@@ -128,6 +130,7 @@ struct Service {
     audit: AuditLimit,
     events: Receive<Event>,
     info: Info,
+    pulse: Arc<Pulse>,
     /// Since when the daemon stops: nothing is begun any more.
     stopping: Option<Instant>,
     /// Since when, at the end, nothing is left to be stopped.
@@ -155,6 +158,7 @@ impl Service {
             tracing: Tracing::new(trace),
             audit: AuditLimit::default(),
             events,
+            pulse: info.pulse(),
             info,
             stopping: None,
             stood_since: None,
@@ -183,6 +187,7 @@ impl Service {
 
     /// Does all there is to be done now.
     fn round(&mut self, ready: Ready, now: Instant) {
+        self.pulse.count_round(WatchedThread::Socket);
         if ready.events {
             self.events.clear();
         }
@@ -214,10 +219,10 @@ impl Service {
         self.hand_out(now);
     }
 
-    /// How long nothing need be done unless something happens; `None` is for ever.
-    fn timeout(&self) -> Option<Duration> {
+    /// How long nothing need be done unless something happens.
+    fn timeout(&self) -> Duration {
         if self.calls.has_next() || self.clients.has_more() {
-            return Some(Duration::ZERO);
+            return Duration::ZERO;
         }
         let deadlines = [
             self.calls.next_deadline(),
@@ -231,13 +236,14 @@ impl Service {
             self.watches.next_try(),
             self.tracing.next_end(),
         ];
-        let deadline = deadlines.into_iter().flatten().min()?;
-        Some(deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1))
+        let deadline = deadlines.into_iter().flatten().min();
+        let left =
+            |deadline: Instant| deadline.saturating_duration_since(Instant::now()) + Duration::from_millis(1);
+        deadline.map_or(LONGEST_WAIT, left).min(LONGEST_WAIT)
     }
 
-    fn wait(&self, stop: &EventFd, timeout: Option<Duration>) -> nix::Result<Ready> {
-        let timeout =
-            timeout.map_or(PollTimeout::NONE, |timeout| timeout.try_into().unwrap_or(PollTimeout::MAX));
+    fn wait(&self, stop: &EventFd, timeout: Duration) -> nix::Result<Ready> {
+        let timeout = PollTimeout::try_from(timeout).unwrap_or(PollTimeout::MAX);
         let mut ids = Vec::with_capacity(self.clients.count());
         let mut fds = vec![
             PollFd::new(stop.as_fd(), PollFlags::POLLIN),

@@ -8,6 +8,7 @@ use crate::daemon::bus::board_function::Polled;
 use crate::daemon::bus::guard_time::Turn;
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::readable::Readable;
+use crate::daemon::shared::info::WatchedThread;
 use crate::protocol::Function;
 use crate::segment::State;
 
@@ -80,7 +81,7 @@ impl BoardLoop {
     fn whole_round(&mut self, readable: &Readable, now: u64) {
         if !self.is_paused(now) {
             self.attend(readable, now);
-            self.connections.pulse.count_round();
+            self.connections.pulse.count_round(WatchedThread::Bus);
             let result = self.due_work(now);
             self.note_failure(result);
         }

@@ -28,8 +28,7 @@ impl Service {
         let begun = Instant::now();
         self.begin_end(begun);
         while let Some(left) = self.time_left(begun, Instant::now()) {
-            let timeout = self.timeout().map_or(left, |timeout| timeout.min(left));
-            match self.wait(stop, Some(timeout)) {
+            match self.wait(stop, self.timeout().min(left)) {
                 Ok(ready) => self.round(ready, Instant::now()),
                 Err(nix::Error::EINTR) => {}
                 Err(_) => break,

@@ -70,7 +70,7 @@ impl ServerStepper {
     /// # Errors
     /// What `poll` says.
     pub fn round(&mut self, now: Instant) -> nix::Result<()> {
-        let ready = self.service.wait(&self.never, Some(Duration::ZERO))?;
+        let ready = self.service.wait(&self.never, Duration::ZERO)?;
         self.service.round(ready, now);
         Ok(())
     }
