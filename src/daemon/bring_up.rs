@@ -29,6 +29,7 @@ use super::socket::options::ServeOptions;
 use super::socket::server::serve;
 use crate::clock::{Clock, ManualTime};
 use crate::device::machine::cpu_latency::NODE;
+use crate::device::machine::descriptors::allow_descriptors;
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
 use crate::format::Visible;
@@ -95,6 +96,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         warn!("running as root; the unit file, or --user, is safer");
     }
     privilege::allow_locking();
+    allow_descriptors();
     let inherited = Inherited::take_all();
     let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));

@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 
 use pmac_dpram::client::Connection;
 
-use crate::support::{PATIENCE, Site, wait_until};
+use crate::support::{PATIENCE, Site, status_within, wait_until};
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -43,6 +43,33 @@ fn every_failure_has_the_exit_status_that_the_unit_acts_on() {
     assert!(unit.contains("RestartPreventExitStatus=64 77 78"));
     // Nothing is left of the failed attempts.
     site.start_daemon(&[]);
+    assert_eq!(site.stop_daemon(), 0);
+}
+
+#[test]
+fn too_few_open_files_are_told_at_the_start_and_a_soft_limit_is_raised() {
+    let mut site = Site::new();
+    site.start_simulator(&[]);
+    let limited = |limit: &str| {
+        let daemon = site.daemon_command(&[]);
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("ulimit {limit}; exec \"$0\" \"$@\"")]);
+        shell.arg(daemon.get_program()).args(daemon.get_args()).stdin(Stdio::null()).stderr(Stdio::piped());
+        shell
+    };
+    for files in 14..=20 {
+        let mut child = limited(&format!("-n {files}")).spawn().unwrap();
+        let status = status_within(&mut child, PATIENCE);
+        let mut error = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut error).unwrap();
+        assert_eq!(status.code(), Some(71), "{files}: {error}");
+        assert!(error.contains("raise the limit (LimitNOFILE= of the unit, ulimit -n)"), "{files}: {error}");
+    }
+    let child = limited("-S -n 14").stderr(Stdio::null()).spawn().unwrap();
+    let mut site = site.adopt(child);
+    wait_until("an answer", || {
+        Connection::open(&site.socket()).is_ok_and(|mut connection| connection.info().is_ok())
+    });
     assert_eq!(site.stop_daemon(), 0);
 }
 

@@ -17,8 +17,8 @@ use super::audit::AuditLimit;
 use super::clients::Clients;
 use super::connection::Client;
 use super::listener::Listener;
-use super::options::ServeOptions;
-use super::policy::{Peer, Policy, PolicyError, Role};
+use super::options::{ServeError, ServeOptions};
+use super::policy::{Peer, Policy, Role};
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
@@ -51,7 +51,7 @@ enum Full {
 
 impl Places {
     fn new(options: &ServeOptions, descriptors: usize) -> Self {
-        let all = options.max_clients.min(descriptors).max(1);
+        let all = options.max_clients.min(descriptors);
         Self { all, of_user: options.max_clients_per_user.min(all) }
     }
 
@@ -91,10 +91,14 @@ impl Admission {
     /// As many places as `options` and the limit of descriptors allow now.
     ///
     /// # Errors
-    /// [`PolicyError`] when a group is unknown.
-    pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, PolicyError> {
+    /// [`ServeError`] when a group is unknown, or the limit allows less than [`FEW`].
+    pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, ServeError> {
         let policy = Policy::new(&options.roles)?;
-        let places = Places::new(options, descriptors_left().saturating_sub(KEPT));
+        let left = descriptors_left();
+        if left < KEPT + FEW {
+            return Err(ServeError::FewDescriptors { left, needed: KEPT + FEW });
+        }
+        let places = Places::new(options, left - KEPT);
         if places.all < options.max_clients {
             warn!(
                 "room for {} connections, not {}: the limit of open files (LimitNOFILE) is too low",
@@ -223,7 +227,6 @@ mod tests {
     fn there_are_no_more_places_than_descriptors() {
         let options = ServeOptions::new("unused".into());
         assert_eq!(Places::new(&options, 20), Places { all: 20, of_user: 20 });
-        assert_eq!(Places::new(&options, 0).all, 1);
         assert_eq!(Places::new(&options, 10_000), Places { all: 256, of_user: 64 });
     }
 }

@@ -37,7 +37,7 @@ use super::line_jogs::LineJogs;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::panel_jogs::PanelJogs;
-use super::policy::{Characters, Peer, PolicyError};
+use super::policy::{Characters, Peer};
 use super::resets::Resets;
 use super::sent_stops::SentStops;
 use super::sequences::{Found, Sequences};
@@ -102,7 +102,7 @@ impl Drop for Server {
 /// Starts to serve the board on `listener`.
 ///
 /// # Errors
-/// [`ServeError`] when a group is unknown or the system gives no thread.
+/// [`ServeError`] when a group is unknown, or the system gives no descriptors or no thread.
 pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Server, ServeError> {
     let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
     let stop = Arc::new(EventFd::from_value_and_flags(0, flags).map_err(io::Error::from)?);
@@ -140,7 +140,7 @@ struct Service {
 }
 
 impl Service {
-    fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, PolicyError> {
+    fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, ServeError> {
         let Backend { commands, events, info, trace } = backend;
         Ok(Self {
             admission: Admission::new(options, listener)?,

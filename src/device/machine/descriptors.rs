@@ -1,11 +1,20 @@
 //! How many more descriptors this process may open.
 
-use nix::sys::resource::{Resource, getrlimit};
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
 use crate::process::DESCRIPTORS;
 
 /// Descriptors that such a process has open, where the kernel does not say.
 const USUAL: usize = 32;
+
+/// Raises the limit of open descriptors to the hard limit.
+pub fn allow_descriptors() {
+    if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
+        && soft < hard
+    {
+        let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
+    }
+}
 
 /// How many more descriptors may be opened: the soft limit (`RLIMIT_NOFILE`) minus the open ones.
 #[must_use]
