@@ -444,10 +444,12 @@ fn a_slow_listener_is_told_how_much_it_lost() {
 #[test]
 fn too_many_clients_are_told_so() {
     let bench = Bench::with(|options| options.max_clients = 3);
-    let mut clients: Vec<_> = (0..3).map(|_| connect(&bench)).collect();
+    let listen = format!("{}\0", json!({"method": format!("{BOARD}.Messages"), "more": true}));
+    let mut clients: Vec<_> = (0..3).map(|_| Raw::new(&bench)).collect();
     for client in &mut clients {
-        client.info().unwrap();
+        client.send(listen.as_bytes());
     }
+    // None of them is idle, whether its call has been read or not.
     let mut raw = Raw::new(&bench);
     assert_eq!(error_name(&raw.receive().unwrap()), "Unavailable");
     assert_eq!(raw.receive(), None);
@@ -456,6 +458,32 @@ fn too_many_clients_are_told_so() {
     while Connection::open(&bench.socket).unwrap().info().is_err() {
         assert!(Instant::now() < deadline);
     }
+}
+
+#[test]
+fn idle_connections_of_a_user_do_not_lock_his_abort_out() {
+    let bench = Bench::with(|options| options.max_clients = 4);
+    let mut tracing = Raw::new(&bench);
+    tracing.call("Trace", json!({}));
+    assert_eq!(tracing.receive().unwrap().get("error"), None);
+    let mut listening = Raw::new(&bench);
+    listening.send(format!("{}\0", json!({"method": format!("{BOARD}.Messages"), "more": true})).as_bytes());
+    // One has asked something, and one nothing since it came.
+    let mut idle = connect(&bench);
+    idle.info().unwrap();
+    let mut silent = Raw::new(&bench);
+    let mut first = connect(&bench);
+    first.control(1).unwrap();
+    assert_eq!(silent.receive(), None);
+    let mut second = connect(&bench);
+    second.control(1).unwrap();
+    idle.info().unwrap_err();
+    assert_eq!(bench.seen(), ["^A", "^A"]);
+    // What does something for its client stays.
+    tracing.call("Trace", json!({}));
+    assert_eq!(tracing.receive().unwrap().get("error"), None);
+    bench.unsolicited("heard");
+    assert_eq!(listening.receive().unwrap()["parameters"]["text"], "heard");
 }
 
 #[test]

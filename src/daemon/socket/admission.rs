@@ -1,8 +1,9 @@
 //! Who may connect: the places for connections are limited.
 //!
 //! No user can take them all, not even root or the daemon's own user. The last eighth is for users who hold fewer than
-//! four, and half of it for those who may do more than observe. Every other user has a limit as well. When all places are taken, a
-//! connection that has asked nothing since it came gives its place up. There are fewer places than descriptors, so clients
+//! four, and half of it for those who may do more than observe. Every other user has a limit as well. Where a user has no place left,
+//! one of his own that is idle gives its place up: his next one may bring a stop. When all places are taken, so does one of somebody
+//! else that has asked nothing since it came. There are fewer places than descriptors, so clients
 //! can never take those that the daemon itself needs.
 
 use std::io;
@@ -130,13 +131,19 @@ impl Admission {
     }
 
     /// Accepts connections that wait, some at a time, which leaves time for the clients that are there.
-    pub(super) fn accept(&mut self, clients: &mut Clients, audit: &mut AuditLimit, now: Instant) {
+    pub(super) fn accept(
+        &mut self,
+        clients: &mut Clients,
+        holds: impl Fn(u64) -> bool,
+        audit: &mut AuditLimit,
+        now: Instant,
+    ) {
         for _ in 0..ACCEPT_MAX {
             match self.listener.accept() {
                 Ok(stream) => {
                     let Ok(peer) = Peer::of(&stream) else { continue };
                     let role = self.policy.role_of(&peer, &stream);
-                    self.admit(Client::new(stream, peer, role, now), clients, audit, now);
+                    self.admit(Client::new(stream, peer, role, now), clients, &holds, audit, now);
                 }
                 Err(error) => match error.kind() {
                     io::ErrorKind::WouldBlock => return,
@@ -147,24 +154,25 @@ impl Admission {
         }
     }
 
-    /// Gives the connection a place, if there is one.
+    /// Gives the connection a place, if there is one. Of the others, `holds` says whether a jog, a sequence or the like ends with it.
     pub(super) fn admit(
         &self,
         mut client: Client,
         clients: &mut Clients,
+        holds: impl Fn(u64) -> bool,
         audit: &mut AuditLimit,
         now: Instant,
     ) {
         let Peer { uid, pid, .. } = client.peer();
         if let Err(full) = self.places.room(clients.count(), clients.held_by(uid), uid, client.role()) {
-            let Some(silent) = clients.drop_silent(uid, full == Full::All, now) else {
+            let Some(idle) = clients.make_room(uid, full == Full::All, holds, now) else {
                 audit.tell(uid, format_args!("refused a connection of uid {uid} pid {pid}: too many"), now);
                 let reason = "too many connections; close some".to_owned();
                 return client.reply(&Reply::of_error(&CallError::Unavailable { reason }), now);
             };
-            let Peer { uid, pid, .. } = silent;
+            let Peer { uid, pid, .. } = idle;
             let what =
-                format_args!("dropped a connection of uid {uid} pid {pid}: silent, and its place is needed");
+                format_args!("dropped a connection of uid {uid} pid {pid}: idle, and its place is needed");
             audit.tell(uid, what, now);
         }
         clients.add(client);

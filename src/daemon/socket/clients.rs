@@ -141,15 +141,29 @@ impl Clients {
         }
     }
 
-    /// Removes the connection that has been silent longest, from its first moment on: of user `newcomer`, or, if that
-    /// helps (`of_others`), of one who holds more.
-    pub(super) fn drop_silent(&mut self, newcomer: Uid, of_others: bool, now: Instant) -> Option<Peer> {
+    /// Removes a connection, for one of user `newcomer`: if that helps (`of_others`), one that has asked nothing since it came, of a
+    /// user who holds more; else one of his own that is idle and `holds` nothing. Of these, one that has never asked anything goes
+    /// first, then the one that has asked nothing for the longest time.
+    pub(super) fn make_room(
+        &mut self,
+        newcomer: Uid,
+        of_others: bool,
+        holds: impl Fn(u64) -> bool,
+        now: Instant,
+    ) -> Option<Peer> {
         let held = self.held_by(newcomer);
-        let silent = self.clients.iter().find(|(_, client)| {
-            let uid = client.peer().uid;
-            client.is_silent(now, self.patience) && (uid == newcomer || of_others && self.held_by(uid) > held)
-        });
-        let id = *silent?.0;
+        let silent = || {
+            self.clients.iter().find(|(_, client)| {
+                client.is_silent(now, self.patience) && self.held_by(client.peer().uid) > held
+            })
+        };
+        let own = || {
+            let mut own: Vec<_> =
+                self.clients.iter().filter(|(_, client)| client.peer().uid == newcomer).collect();
+            own.sort_by_key(|(_, client)| client.last_heard());
+            own.into_iter().find(|(id, client)| client.is_idle() && !holds(**id))
+        };
+        let id = *of_others.then(silent).flatten().or_else(own)?.0;
         self.clients.remove(&id).map(|client| client.peer())
     }
 

@@ -66,7 +66,8 @@ pub(super) struct Client {
     waiting: Waiting,
     /// It has had its turn, and may have more calls to begin.
     has_more: bool,
-    connected: Instant,
+    /// When it asked something last, or, without [`Self::has_spoken`], when it came.
+    heard: Instant,
     /// It has asked something.
     has_spoken: bool,
     inbox: Inbox,
@@ -97,7 +98,7 @@ impl Client {
             role,
             waiting: Waiting::Nothing,
             has_more: false,
-            connected: now,
+            heard: now,
             has_spoken: false,
             inbox: Inbox::new(if role == Role::Observe { OBSERVER_CALL_MAX } else { CALL_MAX }),
             outbox: Vec::new(),
@@ -253,7 +254,9 @@ impl Client {
         self.call_outdated = self.outdated.map(|(_, reason)| reason);
         let is_left = |(sent, _): &(usize, _)| *sent > taken || self.outdated_unread;
         self.outdated = self.outdated.filter(is_left).map(|(sent, why)| (sent.saturating_sub(taken), why));
-        self.has_spoken |= matches!(call, Ok(Some(_)));
+        if matches!(call, Ok(Some(_))) {
+            (self.heard, self.has_spoken) = (now, true);
+        }
         // The clock of a half-sent message starts anew with each message.
         self.half_sent_since = None;
         self.note_half_sent(now);
@@ -336,7 +339,20 @@ impl Client {
 
     /// Whether it has not asked anything since it came, for `patience` at least.
     pub(super) fn is_silent(&self, now: Instant, patience: Duration) -> bool {
-        !self.has_spoken && now.duration_since(self.connected) >= patience
+        !self.has_spoken && now.duration_since(self.heard) >= patience
+    }
+
+    /// Whether it has asked something, and when last, or when it came: who is less missed comes first.
+    pub(super) fn last_heard(&self) -> (bool, Instant) {
+        (self.has_spoken, self.heard)
+    }
+
+    /// Whether nothing of it is under way: it waits for nothing, all it has sent is answered, and all answers are sent.
+    pub(super) fn is_idle(&self) -> bool {
+        let nothing_here = self.inbox.held().is_empty() && self.outbox.is_empty() && !self.has_more;
+        let flags = MsgFlags::MSG_PEEK | MsgFlags::MSG_DONTWAIT;
+        let has_unread = || recv(self.stream.as_raw_fd(), &mut [0], flags).is_ok_and(|count| count > 0);
+        !self.waits() && nothing_here && !has_unread()
     }
 
     /// When to drop it if nothing happens: a message has been half sent, or output not fetched, for `patience`.

@@ -388,6 +388,11 @@ impl Leases {
         Some(clients)
     }
 
+    /// Whether `client` holds a jog, or has not been told yet why that is over.
+    pub(super) fn is_of(&self, client: u64) -> bool {
+        self.held.contains_key(&client) || self.ended.contains_key(&client)
+    }
+
     /// Jogs that are held, and stops that the board has not taken.
     pub(super) fn count(&self) -> usize {
         self.held.len() + self.stopping.len()

@@ -60,6 +60,11 @@ impl LineJogs {
         self.0.iter().any(|((_, of), jog)| *of == client && !jog.is_over(now))
     }
 
+    /// Whether a jog ends with `client`.
+    pub(super) fn is_of(&self, client: u64) -> bool {
+        self.0.keys().any(|(_, of)| *of == client)
+    }
+
     /// When the first client has been silent for too long.
     pub(super) fn first_lapse(&self) -> Option<Instant> {
         self.0.values().filter_map(Jog::lapses).min()

@@ -197,7 +197,8 @@ impl Service {
         }
         self.serve_ready(ready.clients, now);
         if ready.listener {
-            self.admission.accept(&mut self.clients, &mut self.audit, now);
+            let (admission, clients, holds, audit) = self.entrance();
+            admission.accept(clients, holds, audit, now);
         }
         self.expire(now);
         self.end_lapsed_leases(now);
@@ -217,6 +218,18 @@ impl Service {
         }
         self.send_watch_table(now);
         self.hand_out(now);
+    }
+
+    /// What decides who gets a place: besides, whether something ends with a connection.
+    fn entrance(&mut self) -> (&mut Admission, &mut Clients, impl Fn(u64) -> bool, &mut AuditLimit) {
+        let Self { admission, clients, leases, line_jogs, sequences, tracing, audit, .. } = self;
+        let holds = |client| {
+            leases.is_of(client)
+                || line_jogs.is_of(client)
+                || sequences.is_of(client)
+                || tracing.is_of(client)
+        };
+        (admission, clients, holds, audit)
     }
 
     /// How long nothing need be done unless something happens.

@@ -94,6 +94,11 @@ impl Tracing {
         Ok(TraceReply { accesses, dropped })
     }
 
+    /// Whether `client` traces.
+    pub(super) fn is_of(&self, client: u64) -> bool {
+        self.owner.as_ref().is_some_and(|owner| owner.client == client)
+    }
+
     /// `client` is gone.
     pub(super) fn forget(&mut self, client: u64) {
         self.silent.take_if(|silent| *silent == client);

@@ -222,6 +222,12 @@ impl Sequences {
         Some(self.results.swap_remove(index).2)
     }
 
+    /// Whether a sequence ends with `client`, or he has not been told yet how it ended.
+    pub(in crate::daemon::socket) fn is_of(&self, client: u64) -> bool {
+        self.running.values().any(|running| running.owner.client == client)
+            || self.results.iter().any(|(of, ..)| *of == client)
+    }
+
     /// `client` is gone: nobody asks for what was kept.
     pub(in crate::daemon::socket) fn forget(&mut self, client: u64) {
         self.results.retain(|(other, ..)| *other != client);

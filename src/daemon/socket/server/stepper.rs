@@ -60,8 +60,8 @@ impl ServerStepper {
     /// When it cannot be made non-blocking.
     pub fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) -> io::Result<()> {
         stream.set_nonblocking(true)?;
-        let Service { admission, clients, audit, .. } = &mut self.service;
-        admission.admit(Client::new(stream, peer, role, now), clients, audit, now);
+        let (admission, clients, holds, audit) = self.service.entrance();
+        admission.admit(Client::new(stream, peer, role, now), clients, holds, audit, now);
         Ok(())
     }
 
