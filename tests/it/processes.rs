@@ -1,6 +1,7 @@
 //! `pmacd` and `pmacctl` as processes: what they refuse, and what they leave behind.
 
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{RegionId, Subscriber};
 
@@ -29,13 +30,38 @@ fn a_second_daemon_on_the_same_name_is_refused() {
     assert!(site.connection_refused());
 }
 
+/// The directory of the simulator that daemon `pid` has started.
+fn left(pid: u32) -> Option<String> {
+    let prefix = format!("pmac-sim-{pid}-");
+    let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+    std::fs::read_dir("/dev/shm").unwrap().flatten().map(name).find(|name| name.starts_with(&prefix))
+}
+
+#[test]
+fn a_daemon_killed_while_its_simulator_starts_leaves_no_directory() {
+    for moment in 0..10 {
+        let site = Site::new();
+        let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+            .args(["--board", "sim", "--name", &site.name, "--socket"])
+            .arg(site.socket())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let pid = daemon.id();
+        wait_until("the simulator's directory", || left(pid).is_some());
+        // At once, and while the board powers up.
+        let killed_at = Instant::now() + Duration::from_millis(moment);
+        while Instant::now() < killed_at {}
+        daemon.kill().unwrap();
+        daemon.wait().unwrap();
+        wait_until("the directory to be gone", || left(pid).is_none());
+        let _ = std::fs::remove_file(format!("/dev/shm/{}", site.name));
+        let _ = std::fs::remove_file(format!("/dev/shm/{}.lock", site.name));
+    }
+}
+
 #[test]
 fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
-    let left = |pid: u32| {
-        let prefix = format!("pmac-sim-{pid}-");
-        let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
-        std::fs::read_dir("/dev/shm").unwrap().flatten().map(name).find(|name| name.starts_with(&prefix))
-    };
     let site = Site::new();
     let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
         .args(["--board", "sim", "--name", &site.name, "--socket"])

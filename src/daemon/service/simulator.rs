@@ -3,7 +3,7 @@
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use log::{info, warn};
 use nix::sys::signal::Signal;
@@ -44,7 +44,7 @@ impl Simulator {
     ) -> Result<Self, SimulatorError> {
         let program = program();
         let fail = |reason: String| SimulatorError { program: program.clone(), reason };
-        let directory = private_directory().map_err(|error| fail(error.to_string()))?;
+        let directory = private_directory();
         let mut command = Command::new(&program);
         command.arg("--memory").arg(directory.join("dpram"));
         command.arg("--interrupt").arg(socket(&directory, "interrupt"));
@@ -62,7 +62,7 @@ impl Simulator {
             command.arg("--reading").arg(reading);
         }
         command.stdin(Stdio::null()).stdout(Stdio::null());
-        // If this process is killed, the simulator ends too and removes the directory.
+        // It makes the directory. If this process is killed, it ends too and removes that.
         command.arg("--with-parent").arg(std::process::id().to_string());
         // Only the daemon talks to the service manager.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
@@ -147,10 +147,10 @@ fn program() -> PathBuf {
     beside.filter(|path| path.exists()).unwrap_or_else(|| "pmac-sim".into())
 }
 
-/// Makes a private directory for the simulator's files, in memory if possible.
-fn private_directory() -> std::io::Result<PathBuf> {
+/// Where the simulator makes a directory for its files: in memory if possible, and under a name that nobody has used.
+fn private_directory() -> PathBuf {
     let parent = Path::new(crate::segment::DIRECTORY);
     let parent = if parent.is_dir() { parent.to_owned() } else { std::env::temp_dir() };
-    let template = parent.join(format!("pmac-sim-{}-XXXXXX", std::process::id()));
-    Ok(nix::unistd::mkdtemp(&template)?)
+    let begun = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    parent.join(format!("pmac-sim-{}-{}", std::process::id(), begun.as_nanos()))
 }

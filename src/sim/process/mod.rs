@@ -10,6 +10,7 @@ mod serial;
 mod socket;
 
 use std::io;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -152,14 +153,18 @@ pub struct Simulator {
     _leave: Option<LeaveNothing>,
 }
 
-/// Exits with the parent process, and removes the memory and the directory made for it.
+/// Exits with the parent process, and removes the memory and the directory that it has made for it.
 struct LeaveNothing {
     memory: PathBuf,
 }
 
 impl LeaveNothing {
+    /// Makes the directory. Before that this process ends with its parent, whose own end can so leave no directory.
     fn with(parent: u32, memory: &Path) -> Result<Self, SimError> {
         end_with_parent(parent)?;
+        if let Some(directory) = memory.parent() {
+            std::fs::DirBuilder::new().mode(0o700).create(directory)?;
+        }
         Ok(Self { memory: memory.to_owned() })
     }
 }
@@ -201,8 +206,8 @@ impl Simulator {
     }
 
     fn with(options: &Options, stop: Arc<AtomicBool>) -> Result<Self, SimError> {
-        let world = power_up(options)?;
         let leave = options.with_parent.map(|pid| LeaveNothing::with(pid, &options.memory)).transpose()?;
+        let world = power_up(options)?;
         Ok(Self {
             world,
             interrupt: listen(options.interrupt.as_ref())?.map(InterruptLine::new),

@@ -94,7 +94,7 @@ pub struct Options {
     /// Power up with I2=3, I55=1 and I57=1 saved: these functions act before any host does
     #[arg(long)]
     pub saved_enables: bool,
-    /// Exit when the parent process (PID) exits, and remove the memory and its directory
+    /// Make the memory's directory; exit when the parent process (PID) exits, and remove both
     #[arg(long, value_name = "PID", hide = true)]
     pub with_parent: Option<u32>,
 }
