@@ -92,12 +92,17 @@ impl Continuity {
     }
 
     /// Servo cycles since the last update of which the timer shows `passed`, whole turns included: after more than a turn
-    /// only the time that went by tells.
+    /// only the time that went by tells. A timer that is at the next updates belongs to the stretch of the last one, however long ago
+    /// that was, and one that with its turns does not come near the time that went by stood still for some of it: so does a
+    /// simulated board that is stopped together with this program. `cycles` as for [`Self::judge`].
     #[must_use]
-    pub fn whole(&self, passed: u64, now_ns: u64) -> u64 {
+    pub fn whole(&self, passed: u64, cycles: Option<u32>, now_ns: u64) -> u64 {
         let turn = 1u64 << self.timer_bits;
-        let turns = (self.elapsed(now_ns).unwrap_or(0).saturating_sub(passed) + turn / 2) / turn;
-        passed + turns * turn
+        let elapsed = self.elapsed(now_ns).unwrap_or(0);
+        let turns = (elapsed.saturating_sub(passed) + turn / 2) / turn;
+        let whole = passed + turns * turn;
+        let is_next = passed <= SLACK.max(2 * u64::from(cycles.unwrap_or(1)));
+        if is_next || whole.abs_diff(elapsed) > elapsed / 16 + SLACK { passed } else { whole }
     }
 
     /// An update came at `now_ns`, after `passed` servo cycles if they are known.
@@ -262,12 +267,34 @@ mod tests {
     #[test]
     fn turns_are_counted_by_time() {
         let mut continuity = Continuity::new(TIMER_BITS);
-        assert_eq!(continuity.whole(10, 1_000_000_000), 10);
+        assert_eq!(continuity.whole(100, Some(1), 1_000_000_000), 100);
         continuity.expect_cycle(1000);
         continuity.on_update(0, None);
-        assert_eq!(continuity.whole(10, 12_000), 10);
-        assert_eq!(continuity.whole(10, 32_800_000), 32_778);
-        assert_eq!(continuity.whole(32_000, (65_536 + 31_000) * 1000), 65_536 + 32_000);
+        assert_eq!(continuity.whole(100, Some(1), 120_000), 100);
+        assert_eq!(continuity.whole(100, Some(1), 32_800_000), 32_868);
+        assert_eq!(continuity.whole(32_000, Some(1), (65_536 + 31_000) * 1000), 65_536 + 32_000);
+    }
+
+    #[test]
+    fn a_board_that_stood_still_with_the_daemon_made_no_turn() {
+        let mut continuity = Continuity::new(TIMER_BITS);
+        continuity.expect_cycle(CYCLE_NS);
+        continuity.on_update(0, None);
+        // Both go on together; then, the board goes on a tenth of a second before the daemon.
+        for stood in [5, 8, 10, 12, 20, 60, 3600, 30_000] {
+            for passed in [1, 20, 64] {
+                let now = (stood * SECOND + passed) * CYCLE_NS;
+                assert_eq!(continuity.whole(passed, Some(1), now), passed, "{stood} s, {passed}");
+            }
+        }
+        for stood in [8, 10, 12, 20, 25] {
+            let now = (stood * SECOND + SECOND / 10) * CYCLE_NS;
+            assert_eq!(continuity.whole(SECOND / 10, Some(1), now), SECOND / 10, "{stood} s");
+        }
+        // The daemon alone stood still.
+        for silence in [5 * SECOND, 20 * SECOND, 60 * SECOND, 300 * SECOND] {
+            assert_eq!(continuity.whole(silence % TURN, Some(1), silence * CYCLE_NS), silence);
+        }
     }
 
     #[test]
@@ -279,7 +306,7 @@ mod tests {
             let elapsed = continuity.elapsed(u64::MAX);
             assert!(elapsed.is_some_and(|elapsed| elapsed <= MOST_CYCLES), "{cycle_ns}: {elapsed:?}");
             let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, true);
-            continuity.on_update(u64::MAX, Some(continuity.whole(5, u64::MAX)));
+            continuity.on_update(u64::MAX, Some(continuity.whole(5, None, u64::MAX)));
             let _ = continuity.judge(5, 20_000, Some(u32::MAX), u64::MAX, false);
         }
     }

@@ -304,7 +304,7 @@ impl ServoMirror {
         let now = self.time.ns();
         self.clock.poll_empty(began, now);
         // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
-        if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
+        if self.stood_still(now) {
             self.freshness.reset_deadline(now);
         }
         self.last_poll_ns = now;
@@ -313,6 +313,11 @@ impl ServoMirror {
             publisher.set_region_state(RegionId::Servo, RegionState::Stale);
         }
         Ok(transition)
+    }
+
+    /// Whether this thread did not poll until `now_ns` for as long as data may be old.
+    fn stood_still(&self, now_ns: u64) -> bool {
+        now_ns.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns()
     }
 
     fn publish(&mut self, publisher: &mut Publisher, timer: u32, time_ns: u64) -> Option<Transition> {
@@ -330,13 +335,15 @@ impl ServoMirror {
             self.clock.poll_empty(time_ns, self.time.ns());
             return None;
         }
-        let passed = self.continuity.whole(passed, time_ns);
+        let passed = self.continuity.whole(passed, self.gaps.cycles(), time_ns);
         // What the board did while it reported nothing is no update that could have been missed.
         let updates = if was_live { self.gaps.updates(passed) } else { 1 };
         // The clock keeps to the servo cycles where each of them may bring an update.
         let every_cycle = self.on_request || self.gaps.is_untold();
         let steps = if every_cycle && was_live { passed } else { updates };
-        self.continuity.on_update(time_ns, was_live.then_some(passed));
+        // The board may have stood still for as long as this thread did: that tells no length of a cycle.
+        let went_on = was_live && !self.stood_still(time_ns);
+        self.continuity.on_update(time_ns, went_on.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
         self.clock.on_update(time_ns, steps);
         self.updates += 1;

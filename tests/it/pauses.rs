@@ -87,3 +87,34 @@ fn a_rotary_stream_goes_on_while_the_servo_report_pauses() {
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("lines=301 "), "{output:?}");
     assert_no_reset(&site);
 }
+
+#[test]
+fn a_board_that_stood_still_together_with_the_daemon_made_no_updates_meanwhile() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let subscriber = site.attach();
+    // Long enough to know the length of a servo cycle, and behind each stop, to know it again.
+    let goes_on = || site.run_for(Duration::from_secs(1));
+    goes_on();
+    // Half a turn of the timer is 7.3 s.
+    for seconds in [5, 8, 20, 300] {
+        let before = subscriber.counter(Counter::Missed);
+        site.daemon_stands_still(true);
+        site.board_stands_still(true);
+        site.run_for(Duration::from_secs(seconds));
+        site.board_stands_still(false);
+        site.daemon_stands_still(false);
+        goes_on();
+        let missed = subscriber.counter(Counter::Missed) - before;
+        assert!(missed < 1000, "{seconds} s: {missed}");
+    }
+    // What the daemon alone slept through, the board made: the length of a cycle is known as before.
+    let before = subscriber.counter(Counter::Missed);
+    site.daemon_stands_still(true);
+    site.step(10_000);
+    site.daemon_stands_still(false);
+    goes_on();
+    let missed = subscriber.counter(Counter::Missed) - before;
+    assert!((9_990..11_000).contains(&missed), "{missed}");
+    assert_no_reset(&site);
+}
