@@ -1,7 +1,7 @@
 //! Whom a client addresses: the motor and the coordinate system that his lines mean where they do not say it.
 
 use pmac_dpram::protocol::line::plain;
-use pmac_dpram::protocol::tokens::{Kind, Needs, Token};
+use pmac_dpram::protocol::tokens::{Kind, Needs, SetsI, Token};
 
 /// Whom a client addresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -88,7 +88,8 @@ pub(crate) fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &T
         _ => true,
     };
     tokens.iter().take_while(is_other).filter(move |token| match token.kind {
-        Kind::Asks(found) | Kind::Moves(found) => found == needs,
+        Kind::Asks(found) | Kind::Moves(found) | Kind::Sets(found) => found == needs,
+        Kind::SetsI(SetsI { needs: found, .. }) => found == needs,
         Kind::AxisOf(_) => needs == Needs::System,
         // `#3->100X`, `UNDEFINE`: what it addresses is not known.
         Kind::Unknown => true,

@@ -2,14 +2,15 @@
 //!
 //! I3, I4 and I6 are the client's own and go nowhere. Control characters go ahead of the line they stand in, as a board takes them at
 //! once. A line that does not say whom it addresses means whom this client addressed last, whatever others have addressed meanwhile.
-//! A line that is too long for the board goes in parts where that cannot matter, and is refused otherwise. Questions for many variables
-//! go in parts, too, so that nobody's stop waits for all of them.
+//! A line that is too long for the board goes in parts if it asks, sets variables and writes memory only, and is refused otherwise.
+//! Questions for many variables go in parts, too, so that nobody's stop waits for all of them.
 
 use pmac_dpram::protocol::LINE_MAX;
 use pmac_dpram::protocol::buffer_line::{Effect, effect};
 use pmac_dpram::protocol::line::plain;
 use pmac_dpram::protocol::moved_motors::{EndlessJogs, motors_moved};
-use pmac_dpram::protocol::tokens::{self, Kind, Needs, Token};
+use pmac_dpram::protocol::password::without_password;
+use pmac_dpram::protocol::tokens::{self, Kind, Needs, SetsI, Token};
 
 use crate::addressed::{Addressed, Doubt, uses_of};
 use crate::board::{self, Failure};
@@ -94,9 +95,9 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
     let Some((token, behind)) = tokens.split_first() else { return Ok(None) };
     let text = line[token.span.clone()].trim();
     match token.kind {
-        Kind::SetsI(number, _, _, value) if sets_own(token) => {
+        Kind::SetsI(SetsI { first, value, .. }) if sets_own(token) => {
             if let Some(value) = value {
-                return Ok(Some(Piece::Set(number, value)));
+                return Ok(Some(Piece::Set(first, value)));
             }
             let why = format!("{text:?}: I3, I4 and I6 are the client's own; set each to a plain number");
             Err(Failure::unsent(board::UNKNOWN, why))
@@ -114,7 +115,7 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
 
 /// Whether `token` sets variables that are a client's own.
 fn sets_own(token: &Token) -> bool {
-    matches!(token.kind, Kind::SetsI(first, last, step, _) if Handshake::has_among(first, last, step))
+    matches!(token.kind, Kind::SetsI(set) if Handshake::has_among(set.first, set.last, set.step))
 }
 
 /// What `token` addresses, if it does nothing else.
@@ -133,8 +134,8 @@ fn text_of(line: &str, tokens: &[Token], addressed: Addressed) -> String {
     addressed.prefix(tokens) + line[start..end].trim()
 }
 
-/// How many of the first `count` tokens go in one piece: all of them if the board takes it; else, of questions, as many
-/// as it takes, if that can be up to where another motor or coordinate system is addressed.
+/// How many of the first `count` tokens go in one piece: all of them if the board takes it; else, of those that may be parted, as
+/// many as it takes, if that can be up to where another motor or coordinate system is addressed.
 fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> Result<usize, Failure> {
     let fits = |count: usize| text_of(line, &tokens[..count], addressed).len() <= LINE_MAX;
     if fits(count) {
@@ -142,11 +143,12 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
     }
     let too_long = || {
         let why = format!(
-            "the line is longer than the {LINE_MAX} characters that the board takes, and is no row of questions"
+            "the line is longer than the {LINE_MAX} characters that the board takes, and not all of it asks, sets variables or \
+             writes memory"
         );
         Failure::unsent(board::NO_ROOM, why)
     };
-    if !tokens[..count].iter().all(Token::only_asks) {
+    if !tokens[..count].iter().all(Token::ends_its_line) {
         return Err(too_long());
     }
     let begins =
@@ -166,6 +168,43 @@ fn short_questions(line: &str, tokens: &[Token]) -> Option<Vec<String>> {
         let short = |text: &str| ranges(text).unwrap_or_else(|| vec![text.to_owned()]);
         texts().flat_map(short).collect()
     })
+}
+
+/// `line`, too long for the board, with its long writes of memory as several of a length that the board takes; `None` without any.
+fn short_writes(line: &str, tokens: &[Token]) -> Option<String> {
+    let is_long = |token: &Token| token.kind == Kind::WritesMemory && token.span.len() > LINE_MAX;
+    if !tokens.iter().any(is_long) {
+        return None;
+    }
+    let commands = tokens.iter().flat_map(|token| {
+        let text = line[token.span.clone()].trim();
+        let short = is_long(token).then(|| rows(text)).flatten();
+        short.unwrap_or_else(|| vec![text.to_owned()])
+    });
+    Some(commands.collect::<Vec<_>>().join(" "))
+}
+
+/// `WL:$700,1,2,3` as `WL:$700,1,2` and `WL:$702,3`, none of them too long: each value has an address of its own.
+fn rows(text: &str) -> Option<Vec<String>> {
+    let text: String = text.split_whitespace().collect();
+    let (head, values) = text.split_once(',')?;
+    let digits = head.rfind(|c: char| !c.is_ascii_hexdigit()).map_or(0, |at| at + 1);
+    let (space, digits) = head.split_at(digits);
+    let (radix, width) = if space.ends_with('$') { (16, digits.len()) } else { (10, 0) };
+    let mut address = u32::from_str_radix(digits, radix).ok()?;
+    let mut rows: Vec<String> = Vec::new();
+    for value in values.split(',') {
+        match rows.last_mut() {
+            Some(row) if row.len() + 1 + value.len() <= LINE_MAX => {
+                row.push(',');
+                row.push_str(value);
+            }
+            _ if radix == 16 => rows.push(format!("{space}{address:0width$X},{value}")),
+            _ => rows.push(format!("{space}{address},{value}")),
+        }
+        address = address.checked_add(1)?;
+    }
+    Some(rows)
 }
 
 /// `I0..8191` as `I0..49`, `I50..99` and so on; `M0,100,2->` as `M0,50,2->`, `M100,50,2->`. `None` of anything shorter, or else.
@@ -272,11 +311,12 @@ impl Session {
         if self.rules.read_only && !tokens.iter().all(is_harmless) {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
-        let sent = match short_questions(line, &tokens) {
-            Some(questions) => {
+        let sent = match (short_questions(line, &tokens), short_writes(line, &tokens)) {
+            (Some(questions), _) => {
                 questions.iter().try_for_each(|question| self.commands(question, &tokens::of(question)))
             }
-            None => self.commands(line, &tokens),
+            (None, Some(writes)) => self.commands(&writes, &tokens::of(&writes)),
+            (None, None) => self.commands(line, &tokens),
         };
         if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || may_move(line) {
             self.log_motion(line, &sent);
@@ -316,9 +356,9 @@ impl Session {
         }
         let before = std::mem::replace(&mut self.port.addressed, addressed);
         self.port.addressed.follow_all(line, tokens);
-        for (index, piece) in pieces.into_iter().enumerate() {
+        for (index, piece) in pieces.iter().enumerate() {
             let lines = self.piece(piece).map_err(|failure| {
-                let failure = known_only_in_part(failure, index);
+                let failure = known_only_in_part(failure, piece, index);
                 self.fall_back(before, &failure);
                 failure
             })?;
@@ -358,18 +398,18 @@ impl Session {
         Ok(())
     }
 
-    fn piece(&mut self, piece: Piece) -> Result<Vec<String>, Failure> {
+    fn piece(&mut self, piece: &Piece) -> Result<Vec<String>, Failure> {
         match piece {
-            Piece::Send(line) => self.board.send(&line),
-            Piece::Version(version) => Ok(vec![version]),
+            Piece::Send(line) => self.board.send(line),
+            Piece::Version(version) => Ok(vec![version.clone()]),
             Piece::Nothing => Ok(Vec::new()),
             Piece::Set(number, value) => {
-                self.port.handshake.set(number, value);
+                self.port.handshake.set(*number, *value);
                 Ok(Vec::new())
             }
             Piece::Own(question, first, step) => {
-                let mut lines = self.board.send(&question)?;
-                for (number, line) in (first..).step_by(step.max(1) as usize).zip(&mut lines) {
+                let mut lines = self.board.send(question)?;
+                for (number, line) in (*first..).step_by((*step).max(1) as usize).zip(&mut lines) {
                     if let Some(value) = self.port.handshake.get(number) {
                         // The board's form, with "I3=" or "$" as its I9 wants it.
                         let kept = line.rfind(['=', '$']).map_or(0, |at| at + 1);
@@ -383,12 +423,18 @@ impl Session {
     }
 }
 
-/// A failure of a line of which `done` pieces are carried out. That a later one was not sent is then no reason that is the board's:
-/// the client sees the replies up to there.
-fn known_only_in_part(failure: Failure, done: usize) -> Failure {
+/// A failure of `piece` of a line of which `done` pieces are carried out. That a later one was not sent is then no reason that is the
+/// board's: the client sees the replies up to there, and the log how far it has come.
+fn known_only_in_part(failure: Failure, piece: &Piece, done: usize) -> Failure {
     match failure {
         Failure::Refused { code, lines, why, .. } if done > 0 => {
-            let why = why.map(|why| format!("{why}; what stands before it in its line is done"));
+            let why = why.unwrap_or_else(|| match piece {
+                Piece::Send(text) | Piece::Own(text, ..) => {
+                    format!("the board refused {:?}", without_password(text))
+                }
+                _ => "the board refused it".to_owned(),
+            });
+            let why = Some(format!("{why}; what stands before it in its line is done"));
             Failure::Refused { code, lines, why, is_sent: true }
         }
         failure => failure,
@@ -482,13 +528,54 @@ mod tests {
             whole += text;
         }
         assert_eq!(whole, line);
-        let Err(Failure::Refused { code, .. }) = of(&"P1=1 ".repeat(50), None, None) else { panic!() };
-        assert_eq!(code, board::NO_ROOM);
+        // One command that is neither, wherever it stands, and nothing of its line is sent.
+        for line in ["P1=1 ".repeat(50) + "#1J+", "&1A ".to_owned() + &"P1=1 ".repeat(50)] {
+            let Err(Failure::Refused { code, .. }) = of(&line, None, None) else { panic!("{line}") };
+            assert_eq!(code, board::NO_ROOM);
+        }
         // What has no address is cut between two questions.
         let told = of(&"M5000 ".repeat(80), None, None).unwrap();
         let whole: Vec<&Piece> = told.iter().filter(|piece| matches!(piece, Piece::Send(_))).collect();
         assert!(whole.len() == told.len() && told.len() > 1);
         assert_eq!(format!("{told:?}").matches("M5000").count(), 80);
         assert!(of(&format!("SEND\"{}\"", "x".repeat(250)), None, None).is_err());
+    }
+
+    #[test]
+    fn too_long_assignments_go_in_parts_that_say_whose_they_are() {
+        let line: String = (1..=60).map(|number| format!("Q{number}={number} ")).collect();
+        let told = of(&line, None, Some(3)).unwrap();
+        assert!(told.len() > 1);
+        let texts = told.iter().map(|piece| match piece {
+            Piece::Send(text) => text.strip_prefix("&3").unwrap_or_else(|| panic!("{text}")),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(texts.collect::<Vec<_>>().join(" "), line.trim_end());
+    }
+
+    #[test]
+    fn too_long_a_write_of_memory_goes_in_rows() {
+        let values: Vec<String> = (0..17).map(|value| format!("${value:012X}")).collect();
+        for (head, second) in [("WL:$C5FC", "WL:$C609"), ("wl$00C5FC", "wl$00C609"), ("WX 50684", "WX50697")]
+        {
+            let line = format!("P1=1 {head},{} P2=2", values.join(","));
+            let short = short_writes(&line, &tokens::of(&line)).unwrap();
+            let told = of(&short, None, None).unwrap();
+            let texts: Vec<&str> = told
+                .iter()
+                .map(|piece| match piece {
+                    Piece::Send(text) => text.as_str(),
+                    other => panic!("{other:?}"),
+                })
+                .collect();
+            assert!(texts.iter().all(|text| text.len() <= LINE_MAX), "{texts:?}");
+            let head = head.replace(' ', "");
+            let whole = [
+                format!("P1=1 {head},{}", values[..13].join(",")),
+                format!("{second},{}", values[13..].join(",")) + " P2=2",
+            ];
+            assert_eq!(texts, whole);
+        }
+        assert_eq!(short_writes("WX$700,1", &tokens::of("WX$700,1")), None);
     }
 }

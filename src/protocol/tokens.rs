@@ -31,14 +31,33 @@ pub enum Kind {
     Variables(u32, u32, u32),
     /// It asks for the firmware's version.
     Version,
-    /// It sets I-variables: the first, the last, and the step between them; to what, where it is one and a plain number.
-    SetsI(u32, u32, u32, Option<u32>),
+    /// It sets I-variables.
+    SetsI(SetsI),
+    /// It sets other variables, which or whose values need this.
+    Sets(Needs),
+    /// It writes values to consecutive addresses of the board's memory: `WX`, `WY`, `WL`.
+    WritesMemory,
     /// It moves or stops something.
     Moves(Needs),
     /// It changes something else.
     Changes,
     /// Nobody here knows.
     Unknown,
+}
+
+/// I-variables that are set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SetsI {
+    /// The first.
+    pub first: u32,
+    /// The last.
+    pub last: u32,
+    /// From each to the next.
+    pub step: u32,
+    /// To what, where it is one variable and a plain number.
+    pub value: Option<u32>,
+    /// What the value needs.
+    pub needs: Needs,
 }
 
 /// A command, and where it stands in its line.
@@ -63,6 +82,12 @@ impl Token {
                 | Kind::Variables(..)
                 | Kind::Version
         )
+    }
+
+    /// Whether what stands behind the command means the same in a line of its own, told whom it addresses.
+    #[must_use]
+    pub fn ends_its_line(&self) -> bool {
+        self.only_asks() || matches!(self.kind, Kind::SetsI(_) | Kind::Sets(_) | Kind::WritesMemory)
     }
 }
 
@@ -259,6 +284,7 @@ impl Reader<'_> {
             }
             b'K' => Kind::Moves(Needs::Motor),
             b'R' if self.reads_memory() => Kind::Asks(Needs::Nothing),
+            b'W' if self.writes_memory() => Kind::WritesMemory,
             b'B' => {
                 self.skip_while(|byte| b". ".contains(&byte) || byte.is_ascii_digit());
                 Kind::Moves(Needs::System)
@@ -333,8 +359,10 @@ impl Reader<'_> {
             if !self.expression() {
                 return Kind::Unknown;
             }
+            let needs = if letter == b'Q' || self.names_q(start) { Needs::System } else { Needs::Nothing };
             let value = plain.filter(|_| is_plain && first == last);
-            return if letter == b'I' { Kind::SetsI(first, last, step, value) } else { Kind::Changes };
+            let sets = SetsI { first, last, step, value, needs };
+            return if letter == b'I' { Kind::SetsI(sets) } else { Kind::Sets(needs) };
         }
         match letter {
             b'I' => Kind::Variables(first, last, step),
@@ -381,6 +409,12 @@ impl Reader<'_> {
             }
             self.at += 1;
         }
+    }
+
+    /// Whether an expression that begins at `start` and ends here has a Q-variable in it, one of a coordinate system's own.
+    fn names_q(&self, start: usize) -> bool {
+        let letters = self.line[start..self.at].split(|byte| !byte.is_ascii_uppercase());
+        letters.into_iter().any(|word| word == b"Q")
     }
 
     /// Goes behind the parenthesis that begins here; `false` if it does not end.
@@ -450,6 +484,35 @@ impl Reader<'_> {
             self.at = start;
         }
         is_read
+    }
+
+    /// Behind a W: whether a memory space, an address and its values follow. Goes behind them then.
+    fn writes_memory(&mut self) -> bool {
+        let start = self.at;
+        let has_space = ["X", "Y", "L"].iter().any(|space| self.takes(space));
+        self.takes(":");
+        let mut is_write = has_space && self.register() && self.takes(",") && self.value();
+        while is_write && self.takes(",") {
+            is_write = self.value();
+        }
+        if !is_write {
+            self.at = start;
+        }
+        is_write
+    }
+
+    /// A constant, with its sign.
+    fn value(&mut self) -> bool {
+        if !self.takes("-") {
+            self.takes("+");
+        }
+        let is_hexadecimal = self.takes("$");
+        self.peek();
+        let start = self.at;
+        self.skip_while(|byte| {
+            byte.is_ascii_digit() || if is_hexadecimal { byte.is_ascii_hexdigit() } else { byte == b'.' }
+        });
+        self.at > start
     }
 
     /// An address, `$` and at most as many hexadecimal digits as the longest has, or decimal; goes behind it.

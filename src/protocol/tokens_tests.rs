@@ -147,19 +147,48 @@ fn what_does_anything_else_does_not() {
 
 #[test]
 fn a_clients_own_variables_are_found_with_their_values() {
-    use Kind::{Changes, SetsI, Variables, Version};
-    assert_eq!(kinds("i6=1 i3=2 ver"), [SetsI(6, 6, 1, Some(1)), SetsI(3, 3, 1, Some(2)), Version]);
-    assert_eq!(kinds("I3=I3|2"), [SetsI(3, 3, 1, None)]);
-    assert_eq!(kinds("I0..9=0"), [SetsI(0, 9, 1, None)]);
-    assert_eq!(kinds("I 3 = 2I4=0"), [SetsI(3, 3, 1, Some(2)), SetsI(4, 4, 1, Some(0))]);
-    assert_eq!(kinds("P1=I3*2 I3"), [Changes, Variables(3, 3, 1)]);
-    assert_eq!(kinds("P1=SIN(I3)+3 I0..9 I1,3,2"), [Changes, Variables(0, 9, 1), Variables(1, 5, 2)]);
-    assert_eq!(kinds("P30=3 M13=4 Q5=3"), [Changes; 3]);
+    use Kind::{Sets, Variables, Version};
+    let set = |first, last, value| Kind::SetsI(SetsI { first, last, step: 1, value, needs: Needs::Nothing });
+    assert_eq!(kinds("i6=1 i3=2 ver"), [set(6, 6, Some(1)), set(3, 3, Some(2)), Version]);
+    assert_eq!(kinds("I3=I3|2"), [set(3, 3, None)]);
+    assert_eq!(kinds("I0..9=0"), [set(0, 9, None)]);
+    assert_eq!(kinds("I 3 = 2I4=0"), [set(3, 3, Some(2)), set(4, 4, Some(0))]);
+    assert_eq!(kinds("P1=I3*2 I3"), [Sets(Needs::Nothing), Variables(3, 3, 1)]);
+    assert_eq!(
+        kinds("P1=SIN(I3)+3 I0..9 I1,3,2"),
+        [Sets(Needs::Nothing), Variables(0, 9, 1), Variables(1, 5, 2)]
+    );
     assert_eq!(kinds("SEND\"I3=1\""), [Kind::Unknown]);
     assert_eq!(
         kinds("I122=I122&$FD1 #1J=5"),
-        [SetsI(122, 122, 1, None), Kind::Motor(1), Kind::Moves(Needs::Motor)]
+        [set(122, 122, None), Kind::Motor(1), Kind::Moves(Needs::Motor)]
     );
+}
+
+#[test]
+fn an_assignment_needs_a_coordinate_system_where_a_q_variable_is_in_it() {
+    let needs = |line: &str| match kinds(line)[..] {
+        [Kind::Sets(needs)] => needs,
+        [Kind::SetsI(SetsI { needs, .. })] => needs,
+        ref other => panic!("{line}: {other:?}"),
+    };
+    for line in ["Q5=3", "q1..9=0", "P1=Q5", "M1=(2*q(3))+1", "I122=Q1", "P1=SQRT(Q2)"] {
+        assert_eq!(needs(line), Needs::System, "{line}");
+    }
+    for line in ["P1=3", "M1=P1", "I122=$FD1", "P1=SQRT(P2)"] {
+        assert_eq!(needs(line), Needs::Nothing, "{line}");
+    }
+}
+
+#[test]
+fn a_write_of_memory_ends_behind_its_last_value() {
+    for line in ["WX$700,1", "wy:$28,2,-3 , 4", "WL:$C5FC,$112233445566,1.5,+2", "WX 1792,1"] {
+        assert_eq!(kinds(line), [Kind::WritesMemory], "{line}");
+    }
+    assert_eq!(kinds("WX$700,1 #1J+"), [Kind::WritesMemory, Kind::Motor(1), Kind::Moves(Needs::Motor)]);
+    for line in ["WX$700", "WX$700,", "WP$700,1", "WX,1", "WX$700,P1", "W"] {
+        assert_eq!(kinds(line), [Kind::Unknown], "{line}");
+    }
 }
 
 #[test]

@@ -133,8 +133,39 @@ fn too_long_a_line_goes_in_parts_or_is_refused() {
     assert!(poll.len() > 200);
     let answer = client.line(&poll);
     assert_eq!((answer.matches('\r').count(), answer.ends_with("\r\x06")), (80, true), "{answer}");
-    assert_eq!(client.line(&"P1=1 ".repeat(60)), "\x07ERR006\r");
+    let sets: String = (1..=60).map(|number| format!("P{number}={number} ")).collect();
+    assert_eq!(client.line(&sets), "\x06");
+    assert_eq!(site.ask("P1 P60"), ["1", "60"]);
+    assert_eq!(client.line(&("P1=7 ".repeat(60) + "#1J/")), "\x07ERR006\r");
     assert_eq!(client.line(&format!("P7=1{}", "0".repeat(250))), "\x07ERR006\r");
+    assert_eq!(site.ask("P1 P7"), ["1", "7"], "nothing of them was sent");
+}
+
+#[test]
+fn too_long_a_write_of_memory_arrives_whole_and_is_acknowledged_once() {
+    let site = Site::of("turbo2", &[]);
+    let mut client = site.client();
+    // As the EPICS driver writes the points of a trajectory.
+    let points: Vec<String> = (1..=17).map(|point| format!("${point:012X}")).collect();
+    let line = format!("WL:$C5FC,{}", points.join(","));
+    assert!((230..255).contains(&line.len()), "{}", line.len());
+    assert_eq!(client.line(&line), "\x06");
+    assert_eq!(client.get_buffer(), [0], "one line, one answer");
+    let read = client.line("RHL:$C5FC,9 RHL:$C605,8");
+    let words: Vec<u64> = read
+        .trim_end_matches('\x06')
+        .split_ascii_whitespace()
+        .map(|word| u64::from_str_radix(word, 16).unwrap())
+        .collect();
+    assert_eq!(words, (1..=17).collect::<Vec<u64>>(), "{read}");
+    // Its second row reaches behind the memory: an error, and the log says that the first is written.
+    let line = format!("WL:$7FFF3,{}", points.join(","));
+    assert_eq!(client.line(&line), "\x07ERR003\r");
+    wait_until("the log to say so", || {
+        let log = site.log("pmac-gateway");
+        log.contains("the board refused \"WL:$80000,")
+            && log.contains("what stands before it in its line is done")
+    });
 }
 
 #[test]
