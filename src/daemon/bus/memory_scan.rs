@@ -99,6 +99,8 @@ pub struct MemoryScan {
     progress: Instant,
     /// Until then that is counted.
     seen: Instant,
+    /// The last question was refused, or not answered in time, or otherwise.
+    has_failed: bool,
     /// The present question was acknowledged without an answer before.
     is_repeated: bool,
     /// What came of the questions, until it is taken.
@@ -135,6 +137,7 @@ impl MemoryScan {
             sent: now,
             progress: now,
             seen: now,
+            has_failed: false,
             is_repeated: false,
             outcome: None,
             is_awaited: true,
@@ -243,7 +246,7 @@ impl MemoryScan {
         if self.again || !is_whole {
             return self.failed(now);
         }
-        self.under_way = false;
+        (self.under_way, self.has_failed) = (false, false);
         self.progress = now;
         self.took = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
         let end = self.last() + 1;
@@ -270,6 +273,7 @@ impl MemoryScan {
         if self.again {
             return self.restart();
         }
+        self.has_failed = true;
         self.tell_more();
         self.size = (self.size / 2).max(LEAST);
         self.not_before = now + if self.is_awaited { AGAIN } else { LATER };
@@ -298,6 +302,7 @@ impl MemoryScan {
     pub fn begin_anew(&mut self, not_before: Instant) {
         self.again = true;
         self.is_awaited = true;
+        self.has_failed = false;
         (self.not_before, self.progress) = (not_before, not_before);
         self.restart();
     }
@@ -315,9 +320,11 @@ impl MemoryScan {
         }
     }
 
-    /// The board answers other questions of ours: it will come to these.
+    /// The board answers other questions of ours: it will come to these, if it has not refused one.
     pub const fn is_answering(&mut self, now: Instant) {
-        self.progress = now;
+        if !self.has_failed {
+            self.progress = now;
+        }
     }
 
     /// It is `now`. The time since the last call does not count against the board if `others_hold` the port.
@@ -456,6 +463,29 @@ mod tests {
         }
         let mut scan = scan_of(&PMAC, false, now);
         assert_eq!((scan.due_in(now), scan.take_outcome(now + AGAIN)), (Duration::MAX, None));
+    }
+
+    #[test]
+    fn a_board_that_refuses_to_tell_is_waited_for_no_longer_because_it_answers_other_questions() {
+        let now = Instant::now();
+        let mut scan = scan_of(&PMAC, true, now);
+        let mut time = now;
+        // It is asked who it is first.
+        while time < now + 2 * NO_PROGRESS {
+            time += AGAIN;
+            scan.is_answering(time);
+            assert_eq!(scan.take_outcome(time), None);
+        }
+        let begun = time;
+        while scan.take_outcome(time).is_none() {
+            assert!(time <= begun + NO_PROGRESS, "{:?}", time - begun);
+            if scan.next_line(u16::MAX, time).is_some() {
+                scan.sent(time);
+                scan.done(true, time);
+            }
+            scan.is_answering(time);
+            time += AGAIN;
+        }
     }
 
     #[test]
