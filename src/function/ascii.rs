@@ -15,14 +15,15 @@
 //!
 //! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
 //! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's.
-//! So the port is held until the board shows that it is free ([`hold`]), and after an error, or a control character's reply,
-//! until an `<ACK>` that may follow has come (`late_mark`).
+//! So the port is held until the board shows that it is free ([`hold`]), and after a control character's reply that a silence has
+//! ended until an `<ACK>` that may follow has come (`late_mark`). An error need not be the line's (`error`).
 //!
 //! The manual lets a reply end with `<ACK>` (p. 28, step 6). With I3=0 there is none: I58=1 makes I3=0 of an I3=1 (p. 27),
 //! which is the factory's. A port that was told so ([`DpramPort::set_reply_end`]) ends a reply [`REPLY_END`] after its last
 //! line, or after the line was taken.
 
 pub mod control;
+mod error;
 pub mod hold;
 mod late_mark;
 mod line_cut;
@@ -33,7 +34,7 @@ pub mod stop;
 use std::time::{Duration, Instant};
 
 use control::Lying;
-use hold::{After, Hold};
+use hold::Hold;
 use late_mark::{Follows, LateMarks};
 use line_cut::cut;
 use response_buffer::Untold;
@@ -70,10 +71,11 @@ pub enum AsciiEvent {
     Stale(u16),
     /// The command under way ended by this control word, which no manual has: what became of the command is not known.
     Unknown(u16),
-    /// An error came while the command was under way. Whether it is the command's own shows what follows.
+    /// An error came while a line was under way: the line's own, which is over then, or a program's. What comes is told as the
+    /// line's until another one is begun, or the error is believed ([`DpramPort::believe_error`]).
     Error(u16),
-    /// The command under way ended: this error came, and then a reply. Which of them is the command's is not known.
-    Doubtful(u16),
+    /// A program's error, of which nobody's command is the cause.
+    ProgramError(u16),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,6 +89,8 @@ enum State {
     /// PMAC has the whole line. A silence since `quiet_since` ends the reply; `None`: it ends nothing, as no line of a
     /// reply to an open-ended line has come, or not since its last end.
     Replying { quiet_since: Option<Instant> },
+    /// An error came: the line's own, or a program's. In the second case the line's response is still to come.
+    Refused,
     /// A control character that has a reply waits in its word, or was taken; a line came last at `quiet_since`.
     ControlReply { taken: bool, answered: bool, quiet_since: Instant },
     /// Something may still come, or be carried out, that belongs to a command given up.
@@ -127,8 +131,6 @@ pub struct DpramPort {
     half_left: bool,
     /// The stop that goes once more before the next line is begun.
     stop_again: Option<u8>,
-    /// The error that came while the line was under way, until it shows whether it is the line's own.
-    error: Option<u16>,
     /// How long the board took for its last answer.
     answer_time: Duration,
 }
@@ -156,14 +158,12 @@ impl DpramPort {
             part_answer: Follows::default(),
             half_left: false,
             stop_again: None,
-            error: None,
             answer_time: Duration::ZERO,
         }
     }
 
     /// Begins held: a host that died may have left the board at a line, and the rest of a reply to come.
     pub fn hold(&mut self, now: Instant) {
-        self.error = None;
         self.state = State::Held(Hold::asking(now, self.half_left));
     }
 
@@ -217,7 +217,7 @@ impl DpramPort {
     /// Whether [`DpramPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.state == State::Idle
+        matches!(self.state, State::Idle | State::Refused)
     }
 
     /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
@@ -226,7 +226,8 @@ impl DpramPort {
     /// When the bus cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too long is not sent.
     pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
         // A flag would tell some boards of the control character, and not of the line.
-        if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
+        let may_begin = self.is_idle() && self.lying.is_none() && self.untold.is_empty();
+        if !may_begin || line.len() > self.words.line_limit {
             return Ok(false);
         }
         // A response that is there now is nobody's. A poll takes it first.
@@ -237,7 +238,6 @@ impl DpramPort {
         self.length = line.len();
         self.untold = Untold::default();
         self.open_ended = false;
-        self.error = None;
         self.load(bus, 0)?;
         Ok(true)
     }
@@ -266,6 +266,7 @@ impl DpramPort {
         match &mut self.state {
             State::Replying { quiet_since } if self.open_ended => *quiet_since = None,
             State::Loaded { .. } if self.open_ended => {}
+            State::Refused => {}
             _ => self.rest(now),
         }
     }
@@ -371,8 +372,7 @@ impl DpramPort {
     /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
-        self.error.is_some()
-            || matches!(self.state, State::Replying { .. } | State::ControlReply { taken: true, .. })
+        matches!(self.state, State::Replying { .. } | State::ControlReply { taken: true, .. })
     }
 
     /// Gives up on the command under way: the port is held until the board shows that it is free. Whether the board has done
@@ -383,16 +383,15 @@ impl DpramPort {
     /// When the bus cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         let cancels = match self.state {
-            State::Held(_) if self.error.is_none() => return Ok(()),
-            State::Idle => return Ok(()),
+            State::Held(_) | State::Idle => return Ok(()),
             // The board may hold its first part, before which it would put the next line.
-            State::Loaded { .. } | State::Held(_) => self.length > self.first_part(),
+            State::Loaded { .. } => self.length > self.first_part(),
             State::FirstTaken { .. } => true,
             State::ControlReply { taken: false, .. } => {
                 self.withdraw_control(bus)?;
                 false
             }
-            State::Replying { .. } | State::ControlReply { .. } => false,
+            State::Replying { .. } | State::Refused | State::ControlReply { .. } => false,
         };
         self.abandon(now, cancels);
         Ok(())
@@ -402,7 +401,6 @@ impl DpramPort {
     fn abandon(&mut self, now: Instant, cancels: bool) {
         self.untold = Untold::default();
         self.open_ended = false;
-        self.error = None;
         self.doubt_until = now + DOUBT;
         self.gave_up = true;
         self.state = State::Held(Hold::asking(now, cancels));
@@ -443,6 +441,7 @@ impl DpramPort {
         bus.order_reads();
         self.look_again_for_first_part(bus, now)?;
         let is_early = control != response::LINE && self.precedes_its_character(bus, now)?;
+        let error_of_program = self.error_of_program(bus, control, is_early)?;
         let stale = is_early || self.is_stale(bus, control, &text, now)?;
         if stale {
             self.late_marks.came();
@@ -451,6 +450,9 @@ impl DpramPort {
         if let (response::TO_PROGRAM | response::MESSAGE, State::Held(hold)) = (control, &mut self.state) {
             // The text kept the board from putting out what is still to come of the command given up.
             hold.text_came(now);
+        }
+        if let Some(number) = error_of_program {
+            return Ok(Some(AsciiEvent::ProgramError(number)));
         }
         Ok(Some(match control {
             response::TO_PROGRAM => AsciiEvent::ProgramResponse(text),
@@ -479,7 +481,8 @@ impl DpramPort {
             // The board has not all of the line: this is no end of its reply.
             return Ok(is_mark);
         }
-        if self.answers_early || !self.is_loaded(bus)? {
+        // Of an open-ended line the caller tells its reply from others.
+        if self.open_ended || self.answers_early || !self.is_loaded(bus)? {
             return Ok(false);
         }
         if sent == self.length && sent > self.first_part() {
@@ -502,7 +505,7 @@ impl DpramPort {
         Ok(match self.state {
             State::Held(hold) => {
                 self.go_on_holding(bus, hold, now)?;
-                self.error_alone()
+                None
             }
             State::Replying { quiet_since: Some(since) }
                 if self.reply_end == ReplyEnd::Silence && now >= since + REPLY_END =>
@@ -515,7 +518,7 @@ impl DpramPort {
                     >= if answered { CONTROL_REPLY_END } else { CONTROL_REPLY_BEGIN } =>
             {
                 // Should more come after all, it is not the next command's.
-                self.await_mark(After::ControlReply, now);
+                self.await_mark(now);
                 Some(AsciiEvent::Done(Ok(())))
             }
             _ => None,
@@ -534,7 +537,7 @@ impl DpramPort {
     /// Whose a response is that is not a program's.
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match &mut self.state {
-            State::Loaded { .. } => {}
+            State::Loaded { .. } | State::Refused => {}
             State::FirstTaken { .. } => return self.answer_to_first_part(control, text, now),
             State::Replying { quiet_since } => {
                 if let Some(since) = quiet_since.replace(now).filter(|_| control & response::ERROR == 0) {
@@ -547,9 +550,6 @@ impl DpramPort {
             }
             State::Held(hold) => {
                 hold.response_came(now);
-                if let Some(event) = self.answer_behind_error(control, now) {
-                    return event;
-                }
                 if control == response::ACKNOWLEDGE {
                     self.mark_came(now);
                 }

@@ -18,6 +18,7 @@
 use std::ops::Range;
 
 use crate::device::{Bus, BusError};
+use crate::map::functions::Flag;
 use crate::map::{BackgroundBlock, Selection};
 
 /// What a poll of the background report gave.
@@ -132,14 +133,27 @@ impl BackgroundReader {
     #[must_use]
     pub fn amplifiers_off(&self) -> u32 {
         let Some(flag) = self.block.amplifier_enabled else { return 0 };
+        self.flags(flag).fold(0, |mask, (at, is_set)| mask | u32::from(!is_set) << at)
+    }
+
+    /// Whether a motion program ran at the last report; `None` where not every coordinate system's status is read.
+    #[must_use]
+    pub fn program_runs(&self) -> Option<bool> {
+        let (count, any) = self
+            .flags(self.block.program_runs)
+            .fold((0, false), |(count, any), (_, is_set)| (count + 1, any || is_set));
+        (count == self.block.blocks.count).then_some(any)
+    }
+
+    /// A flag of each block that is read, by the blocks' places, from 0.
+    fn flags(&self, flag: Flag) -> impl Iterator<Item = (usize, bool)> + '_ {
         let blocks = &self.block.blocks;
         let word = flag.word.words_since(blocks.first);
-        if !self.runs.iter().any(|run| run.contains(&word)) {
-            return 0;
-        }
+        let is_read = self.runs.iter().any(|run| run.contains(&word));
         let status = self.image.iter().skip(self.block.index(flag.word)).step_by(blocks.words);
-        let read = status.take(self.count()).enumerate().filter(|(at, _)| self.selection.has_number(at + 1));
-        read.fold(0, |mask, (at, word)| mask | u32::from(!flag.is_set(*word)) << at)
+        let read = status.take(if is_read { self.count() } else { 0 }).enumerate();
+        read.filter(|(at, _)| self.selection.has_number(at + 1))
+            .map(move |(at, word)| (at, flag.is_set(*word)))
     }
 
     /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.

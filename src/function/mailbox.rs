@@ -125,6 +125,9 @@ enum State {
     },
     /// PMAC has the whole line.
     Replying,
+    /// An error came: the line's own, or a program's, as at [`super::ascii::AsciiEvent::Error`]. Where replies are let come with
+    /// commands alone, the next one is not let come into the line that is sent next.
+    Refused,
     /// A control character with a reply was sent; a line came last at `quiet_since`.
     ControlReply {
         quiet_since: Instant,
@@ -216,7 +219,7 @@ impl MailboxPort {
     /// Whether [`MailboxPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.state == State::Idle && self.lone.is_none()
+        matches!(self.state, State::Idle | State::Refused) && self.lone.is_none()
     }
 
     /// Whether the board has taken the whole command under way, as far as polls have seen.
@@ -259,7 +262,8 @@ impl MailboxPort {
     /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
     /// long is not sent.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
-        if !self.is_idle() || self.reply_ready || line.len() >= self.line.len() {
+        let has_half_a_line = self.state == State::Refused && self.text_length > 0;
+        if !self.is_idle() || self.reply_ready || has_half_a_line || line.len() >= self.line.len() {
             return Ok(false);
         }
         self.line[..line.len()].copy_from_slice(line);
@@ -281,6 +285,13 @@ impl MailboxPort {
         let begun = self.begin(bus, line)?;
         self.open_ended = begun;
         Ok(begun)
+    }
+
+    /// The error was the line's: what comes from now on belongs to nobody.
+    pub fn believe_error(&mut self) {
+        if self.state == State::Refused {
+            self.state = State::Idle;
+        }
     }
 
     /// The reply to an open-ended line has come.
@@ -342,7 +353,7 @@ impl MailboxPort {
             // It may be what stops the machine, and is not written over.
             self.owes_cancel = true;
             self.state = State::Settling { quiet_since: now, since: now };
-        } else if !self.is_idle() {
+        } else if !self.is_idle() || self.state == State::Refused {
             self.cancel(bus, now)?;
         }
         Ok(())
@@ -489,7 +500,9 @@ impl MailboxPort {
             }
         }
         let event = self.judge(end);
-        if self.settings.enable_replies == EnableReplies::Always || self.state != State::Idle {
+        if self.settings.enable_replies == EnableReplies::Always
+            || !matches!(self.state, State::Idle | State::Refused)
+        {
             self.enable(bus)?;
         }
         Ok(event)
@@ -509,7 +522,8 @@ impl MailboxPort {
     /// What a group that ended with `end` (`None`: 16 characters of a line that goes on) completes.
     fn judge(&mut self, end: Option<u8>) -> Option<AsciiEvent> {
         let settling = matches!(self.state, State::Settling { .. });
-        let awaited = matches!(self.state, State::Replying | State::ControlReply { .. });
+        let awaited = self.open_ended
+            || matches!(self.state, State::Replying | State::Refused | State::ControlReply { .. });
         let stale = |end: u8| Some(AsciiEvent::Stale(end.into()));
         let number_follows = self.settings.error_report == ErrorReport::NextLine;
         // A PMAC sends no longer line; of one that is, a character at the seam is lost.
@@ -536,8 +550,16 @@ impl MailboxPort {
     }
 
     fn end_reply(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
-        if !awaited {
-            return Some(AsciiEvent::Stale(end.into()));
+        match (self.state, result) {
+            // The board has no whole line, nor a control character to answer.
+            (_, Err(number)) if !awaited => return Some(AsciiEvent::ProgramError(number)),
+            (_, Ok(())) if !awaited => return Some(AsciiEvent::Stale(end.into())),
+            (State::Replying, Err(number)) if !self.open_ended => {
+                self.state = State::Refused;
+                return Some(AsciiEvent::Error(number));
+            }
+            (State::Refused, _) => return Some(AsciiEvent::Done(result)),
+            _ => {}
         }
         if matches!(self.state, State::ControlReply { .. }) {
             // It was taken, whether its interrupt was seen or not.

@@ -129,14 +129,14 @@ fn errors_come_as_i6_has_them() {
     let mut rig = Rig::new(same);
     assert!(rig.begin("UUU"));
     rig.take_all("UUU");
-    assert_eq!(rig.fill(b"\x07ERR003\r"), Some(AsciiEvent::Done(Err(3))));
+    assert_eq!(rig.fill(b"\x07ERR003\r"), Some(AsciiEvent::Error(3)));
     assert!(rig.begin("P1"), "the port goes on");
 
     let mut rig = Rig::new(MailboxSettings { error_report: ErrorReport::NextLine, ..same });
     assert!(rig.begin("UUU"));
     rig.take_all("UUU");
     assert_eq!(rig.fill(b"\x07\r"), None);
-    assert_eq!(rig.fill(b"ERR017\r"), Some(AsciiEvent::Done(Err(17))));
+    assert_eq!(rig.fill(b"ERR017\r"), Some(AsciiEvent::Error(17)));
 
     // A group may end with the <BELL>: behind it stand an older group's characters, whatever they are.
     let mut rig = Rig::new(same);
@@ -144,13 +144,42 @@ fn errors_come_as_i6_has_them() {
         assert!(rig.begin("XYZ"));
         rig.take_all("XYZ");
         assert_eq!(rig.fill(&[b"\x07", older].concat()), None, "{older:?}");
-        assert_eq!(rig.fill(b"ERR005\r"), Some(AsciiEvent::Done(Err(5))), "{older:?}");
+        assert_eq!(rig.fill(b"ERR005\r"), Some(AsciiEvent::Error(5)), "{older:?}");
     }
     // What stands behind a lone <BELL> is an older error's number.
     let mut rig = Rig::new(MailboxSettings { error_report: ErrorReport::BellOnly, ..same });
     assert!(rig.begin("UUU"));
     rig.take_all("UUU");
-    assert_eq!(rig.fill(b"\x07ERR003\r"), Some(AsciiEvent::Done(Err(0))));
+    assert_eq!(rig.fill(b"\x07ERR003\r"), Some(AsciiEvent::Error(0)));
+}
+
+#[test]
+fn what_comes_behind_a_programs_error_is_the_lines_until_another_line_is_answered() {
+    for enable_replies in [EnableReplies::Always, EnableReplies::WithCommand] {
+        let mut rig = Rig::new(MailboxSettings { enable_replies, ..MailboxSettings::default() });
+        assert_eq!(rig.fill(b"\x07ERR003\r"), Some(AsciiEvent::ProgramError(3)), "nothing is under way");
+        assert!(rig.begin("P1"));
+        rig.take_all("P1");
+        assert_eq!(rig.fill(b"\x07ERR005\r"), Some(AsciiEvent::Error(5)));
+        if enable_replies == EnableReplies::Always {
+            assert_eq!(rig.fill(b"25\r"), line("25"));
+        }
+        for number in 0..16 {
+            rig.bus.write8(mailbox(number), 0xEE).unwrap();
+        }
+        assert!(rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap());
+        rig.take_all("I3 I10 I3");
+        if enable_replies == EnableReplies::WithCommand {
+            assert_eq!(rig.fill(b"25\r"), line("25"));
+        }
+        assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
+        assert_eq!(rig.fill(b"2\r"), line("2"));
+        assert_eq!(rig.fill(b"3713707\r"), line("3713707"));
+        assert_eq!(rig.fill(b"2\r"), line("2"));
+        assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
+        rig.port.finish();
+        assert!(rig.begin("P2"));
+    }
 }
 
 #[test]

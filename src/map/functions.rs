@@ -238,6 +238,8 @@ pub struct BackgroundBlock {
     pub global_status: Option<GlobalStatus>,
     /// In the block of motor 1: its amplifier is enabled.
     pub amplifier_enabled: Option<Flag>,
+    /// In the block of coordinate system 1: it runs a motion program.
+    pub program_runs: Flag,
     /// What the blocks' numbers count.
     pub numbers: NumberKind,
     /// The blocks.

@@ -56,7 +56,6 @@ pub static READINGS: &[Reading] = &[
     set("read_entry", &["unsaid", "low_bits"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     set("gather_words", &["size_first", "index_first"]),
-    found_out("error_ack", &["none", "follows"]),
     found_out("reply_ack", &["alone", "over_text", "on_line"]),
     found_out("reply_lines", &["one", "several"]),
     found_out("part_reply", &["at_end", "each"]),
@@ -386,17 +385,6 @@ impl GlobalWords {
     }
 }
 
-/// Whether `<ACK>` follows the control word of an error (DPRAM manual p. 28 and 29).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ErrorAck {
-    /// The error ends the reply: steps 3 to 6, the last of which waits for `<ACK>`, are for what "does not show an error".
-    #[default]
-    None,
-    /// It does: "the last transmission should be an `<ACK>`".
-    Follows,
-}
-
 impl fmt::Display for GatherSizeWord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -508,8 +496,6 @@ pub struct Readings {
     pub write_record: RecordLayout,
     /// Turbo: which of the two words before the gather buffer is which.
     pub gather_words: GatherWords,
-    /// Whether `<ACK>` follows an error.
-    pub error_ack: ErrorAck,
     /// What lies under the `<ACK>` of a reply.
     pub reply_ack: ReplyAck,
     /// How many lines one filling of the response buffer has.

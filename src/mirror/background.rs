@@ -59,6 +59,8 @@ pub struct BackgroundMirror {
 struct Told {
     /// The report's time.
     time_ns: u64,
+    /// When it was asked for: it was begun later.
+    asked_ns: u64,
     /// The copies of its global status, as they lie; `None` where the report has none.
     global_status: Option<[u32; 2]>,
 }
@@ -150,9 +152,7 @@ impl BackgroundMirror {
     /// Whether a program buffer is open on the board; `None` where no report tells that is at most `age_ns` old at `now`.
     #[must_use]
     pub fn program_buffer_open(&self, now: u64, age_ns: u64) -> Option<bool> {
-        // Of reports that come more seldom nobody looks in time whether they have become too old.
-        let is_new = self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns;
-        let copies = self.global_status().filter(|_| is_new)?;
+        let copies = self.global_status().filter(|_| self.is_new(now, age_ns))?;
         let status = self.block.global_status.as_ref()?;
         GlobalWords::told(self.global_words, copies, |[_, second]| second & status.program_buffer_open != 0)
     }
@@ -168,6 +168,21 @@ impl BackgroundMirror {
     #[must_use]
     pub fn amplifiers_off(&self) -> u32 {
         if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { 0 }
+    }
+
+    /// Whether a motion program runs, and when the report was asked for that says so; `None` where no report tells that is at most
+    /// `age_ns` old at `now`.
+    #[must_use]
+    pub fn program_runs(&self, now: u64, age_ns: u64) -> Option<(bool, u64)> {
+        let is_told = self.is_live() && self.reports > 0 && self.is_new(now, age_ns);
+        let runs = if is_told { self.reader.program_runs() } else { None };
+        runs.map(|runs| (runs, self.told.asked_ns))
+    }
+
+    /// Whether the last report is at most `age_ns` old at `now`. Of reports that come more seldom nobody looks in time whether they
+    /// have become too old.
+    fn is_new(&self, now: u64, age_ns: u64) -> bool {
+        self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns
     }
 
     /// Reports published so far.
@@ -302,7 +317,7 @@ impl BackgroundMirror {
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
                 self.reports += 1;
-                self.told = Told { time_ns, global_status: self.reader.global_status() };
+                self.told = Told { time_ns, asked_ns: at_ns, global_status: self.reader.global_status() };
                 self.due_ns = (at_ns + self.period_ns).max(now);
                 let transition = self.freshness.on_update(now);
                 if transition.is_some() {

@@ -97,6 +97,26 @@ impl Rig {
 }
 
 #[test]
+fn whether_a_motion_program_runs_is_told_where_every_coordinate_system_is_reported() {
+    let mut rig = Rig::new();
+    rig.run_to_next();
+    let told = |rig: &Rig| rig.mirror.program_runs(rig.now, SECOND).map(|(runs, _)| runs);
+    assert_eq!(told(&rig), None, "the report has two of eight");
+    rig.mirror.configure(8);
+    let third = PMAC.background.program_runs.word.plus_words(2 * PMAC.background.blocks.words);
+    for (word, runs) in [(0xFFFE, false), (0x0001, true)] {
+        rig.bus.write16(third, word).unwrap();
+        let asked = rig.now;
+        rig.run_to_next();
+        rig.run_to_next();
+        assert_eq!(told(&rig), Some(runs));
+        assert!(rig.mirror.program_runs(rig.now, SECOND).unwrap().1 > asked, "when it was asked for");
+    }
+    rig.now += 2 * SECOND;
+    assert_eq!(told(&rig), None, "too old");
+}
+
+#[test]
 fn a_report_is_made_when_it_is_due_and_not_a_period_before() {
     let mut rig = Rig::new();
     let mut last = 0;

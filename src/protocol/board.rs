@@ -319,7 +319,7 @@ pub struct HostPortInfo {
     pub unannounced: u32,
 }
 
-/// Which statement of a PMAC program caused a text.
+/// What of a PMAC program caused a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MessageKind {
@@ -327,6 +327,8 @@ pub enum MessageKind {
     Cmd,
     /// A `SEND"…"`.
     Send,
+    /// A `CMD"…"` that the board refused: the text is the error, `ERR003`.
+    Error,
 }
 
 /// A text that a PMAC program sent by itself: one reply of `Messages`.

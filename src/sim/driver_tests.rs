@@ -8,7 +8,7 @@
 use std::fs::OpenOptions;
 
 use crate::device::board::mapping::Mapping;
-use crate::map::readings::{CountOrder, ErrorAck, LineFlag, MailboxBell, ReplyCount, ReportReady};
+use crate::map::readings::{CountOrder, LineFlag, MailboxBell, ReplyCount, ReportReady};
 use crate::sim::board::turbo;
 use crate::sim::functions::mailbox::{LENGTH, Mailbox};
 use crate::sim::testing::Bench;
@@ -299,30 +299,27 @@ impl Flushing<'_> {
 
 #[test]
 fn c4_a_driver_that_flushes_first_talks_through_the_dpram() {
-    for error_ack in [ErrorAck::None, ErrorAck::Follows] {
-        for line_flag in [LineFlag::Taken, LineFlag::Done] {
-            let mut bench = board("I3=2 I6=1 I58=1\nM161->D:$88\nM162->D:$8B\nI200=1\n#1J/#2J/");
-            bench.world.board.identity.readings.error_ack = error_ack;
-            bench.world.board.identity.readings.line_flag = line_flag;
-            let mut host = Flushing(&mut bench);
-            host.begin();
-            let said = |text: &str| Some(text.to_owned());
-            assert_eq!(host.ask("TYPE"), said("TURBO2, X4"));
-            assert_eq!(host.ask("VERSION"), said("1.947"));
-            for (line, answer) in [("I100", "1"), ("I200", "1"), ("I300", "0")] {
-                assert_eq!(host.ask(line), said(answer), "{line}");
-            }
-            host.send("I0120=1");
-            host.send("I0121=0");
-            assert_eq!(host.ask("I0108"), said("96"));
-            host.send("#1J=100");
-            host.0.run(3000);
-            assert_eq!(host.ask("#1?"), said("892000000001"));
-            assert_eq!([host.ask("M161"), host.ask("M162")], [said("307200"), said("307200")]);
-            assert_eq!(host.ask("UUU"), None);
-            assert_eq!(host.ask("I122"), said("32"), "the answer of this line, {error_ack:?} {line_flag:?}");
-            assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+    for line_flag in [LineFlag::Taken, LineFlag::Done] {
+        let mut bench = board("I3=2 I6=1 I58=1\nM161->D:$88\nM162->D:$8B\nI200=1\n#1J/#2J/");
+        bench.world.board.identity.readings.line_flag = line_flag;
+        let mut host = Flushing(&mut bench);
+        host.begin();
+        let said = |text: &str| Some(text.to_owned());
+        assert_eq!(host.ask("TYPE"), said("TURBO2, X4"));
+        assert_eq!(host.ask("VERSION"), said("1.947"));
+        for (line, answer) in [("I100", "1"), ("I200", "1"), ("I300", "0")] {
+            assert_eq!(host.ask(line), said(answer), "{line}");
         }
+        host.send("I0120=1");
+        host.send("I0121=0");
+        assert_eq!(host.ask("I0108"), said("96"));
+        host.send("#1J=100");
+        host.0.run(3000);
+        assert_eq!(host.ask("#1?"), said("892000000001"));
+        assert_eq!([host.ask("M161"), host.ask("M162")], [said("307200"), said("307200")]);
+        assert_eq!(host.ask("UUU"), None);
+        assert_eq!(host.ask("I122"), said("32"), "the answer of this line, {line_flag:?}");
+        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
     }
 }
 
@@ -365,31 +362,28 @@ impl Clearing<'_> {
 
 #[test]
 fn c4_a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_there() {
-    for error_ack in [ErrorAck::None, ErrorAck::Follows] {
-        // The site's status words lie where the motor report would.
-        let mut bench = board("I58=1 I63=1 I64=1\nM5075->*\nM321->DP:$60121\nM301->DP:$60101");
-        let readings = &mut bench.world.board.identity.readings;
-        readings.error_ack = error_ack;
-        (readings.reply_count, readings.reply_count_order) = (ReplyCount::WithNul, CountOrder::BeforeControl);
-        let mut host = Clearing(&mut bench);
-        for character in [0, 0x18] {
-            host.set_memory(0x0E9E, &[character, 0, 0, 0]);
-        }
-        for line in ["I5=0", "I36=1", "I5=3", "M5075=0"] {
-            assert_eq!(host.ask(line), (vec![], 0x0006), "{line}");
-        }
-        let lines = |texts: &[&str]| texts.iter().map(|&text| text.to_owned()).collect::<Vec<_>>();
-        assert_eq!(host.ask("I122 I10"), (lines(&["32", "3713991"]), 0x0006));
-        assert_eq!(host.ask("UUU").1, 0x8003);
-        host.0.run(10);
-        assert_eq!(host.ask("M321=-77 M301=$892000 M5075"), (lines(&["0"]), 0x0006));
-        assert_eq!([0x0484, 0x0404].map(|at| host.0.read32(at)), [(-77_i32).cast_unsigned(), 0x89_2000]);
-        // ^A by two bytes; it has taken it when the word is 0.
-        host.set_memory(0x0E9E, &[0x01, 0]);
-        host.0.run(3);
-        assert_eq!((host.0.read(0x0E9E), host.0.read(0x0F40)), (0, 0), "^A says nothing");
-        // Clearing the count, too, could wipe out that of the next response: it is PMAC's word.
-        let found = bench.violations();
-        assert!(!found.is_empty() && found.iter().all(|found| found.contains("to 0x0F42")), "{found:?}");
+    // The site's status words lie where the motor report would.
+    let mut bench = board("I58=1 I63=1 I64=1\nM5075->*\nM321->DP:$60121\nM301->DP:$60101");
+    let readings = &mut bench.world.board.identity.readings;
+    (readings.reply_count, readings.reply_count_order) = (ReplyCount::WithNul, CountOrder::BeforeControl);
+    let mut host = Clearing(&mut bench);
+    for character in [0, 0x18] {
+        host.set_memory(0x0E9E, &[character, 0, 0, 0]);
     }
+    for line in ["I5=0", "I36=1", "I5=3", "M5075=0"] {
+        assert_eq!(host.ask(line), (vec![], 0x0006), "{line}");
+    }
+    let lines = |texts: &[&str]| texts.iter().map(|&text| text.to_owned()).collect::<Vec<_>>();
+    assert_eq!(host.ask("I122 I10"), (lines(&["32", "3713991"]), 0x0006));
+    assert_eq!(host.ask("UUU").1, 0x8003);
+    host.0.run(10);
+    assert_eq!(host.ask("M321=-77 M301=$892000 M5075"), (lines(&["0"]), 0x0006));
+    assert_eq!([0x0484, 0x0404].map(|at| host.0.read32(at)), [(-77_i32).cast_unsigned(), 0x89_2000]);
+    // ^A by two bytes; it has taken it when the word is 0.
+    host.set_memory(0x0E9E, &[0x01, 0]);
+    host.0.run(3);
+    assert_eq!((host.0.read(0x0E9E), host.0.read(0x0F40)), (0, 0), "^A says nothing");
+    // Clearing the count, too, could wipe out that of the next response: it is PMAC's word.
+    let found = bench.violations();
+    assert!(!found.is_empty() && found.iter().all(|found| found.contains("to 0x0F42")), "{found:?}");
 }

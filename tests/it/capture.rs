@@ -162,7 +162,9 @@ fn e6_a_turbo_board_with_the_small_dpram_is_captured() {
     assert_eq!((recording.images[0].words.len(), recording.variables.as_ref()), (0x2000, None));
     // Without these a replay has no scales.
     let replies = Replies::of(&recording);
-    for line in ["I10 I47 I48 I57 I49 I55 I3", "I107I108I109I160I207I208I209I260", "I3207I3208I3209I3260"] {
+    for line in
+        ["I10 I47 I48 I57 I49 I55 I3 I5 I6", "I107I108I109I160I207I208I209I260", "I3207I3208I3209I3260"]
+    {
         assert!(replies.to(line).is_some_and(|answer| answer.refused.is_none()), "{line}");
     }
 }

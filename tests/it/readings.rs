@@ -95,31 +95,6 @@ fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
 }
 
 #[test]
-fn b3_3_an_acknowledgement_behind_an_error_ends_no_other_reply() {
-    for value in ["none", "follows"] {
-        for late in ["0ms", "100ms", "250ms"] {
-            let site = board_that_reads("error_ack", value);
-            // The doubts of the start are over.
-            site.run_for(Duration::from_secs(15));
-            site.control(&format!("fault ascii_late_ack {late}"));
-            let mut board = site.connection();
-            for _ in 0..3 {
-                for _ in 0..2 {
-                    let error = board.send("BAD", PATIENCE).unwrap_err();
-                    assert!(
-                        matches!(error, CommandError::Refused(CallError::Board { code: 3, .. })),
-                        "{value} {late}: {error:?}"
-                    );
-                }
-                assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0], "{value} {late}");
-                assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"], "{value} {late}");
-            }
-            site.assert_no_violations();
-        }
-    }
-}
-
-#[test]
 fn b3_3_an_answer_to_the_first_part_of_a_line_ends_no_reply() {
     let settings: Vec<_> = (10..40).map(|number| format!("P{number}={number}")).collect();
     let (long, question) = (settings.join(" "), "P10 P39 ".repeat(24));
@@ -160,7 +135,8 @@ fn b3_3_an_answer_to_the_first_part_of_a_line_ends_no_reply() {
 
 #[test]
 fn b3_3_an_acknowledgement_behind_a_control_characters_reply_ends_no_other_reply() {
-    let site = board_that_reads("error_ack", "none");
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_identity();
     site.run_for(Duration::from_secs(15));
     site.control("fault ascii_late_ack 150ms");
     let mut board = site.connection();

@@ -206,7 +206,6 @@ every_function_works_under! {
     b3_every_function_works_under_read_entry
     b3_every_function_works_under_write_record
     b3_every_function_works_under_gather_words
-    b3_every_function_works_under_error_ack
     b3_every_function_works_under_reply_ack
     b3_every_function_works_under_reply_lines
     b3_every_function_works_under_part_reply

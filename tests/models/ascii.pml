@@ -12,7 +12,7 @@
  * without a response, is longer than PMAC takes for a pass that is not at a slow line: the end of it is modelled as "PMAC has
  * made two passes and there was no response". A slow line (SLOW) breaks that: the host takes its time for silence.
  *
- * Not here: lines in two parts, errors (error_ack.pml), the NUL that the host leaves in the text (reply_text.pml), the empty line
+ * Not here: lines in two parts, errors (whose_error.pml), the NUL that the host leaves in the text (reply_text.pml), the empty line
  * that goes with a control character (control_flag.pml), ^X, and that the daemon believes a board which answers three of its own
  * lines, but none of them as it should.
  *

@@ -482,6 +482,7 @@ fn shown(message: &Message) -> String {
     let kind = match message.kind {
         MessageKind::Cmd => "CMD",
         MessageKind::Send => "SEND",
+        MessageKind::Error => "error of a program",
     };
     let lost = if message.lost > 0 {
         format!(" ({} earlier messages were lost)", message.lost)

@@ -286,6 +286,7 @@ impl BoardLoop {
     /// Tells the command lines what a report says of the whole board.
     fn see_global_status(&mut self) {
         self.functions.see_buffer();
+        self.functions.see_programs();
         let copies = self.functions.global_status();
         self.functions.ascii.queue_mut().identifier.see_global_status(copies);
     }

@@ -33,6 +33,9 @@ use crate::segment::{Counter, Publisher};
 /// What is told of a function that is not used.
 const NOT_NOW: &str = "M-variables of the board point into the words of this function; see pmacctl status";
 
+/// A background report that is older says nothing of motion programs.
+const REPORT_AGE_NS: u64 = 500_000_000;
+
 /// The functions of a board, and which of them are used.
 pub struct FunctionTable {
     clock: Clock,
@@ -293,6 +296,16 @@ impl FunctionTable {
     pub fn see_buffer(&mut self) {
         let told = self.program_buffer_open();
         self.ascii.queue_mut().see_buffer(told);
+    }
+
+    /// Tells the command lines what the reports say of motion programs. The control panel starts some, too.
+    pub fn see_programs(&mut self) {
+        let told = self.background.program_runs(self.clock.ns(), REPORT_AGE_NS);
+        let queue = self.ascii.queue_mut();
+        queue.see_programs(told);
+        if self.panel.as_ref().is_some_and(PanelQueue::is_busy) {
+            queue.may_start_program();
+        }
     }
 
     /// Whether a function is used.

@@ -13,12 +13,14 @@ mod questions;
 use std::time::{Duration, Instant};
 
 use self::global_words::Comparison;
-use self::questions::{Meaning, Question, note_type, questions};
+use self::questions::{ERROR_REPORT, Meaning, PLC_CONTROL, Question, note_type, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
 use crate::daemon::shared::status::{CHANGES, Change, Enabling};
 use crate::format::Text;
 use crate::map::Family;
+use crate::protocol::i_lines::{Numbers, settings};
+use crate::protocol::line::resets;
 use crate::protocol::{LINE_MAX, answer};
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
@@ -80,6 +82,9 @@ pub struct Identifier {
     /// The servo report has no period, but is not made in the background either: as last told, and as this round says.
     on_request: bool,
     asking_on_request: bool,
+    /// I5 and I6, as far as the board has said since the last line that may have set them: as last told, and as this round says.
+    program_reports: [Option<u32>; 2],
+    asking_program_reports: [Option<u32>; 2],
 }
 
 impl Identifier {
@@ -116,6 +121,8 @@ impl Identifier {
                 .map(Comparison::new),
             on_request: false,
             asking_on_request: false,
+            program_reports: [None; 2],
+            asking_program_reports: [None; 2],
         }
     }
 
@@ -145,6 +152,7 @@ impl Identifier {
     /// The board was reset, or is another one: it answers differently now, and nobody has changed that.
     pub fn begin_anew(&mut self, now: Instant) {
         self.changes.forget();
+        (self.program_reports, self.asking_program_reports) = ([None; 2], [None; 2]);
         if let Some(comparison) = &mut self.comparison {
             comparison.forget();
             self.tell(self.known.clone());
@@ -221,6 +229,7 @@ impl Identifier {
             let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
             self.next = self.questions.iter().position(is_report)?;
             self.asking = self.known.clone();
+            self.asking_program_reports = [None; 2];
             // Callers' lines go between them as usual.
             self.not_before = now;
         }
@@ -233,6 +242,7 @@ impl Identifier {
         self.lines = 0;
         if self.next == 0 {
             self.asking = self.configured.clone();
+            self.asking_program_reports = [None; 2];
             self.doubts = ScaleDoubts::default();
         }
         Some((*line, self.patience))
@@ -242,11 +252,26 @@ impl Identifier {
     /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
     pub fn line_goes(&mut self, line: &[u8], now: Instant) {
         self.changes.line_goes(line);
+        let may_set = |variable: u16| {
+            let sets = |numbers: Numbers| numbers == Numbers::Unknown || numbers.has(variable.into());
+            resets(line) || settings(line).any(|setting| sets(setting.numbers))
+        };
+        for told in [&mut self.program_reports, &mut self.asking_program_reports] {
+            for (told, variable) in told.iter_mut().zip([PLC_CONTROL, ERROR_REPORT]) {
+                *told = told.filter(|_| !may_set(variable));
+            }
+        }
         if let Some(doubts) = ScaleDoubts::of_line(line).filter(|_| self.wanted) {
             self.doubts.add(doubts);
             self.tell(self.known.clone());
             self.ask_again(now);
         }
+    }
+
+    /// I5 and I6, where the board has said them since the last line that may have set them.
+    #[must_use]
+    pub const fn program_reports(&self) -> [Option<u32>; 2] {
+        self.program_reports
     }
 
     /// What somebody else has changed, another host or a program of the board.
@@ -277,7 +302,8 @@ impl Identifier {
             Question::Reports(variables) => {
                 let value = value.and_then(|value| u32::try_from(value).ok());
                 let Some((number, meaning)) = variables.get(index) else { return };
-                if let Some(value) = value {
+                let is_watched = !matches!(meaning, Meaning::PlcControl | Meaning::ErrorReport);
+                if let Some(value) = value.filter(|_| is_watched) {
                     self.changes.told(*number, value, self.asked);
                 }
                 match meaning {
@@ -303,6 +329,8 @@ impl Identifier {
                         self.enabling.variables = value.map(|value| value == 1);
                         self.enabling.asked = Some(self.asked);
                     }
+                    Meaning::PlcControl => self.asking_program_reports[0] = value,
+                    Meaning::ErrorReport => self.asking_program_reports[1] = value,
                     Meaning::Handshake => {}
                 }
             }
@@ -334,6 +362,7 @@ impl Identifier {
         self.next += 1;
         if self.next == self.questions.len() {
             self.on_request = self.asking_on_request;
+            self.program_reports = self.asking_program_reports;
             self.tell(self.asking.clone());
             self.changing_since = None;
             self.overdue = false;

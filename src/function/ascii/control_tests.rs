@@ -120,13 +120,16 @@ fn firmware_without_the_control_register_does_not_block_the_port() {
 }
 
 #[test]
-fn b2_1_an_error_of_an_earlier_command_does_not_end_a_characters_reply() {
+fn an_error_before_the_board_has_taken_a_character_does_not_end_its_reply() {
     for family in FAMILIES {
-        for control in [response::ERROR | 3, response::ACKNOWLEDGE] {
+        for (control, event) in [
+            (response::ERROR | 3, AsciiEvent::ProgramError(3)),
+            (response::ACKNOWLEDGE, AsciiEvent::Stale(response::ACKNOWLEDGE)),
+        ] {
             let mut rig = Rig::new(family);
             assert!(rig.port.control(&mut rig.bus, 0x03, true, rig.now).unwrap());
             rig.respond(control, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Stale(control)));
+            assert_eq!(rig.poll(), Some(event));
             // A board that wants the flag gets it all the same.
             rig.now += FLAG_AFTER;
             assert_eq!(rig.poll(), None);

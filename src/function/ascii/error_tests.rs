@@ -3,117 +3,108 @@
 use super::*;
 use crate::protocol::control::CANCEL;
 
-/// A board that is known to send no `<ACK>` behind an error, at a line that it has taken.
-fn at_a_line(family: &'static Family) -> Rig {
-    let mut rig = Rig::new(family);
-    assert!(rig.begin("XYZZY"));
-    rig.take();
-    rig.respond(0x8003, "");
-    rig.expect_error(3);
-    assert!(rig.begin("P777"));
-    rig
-}
-
 #[test]
-fn b2_an_error_that_an_answer_follows_may_be_a_programs() {
-    for family in FAMILIES {
-        for answer in [response::LINE, response::ACKNOWLEDGE] {
-            let mut rig = at_a_line(family);
-            rig.take();
-            rig.respond(0x8005, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
-            rig.be_silent(SETTLE - Duration::from_millis(1));
-            rig.respond(answer, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Doubtful(5)));
-            // The rest of the answer is nobody's, nor is the next line begun before.
-            assert!(!rig.begin("P20"));
-            rig.respond(response::ACKNOWLEDGE, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
-            rig.answer_question();
-            rig.be_silent(SETTLE);
-            assert!(rig.begin("P20"));
-        }
-    }
-}
-
-#[test]
-fn b2_an_error_is_waited_behind_as_long_as_the_board_takes_to_answer() {
-    const LATE: Duration = Duration::from_millis(80);
-    for family in FAMILIES {
-        let mut rig = at_a_line(family);
-        rig.take();
-        assert_eq!(rig.poll(), None);
-        rig.be_silent(LATE);
-        rig.respond(response::ACKNOWLEDGE, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-        assert!(rig.begin("P778"));
-        rig.take();
-        rig.respond(0x8005, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
-        rig.be_silent(LATE);
-        assert!(!rig.begin("P20"));
-        rig.respond(response::LINE, "0");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Doubtful(5)));
-    }
-}
-
-#[test]
-fn b2_an_error_before_the_board_has_taken_the_line_does_not_end_it() {
-    for family in FAMILIES {
-        let mut rig = at_a_line(family);
-        rig.respond(0x8005, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
-        rig.be_silent(10 * SETTLE);
-        rig.take();
-        rig.be_silent(Duration::ZERO);
-        rig.respond(response::LINE, "0");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Doubtful(5)));
-        // Where a board answers before it clears the flag, it is the line's.
-        let mut rig = at_a_line(family);
-        rig.respond(0x8005, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
-        rig.be_silent(SETTLE);
-        rig.take();
-        rig.now += SETTLE;
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(5))));
-    }
-}
-
-#[test]
-fn b2_an_error_that_its_acknowledgement_follows_is_the_lines_at_once() {
+fn an_error_that_is_believed_ends_its_line_at_once() {
     for family in FAMILIES {
         let mut rig = Rig::new(family);
         for _ in 0..2 {
             assert!(rig.begin("XYZZY"));
             rig.take();
             rig.respond(0x8003, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Error(3)));
-            rig.respond(response::ACKNOWLEDGE, "");
-            assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(3))));
+            rig.expect_error(3);
+            assert!(rig.port.is_idle(), "no <ACK> follows it");
         }
+        assert!(rig.begin("P777"));
+        rig.take();
+        rig.respond(response::LINE, "7");
+        rig.expect_line("7");
     }
 }
 
 #[test]
-fn b2_a_line_that_is_given_up_behind_an_error_holds_the_port() {
+fn what_comes_behind_a_programs_error_is_the_lines_until_another_line_is_answered() {
     for family in FAMILIES {
-        let mut rig = at_a_line(family);
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("P777"));
+        rig.take();
+        rig.respond(0x8005, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
+        // Its answer is there before the next line is begun.
+        rig.respond(response::LINE, "7\r8");
+        assert!(
+            !rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap(),
+            "first the response has to be taken"
+        );
+        rig.expect_line("7");
+        assert!(!rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap(), "and told");
+        rig.expect_line("8");
+        assert!(rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap());
+        // So it goes on while that one lies there, also soon after the start.
+        rig.respond(0x8006, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(6))));
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        rig.take();
+        for text in ["2", "3713707", "2"] {
+            rig.respond(response::LINE, text);
+            rig.expect_line(text);
+        }
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        rig.port.finish(rig.now);
+        assert!(rig.begin("P20"));
+    }
+}
+
+#[test]
+fn an_error_before_the_board_has_taken_the_line_or_while_none_is_under_way_is_a_programs() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        rig.respond(0x8003, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::ProgramError(3)));
+        assert!(rig.begin("P777"));
+        rig.respond(0x8005, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::ProgramError(5)));
+        rig.take();
+        rig.respond(response::LINE, "7");
+        rig.expect_line("7");
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        // Where a board answers before it clears the flag, it may be the line's.
+        assert!(rig.begin("VERSION"));
+        rig.respond(response::LINE, "1.16D");
+        rig.expect_line("1.16D");
+        rig.take();
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        assert!(rig.begin("P777"));
+        rig.respond(0x8005, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
+    }
+}
+
+#[test]
+fn a_line_that_is_given_up_behind_an_error_holds_the_port() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.begin("P777"));
+        rig.take();
         rig.respond(0x8005, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
         rig.give_up();
         rig.answer_question();
-        rig.be_silent(10 * SETTLE);
-        assert!(!rig.begin("P20"), "it lies there yet");
+        rig.respond(response::ACKNOWLEDGE, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::ACKNOWLEDGE)));
+        assert!(!rig.begin("P20"));
+        rig.be_silent(SETTLE);
+        assert!(rig.begin("P20"));
     }
 }
 
 #[test]
 fn b2_an_error_before_the_board_has_a_first_part_ends_the_line() {
     for family in FAMILIES {
-        let mut rig = at_a_line(family);
-        rig.take();
-        rig.respond(response::ACKNOWLEDGE, "");
-        assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
+        let mut rig = Rig::new(family);
         assert!(rig.begin(&format!("{:<1$} #2J+", "#1J+", family.ascii.command_bytes)));
         rig.respond(0x8005, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(5))));

@@ -18,6 +18,7 @@
 
 use std::time::{Duration, Instant};
 
+use super::late_mark::EXPECTED;
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::CANCEL;
@@ -53,15 +54,6 @@ pub(super) struct Hold {
     asking: Asking,
     /// The board did not take the question the last time.
     in_vain: bool,
-}
-
-/// What has ended, though an `<ACK>` may follow.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum After {
-    /// A reply, by an error.
-    Error,
-    /// The reply to a control character, by a silence.
-    ControlReply,
 }
 
 /// What is handed over.
@@ -100,8 +92,8 @@ enum Asking {
     Taken { since: Instant },
     /// It need not be asked (any more).
     Over,
-    /// It need not be asked: the reply to the last command has ended, but for an `<ACK>` that may come until then.
-    Mark { after: After, until: Instant },
+    /// It need not be asked: a control character's reply has ended, but for an `<ACK>` that may come until then.
+    Mark { until: Instant },
 }
 
 impl Hold {
@@ -123,8 +115,8 @@ impl Hold {
     }
 
     /// Until then an `<ACK>` may come.
-    pub(super) const fn mark(now: Instant, after: After, until: Instant) -> Self {
-        Self { since: now, quiet_since: now, texts: 0, asking: Asking::Mark { after, until }, in_vain: false }
+    pub(super) const fn mark(now: Instant, until: Instant) -> Self {
+        Self { since: now, quiet_since: now, texts: 0, asking: Asking::Mark { until }, in_vain: false }
     }
 
     /// The stop that is to go once more, or lies in its word to do so.
@@ -241,9 +233,9 @@ impl DpramPort {
         Ok(())
     }
 
-    /// How long nothing must have come.
+    /// How long nothing must have come. What comes later than the board's answers do is no answer, nor one more line of a reply.
     fn silence_needed(&self, hold: &Hold, now: Instant) -> Duration {
-        if now < hold.since + SLOW_REPLY { SETTLE.max(self.answer_patience()) } else { SETTLE }
+        if now < hold.since + SLOW_REPLY { SETTLE.max((2 * self.answer_time).min(EXPECTED)) } else { SETTLE }
     }
 
     /// The response buffer is empty: goes on with finding out whether the board is free.
@@ -301,10 +293,8 @@ impl DpramPort {
                 return Ok(());
             }
             Asking::Over => {}
-            // The error came before the board had taken the line.
-            Asking::Mark { .. } if self.error.is_some() && self.is_loaded(bus)? => hold.quiet_since = now,
-            Asking::Mark { after, until } if now >= until && now >= hold.quiet_since + SETTLE => {
-                self.no_mark_came(after, now);
+            Asking::Mark { until } if now >= until && now >= hold.quiet_since + SETTLE => {
+                self.no_mark_came(now);
                 return Ok(());
             }
             Asking::Mark { .. } => {}

@@ -1,18 +1,15 @@
-//! `<ACK>` behind a reply that has ended already: an error, or a control character's reply.
+//! `<ACK>` behind a control character's reply that a silence has ended.
 //!
-//! An error needs no `<ACK>` to be known as the end (DPRAM manual p. 28: from step 3 on it is about what "does not show an error"),
-//! nor has a control character's reply one for sure. But "the last transmission should be an `<ACK>`" (p. 29) may be
-//! meant of these, too, and on real boards one "can precede the next reply" (FACTS 13). It must not end the next
-//! command's reply: that command would be told done whatever becomes of it, and each reply given to the command after.
+//! "The last transmission should be an `<ACK>`" (DPRAM manual p. 29) may be meant of such a reply, too. That `<ACK>` must not end the
+//! next command's reply: that command would be told done whatever becomes of it, and each reply given to the command after.
 //!
 //! So the next line waits for the `<ACK>`: the first time for [`FIRST`], to learn what the board does. A board that sends one
-//! is waited for up to [`EXPECTED`], one that does not for a short silence.
+//! is waited for up to [`EXPECTED`], one that does not for a short silence. No `<ACK>` follows an error ([`super::error`]).
 
 use std::time::{Duration, Instant};
 
-use super::hold::{After, Hold};
-use super::{AsciiEvent, DOUBT, DpramPort, State};
-use crate::map::functions::response;
+use super::hold::Hold;
+use super::{DOUBT, DpramPort, State};
 
 /// How long the first `<ACK>` is waited for.
 pub(super) const FIRST: Duration = Duration::from_millis(300);
@@ -28,27 +25,19 @@ pub(super) enum Follows {
     No,
 }
 
-/// What the board has been seen to do.
+/// What the board has been seen to do behind a control character's reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct LateMarks {
-    after_error: Follows,
-    after_control_reply: Follows,
-    /// What has ended last, as long as its `<ACK>` has not come.
-    last: Option<After>,
+    follows: Follows,
+    /// Such a reply has ended last, and its `<ACK>` has not come.
+    is_owed: bool,
 }
 
 impl LateMarks {
-    const fn of(&mut self, after: After) -> &mut Follows {
-        match after {
-            After::Error => &mut self.after_error,
-            After::ControlReply => &mut self.after_control_reply,
-        }
-    }
-
     /// An `<ACK>` came that is no end of a reply.
     pub(super) fn came(&mut self) {
-        if let Some(after) = self.last.take() {
-            *self.of(after) = Follows::Yes;
+        if std::mem::take(&mut self.is_owed) {
+            self.follows = Follows::Yes;
         }
     }
 }
@@ -60,59 +49,15 @@ impl DpramPort {
         matches!(self.state, State::Held(hold) if hold.is_for_mark())
     }
 
-    /// An error came. With I6=1 the firmware reports errors of a program's `CMD` in the same way (Software Reference, I6), so a line's
-    /// error is told when nothing but an `<ACK>` has followed.
-    pub(super) fn end_with_error(&mut self, number: u16, now: Instant) -> AsciiEvent {
-        match self.state {
-            _ if self.open_ended => self.end_reply(now),
-            State::ControlReply { .. } => self.await_mark(After::ControlReply, now),
-            // Without its second part the line is not carried out, whosever the error is.
-            State::Loaded { sent } if sent < self.length => self.abandon(now, true),
-            _ => {
-                self.await_mark(After::Error, now);
-                self.error = Some(number);
-                return AsciiEvent::Error(number);
-            }
-        }
-        AsciiEvent::Done(Err(number))
-    }
-
-    /// What a response says of the error before it.
-    pub(super) fn answer_behind_error(&mut self, control: u16, now: Instant) -> Option<AsciiEvent> {
-        let is_mark = control == response::ACKNOWLEDGE && self.late_marks.after_error != Follows::No;
-        let is_answer = control == response::ACKNOWLEDGE || control == response::LINE;
-        let number = self.error.take_if(|_| is_answer)?;
-        if is_mark {
-            self.mark_came(now);
-            return Some(AsciiEvent::Done(Err(number)));
-        }
-        // Should it be the `<ACK>` of the error after all, the next one is waited for.
-        self.late_marks.after_error = Follows::Unknown;
-        self.abandon(now, false);
-        Some(AsciiEvent::Doubtful(number))
-    }
-
-    /// The error that nothing has followed.
-    pub(super) fn error_alone(&mut self) -> Option<AsciiEvent> {
-        let is_over = !self.awaits_mark();
-        self.error.take_if(|_| is_over).map(|number| AsciiEvent::Done(Err(number)))
-    }
-
     /// Has the next line wait for the `<ACK>`.
-    pub(super) fn await_mark(&mut self, after: After, now: Instant) {
-        let patience = match self.late_marks.of(after) {
+    pub(super) fn await_mark(&mut self, now: Instant) {
+        let patience = match self.late_marks.follows {
             Follows::Unknown => FIRST,
             Follows::Yes => EXPECTED,
             Follows::No => Duration::ZERO,
         };
-        let patience = if after == After::Error { patience.max(self.answer_patience()) } else { patience };
-        self.late_marks.last = Some(after);
-        self.state = State::Held(Hold::mark(now, after, now + patience));
-    }
-
-    /// What comes later than the board's answers do is no answer, nor one more line of a reply.
-    pub(super) fn answer_patience(&self) -> Duration {
-        (2 * self.answer_time).min(EXPECTED)
+        self.late_marks.is_owed = true;
+        self.state = State::Held(Hold::mark(now, now + patience));
     }
 
     /// An `<ACK>` came while the port was held.
@@ -124,8 +69,8 @@ impl DpramPort {
     }
 
     /// None came in time. One that came so far may have been cancelled.
-    pub(super) fn no_mark_came(&mut self, after: After, now: Instant) {
-        let follows = self.late_marks.of(after);
+    pub(super) fn no_mark_came(&mut self, now: Instant) {
+        let follows = &mut self.late_marks.follows;
         if *follows != Follows::No {
             // Should it come later still, it may find a line that the board has not taken.
             self.doubt_until = self.doubt_until.max(now + DOUBT);

@@ -32,6 +32,11 @@ impl Untold {
         Self { text: Some(text), end_follows }
     }
 
+    /// Whether all is told.
+    pub(super) const fn is_empty(&self) -> bool {
+        self.text.is_none() && !self.end_follows
+    }
+
     /// The next line, or the end of the reply.
     pub(super) fn next(&mut self) -> Option<AsciiEvent> {
         let Some(text) = self.text.take() else {

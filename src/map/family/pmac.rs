@@ -149,6 +149,8 @@ pub mod background_block {
     pub const MOTOR_DEFINITION: usize = 10;
     /// Coordinate system: status, the first word of `??`, 24 bits.
     pub const STATUS: usize = 12;
+    /// In the low word of the coordinate system's status (bit 0 there): a motion program runs.
+    pub const PROGRAM_RUNS: u16 = 1 << 0;
     /// Coordinate system: nine axis targets A B C U V W X Y Z, float 48, user units.
     pub const AXIS_TARGETS: usize = 14;
     /// Coordinate system: program status (PSTATUS), the second word of `??`, 24 bits.
@@ -297,6 +299,10 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
         word: BACKGROUND_BLOCK.plus_words(background_block::MOTOR_STATUS),
         mask: background_block::AMPLIFIER_ENABLED,
     }),
+    program_runs: Flag {
+        word: BACKGROUND_BLOCK.plus_words(background_block::STATUS),
+        mask: background_block::PROGRAM_RUNS,
+    },
     numbers: NumberKind::MotorOrCoordinateSystem,
     blocks: Blocks { count: MOTORS, first: BACKGROUND_BLOCK, words: BACKGROUND_BLOCK_WORDS },
 };

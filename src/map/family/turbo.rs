@@ -150,6 +150,8 @@ pub mod system {
     pub const STATUS_3: usize = 8;
     /// The first word of `??`, 24 bits.
     pub const STATUS_1: usize = 10;
+    /// In the low word of the first word of `??` (bit 0 there): a motion program runs.
+    pub const PROGRAM_RUNS: u16 = 1 << 0;
     /// Nine axis targets A B C U V W X Y Z, float 48, user units.
     pub const AXIS_TARGETS: usize = 12;
     /// The second word of `??` (PSTATUS), 24 bits.
@@ -285,6 +287,7 @@ pub const BACKGROUND_REPORT: BackgroundBlock = BackgroundBlock {
     ports: [BACKGROUND_PANEL_PORT, BACKGROUND_THUMBWHEEL_PORT, BACKGROUND_MACHINE_PORT],
     global_status: Some(GLOBAL_STATUS),
     amplifier_enabled: None,
+    program_runs: Flag { word: BACKGROUND_SYSTEM.plus_words(system::STATUS_1), mask: system::PROGRAM_RUNS },
     numbers: NumberKind::CoordinateSystem,
     blocks: Blocks { count: SYSTEMS, first: BACKGROUND_SYSTEM, words: BACKGROUND_SYSTEM_STRIDE as usize / 2 },
 };

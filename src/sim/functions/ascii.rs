@@ -10,7 +10,7 @@
 //!
 //! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
 //! the control word does, whether a control
-//! character needs the line's flag, when that flag is cleared, whether every reply has an end, and an error one, too, what lies under
+//! character needs the line's flag, when that flag is cleared, whether every reply has an end, what lies under
 //! that end, how many lines lie in the buffer at once, and whether the first part of a line has an answer. While a line is at work PMAC looks at nothing else: its background
 //! pass is the one that works.
 
@@ -20,7 +20,7 @@ use crate::format::TextOrder;
 use crate::map::HostOffset;
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::map::readings::{
-    ControlFlag, CountOrder, ErrorAck, LineFlag, PartReply, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
+    ControlFlag, CountOrder, LineFlag, PartReply, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
 };
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
@@ -354,9 +354,6 @@ fn answer(board: &mut Board, reply: Reply) {
 
 fn refuse(board: &mut Board, error: CommandError) {
     board.output.respond_error(error);
-    if board.identity.readings.error_ack == ErrorAck::Follows {
-        acknowledge(board);
-    }
 }
 
 fn acknowledge(board: &mut Board) {

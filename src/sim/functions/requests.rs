@@ -37,18 +37,22 @@ fn report(board: &mut Board, reply: Reply, outlet: Outlet) {
             for line in reply.lines {
                 board.output.respond(response::TO_PROGRAM, line);
             }
-            if let Some(error) = reply.error {
+            if let Some(error) = reply.error.filter(|_| reports_errors(board)) {
                 board.output.respond_error(error);
             }
         }
         Some(port) => {
             let mut bytes: Vec<u8> =
                 reply.lines.iter().flat_map(|line| unasked_line(board, line, false)).collect();
-            // I6=0 and 1 report a program's errors too, I6=2 and 3 only a host's.
-            if reply.error.is_some() && board.variables.i(6) < 2.0 {
+            if reply.error.is_some() && reports_errors(board) {
                 bytes.push(error_mark(board));
             }
             board.output.send(port, &bytes);
         }
     }
+}
+
+/// Whether errors of programs are reported: not with I6=2 (Software Reference, I6).
+fn reports_errors(board: &Board) -> bool {
+    board.variables.i(6) != 2.0
 }

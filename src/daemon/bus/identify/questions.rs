@@ -10,6 +10,9 @@ use crate::segment::Identity;
 
 /// The I-variable of the serial handshake, which says how a reply ends, in every family.
 const HANDSHAKE: u16 = 3;
+/// Those of PLC programs and of the errors that are reported.
+pub(super) const PLC_CONTROL: u16 = 5;
+pub(super) const ERROR_REPORT: u16 = 6;
 
 /// What is asked, in order. Each question is one line; each value of its reply is one reply line.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,6 +48,10 @@ pub(super) enum Meaning {
     Variables,
     /// How replies end (I3); only watched here.
     Handshake,
+    /// Which PLC programs may run (I5): 0, none.
+    PlcControl,
+    /// How errors are reported (I6): 2, none of programs.
+    ErrorReport,
 }
 
 /// The questions for a board of `family`. No line is longer than the board takes: the motors' scales are asked in as many
@@ -61,6 +68,8 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         (i.panel, Meaning::Panel),
         (Some(i.variables_enable), Meaning::Variables),
         (Some(HANDSHAKE), Meaning::Handshake),
+        (Some(PLC_CONTROL), Meaning::PlcControl),
+        (Some(ERROR_REPORT), Meaning::ErrorReport),
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];

@@ -52,7 +52,7 @@ fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
     let now = start + RECHECK;
     scales[1] = "48";
     let asked = answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "1", "1", "2"]);
-    assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3", "who it is, is not asked again");
+    assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3 I5 I6", "who it is, is not asked again");
     answer(&mut identifier, now, &scales);
     let change = identifier.changes()[5].unwrap();
     assert_eq!((change.variable, change.was, change.is, change.since), (2, 3, 1, start));
@@ -151,9 +151,9 @@ fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
 #[test]
 fn a_family_is_asked_for_the_variables_it_has() {
     let line = |family| questions(family)[2].line();
-    assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
+    assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3 I5 I6");
     // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-    assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
+    assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3 I5 I6");
 }
 
 #[test]
@@ -337,5 +337,5 @@ fn b2_1_a_question_that_is_only_acknowledged_is_repeated_once() {
     assert_eq!(ask(&["PMAC1"]), ("TYPE".to_owned(), false));
     assert_eq!(ask(&[]), ("VERSION".to_owned(), true));
     assert_eq!(ask(&[]), ("VERSION".to_owned(), false), "it has nothing to say");
-    assert_eq!(ask(&[]), ("I10 I19 I48 I49 I59 I2 I55 I3".to_owned(), true));
+    assert_eq!(ask(&[]), ("I10 I19 I48 I49 I59 I2 I55 I3 I5 I6".to_owned(), true));
 }

@@ -41,6 +41,16 @@ pub enum Answer {
     None,
 }
 
+/// What is not known of the command before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Doubt {
+    /// Whether an error was its own or a program's. The board answers lines in their order: with the reply to the next one that is
+    /// known.
+    WhoseError,
+    /// Whether the board is still at it, or has more to say.
+    WhatComes,
+}
+
 /// What the board has answered, through the mailboxes, to the question for a program buffer: the free memory, or nothing of use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BufferAnswer(pub Option<i64>);
@@ -67,8 +77,9 @@ pub struct CommandPorts {
     buffer_answer: Option<BufferAnswer>,
     /// Responses taken from the DPRAM.
     responses: u64,
-    /// A command was given up, here or by the host before, and no line of our own has been answered since.
-    in_doubt: bool,
+    /// What is not known since no line of our own has been answered: a command was given up, here or by the host before, or ended by
+    /// what need not be its own.
+    doubt: Option<Doubt>,
     /// Nobody has sent the board anything yet, and it is not asked of its own accord.
     is_unused: bool,
 }
@@ -92,7 +103,7 @@ impl CommandPorts {
             answer: None,
             buffer_answer: None,
             responses: 0,
-            in_doubt: false,
+            doubt: None,
             is_unused: false,
         }
     }
@@ -133,7 +144,7 @@ impl CommandPorts {
 
     fn hold(&mut self, now: Instant) {
         self.dpram.hold(now);
-        self.in_doubt = true;
+        self.doubt();
     }
 
     /// The board has taken `^X` and clears its words, sooner or later. See [`DpramPort::follow_cancel`].
@@ -147,7 +158,7 @@ impl CommandPorts {
     /// whose reply nobody needs, ends the doubt: the board answers lines in their order.
     #[must_use]
     pub const fn in_doubt(&self) -> bool {
-        self.in_doubt
+        self.doubt.is_some()
     }
 
     /// Whether the board takes neither lines nor control characters, as far as it was asked.
@@ -158,7 +169,26 @@ impl CommandPorts {
 
     /// A reply may have been another command's, and the next one as well.
     pub const fn doubt(&mut self) {
-        self.in_doubt = true;
+        self.doubt = Some(Doubt::WhatComes);
+    }
+
+    /// An error came that may be a program's. See [`AsciiEvent::Error`].
+    pub fn doubt_error(&mut self) {
+        self.doubt = self.doubt.or(Some(Doubt::WhoseError));
+    }
+
+    /// Whether nothing is in doubt but whose an error is.
+    #[must_use]
+    pub fn doubts_error_alone(&self) -> bool {
+        self.doubt == Some(Doubt::WhoseError)
+    }
+
+    /// The error that came was the line's.
+    pub fn believe_error(&mut self, now: Instant) {
+        match (self.in_use, &mut self.mailbox) {
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.believe_error(),
+            _ => self.dpram.believe_error(now),
+        }
     }
 
     /// Starts sending a line of our own, whose reply is known when it is seen; false: try later. It goes on until
@@ -183,10 +213,12 @@ impl CommandPorts {
         }
     }
 
-    /// As [`CommandPorts::finish`], and the doubt is over. What may come of it still is let pass.
+    /// As [`CommandPorts::finish`], and the doubt is over. What may come still of a command that was given up is let pass.
     pub fn end_doubt(&mut self, now: Instant) {
-        self.in_doubt = false;
         self.finish(now);
+        if self.doubt.take() != Some(Doubt::WhatComes) {
+            return;
+        }
         match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.settle(now),
             _ => self.dpram.settle(now),
@@ -329,7 +361,7 @@ impl CommandPorts {
     /// # Errors
     /// [`PortError`].
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
-        self.in_doubt = true;
+        self.doubt();
         match (self.in_use, &mut self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.give_up(&mut mailbox.registers, now)?),
             _ => Ok(self.dpram.give_up(bus, now)?),
@@ -384,13 +416,16 @@ impl CommandPorts {
                 None
             }
             Some(AsciiEvent::Done(result)) => Some(question.value.filter(|_| result.is_ok())),
+            Some(AsciiEvent::Error(_)) => {
+                mailbox.port.believe_error();
+                Some(None)
+            }
             Some(
                 AsciiEvent::ProgramResponse(_)
                 | AsciiEvent::ProgramMessage(_)
                 | AsciiEvent::Stale(_)
                 | AsciiEvent::Unknown(_)
-                | AsciiEvent::Error(_)
-                | AsciiEvent::Doubtful(_),
+                | AsciiEvent::ProgramError(_),
             ) => return Ok(event),
             None if now >= question.until => {
                 mailbox.port.give_up(&mut mailbox.registers, now)?;

@@ -15,8 +15,10 @@ mod letters;
 mod line_pace;
 mod outbox;
 mod page;
+mod programs;
 mod wait;
 mod way;
+mod whose_error;
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -27,7 +29,9 @@ use check::Check;
 use line_pace::LinePace;
 use outbox::Outbox;
 use page::PageAgain;
+use programs::Programs;
 use wait::Wait;
+use whose_error::Refused;
 
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
@@ -126,6 +130,10 @@ pub struct AsciiQueue {
     lines: VecDeque<WaitingLine>,
     controls: VecDeque<WaitingControl>,
     under_way: Option<UnderWay>,
+    /// The line that an error came to which may be a program's, until that is settled.
+    refused: Option<Refused>,
+    /// Whether an error may be a program's.
+    programs: Programs,
     /// The control character that waits in its word until the board takes it.
     control_pending: Option<WaitingControl>,
     /// One that waited there when the board was reset, and whether that may have taken it; its caller is to be told.
@@ -171,6 +179,8 @@ impl AsciiQueue {
             lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
+            refused: None,
+            programs: Programs::default(),
             control_pending: None,
             control_lost: None,
             kills: 0,
@@ -235,6 +245,10 @@ impl AsciiQueue {
             // Now, before a cleared flag is taken for the board's having taken the first half of a line.
             self.ports.give_up(bus, now)?;
         }
+        if let Some(refused) = &mut self.refused {
+            refused.under_way.deadline = now;
+        }
+        self.programs.may_have_started(self.clock.ns());
         self.ports.withdraw(bus, now)?;
         self.check.reset();
         self.poll_now(now);
@@ -337,6 +351,16 @@ impl AsciiQueue {
         self.poll_now(now);
     }
 
+    /// The last background report, asked for at a time on CLOCK_MONOTONIC, says whether a motion program runs; `None`: none tells.
+    pub fn see_programs(&mut self, told: Option<(bool, u64)>) {
+        self.programs.see(told);
+    }
+
+    /// Somebody may start a motion program otherwise than by a line.
+    pub fn may_start_program(&mut self) {
+        self.programs.may_have_started(self.clock.ns());
+    }
+
     /// Does what can be done now.
     ///
     /// # Errors
@@ -382,6 +406,7 @@ impl AsciiQueue {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         self.under_way.is_some()
+            || self.refused.is_some()
             || self.ports.is_waiting()
             || self.control_pending.is_some()
             || self.control_lost.is_some()
@@ -505,7 +530,7 @@ impl AsciiQueue {
     }
 
     fn is_under_way(&self) -> bool {
-        self.under_way.is_some() || self.control_pending.is_some()
+        self.under_way.is_some() || self.refused.is_some() || self.control_pending.is_some()
     }
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {

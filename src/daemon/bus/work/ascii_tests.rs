@@ -20,6 +20,8 @@ use crate::segment::{CreateOptions, Identity, SegmentName};
 mod answer;
 #[path = "ascii/buffer_tests.rs"]
 mod buffer;
+#[path = "ascii/error_tests.rs"]
+mod error;
 #[path = "ascii/stop_tests.rs"]
 mod stop;
 #[path = "ascii/wait_tests.rs"]
@@ -36,6 +38,17 @@ struct Rig {
 }
 
 impl Rig {
+    /// What the socket was told, with the lines of replies and the texts of programs.
+    fn told(&self) -> Vec<String> {
+        let shown = |event| match event {
+            Event::Line(ticket, text) => Some(format!("{} {}", ticket.0, text.to_latin1())),
+            Event::Done(ticket, outcome) => Some(format!("{} {outcome:?}", ticket.0)),
+            Event::Unsolicited(message) => Some(format!("{:?} {}", message.kind, message.text.to_latin1())),
+            _ => None,
+        };
+        std::iter::from_fn(|| self.told.try_receive()).filter_map(shown).collect()
+    }
+
     /// Servo reports come, and say that no program buffer is open.
     fn new() -> Self {
         let mut rig = Self::without_reports();

@@ -265,8 +265,13 @@ impl PanelQueue {
     /// When to poll next; `None` while nothing is to be done.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
-        let has_work = self.pending.is_some() || self.abandoned.is_some() || !self.waiting.is_empty();
-        has_work.then_some(self.next_poll)
+        self.is_busy().then_some(self.next_poll)
+    }
+
+    /// Whether a request waits, or lies in the panel.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        self.pending.is_some() || self.abandoned.is_some() || !self.waiting.is_empty()
     }
 
     /// Does what can be done now; tells what has ended.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::letters::asks_for_value;
+use super::letters::{asks_for_value, may_start_program};
 use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::queue::{Event, Outcome, Sender, Unsolicited};
 use crate::function::ascii::{AsciiEvent, ResponseText};
@@ -22,20 +22,15 @@ impl AsciiQueue {
             AsciiEvent::Line(text) => {
                 counters.add(Counter::AsciiReplies, 1);
                 self.line_pace.line(now);
+                if self.refused.is_some() {
+                    return self.line_behind_error(events, text, now);
+                }
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
-                    match under_way.command {
-                        InFlight::Line(WaitingLine { ticket, .. })
-                        | InFlight::Control(WaitingControl { ticket, .. }) => {
-                            self.outbox.tell(events, Event::Line(ticket, text));
-                        }
-                        InFlight::Identify => self.identifier.line(text.as_bytes()),
-                        InFlight::Scan => self.scan.line(text.as_bytes()),
-                        InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
-                        InFlight::Check => {
-                            self.check.line(text.as_bytes());
-                            self.see_check(now);
-                        }
+                    let command = under_way.command;
+                    self.tell_line(events, &command, text);
+                    if matches!(command, InFlight::Check) {
+                        self.see_check(now);
                     }
                     self.go_on_with_own(now);
                 }
@@ -44,43 +39,14 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
                 self.answered = Some(now);
+                if self.refused.is_some() {
+                    return self.end_behind_error(events, publisher, result, now);
+                }
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
                     return self.end_check(result, now);
                 }
-                let has_reply = self.under_way.is_some_and(|under_way| under_way.taken);
-                match self.under_way.take().map(|under_way| under_way.command) {
-                    Some(InFlight::Line(line))
-                        if result.is_ok() && !has_reply && self.is_unanswered(&line) =>
-                    {
-                        self.lines.push_front(WaitingLine { was_sent: true, ..line });
-                        self.doubt_answer();
-                    }
-                    Some(InFlight::Line(line)) => {
-                        let outcome = self.outcome_of(&line, result);
-                        self.outbox.tell(events, Event::Done(line.ticket, outcome));
-                    }
-                    Some(InFlight::Control(WaitingControl { ticket, .. })) => {
-                        let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
-                        self.outbox.tell(events, Event::Done(ticket, outcome));
-                    }
-                    // The board took it for a program line: its answer is still to come.
-                    Some(InFlight::Identify) if self.buffer.is_open() => self.identifier.not_sent(),
-                    Some(InFlight::Identify) if result.is_ok() && self.identifier.repeats() => {
-                        self.identifier.not_sent();
-                        self.doubt_answer();
-                    }
-                    Some(InFlight::Identify) => {
-                        self.identifier.done();
-                        self.scan.is_answering(now);
-                    }
-                    Some(InFlight::Scan) if self.buffer.is_open() => self.scan.not_sent(),
-                    Some(InFlight::Scan) if result.is_ok() && self.scan.repeats() => {
-                        self.scan.not_sent();
-                        self.doubt_answer();
-                    }
-                    Some(InFlight::Scan) => self.scan.done(result.is_err(), now),
-                    Some(InFlight::Buffer) => self.buffer_answered(result, now),
-                    Some(InFlight::Check) | None => {}
+                if let Some(under_way) = self.under_way.take() {
+                    self.end_command(events, under_way, result, now);
                 }
             }
             AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
@@ -89,12 +55,71 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
             }
-            AsciiEvent::Unknown(control) => self.end_unknown(events, control, now),
-            AsciiEvent::Error(_) => {}
-            AsciiEvent::Doubtful(number) => {
-                counters.add(Counter::AsciiErrors, 1);
-                self.end_doubtful(events, number, now);
+            AsciiEvent::Unknown(control) => {
+                self.expire_refused(events, true, now);
+                self.end_unknown(events, control, now);
             }
+            AsciiEvent::Error(number) => {
+                counters.add(Counter::AsciiErrors, 1);
+                self.state = CommandState::Answers;
+                self.answered = Some(now);
+                self.refuse(events, publisher, number, now);
+            }
+            AsciiEvent::ProgramError(number) => {
+                counters.add(Counter::AsciiErrors, 1);
+                self.program_error(events, publisher, number);
+            }
+        }
+    }
+
+    /// The board has ended a command.
+    pub(super) fn end_command(
+        &mut self,
+        events: &Sender<Event>,
+        under_way: UnderWay,
+        result: Result<(), u16>,
+        now: Instant,
+    ) {
+        let has_reply = under_way.taken;
+        match under_way.command {
+            InFlight::Line(line) if result.is_ok() && !has_reply && self.is_unanswered(&line) => {
+                self.lines.push_front(WaitingLine { was_sent: true, ..line });
+                self.doubt_answer();
+            }
+            InFlight::Line(line) => {
+                self.line_over(&line);
+                let outcome = self.outcome_of(&line, result);
+                self.outbox.tell(events, Event::Done(line.ticket, outcome));
+            }
+            InFlight::Control(WaitingControl { ticket, .. }) => {
+                let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
+                self.outbox.tell(events, Event::Done(ticket, outcome));
+            }
+            // The board took it for a program line: its answer is still to come.
+            InFlight::Identify if self.buffer.is_open() => self.identifier.not_sent(),
+            InFlight::Identify if result.is_ok() && self.identifier.repeats() => {
+                self.identifier.not_sent();
+                self.doubt_answer();
+            }
+            InFlight::Identify => {
+                self.identifier.done();
+                self.scan.is_answering(now);
+            }
+            InFlight::Scan if self.buffer.is_open() => self.scan.not_sent(),
+            InFlight::Scan if result.is_ok() && self.scan.repeats() => {
+                self.scan.not_sent();
+                self.doubt_answer();
+            }
+            InFlight::Scan => self.scan.done(result.is_err(), now),
+            InFlight::Buffer => self.buffer_answered(result, now),
+            InFlight::Check => {}
+        }
+    }
+
+    /// Whatever becomes of `line`, the board may have carried it out by now.
+    pub(super) fn line_over(&mut self, line: &WaitingLine) {
+        if may_start_program(line.line.as_bytes()) {
+            self.may_start_program();
         }
     }
 
@@ -119,7 +144,7 @@ impl AsciiQueue {
         }
     }
 
-    fn unsolicited(
+    pub(super) fn unsolicited(
         &mut self,
         events: &Sender<Event>,
         publisher: &Publisher,

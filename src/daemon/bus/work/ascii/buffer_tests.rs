@@ -28,11 +28,17 @@ fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();
     assert_eq!(rig.take(), "SIZE");
+    rig.poll();
     rig.respond(response::ERROR | 3);
-    // An <ACK> may follow.
-    rig.now += Duration::from_millis(300);
+    // A program's, for all that is known.
+    assert_eq!(rig.take(), "SIZE SIZE");
     rig.poll();
-    rig.poll();
+    rig.respond(response::ERROR | 3);
+    assert_eq!(rig.take(), "I3 I10 I10 I3");
+    for line in ["2", "3713707", "3713707", "2"] {
+        rig.say(line);
+    }
+    rig.respond(response::ACKNOWLEDGE);
     assert_eq!(rig.take(), "P5=7");
 }
 

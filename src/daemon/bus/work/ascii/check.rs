@@ -27,7 +27,7 @@ use log::{info, warn};
 use super::{AsciiQueue, InFlight, UnderWay};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::Unsaid;
-use crate::daemon::shared::queue::GivenUp;
+use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
 use crate::map::readings::ReplyEnd;
 use crate::protocol::{CommandState, answer};
@@ -45,8 +45,8 @@ const BUFFER: [&[u8]; KINDS] =
 pub(super) const LINE_MAX: usize = 32;
 /// I10 of a servo period of 1.2 µs, which is shorter than any board's.
 const LEAST_PERIOD: i64 = 10_000;
-/// The most values of a reply.
-const VALUES: usize = KINDS + 2;
+/// The most lines of a reply.
+pub(super) const REPLY_LINES: usize = KINDS + 2;
 /// How long the board may take for it, and then for each response.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// How soon it is sent again to a board that did not answer it.
@@ -78,7 +78,7 @@ pub(super) struct Check {
     asks: Asks,
     kind: usize,
     /// The last values that came since a reply ended, or `^F` was answered, and how many lines did.
-    values: [Option<i64>; VALUES],
+    values: [Option<i64>; REPLY_LINES],
     lines: usize,
     /// A reply ended that was none to a line of ours.
     is_answered: bool,
@@ -96,7 +96,7 @@ impl Check {
             not_before: now,
             asks: Asks::Handshake,
             kind: KINDS - 1,
-            values: [None; VALUES],
+            values: [None; REPLY_LINES],
             lines: 0,
             is_answered: false,
             error: None,
@@ -105,21 +105,20 @@ impl Check {
         }
     }
 
-    /// The next line.
-    fn next(&self, asks: Asks) -> &'static [u8] {
-        let kind = self.next_kind(asks);
+    /// The next line, behind `before`, whose reply may still be to come.
+    fn next(&self, asks: Asks, before: Option<&[u8]>) -> &'static [u8] {
+        let kind = self.next_kind(asks, before);
         match asks {
             Asks::Handshake => HANDSHAKE[kind],
             Asks::Buffer => BUFFER[kind],
         }
     }
 
-    /// Which line is next: one that has not as many values as the line that was given up has questions for variables, as `P1`.
-    /// Of a line of more than 60 characters only the beginning is known.
-    fn next_kind(&self, asks: Asks) -> usize {
+    /// Which line is next: one that has not as many values as the line `before` has questions for variables, as `P1`.
+    /// Of a line of more than 60 characters that was given up only the beginning is known.
+    fn next_kind(&self, asks: Asks, before: Option<&[u8]>) -> usize {
         let is_question = |pair: &&[u8]| pair[0].is_ascii_alphabetic() && pair[1].is_ascii_digit();
-        let count = |line: &[u8]| line.windows(2).filter(is_question).count();
-        let questions = self.given_up.map(|given_up| count(given_up.by.shown.as_bytes()));
+        let questions = before.map(|line| line.windows(2).filter(is_question).count());
         let values = match asks {
             Asks::Handshake => 3,
             Asks::Buffer => 2,
@@ -135,15 +134,15 @@ impl Check {
     }
 
     /// The next line was sent.
-    fn sent(&mut self, asks: Asks) {
-        (self.asks, self.kind) = (asks, self.next_kind(asks));
+    fn sent(&mut self, asks: Asks, before: Option<&[u8]>) {
+        (self.asks, self.kind) = (asks, self.next_kind(asks, before));
         self.is_answered = false;
         self.error = None;
         self.forget_values();
     }
 
-    const fn forget_values(&mut self) {
-        (self.values, self.lines) = ([None; VALUES], 0);
+    pub(super) const fn forget_values(&mut self) {
+        (self.values, self.lines) = ([None; REPLY_LINES], 0);
     }
 
     /// A line of a reply came.
@@ -152,13 +151,13 @@ impl Check {
             return self.forget_values();
         }
         self.values.rotate_left(1);
-        self.values[VALUES - 1] = std::str::from_utf8(text).ok().and_then(answer::integer);
+        self.values[REPLY_LINES - 1] = std::str::from_utf8(text).ok().and_then(answer::integer);
         self.lines += 1;
     }
 
     /// The reply to a line of this kind, if the last values are one: ours, or a late one.
     fn answer(&self) -> Option<Answer> {
-        let value = |back: usize| VALUES.checked_sub(1 + back).and_then(|index| self.values[index]);
+        let value = |back: usize| REPLY_LINES.checked_sub(1 + back).and_then(|index| self.values[index]);
         let last = value(0)?;
         if (0..=3).contains(&last) {
             let period = value(1).filter(|period| *period >= LEAST_PERIOD)?;
@@ -172,10 +171,33 @@ impl Check {
         Some(Answer { asks: Asks::Buffer, kind, value: last })
     }
 
+    /// Whether all the lines that came may be the beginning of the answer to the line that was sent last.
+    pub(super) fn may_be_own(&self) -> bool {
+        let Some(values) = REPLY_LINES.checked_sub(self.lines).map(|first| &self.values[first..]) else {
+            return false;
+        };
+        let [Some(first), rest @ ..] = values else { return false };
+        match self.asks {
+            Asks::Buffer => self.lines <= self.kind + 2 && rest.iter().all(|value| value == &Some(*first)),
+            Asks::Handshake => {
+                let (periods, last) = rest.split_at(rest.len().min(self.kind + 1));
+                let is_period = |value: &Option<i64>| *value >= Some(LEAST_PERIOD) && *value == periods[0];
+                (0..=3).contains(first)
+                    && periods.iter().all(is_period)
+                    && [&[][..], &[Some(*first)]].contains(&last)
+            }
+        }
+    }
+
     /// What the board has answered to the line that was sent last, if it has.
-    fn own_answer(&self) -> Option<i64> {
+    pub(super) fn own_answer(&self) -> Option<i64> {
         let own = |answer: &Answer| (answer.asks, answer.kind) == (self.asks, self.kind);
         self.answer().filter(own).map(|answer| answer.value)
+    }
+
+    /// It is sent at once: nothing else is in doubt.
+    pub(super) const fn go_at(&mut self, now: Instant) {
+        self.not_before = now;
     }
 
     /// How long it need not be sent.
@@ -209,22 +231,40 @@ impl AsciiQueue {
     ) -> Result<(), PortError> {
         let is_closed = self.buffer.is_known(now) && !self.buffer.is_open();
         let asks = if is_closed { Asks::Handshake } else { Asks::Buffer };
-        if now >= self.check.not_before && self.ports.begin_open_ended(bus, self.check.next(asks))? {
-            self.check.sent(asks);
-            self.start(InFlight::Check, now + PATIENCE, publisher, now);
+        let refused = self.refused.as_ref().map(|refused| refused.under_way.command);
+        let shown = self.check.given_up.map(|given_up| given_up.by.shown);
+        let before = match &refused {
+            Some(InFlight::Line(line)) => Some(line.line.as_bytes()),
+            _ => shown.as_ref().map(Text::as_bytes),
+        };
+        let line = self.check.next(asks, before);
+        if now >= self.check.not_before && self.ports.begin_open_ended(bus, line)? {
+            self.check.sent(asks, before);
+            self.start(InFlight::Check, self.check_deadline(now), publisher, now);
         }
         Ok(())
     }
 
+    /// Until when our line is waited for; where a line is behind which it goes, as long as that one's caller waits.
+    fn check_deadline(&self, now: Instant) -> Instant {
+        let deadline = now + PATIENCE;
+        self.refused.as_ref().map_or(deadline, |refused| deadline.max(refused.under_way.deadline))
+    }
+
     /// Something came; more may.
     pub(super) fn see_check(&mut self, now: Instant) {
+        let until = self.check_deadline(now);
         if let Some(UnderWay { command: InFlight::Check, deadline, .. }) = &mut self.under_way {
-            *deadline = now + PATIENCE;
+            *deadline = until;
         }
     }
 
     /// A reply has ended: that to our line, or a late one.
     pub(super) fn end_check(&mut self, result: Result<(), u16>, now: Instant) {
+        if self.check.own_answer().is_some() && result.is_err() {
+            // A program's, before the end of the reply.
+            return self.see_check(now);
+        }
         let Some(value) = self.check.own_answer() else {
             self.identifier.late_answer();
             // A late one to a line of ours says nothing of how the board answers them.
@@ -279,7 +319,8 @@ impl AsciiQueue {
         if self.check.asks == Asks::Buffer {
             self.buffer.learn(Some(value), now);
         }
-        if self.check.asks == Asks::Handshake || self.buffer.is_open() {
+        let is_settled = self.buffer.is_open() || self.ports.doubts_error_alone();
+        if self.check.asks == Asks::Handshake || is_settled {
             self.end_doubt(now);
         } else {
             self.ports.finish(now);
@@ -310,8 +351,6 @@ impl AsciiQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::shared::queue::Origin;
-    use crate::format::Text;
 
     #[test]
     fn b2_1_no_line_goes_whose_reply_the_line_given_up_may_have() {
@@ -321,19 +360,48 @@ mod tests {
             ("P1P2P2P1", "I3 I10 I3"),
             ("SLOW", "I3 I10 I3"),
         ] {
-            let mut check = Check::new(Instant::now());
-            let by = Origin { uid: 0, shown: Text::from_bytes(given_up.as_bytes()), stays: false };
-            check.give_up(GivenUp { by, since: Instant::now() });
-            assert_eq!(check.next(Asks::Handshake), next.as_bytes(), "{given_up}");
+            let check = Check::new(Instant::now());
+            assert_eq!(check.next(Asks::Handshake, Some(given_up.as_bytes())), next.as_bytes(), "{given_up}");
         }
     }
 
     /// What the third line is believed to be answered by these lines.
     fn answer(lines: &[&str]) -> Option<i64> {
         let mut check = Check::new(Instant::now());
-        (0..3).for_each(|_| check.sent(Asks::Handshake));
+        (0..3).for_each(|_| check.sent(Asks::Handshake, None));
         lines.iter().for_each(|line| check.line(line.as_bytes()));
         check.own_answer()
+    }
+
+    #[test]
+    fn what_cannot_begin_the_reply_to_our_own_line_is_known_at_once() {
+        let may_be = |asks, lines: &[&str]| {
+            let mut check = Check::new(Instant::now());
+            (0..2).for_each(|_| check.sent(asks, None));
+            lines.iter().for_each(|line| check.line(line.as_bytes()));
+            check.may_be_own()
+        };
+        let handshake = ["2", "3713707", "3713707", "2"];
+        let buffer = ["31000"; 3];
+        for count in 1..=4 {
+            assert!(may_be(Asks::Handshake, &handshake[..count]), "{count}");
+            assert!(count > 3 || may_be(Asks::Buffer, &buffer[..count]), "{count}");
+        }
+        for lines in [
+            &["4"][..],
+            &["X10"],
+            &["2", "96"],
+            &["2", "3713707", "2"],
+            &["2", "3713707", "3713708"],
+            &["2", "3713707", "3713707", "3"],
+            &["2", "3713707", "3713707", "2", "2"],
+            &["0 0 0"],
+        ] {
+            assert!(!may_be(Asks::Handshake, lines), "{lines:?}");
+        }
+        for lines in [&["X10"][..], &["5", "6"], &["5"; 4]] {
+            assert!(!may_be(Asks::Buffer, lines), "{lines:?}");
+        }
     }
 
     #[test]

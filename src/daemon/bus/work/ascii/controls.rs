@@ -28,6 +28,7 @@ impl AsciiQueue {
             return Ok(());
         }
         if let Some(pending) = self.control_pending {
+            self.may_start_program();
             if !self.ports.control_pending(bus, now)? {
                 self.control_pending = None;
                 self.state = CommandState::Answers;
@@ -72,6 +73,7 @@ impl AsciiQueue {
                 self.start(InFlight::Control(first), first.wait.deadline, publisher, now);
             } else {
                 publisher.counters().add(Counter::AsciiCommands, 1);
+                self.may_start_program();
                 self.control_pending = Some(first);
                 let settles = self.ports.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
                 if let Some(under_way) = self.under_way.as_mut().filter(|_| settles)
@@ -87,7 +89,8 @@ impl AsciiQueue {
 
     /// Whether the board has a line, or had one that was given up, which may move something when it is carried out.
     fn line_may_move(&self) -> bool {
-        match &self.under_way {
+        let refused = self.refused.as_ref().map(|refused| &refused.under_way);
+        match refused.or(self.under_way.as_ref()) {
             Some(UnderWay { command: InFlight::Line(line), .. }) => may_move(line.line.as_bytes()),
             Some(UnderWay { command: InFlight::Check, .. }) | None => {
                 self.check.given_up().is_some_and(|given_up| {

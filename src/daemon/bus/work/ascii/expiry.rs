@@ -32,8 +32,11 @@ impl AsciiQueue {
             && (now >= under_way.deadline || under_way.ended_by.is_some())
         {
             self.under_way = None;
+            // Whatever ended our own line, the board does not settle by it any more whose an error was.
+            self.expire_refused(events, true, now);
             self.give_up(bus, events, publisher, &under_way, now)?;
         }
+        self.expire_refused(events, false, now);
         while self.outbox.is_empty() {
             let dropped = self.lines.iter().position(|line| line.dropped_by.is_some());
             if let Some(line) = dropped.and_then(|index| self.lines.remove(index))
@@ -99,11 +102,12 @@ impl AsciiQueue {
     }
 
     /// Whose command this is that the board may have carried out; `None`: our own.
-    fn caller_in_doubt(&mut self, command: &InFlight) -> Option<(Ticket, Origin)> {
+    pub(super) fn caller_in_doubt(&mut self, command: &InFlight) -> Option<(Ticket, Origin)> {
         match command {
-            InFlight::Line(WaitingLine { ticket, line, origin, .. }) => {
-                self.buffer.doubt(line.as_bytes());
-                Some((*ticket, *origin))
+            InFlight::Line(line) => {
+                self.line_over(line);
+                self.buffer.doubt(line.line.as_bytes());
+                Some((line.ticket, line.origin))
             }
             InFlight::Control(WaitingControl { ticket, uid, character, .. }) => {
                 let shown = Text::of(&format_args!("^{}", control::letter(*character)));
@@ -132,21 +136,8 @@ impl AsciiQueue {
         self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
     }
 
-    /// An error came and then a reply, and nobody knows which of them is the command's.
-    pub(super) fn end_doubtful(&mut self, events: &Sender<Event>, number: u16, now: Instant) {
-        let Some(UnderWay { command, since, .. }) = self.under_way.take() else { return };
-        self.ports.doubt();
-        let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
-            return self.give_up_own(command, true, now);
-        };
-        self.check.give_up(GivenUp { by: origin, since });
-        let reason =
-            format_args!("the board reported ERR{number:03}, of the line or of a program, and then answered");
-        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
-    }
-
     /// Ends a line of our own.
-    fn give_up_own(&mut self, command: InFlight, is_cancelled: bool, now: Instant) {
+    pub(super) fn give_up_own(&mut self, command: InFlight, is_cancelled: bool, now: Instant) {
         match command {
             InFlight::Identify if is_cancelled => self.identifier.not_sent(),
             InFlight::Identify => {
@@ -171,14 +162,16 @@ impl AsciiQueue {
     pub(super) fn cancelled_by(&mut self, uid: u32, now: Instant) {
         self.check.reset();
         self.ports.follow_cancel(now);
-        if let Some(under_way) = &mut self.under_way {
+        let refused = self.refused.as_mut().map(|refused| &mut refused.under_way);
+        for under_way in self.under_way.iter_mut().chain(refused) {
             under_way.ended_by = Some(EndedBy { uid, character: CANCEL, unsent: false });
         }
     }
 
     /// What others wait for: the command that was given up, or the line under way.
     fn holds_port(&self) -> Option<GivenUp> {
-        let line = match self.under_way {
+        let refused = self.refused.as_ref().map(|refused| refused.under_way);
+        let line = match refused.or(self.under_way) {
             Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
                 Some(GivenUp { by: origin, since })
             }
@@ -209,7 +202,7 @@ impl AsciiQueue {
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         if let Some(holds) = self.holds_port() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
-        } else if waited && !self.ports.in_doubt() {
+        } else if waited && (!self.ports.in_doubt() || self.ports.doubts_error_alone()) {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
             self.fail(events, publisher, ticket, false);

@@ -13,6 +13,11 @@ pub(super) fn may_move(line: &[u8]) -> bool {
     !begins(b"SAVE") && !begins(b"LIST") && (line.iter().any(moves) || is_arrow_alone(line))
 }
 
+/// Whether a line can start a motion program: by `R` or `S`, whatever else it says, by `>`, or by a reset.
+pub(super) fn may_start_program(line: &[u8]) -> bool {
+    may_move(line) && line.iter().any(|byte| b"RS>$".contains(&byte.to_ascii_uppercase()))
+}
+
 /// `&1>` begins to move; `M1->` asks.
 fn is_arrow_alone(line: &[u8]) -> bool {
     (0..line.len()).any(|at| line[at] == b'>' && (at == 0 || line[at - 1] != b'-'))
@@ -41,6 +46,11 @@ mod tests {
         }
         for line in ["#1J+", "&1R", "ENABLE PLC 3", "#1HM", "#1$", "&1<", "&1>", "&1\\", "&1%100"] {
             assert!(may_move(line.as_bytes()), "{line}");
+        }
+        for (line, starts) in
+            [("&1B5R", true), ("&2s", true), ("&1>", true), ("#1J+", false), ("LIST PROG 1", false)]
+        {
+            assert_eq!(may_start_program(line.as_bytes()), starts, "{line}");
         }
     }
 }

@@ -1,37 +1,54 @@
 //! What the socket is told: at once, or as soon as its queue has room.
 
+use std::collections::VecDeque;
+
+use super::check::REPLY_LINES;
 use crate::daemon::shared::queue::{Event, Sender};
 
 /// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
+/// Events that one response can cause: lines that were held back, the one that shows whose they are, the errors of programs, the end.
+const AT_ONCE: usize = REPLY_LINES + 4;
 
-/// The event that waits for room.
-#[derive(Default)]
+/// The events that wait for room.
 pub(super) struct Outbox {
-    event: Option<Event>,
+    events: VecDeque<Event>,
     /// Lines of a reply told since something else was.
     lines_unheard: u32,
 }
 
+impl Default for Outbox {
+    fn default() -> Self {
+        Self { events: VecDeque::with_capacity(AT_ONCE), lines_unheard: 0 }
+    }
+}
+
 impl Outbox {
     /// Whether nothing waits for room.
-    pub(super) const fn is_empty(&self) -> bool {
-        self.event.is_none()
+    pub(super) fn is_empty(&self) -> bool {
+        self.events.is_empty()
     }
 
     /// Tries to tell what had no room.
     pub(super) fn retry(&mut self, events: &Sender<Event>) {
-        if let Some(event) = self.event.take() {
-            self.tell(events, event);
+        while let Some(event) = self.events.pop_front() {
+            if let Err(event) = self.offer(events, event) {
+                return self.events.push_front(event);
+            }
         }
     }
 
     /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
     pub(super) fn tell(&mut self, events: &Sender<Event>, event: Event) {
-        debug_assert!(self.event.is_none(), "what waits for room is told first");
+        debug_assert!(self.events.len() < AT_ONCE, "what waits for room is told first");
+        let unsent = if self.is_empty() { self.offer(events, event).err() } else { Some(event) };
+        self.events.extend(unsent);
+    }
+
+    fn offer(&mut self, events: &Sender<Event>, event: Event) -> Result<(), Event> {
         let is_line = matches!(event, Event::Line(..));
         self.lines_unheard = if is_line { self.lines_unheard + 1 } else { 0 };
         let wakes = self.lines_unheard.is_multiple_of(LINES_UNHEARD);
-        self.event = if wakes { events.try_send(event) } else { events.try_put(event) }.err();
+        if wakes { events.try_send(event) } else { events.try_put(event) }
     }
 }

@@ -48,6 +48,9 @@ impl AsciiQueue {
             Change::Enabled => info!("command lines: DPRAM, {enable}=1"),
         }
         self.ports.change(change.port());
+        if let Some(refused) = &mut self.refused {
+            refused.under_way.deadline = now;
+        }
         self.state = CommandState::Unknown;
         self.poll_now(now);
     }

@@ -1,0 +1,63 @@
+//! Whether an error may be that of a program's `CMD`.
+//!
+//! With I6=2 the board reports none of those (Software Reference, I6). Otherwise one may come from a PLC program unless I5=0, and
+//! from a motion program unless the background reports say of every coordinate system that none runs. A report says that of the
+//! time behind the moment at which it was asked for, and of no time before somebody might have started one through the daemon. A
+//! motion program that another host starts counts from the next report on.
+
+/// Since when no motion program runs.
+#[derive(Debug, Default)]
+pub(super) struct Programs {
+    /// All reports since then say that none runs; CLOCK_MONOTONIC.
+    none_since: Option<u64>,
+    /// One may have been started at this time.
+    started: u64,
+}
+
+impl Programs {
+    /// The last report, asked for at `asked_ns`, says whether a motion program runs; `None`: none tells.
+    pub(super) fn see(&mut self, told: Option<(bool, u64)>) {
+        match told {
+            Some((false, asked_ns)) if asked_ns >= self.started => {
+                self.none_since.get_or_insert(asked_ns);
+            }
+            _ => self.none_since = None,
+        }
+    }
+
+    /// Something was sent, or has ended, at `now_ns` that may have started one.
+    pub(super) fn may_have_started(&mut self, now_ns: u64) {
+        (self.none_since, self.started) = (None, now_ns);
+    }
+
+    /// Whether none has run since `since_ns`.
+    pub(super) fn none_ran(&self, since_ns: u64) -> bool {
+        self.none_since.is_some_and(|none_since| none_since <= since_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_program_ran_where_every_report_since_says_so() {
+        let mut programs = Programs::default();
+        assert!(!programs.none_ran(100), "no report");
+        programs.see(Some((false, 100)));
+        assert!(programs.none_ran(100) && !programs.none_ran(99));
+        programs.see(Some((false, 150)));
+        assert!(programs.none_ran(100));
+        for runs in [Some((true, 200)), None] {
+            programs.see(runs);
+            assert!(!programs.none_ran(u64::MAX));
+            programs.see(Some((false, 250)));
+            assert!(programs.none_ran(250) && !programs.none_ran(200));
+        }
+        programs.may_have_started(300);
+        programs.see(Some((false, 299)));
+        assert!(!programs.none_ran(u64::MAX), "the report is older");
+        programs.see(Some((false, 300)));
+        assert!(programs.none_ran(300));
+    }
+}
