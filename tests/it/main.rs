@@ -17,6 +17,7 @@ mod dependencies;
 mod dirty;
 mod doctor;
 mod download;
+mod errors;
 mod family;
 mod fields;
 mod format;

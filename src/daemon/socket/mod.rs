@@ -19,6 +19,7 @@ pub mod options;
 mod panel_jogs;
 mod peer_groups;
 pub mod policy;
+mod program_errors;
 mod replay;
 mod resets;
 mod sent_stops;

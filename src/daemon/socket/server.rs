@@ -38,6 +38,7 @@ use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::panel_jogs::PanelJogs;
 use super::policy::{Characters, Peer};
+use super::program_errors::ProgramErrors;
 use super::resets::Resets;
 use super::sent_stops::SentStops;
 use super::sequences::{Found, Sequences};
@@ -128,6 +129,7 @@ struct Service {
     watches: Watches,
     tracing: Tracing,
     audit: AuditLimit,
+    program_errors: ProgramErrors,
     events: Receive<Event>,
     info: Info,
     pulse: Arc<Pulse>,
@@ -157,6 +159,7 @@ impl Service {
             watches: Watches::new(info.settings().plan.variable_read_entries as usize),
             tracing: Tracing::new(trace),
             audit: AuditLimit::default(),
+            program_errors: ProgramErrors::default(),
             events,
             pulse: info.pulse(),
             info,
@@ -385,7 +388,10 @@ impl Service {
                 self.leases.see_motion(self.info.motion(), now);
                 self.line_jogs.see_motion(self.info.motion(), now);
             }
-            Event::Unsolicited(text) => self.clients.pass_on(&text, now),
+            Event::Unsolicited(text) => {
+                self.program_errors.see(&text, now);
+                self.clients.pass_on(&text, now);
+            }
         }
     }
 
