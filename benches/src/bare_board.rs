@@ -51,6 +51,11 @@ impl BareBoard {
 
     /// The lines of the board's reply to `line`.
     pub fn ask(&mut self, line: &str) -> Vec<String> {
+        self.exchange(line).unwrap_or_else(|error| panic!("{line}: ERR{error:03}"))
+    }
+
+    /// The same, or the error.
+    pub fn exchange(&mut self, line: &str) -> Result<Vec<String>, u16> {
         let Self { bus, interrupt, port } = self;
         let (start, mut lines) = (Instant::now(), Vec::new());
         while !port.begin(bus, line.as_bytes()).expect("the bus") {
@@ -59,9 +64,10 @@ impl BareBoard {
         }
         loop {
             match port.poll(bus, Instant::now()).expect("the bus") {
-                Some(AsciiEvent::Done(done)) => {
-                    assert!(done.is_ok(), "{line}: {done:?}");
-                    return lines;
+                Some(AsciiEvent::Done(done)) => return done.map(|()| lines),
+                Some(AsciiEvent::Error(error)) => {
+                    port.believe_error(Instant::now());
+                    return Err(error);
                 }
                 Some(AsciiEvent::Line(text)) => lines.push(text.to_latin1()),
                 Some(_) => {}

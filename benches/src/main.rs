@@ -7,6 +7,7 @@ mod bare_board;
 mod clock;
 mod commands;
 mod daemon;
+mod errors;
 mod growth;
 mod machine;
 mod poll;
@@ -21,6 +22,7 @@ const USAGE: &str =
        pmac-dpram-bench daemon [ROUNDS [SECONDS]]
        pmac-dpram-bench bare [ROUNDS [SECONDS]]
        pmac-dpram-bench commands [ROUNDS]
+       pmac-dpram-bench errors [ROUNDS]
        pmac-dpram-bench poll [ROUNDS]
        pmac-dpram-bench turbo [SECONDS]
        pmac-dpram-bench allocation [SECONDS]
@@ -39,6 +41,7 @@ fn main() {
         Some("daemon") => daemon::run(number(1, 3) as usize, number(2, 5)),
         Some("growth") => growth::run(number(1, 4)),
         Some("commands") => commands::run(number(1, 5) as usize),
+        Some("errors") => errors::run(number(1, 3) as usize),
         Some("bare") => exit(bare::run(number(1, 5) as usize, number(2, 5))),
         Some("poll") => exit(poll::run(number(1, 5) as usize)),
         Some("turbo") => exit(turbo::run(number(1, 60))),
