@@ -86,7 +86,8 @@ static void latest(const struct pmac_region *entry, struct sample *sample)
 
 static bool is_old(uint64_t now, uint64_t since, uint64_t limit)
 {
-    return limit != 0 && now > since && now - since > limit;
+    /* A time more than a second ahead of now is by another clock. */
+    return limit != 0 && (now > since ? now - since > limit : since - now > 1000000000);
 }
 
 static int64_t fixed48(const uint32_t halves[2])

@@ -10,6 +10,10 @@ use super::sample::Stamp;
 /// Data are old after this many periods without an update.
 const PERIODS: u64 = 10;
 
+/// A time further ahead of now than this is by another clock, so it tells no age: `pmacd` runs in another time namespace, or was
+/// restored from a checkpoint.
+const AHEAD_NS: u64 = 1_000_000_000;
+
 /// The age limit of a region that expects an update every `period_ns`: ten periods, at least `least_ns`. All in
 /// nanoseconds.
 #[must_use]
@@ -18,10 +22,14 @@ pub const fn limit_ns(least_ns: u64, period_ns: u64) -> u64 {
     if least_ns > periods { least_ns } else { periods }
 }
 
-/// Whether data of `time_ns` are too old at `now_ns`. A limit of 0 means never.
+/// Whether data of `time_ns` are too old at `now_ns`, or so far ahead of it that nobody knows their age. A limit of 0 means never.
 #[must_use]
 pub const fn is_old(time_ns: u64, now_ns: u64, limit_ns: u64) -> bool {
-    limit_ns != 0 && now_ns.saturating_sub(time_ns) > limit_ns
+    limit_ns != 0 && (now_ns.saturating_sub(time_ns) > limit_ns || is_ahead(time_ns, now_ns))
+}
+
+const fn is_ahead(time_ns: u64, now_ns: u64) -> bool {
+    time_ns.saturating_sub(now_ns) > AHEAD_NS
 }
 
 /// Why data are not live. The text says what to do, where the user can do something.
@@ -33,6 +41,11 @@ pub enum Staleness {
     DaemonStopped {
         /// Time since the last heartbeat, in nanoseconds.
         silent_ns: u64,
+    },
+    /// Heartbeat or sample are by another clock than this program's.
+    OtherClock {
+        /// How far they are ahead of now, in nanoseconds.
+        ahead_ns: u64,
     },
     /// The daemon is still identifying its board.
     Starting,
@@ -53,14 +66,15 @@ impl Staleness {
     /// Why nothing in the segment is live at `now_ns`; `None` when it depends on the region.
     #[must_use]
     pub fn of_segment(condition: Condition, header: &HeaderInfo, now_ns: u64) -> Option<Self> {
-        let silent = is_old(header.heartbeat_ns, now_ns, header.heartbeat_limit_ns);
         match condition {
             Condition::Live => None,
             Condition::Init => Some(Self::Starting),
-            Condition::Stale if silent => {
-                Some(Self::DaemonStopped { silent_ns: now_ns.saturating_sub(header.heartbeat_ns) })
+            Condition::Stale if !is_old(header.heartbeat_ns, now_ns, header.heartbeat_limit_ns) => {
+                Some(Self::BoardSilent)
             }
-            Condition::Stale => Some(Self::BoardSilent),
+            Condition::Stale => {
+                Some(Self::of_age(header.heartbeat_ns, now_ns, |silent_ns| Self::DaemonStopped { silent_ns }))
+            }
             Condition::Dead | Condition::OwnerGone | Condition::Replaced => Some(Self::DaemonGone),
         }
     }
@@ -68,15 +82,21 @@ impl Staleness {
     /// Why a sample is not live at `now_ns`, although the segment as a whole is.
     #[must_use]
     pub fn of_sample(region: &RegionInfo, stamp: &Stamp, now_ns: u64) -> Option<Self> {
-        let age_ns = now_ns.saturating_sub(stamp.time_ns);
+        let too_old = || Self::of_age(stamp.time_ns, now_ns, |age_ns| Self::NoUpdates { age_ns });
         match region.state {
             RegionState::Off => Some(Self::Off),
-            RegionState::Stale => Some(Self::NoUpdates { age_ns }),
-            RegionState::Live if is_old(stamp.time_ns, now_ns, region.stale_after_ns) => {
-                Some(Self::NoUpdates { age_ns })
-            }
+            RegionState::Stale => Some(too_old()),
+            RegionState::Live if is_old(stamp.time_ns, now_ns, region.stale_after_ns) => Some(too_old()),
             RegionState::Live if !stamp.valid => Some(Self::NotWhole),
             RegionState::Live => None,
+        }
+    }
+
+    /// Of what [`is_old`]: that it is by another clock, or what `of_age` says of its age.
+    fn of_age(time_ns: u64, now_ns: u64, of_age: impl FnOnce(u64) -> Self) -> Self {
+        match is_ahead(time_ns, now_ns) {
+            true => Self::OtherClock { ahead_ns: time_ns - now_ns },
+            false => of_age(now_ns.saturating_sub(time_ns)),
         }
     }
 
@@ -86,6 +106,7 @@ impl Staleness {
         match self {
             Self::DaemonGone => "daemon_gone",
             Self::DaemonStopped { .. } => "daemon_stopped",
+            Self::OtherClock { .. } => "other_clock",
             Self::Starting => "starting",
             Self::BoardSilent => "board_silent",
             Self::Off => "off",
@@ -110,6 +131,12 @@ impl fmt::Display for Staleness {
                     seconds(*silent_ns)
                 )
             }
+            Self::OtherClock { ahead_ns } => write!(
+                f,
+                "pmacd's times are {:.1} s ahead of this program's clock, so nobody knows how old the data are; run this program \
+                in pmacd's time namespace, and restart a pmacd that was restored from a checkpoint",
+                seconds(*ahead_ns)
+            ),
             Self::Starting => f.write_str("pmacd is still identifying the board"),
             Self::BoardSilent => f.write_str(
                 "the board does not answer; look at its power, cable and address, or switch on what pmacd may use of it (servo \
@@ -142,5 +169,12 @@ mod tests {
         assert!(!is_old(1000, 1100, 100) && is_old(1000, 1101, 100));
         assert!(!is_old(0, u64::MAX, 0));
         assert!(!is_old(1000, 900, 1), "a sample taken after now is not old");
+    }
+
+    #[test]
+    fn a_time_more_than_a_second_ahead_of_now_is_no_sign_of_life() {
+        let (now, limit) = (5_000_000_000, 300_000_000);
+        assert!(!is_old(now + AHEAD_NS, now, limit) && is_old(now + AHEAD_NS + 1, now, limit));
+        assert!(!is_old(u64::MAX, 0, 0));
     }
 }

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use pmac_dpram::segment::{
     BlockPlace, ClockKind, Condition, Counter, CreateOptions, Identity, Publisher, Read, RegionId,
-    RegionSpec, RegionState, Sample, SegmentName, Stamp, State, Subscriber, WaitOutcome, identity, layout,
-    monotonic_ns,
+    RegionSpec, RegionState, Sample, SegmentName, Staleness, Stamp, State, Subscriber, WaitOutcome, identity,
+    layout, monotonic_ns,
 };
 
 use crate::support::wait_until;
@@ -238,6 +238,32 @@ fn only_what_is_live_valid_and_young_is_fresh() {
     assert!(fresh(good, 0));
     publisher.set_state(State::Dead);
     assert!(!fresh(good, 0), "the owner said farewell");
+}
+
+/// As in a time namespace, or of a container that was restored on a machine that has run for less time.
+#[test]
+fn a_heartbeat_or_a_sample_more_than_a_second_ahead_of_now_is_no_sign_of_life() {
+    let directory = tempfile::tempdir().unwrap();
+    let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+    let reader = attach(directory.path());
+    publisher.set_state(State::Live);
+    publisher.set_region_state(RegionId::Servo, RegionState::Live);
+    let now = monotonic_ns();
+    let day_ahead = now + 86_400_000_000_000;
+    let stamp = |time_ns: u64| Stamp { time_ns, servo_timer: 0, valid: true };
+    let why = |time_ns: u64| {
+        let region = reader.region(RegionId::Servo).unwrap();
+        let segment = Staleness::of_segment(reader.header_condition(now), &reader.header(), now);
+        segment.or_else(|| Staleness::of_sample(&region, &stamp(time_ns), now))
+    };
+    publisher.beat(now + 1_000_000_000);
+    assert_eq!(why(now + 1_000_000_000), None);
+    let other_clock = Staleness::OtherClock { ahead_ns: 86_400_000_000_000 };
+    assert_eq!(why(day_ahead), Some(other_clock), "the daemon was restored, and the board is silent since");
+    publisher.beat(day_ahead);
+    assert_eq!((reader.header_condition(now), why(now)), (Condition::Stale, Some(other_clock)));
+    assert!(!reader.is_fresh(RegionId::Servo, &stamp(now), now));
+    assert!(other_clock.to_string().starts_with("pmacd's times are 86400.0 s ahead of"));
 }
 
 #[test]

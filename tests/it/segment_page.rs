@@ -289,11 +289,30 @@ fn example(rig: &Rig) -> (bool, String) {
     (ran.status.success(), String::from_utf8(printed).unwrap())
 }
 
+/// What the longer example says of the servo sample.
+fn segment_reader_finds_it_fresh(rig: &Rig) -> bool {
+    let program = "import sys; from segment_reader import Segment; segment = Segment(sys.argv[1]); \
+                   servo = segment.regions['servo']; print(segment.is_fresh(servo, servo.latest()))";
+    let mut python = Command::new("python3");
+    python.args(["-c", program]).arg(rig.publisher.path());
+    let ran = python.env("PYTHONPATH", concat!(env!("CARGO_MANIFEST_DIR"), "/examples")).output().unwrap();
+    let printed = String::from_utf8(ran.stdout).unwrap();
+    assert!(["True\n", "False\n"].contains(&printed.as_str()), "{}", String::from_utf8_lossy(&ran.stderr));
+    printed == "True\n"
+}
+
 #[test]
 #[ignore = "needs python3"]
-fn with_python_the_example_prints_where_motor_2_is() {
+fn with_python_the_example_prints_where_motor_2_is_and_whether_that_is_fresh() {
     let rig = Rig::new().live();
     assert_eq!(example(&rig), (true, "motor 2: -24.0 counts, fresh\n".to_owned()));
+    assert!(segment_reader_finds_it_fresh(&rig));
+    let old = (true, "motor 2: -24.0 counts, old\n".to_owned());
+    let now_ns = pmac_dpram::segment::monotonic_ns();
+    rig.publisher.beat(now_ns + 60_000_000_000);
+    assert_eq!(example(&rig), old, "a heartbeat by another clock");
+    assert!(!segment_reader_finds_it_fresh(&rig));
+    rig.publisher.beat(now_ns);
     rig.publisher.set_region_state(RegionId::Servo, pmac_dpram::segment::RegionState::Stale);
-    assert_eq!(example(&rig), (true, "motor 2: -24.0 counts, old\n".to_owned()));
+    assert_eq!(example(&rig), old);
 }

@@ -19,7 +19,7 @@ use serde_json::json;
 use self::report::{Level, Report};
 use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection, View, identity};
+use crate::client::{Board, CommandError, Connection, Staleness, View, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
@@ -232,23 +232,19 @@ fn segment(report: &mut Report, context: &Context) -> Option<Board> {
     let path = subscriber.path().display();
     report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
     let pid = header.owner_pid;
-    let age_ms = subscriber.now_ns().saturating_sub(header.heartbeat_ns) / 1_000_000;
-    let limit_ms = header.heartbeat_limit_ns / 1_000_000;
-    match subscriber.condition() {
-        Condition::Dead | Condition::OwnerGone | Condition::Replaced => {
-            report.add(
-                Level::Fail,
-                "daemon",
-                format!("process {pid}, which made the segment, is gone; start pmacd"),
-            );
-        }
-        _ if age_ms > limit_ms => {
-            let text = format!(
-                "process {pid} last showed a heartbeat {age_ms} ms ago (limit {limit_ms} ms); continue or restart it"
-            );
+    let now_ns = subscriber.now_ns();
+    match Staleness::of_segment(subscriber.condition(), &header, now_ns) {
+        Some(Staleness::DaemonGone) => {
+            let text = format!("process {pid}, which made the segment, is gone; start pmacd");
             report.add(Level::Fail, "daemon", text);
         }
-        _ => report.add(Level::Ok, "daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago")),
+        Some(why @ (Staleness::DaemonStopped { .. } | Staleness::OtherClock { .. })) => {
+            report.add(Level::Fail, "daemon", format!("process {pid}: {why}"));
+        }
+        _ => {
+            let age_ms = now_ns.saturating_sub(header.heartbeat_ns) / 1_000_000;
+            report.add(Level::Ok, "daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago"));
+        }
     }
     Some(board)
 }
