@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use pmac_dpram::client::{Board as Client, CommandError, Connection, HeldJog, OwnBuffer, Staleness};
+use pmac_dpram::client::{
+    Board as Client, ClientError, CommandError, Connection, HeldJog, OwnBuffer, Staleness,
+};
 use pmac_dpram::protocol::calls::LeftLines;
 use pmac_dpram::protocol::control::parse;
 use pmac_dpram::segment::{SegmentName, UserUnit};
@@ -16,6 +18,7 @@ use crate::data::Snapshot;
 use crate::errors::{of_client, of_command, of_command_saying, refused, stale};
 use crate::gather::{Gathered, gather};
 use crate::identity::Identity;
+use crate::per_process::{PerProcess, lock};
 use crate::rotary::{Streamed, Wish, stream};
 use crate::updates::Updates;
 
@@ -32,9 +35,9 @@ pub fn duration(seconds: f64) -> PyResult<Duration> {
 pub struct Board {
     name: SegmentName,
     socket: PathBuf,
-    client: Mutex<Client>,
+    client: PerProcess<Client>,
     /// Apart from the client: who reads does not wait for a command.
-    connection: Mutex<Commands>,
+    connection: PerProcess<Commands>,
 }
 
 /// The way of a board's command lines.
@@ -59,13 +62,18 @@ fn attach(name: Option<&str>, socket: Option<&Path>) -> PyResult<Client> {
 }
 
 impl Board {
-    /// Its client. A call that panicked has left nothing half done in it.
-    fn client(&self) -> MutexGuard<'_, Client> {
-        self.client.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Reads from the segment, while other Python threads go on.
+    fn read<R: Send>(
+        &self,
+        py: Python<'_>,
+        action: impl FnOnce(&mut Client) -> Result<R, ClientError> + Send,
+    ) -> PyResult<R> {
+        let client = self.client.get(|| Client::attach(self.name.as_str()).map_err(of_client))?;
+        py.detach(|| action(&mut lock(&client))).map_err(of_client)
     }
 
-    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew; where the daemon at its
-    /// other end had gone before, the call goes to the one that is there now.
+    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew, and so is the parent's in a
+    /// forked child; where the daemon at its other end had gone before, the call goes to the one that is there now.
     fn send<R: Send>(
         &self,
         py: Python<'_>,
@@ -81,10 +89,11 @@ impl Board {
         confirmed: bool,
         action: impl Fn(&mut Connection, &mut OwnBuffer) -> Result<R, CommandError> + Send + Sync,
     ) -> PyResult<R> {
+        let commands = self.connection.get(|| Ok(Commands::default()))?;
         let result = py.detach(|| {
-            let mut kept = self.connection.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut kept = lock(&commands);
             let Commands { connection, own_buffer } = &mut *kept;
-            let (found, is_old) = match connection.take() {
+            let (found, is_old) = match connection.take().filter(|kept| kept.check_process().is_ok()) {
                 Some(connection) => (connection, true),
                 None => (self.connect()?, false),
             };
@@ -114,7 +123,8 @@ impl Board {
     fn new(py: Python<'_>, name: Option<String>, socket: Option<PathBuf>) -> PyResult<Self> {
         let client = py.detach(|| attach(name.as_deref(), socket.as_deref()))?;
         let (name, socket) = (client.name().clone(), client.socket().to_owned());
-        Ok(Self { name, socket, client: Mutex::new(client), connection: Mutex::default() })
+        let (client, connection) = (PerProcess::new(client), PerProcess::new(Commands::default()));
+        Ok(Self { name, socket, client, connection })
     }
 
     /// The board's name.
@@ -133,7 +143,7 @@ impl Board {
     /// Where only the background data are not live, they are left out.
     #[pyo3(signature = (*, stale_ok = false))]
     fn snapshot(&self, py: Python<'_>, stale_ok: bool) -> PyResult<Snapshot> {
-        let found = py.detach(|| self.client().snapshot()).map_err(of_client)?;
+        let found = self.read(py, |client| client.snapshot())?;
         let none = found.stale.unwrap_or(Staleness::Off);
         let snapshot = Snapshot::of(found, stale_ok).ok_or_else(|| stale(none))?;
         match snapshot.servo_staleness() {
@@ -149,11 +159,11 @@ impl Board {
         let end = Instant::now() + duration(timeout)?;
         let after = match after {
             Some(after) => after,
-            None => py.detach(|| self.client().servo_sequence()).map_err(of_client)?,
+            None => self.read(py, |client| client.servo_sequence())?,
         };
         loop {
             let left = end.saturating_duration_since(Instant::now());
-            if py.detach(|| self.client().wait(after, left.min(SLICE))).map_err(of_client)? {
+            if self.read(py, |client| client.wait(after, left.min(SLICE)))? {
                 return Ok(true);
             }
             if left.is_zero() {
@@ -166,7 +176,7 @@ impl Board {
     /// Servo updates from number `since` on, at most `most`, and how many of that stretch were lost.
     #[pyo3(signature = (since = 1, most = 65536))]
     fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
-        let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
+        let history = self.read(py, |client| client.history(since, most))?;
         let samples = history.samples.into_iter().map(|update| Snapshot::of_update(update, None));
         Ok((samples.collect(), history.lost))
     }
@@ -181,7 +191,7 @@ impl Board {
         most: usize,
     ) -> PyResult<Columns> {
         let mut taken = Columns::new(columns)?;
-        let history = py.detach(|| self.client().history(since, most)).map_err(of_client)?;
+        let history = self.read(py, |client| client.history(since, most))?;
         taken.lose(history.lost);
         history.samples.iter().for_each(|update| taken.push(update));
         Ok(taken)
@@ -189,14 +199,14 @@ impl Board {
 
     /// The name of each motor that `pmacd`'s configuration gives one.
     fn names(&self, py: Python<'_>) -> PyResult<BTreeMap<usize, String>> {
-        let found = py.detach(|| self.client().identity()).map_err(of_client)?;
+        let found = self.read(py, |client| client.identity())?;
         let named = found.names.iter().zip(1..);
         Ok(named.filter_map(|(name, motor)| Some((motor, name.as_ref()?.to_string()))).collect())
     }
 
     /// The unit of each motor that `pmacd`'s configuration gives one, and how many counts it is.
     fn units(&self, py: Python<'_>) -> PyResult<BTreeMap<usize, (String, f64)>> {
-        let found = py.detach(|| self.client().identity()).map_err(of_client)?;
+        let found = self.read(py, |client| client.identity())?;
         let units = found.units.iter().zip(1..);
         let told = |unit: &UserUnit| (unit.name.to_string(), unit.counts_per_unit);
         Ok(units.filter_map(|(unit, motor)| Some((motor, told(unit.as_ref()?)))).collect())
@@ -204,7 +214,7 @@ impl Board {
 
     /// What the board is, as it has told `pmacd`.
     fn identity(&self, py: Python<'_>) -> PyResult<Identity> {
-        let told = py.detach(|| self.client().identity()).map_err(of_client)?;
+        let told = self.read(py, |client| client.identity())?;
         Ok(Identity::of(&told))
     }
 
@@ -309,7 +319,7 @@ pub struct Jog {
 impl Jog {
     /// Without `pmacd` nobody stops the motor: that has to be said, and not only that the stop was not carried out.
     fn not_stopped(&self, error: CommandError) -> PyErr {
-        if matches!(error, CommandError::Refused(_)) {
+        if matches!(error, CommandError::Refused(_) | CommandError::OtherProcess { .. }) {
             return of_command(error);
         }
         let message = format!(
@@ -325,24 +335,23 @@ impl Jog {
 impl Jog {
     fn __enter__<'py>(jog: Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, Self>> {
         let this = jog.get();
-        let connection = this.connection.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let connection = lock(&this.connection).take();
         let connection = connection.ok_or_else(|| refused("this jog is over; ask for another one"))?;
         let held =
             py.detach(|| HeldJog::begin(connection, this.action, &[this.motor])).map_err(of_command)?;
-        *this.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(held);
+        *lock(&this.held) = Some(held);
         Ok(jog)
     }
 
     /// Whether the motor is still held; false when the daemon has stopped it.
     #[getter]
     fn is_held(&self) -> bool {
-        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        held.as_ref().is_some_and(HeldJog::is_held)
+        lock(&self.held).as_ref().is_some_and(HeldJog::is_held)
     }
 
     #[pyo3(signature = (*_error))]
     fn __exit__(&self, py: Python<'_>, _error: Bound<'_, pyo3::types::PyTuple>) -> PyResult<bool> {
-        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let held = lock(&self.held).take();
         match held {
             Some(held) => py.detach(|| held.stop()).map(|_| false).map_err(|error| self.not_stopped(error)),
             None => Ok(false),

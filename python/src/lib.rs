@@ -6,6 +6,7 @@ mod data;
 mod errors;
 mod gather;
 mod identity;
+mod per_process;
 mod rotary;
 mod updates;
 

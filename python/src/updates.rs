@@ -1,17 +1,18 @@
 //! Every servo update in turn, none twice, and exactly how many were lost or missed.
 
 use std::collections::VecDeque;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pmac_dpram::client::{Board as Client, ClientError, Follower, Staleness, Step};
-use pmac_dpram::segment::Counter;
+use pmac_dpram::segment::{Counter, SegmentName};
 use pyo3::prelude::*;
 
 use crate::board::{SLICE, duration};
 use crate::columns::Columns;
 use crate::data::Snapshot;
 use crate::errors::{of_client, stale};
+use crate::per_process::{PerProcess, lock};
 
 struct Taking {
     client: Client,
@@ -27,13 +28,23 @@ struct Taking {
 /// Servo updates from now on, of the present daemon and of those that follow it.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Updates {
-    taking: Mutex<Taking>,
+    name: SegmentName,
+    taking: PerProcess<Taking>,
     /// Apart from the taking: who takes does not wait for who waits.
-    waiting: Mutex<Client>,
+    waiting: PerProcess<Client>,
     timeout: Duration,
 }
 
 impl Taking {
+    /// From the next update on.
+    fn begin(mut client: Client) -> PyResult<Self> {
+        let follower = Follower::new(&mut client).map_err(of_client)?;
+        let subscriber = client.subscriber();
+        let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
+        let (taken, lost, missed) = (VecDeque::new(), 0, 0);
+        Ok(Self { client, follower, taken, lost, missed, missed_before, generation })
+    }
+
     /// Takes what has come. Whether there is any.
     fn take(&mut self) -> Result<bool, ClientError> {
         if !self.taken.is_empty() {
@@ -75,19 +86,19 @@ impl Taking {
 
 impl Updates {
     /// From the next update on.
-    pub fn begin(mut client: Client, timeout: Duration) -> PyResult<Self> {
-        let follower = Follower::new(&mut client).map_err(of_client)?;
-        let subscriber = client.subscriber();
-        let (generation, missed_before) = (subscriber.generation(), subscriber.counter(Counter::Missed));
-        let (taken, lost, missed) = (VecDeque::new(), 0, 0);
-        let waiting = Client::attach(client.name().as_str()).map_err(of_client)?;
-        let taking = Taking { client, follower, taken, lost, missed, missed_before, generation };
-        Ok(Self { taking: Mutex::new(taking), waiting: Mutex::new(waiting), timeout })
+    pub fn begin(client: Client, timeout: Duration) -> PyResult<Self> {
+        let name = client.name().clone();
+        let (taking, waiting) = (PerProcess::new(Taking::begin(client)?), PerProcess::new(attach(&name)?));
+        Ok(Self { name, taking, waiting, timeout })
     }
 
-    fn taking(&self) -> MutexGuard<'_, Taking> {
-        self.taking.lock().unwrap_or_else(PoisonError::into_inner)
+    fn taking(&self) -> PyResult<Arc<Mutex<Taking>>> {
+        self.taking.get(|| Taking::begin(attach(&self.name)?))
     }
+}
+
+fn attach(name: &SegmentName) -> PyResult<Client> {
+    Client::attach(name.as_str()).map_err(of_client)
 }
 
 #[pymethods]
@@ -97,8 +108,9 @@ impl Updates {
     #[pyo3(signature = (waited = 0.0))]
     fn take(&self, py: Python<'_>, waited: f64) -> PyResult<Option<Snapshot>> {
         let is_over = duration(waited)? >= self.timeout;
+        let taking = self.taking()?;
         let update = py.detach(|| {
-            let mut taking = self.taking();
+            let mut taking = lock(&taking);
             taking.take()?;
             let update = taking.taken.pop_front();
             let found = if update.is_none() && is_over { Some(taking.client.snapshot()?) } else { None };
@@ -115,16 +127,16 @@ impl Updates {
     #[pyo3(signature = (waited = 0.0))]
     fn wait(&self, py: Python<'_>, waited: f64) -> PyResult<()> {
         let left = self.timeout.saturating_sub(duration(waited)?);
+        let (taking, waiting) = (self.taking()?, self.waiting.get(|| attach(&self.name))?);
         let waited = py.detach(|| {
             let after = {
-                let taking = self.taking();
+                let taking = lock(&taking);
                 if !taking.taken.is_empty() {
                     return Ok(true);
                 }
                 taking.follower.next() - 1
             };
-            let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-            waiting.wait(after, left.min(SLICE))
+            lock(&waiting).wait(after, left.min(SLICE))
         });
         waited.map(drop).map_err(of_client)
     }
@@ -132,21 +144,21 @@ impl Updates {
     /// The updates that have come already, at most `most`. Does not wait.
     #[pyo3(signature = (most = 65536))]
     fn take_all(&self, py: Python<'_>, most: usize) -> PyResult<Vec<Snapshot>> {
-        let mut taken = Vec::new();
-        py.detach(|| self.taking().take_most(most, |update| taken.push(update))).map_err(of_client)?;
+        let (taking, mut taken) = (self.taking()?, Vec::new());
+        py.detach(|| lock(&taking).take_most(most, |update| taken.push(update))).map_err(of_client)?;
         Ok(taken)
     }
 
     /// As [`Self::take_all`], as columns.
     #[pyo3(signature = (columns, most = 65536))]
     fn take_columns(&self, py: Python<'_>, columns: Vec<String>, most: usize) -> PyResult<Columns> {
-        let mut taken = Columns::new(columns)?;
+        let (taking, mut taken) = (self.taking()?, Columns::new(columns)?);
         let push = |update: Snapshot| {
             let (servo, lost) = update.servo();
             taken.lose(lost);
             taken.push(servo);
         };
-        py.detach(|| self.taking().take_most(most, push)).map_err(of_client)?;
+        py.detach(|| lock(&taking).take_most(most, push)).map_err(of_client)?;
         Ok(taken)
     }
 
@@ -164,13 +176,15 @@ impl Updates {
 
     /// How many updates were overwritten before they were taken here. Exact.
     #[getter]
-    fn lost(&self, py: Python<'_>) -> u64 {
-        py.detach(|| self.taking().lost)
+    fn lost(&self, py: Python<'_>) -> PyResult<u64> {
+        let taking = self.taking()?;
+        Ok(py.detach(|| lock(&taking).lost))
     }
 
     /// How many updates of the board the daemon did not read in time, since this began. Exact.
     #[getter]
-    fn missed(&self, py: Python<'_>) -> u64 {
-        py.detach(|| self.taking().missed)
+    fn missed(&self, py: Python<'_>) -> PyResult<u64> {
+        let taking = self.taking()?;
+        Ok(py.detach(|| lock(&taking).missed))
     }
 }

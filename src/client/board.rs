@@ -288,14 +288,14 @@ impl Board {
         Ok(History { samples, lost: cursor.lost(), next: cursor.position() })
     }
 
-    /// The connection to the daemon, made when it is first asked for.
+    /// The connection to the daemon, made when it is first asked for, and anew in a forked child.
     ///
     /// # Errors
     /// [`CommandError::Connect`]; [`CommandError::OtherBoard`] when the daemon there has another board than this.
     pub fn connection(&mut self) -> Result<&mut Connection, CommandError> {
         let connection = match self.connection.take() {
-            Some(connection) => connection,
-            None => Connection::open(&self.socket)?.of_board(&self.name)?,
+            Some(connection) if connection.check_process().is_ok() => connection,
+            _ => Connection::open(&self.socket)?.of_board(&self.name)?,
         };
         Ok(self.connection.insert(connection))
     }

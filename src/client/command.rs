@@ -2,11 +2,15 @@
 //!
 //! Every call is bounded: by the time-out the caller gives the board, plus a second for the daemon to say so. A call
 //! that ran into a time-out leaves its late reply behind, so the next call uses a new connection.
+//!
+//! A connection belongs to the process that made it, with all that the daemon keeps for it. In a forked child every call over it
+//! is an error; the child opens its own.
 
 mod gather;
 pub mod jobs;
 pub mod lines;
 mod link;
+mod messages;
 pub mod rotary;
 pub mod trace;
 pub mod variables;
@@ -19,16 +23,17 @@ use std::time::{Duration, Instant};
 use nix::sys::socket::{getsockopt, sockopt::PeerCredentials};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use self::link::{Link, after};
+pub use self::messages::Messages;
 use crate::map::HostOffset;
 use crate::protocol::board::{ReadReply, ResetsReply, SendReply};
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::transport::connect;
-use crate::protocol::{BOARD, BoardInfo, BoardSettings, Call, CallError, Message, Reply, calls, control};
+use crate::protocol::{BOARD, BoardInfo, BoardSettings, Call, CallError, Reply, calls, control};
 use crate::segment::{SegmentName, is_trusted};
 
 /// How long the daemon itself may take: to accept, and to answer what needs no board.
@@ -71,6 +76,14 @@ pub enum CommandError {
         wanted: String,
         /// The daemon's.
         found: String,
+    },
+    /// The connection was made before this process was forked from the one that made it.
+    #[error(
+        "this connection to pmacd belongs to process {process}, from which this one was forked; open another one here; nothing was sent"
+    )]
+    OtherProcess {
+        /// That process.
+        process: u32,
     },
     /// The daemon did not take the whole call, so it began nothing of it.
     #[error(
@@ -179,6 +192,20 @@ impl Connection {
     /// What calls say that can carry lines.
     fn confirmed(&self) -> Option<bool> {
         self.confirms.then_some(true)
+    }
+
+    /// Whether it may be used here: no other process has made it, from which this one was forked.
+    ///
+    /// # Errors
+    /// [`CommandError::OtherProcess`].
+    pub fn check_process(&self) -> Result<(), CommandError> {
+        self.link.as_ref().map_or(Ok(()), check_process)
+    }
+
+    /// The link, made anew where the one before broke.
+    fn take_link(&mut self) -> Result<Link, CommandError> {
+        self.check_process()?;
+        self.link.take().map_or_else(|| self.dial(), Ok)
     }
 
     fn dial(&self) -> Result<Link, CommandError> {
@@ -345,23 +372,6 @@ impl Connection {
         Ok((reply.time_ns, reply.words))
     }
 
-    /// Turns the connection into a stream of the texts that the board's programs send by themselves.
-    ///
-    /// # Errors
-    /// [`CommandError`].
-    pub fn messages(mut self) -> Result<Messages, CommandError> {
-        let mut call = Call::new(format!("{BOARD}.Messages"), Map::new());
-        call.more = Some(true);
-        let path = self.path.clone();
-        let mut link = match self.link.take() {
-            Some(link) => link,
-            None => self.dial()?,
-        };
-        let sent = link.call(&encode(&call), Instant::now() + DAEMON_TIMEOUT);
-        sent.map_err(|error| not_taken(&path, error))?;
-        Ok(Messages { path, link, ended: false })
-    }
-
     /// As [`Connection::call`], and waits meanwhile if the daemon does not use the function yet.
     pub(super) fn call_used<T: DeserializeOwned>(
         &mut self,
@@ -391,10 +401,7 @@ impl Connection {
         timeout: Duration,
     ) -> Result<(), CommandError> {
         let call = Call::new(format!("{BOARD}.{method}"), to_map(parameters));
-        let mut link = match self.link.take() {
-            Some(link) => link,
-            None => self.dial()?,
-        };
+        let mut link = self.take_link()?;
         link.call(&encode(&call), after(timeout)).map_err(|error| not_taken(&self.path, error))?;
         self.link = Some(link);
         Ok(())
@@ -402,6 +409,7 @@ impl Connection {
 
     /// The reply to the oldest call under way.
     pub(super) fn answer<T: DeserializeOwned>(&mut self, timeout: Duration) -> Result<T, CommandError> {
+        self.check_process()?;
         let Some(mut link) = self.link.take() else {
             let source = io::ErrorKind::NotConnected.into();
             return Err(CommandError::Broken { path: self.path.clone(), source });
@@ -425,6 +433,14 @@ fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, 
             }
             other => return other,
         }
+    }
+}
+
+/// Whether `link` belongs to this process, which may have been forked from the one that made it.
+fn check_process(link: &Link) -> Result<(), CommandError> {
+    match link.process {
+        process if process == std::process::id() => Ok(()),
+        process => Err(CommandError::OtherProcess { process }),
     }
 }
 
@@ -454,42 +470,6 @@ fn fault(path: &Path, error: io::Error) -> CommandError {
     }
 }
 
-/// The texts that the board's programs send by themselves, as they come.
-#[derive(Debug)]
-pub struct Messages {
-    path: PathBuf,
-    link: Link,
-    ended: bool,
-}
-
-impl Messages {
-    /// The next text, or `None` when none has come within `timeout` or the stream has ended.
-    ///
-    /// # Errors
-    /// [`CommandError`] when the connection broke; the stream has then ended.
-    pub fn next_within(&mut self, timeout: Duration) -> Result<Option<Message>, CommandError> {
-        if self.ended {
-            return Ok(None);
-        }
-        let reply = match self.link.next_reply(after(timeout)) {
-            Ok(reply) => reply,
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => return Ok(None),
-            Err(error) => {
-                self.ended = true;
-                return Err(CommandError::StreamEnded { path: self.path.clone(), source: error });
-            }
-        };
-        self.ended = reply.continues != Some(true);
-        read_reply(reply).map(Some)
-    }
-
-    /// Whether no more texts will come: the daemon has ended the stream, or the connection broke.
-    #[must_use]
-    pub fn ended(&self) -> bool {
-        self.ended
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::io::{Read, Write};
@@ -511,6 +491,40 @@ mod tests {
         assert!(matches!(watch.check(), Err(CommandError::Refused(CallError::Busy))));
         drop(theirs);
         assert!(matches!(watch.check(), Err(CommandError::StreamEnded { .. })), "the daemon is gone");
+    }
+
+    #[test]
+    fn in_a_forked_child_no_call_is_sent_and_no_reply_taken_over_the_parents_connection() {
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        theirs.write_all(b"{\"parameters\":{\"lines\":[\"the parent's\"]}}\0").unwrap();
+        theirs.set_nonblocking(true).unwrap();
+        let mut connection = Connection::over(ours, Path::new("x.sock"));
+        let belongs_to = |connection: &mut Connection, process| {
+            connection.link.as_mut().unwrap().process = process;
+        };
+        let parent = std::os::unix::process::parent_id();
+        belongs_to(&mut connection, parent);
+        let is_refused = |result: Result<(), CommandError>| {
+            let error = result.unwrap_err();
+            assert!(matches!(error, CommandError::OtherProcess { process } if process == parent), "{error}");
+            assert!(!error.is_uncertain() && error.to_string().ends_with("nothing was sent"), "{error}");
+        };
+        let second = Duration::from_secs(1);
+        for _ in 0..2 {
+            is_refused(connection.send("P1=5", second).map(drop));
+            is_refused(connection.answer::<SendReply>(second).map(drop));
+            let options = lines::LinesOptions { kind: "download", timeout: second, keep_going: false };
+            is_refused(connection.run_lines(options, &["P1=5"], |_| true).map(drop));
+        }
+        let sent = theirs.read(&mut [0; 64]).unwrap_err();
+        assert_eq!(sent.kind(), io::ErrorKind::WouldBlock);
+        // The parent's own call goes on, and finds its reply.
+        belongs_to(&mut connection, std::process::id());
+        assert_eq!(connection.send("P1", second).unwrap(), ["the parent's"]);
+
+        belongs_to(&mut connection, parent);
+        let registers = ["X:$0028".parse().unwrap()];
+        is_refused(connection.watch_variables(&registers).map(drop));
     }
 
     #[test]

@@ -25,10 +25,12 @@ pub fn jogs_by_panel(connection: &mut Connection) -> Result<bool, CommandError> 
         && connection.info()?.leaves_free(Function::Panel))
 }
 
-/// A held jog. The stop is requested when it is dropped.
+/// A held jog. The stop is requested when it is dropped. In a forked child it does nothing: the parent holds the jog.
 #[derive(Debug)]
 pub struct HeldJog {
     numbers: Vec<u8>,
+    /// The process that holds it.
+    process: u32,
     /// Dropped to end the renewing.
     tell: Option<SyncSender<()>>,
     renewing: Option<JoinHandle<(Connection, Option<CommandError>)>>,
@@ -91,25 +93,33 @@ impl HeldJog {
                 }
             }
         });
-        Self { numbers: numbers.to_vec(), tell: Some(tell), renewing: Some(renewing) }
+        let process = std::process::id();
+        Self { numbers: numbers.to_vec(), process, tell: Some(tell), renewing: Some(renewing) }
     }
 
-    /// Whether it is still renewed; false when the daemon has ended it or cannot be reached.
+    /// Whether this process still renews it; false when the daemon has ended it or cannot be reached, and in a forked child.
     #[must_use]
     pub fn is_held(&self) -> bool {
-        self.renewing.as_ref().is_some_and(|renewing| !renewing.is_finished())
+        self.process == std::process::id()
+            && self.renewing.as_ref().is_some_and(|renewing| !renewing.is_finished())
     }
 
     /// Stops the motors, and returns when the board has taken the stop.
     ///
     /// # Errors
     /// Why the daemon had ended the hold before (the motors were killed or aborted, or a loop has opened), or that the stop was
-    /// not taken. The daemon goes on requesting the stop by itself.
+    /// not taken. The daemon goes on requesting the stop by itself. [`CommandError::OtherProcess`] in a forked child; nothing is
+    /// stopped then.
     pub fn stop(mut self) -> Result<Connection, CommandError> {
         self.end()
     }
 
     fn end(&mut self) -> Result<Connection, CommandError> {
+        if self.process != std::process::id() {
+            // The thread is not in this process: neither may be waited for, nor what it may have locked be touched.
+            std::mem::forget((self.tell.take(), self.renewing.take()));
+            return Err(CommandError::OtherProcess { process: self.process });
+        }
         drop(self.tell.take());
         let ended = self.renewing.take().and_then(|renewing| renewing.join().ok());
         let Some((mut connection, before)) = ended else {

@@ -1,7 +1,7 @@
 //! A board at the end of a serial line: for set-up, before its DPRAM is switched on.
 //!
 //! Eight data bits, no parity, one stop bit, no flow control. The line is taken for this process alone (an advisory
-//! lock), and every wait is bounded.
+//! lock), and every wait is bounded. In a forked child it answers with an error: the answers are the parent's.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -54,6 +54,14 @@ pub enum SerialError {
         /// The device.
         path: PathBuf,
     },
+    /// It was opened before this process was forked from the one that opened it.
+    #[error("{path}: process {process}, from which this one was forked, uses it; nothing was sent")]
+    OtherProcess {
+        /// The device.
+        path: PathBuf,
+        /// That process.
+        process: u32,
+    },
     /// A rate that the line does not have.
     #[error("{baud} baud is none of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200")]
     Rate {
@@ -99,6 +107,8 @@ pub struct SerialLine {
     baud: u32,
     file: Flock<File>,
     handshake: Handshake,
+    /// The process that has opened it.
+    process: u32,
 }
 
 impl SerialLine {
@@ -132,7 +142,7 @@ impl SerialLine {
         tcsetattr(&*file, OptionalActions::Now, &settings).map_err(|error| port(error.into()))?;
         tcflush(&*file, QueueSelector::IOFlush).map_err(|error| port(error.into()))?;
         let handshake = Handshake { line_feeds: false, acknowledge: false, checksum: false };
-        let mut line = Self { path: path.to_owned(), baud, file, handshake };
+        let mut line = Self { path: path.to_owned(), baud, file, handshake, process: std::process::id() };
         // What somebody left half-sent is not carried out.
         line.write(&[CANCEL])?;
         line.recognise()?;
@@ -202,8 +212,11 @@ impl SerialLine {
         }
     }
 
-    /// Throws away what came unasked.
+    /// Throws away what came unasked, before anything is sent.
     fn drain(&mut self) -> Result<(), SerialError> {
+        if self.process != std::process::id() {
+            return Err(SerialError::OtherProcess { path: self.path.clone(), process: self.process });
+        }
         tcflush(&*self.file, QueueSelector::IFlush).map_err(|error| self.port(error.into()))
     }
 

@@ -144,10 +144,7 @@ impl<'c> LineSequence<'c> {
         };
         let mut call = Call::new(format!("{BOARD}.RunLines"), to_map(&parameters));
         call.more = Some(true);
-        let mut link = match self.connection.link.take() {
-            Some(link) => link,
-            None => self.connection.dial()?,
-        };
+        let mut link = self.connection.take_link()?;
         let path = &self.connection.path;
         link.call(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| not_taken(path, error))?;
         loop {

@@ -1,4 +1,5 @@
-//! The socket to the daemon: whole calls go out, whole replies come in, and no wait goes beyond its deadline.
+//! The socket to the daemon: whole calls go out, whole replies come in, and no wait goes beyond its deadline. A process that is
+//! forked from this one has the same socket, but neither sends nor reads over it: each would get the other's replies.
 
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -15,11 +16,13 @@ use crate::protocol::{Inbox, REPLY_MAX, Reply};
 pub(super) struct Link {
     stream: UnixStream,
     inbox: Inbox,
+    /// The process that it belongs to.
+    pub(super) process: u32,
 }
 
 impl Link {
     pub(super) fn new(stream: UnixStream) -> Self {
-        Self { stream, inbox: Inbox::new(REPLY_MAX) }
+        Self { stream, inbox: Inbox::new(REPLY_MAX), process: std::process::id() }
     }
 
     /// Sends a whole call. The daemon begins none whose end it has not got.

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use super::{
-    CommandError, Connection, DAEMON_TIMEOUT, Link, MARGIN, after, fault, milliseconds, not_taken,
-    read_reply, when_used,
+    CommandError, Connection, DAEMON_TIMEOUT, Link, MARGIN, after, check_process, fault, milliseconds,
+    not_taken, read_reply, when_used,
 };
 use crate::map::VariableName;
 use crate::protocol::board::{Done, VariableRecord, WatchReply};
@@ -28,10 +28,7 @@ impl Connection {
         let mut call = Call::new(format!("{BOARD}.WatchVariables"), parameters);
         call.more = Some(true);
         let path = self.path.clone();
-        let mut link = match self.link.take() {
-            Some(link) => link,
-            None => self.dial()?,
-        };
+        let mut link = self.take_link()?;
         let WatchReply { table, .. } = when_used(|| {
             let deadline = Instant::now() + DAEMON_TIMEOUT;
             link.call(&encode(&call), deadline).map_err(|error| not_taken(&path, error))?;
@@ -77,6 +74,7 @@ impl VariableWatch {
     /// # Errors
     /// [`CommandError`] when the daemon has ended it, or is gone.
     pub fn check(&mut self) -> Result<(), CommandError> {
+        check_process(&self.link)?;
         let mut descriptors = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
         if !poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|ready| ready > 0) {
             return Ok(());
