@@ -7,7 +7,7 @@ use std::process::Command;
 const CLIENT_CRATES: usize = 15;
 
 /// What pmacd links, this package included, build-time macros not. It owns a machine: each crate more is a decision.
-const DAEMON_CRATES: [&str; 30] = [
+const DAEMON_CRATES: [&str; 32] = [
     "anstyle",
     "bitflags",
     "caps",
@@ -20,12 +20,14 @@ const DAEMON_CRATES: [&str; 30] = [
     "errno",
     "itoa",
     "libc",
+    "linux-raw-sys",
     "log",
     "memchr",
     "memmap2",
     "memoffset",
     "nix",
     "pmac-dpram",
+    "rustix",
     "serde",
     "serde_core",
     "serde_json",

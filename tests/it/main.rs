@@ -20,6 +20,7 @@ mod download;
 mod errors;
 mod family;
 mod fields;
+mod forked;
 mod format;
 mod fuzz_corpus;
 mod gather;

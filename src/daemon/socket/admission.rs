@@ -19,6 +19,7 @@ use super::clients::Clients;
 use super::connection::Client;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
+use super::peer_process::peer_process;
 use super::policy::{Peer, Policy, Role};
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
@@ -33,6 +34,8 @@ const ACCEPT_MAX: usize = 64;
 const FEW: usize = 4;
 /// Descriptors that are kept for the daemon itself: interrupts that come back, the log.
 const KEPT: usize = 16;
+/// Descriptors of a connection: its own, and that of the process that made it.
+const OF_CONNECTION: usize = 2;
 
 /// How many places there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,10 +99,11 @@ impl Admission {
     pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, ServeError> {
         let policy = Policy::new(&options.roles)?;
         let left = descriptors_left();
-        if left < KEPT + FEW {
-            return Err(ServeError::FewDescriptors { left, needed: KEPT + FEW });
+        let needed = KEPT + FEW * OF_CONNECTION;
+        if left < needed {
+            return Err(ServeError::FewDescriptors { left, needed });
         }
-        let places = Places::new(options, left - KEPT);
+        let places = Places::new(options, (left - KEPT) / OF_CONNECTION);
         if places.all < options.max_clients {
             warn!(
                 "room for {} connections, not {}: the limit of open files (LimitNOFILE) is too low",
@@ -143,7 +147,9 @@ impl Admission {
                 Ok(stream) => {
                     let Ok(peer) = Peer::of(&stream) else { continue };
                     let role = self.policy.role_of(&peer, &stream);
-                    self.admit(Client::new(stream, peer, role, now), clients, &holds, audit, now);
+                    let process = peer_process(&stream, peer.pid);
+                    let client = Client::new(stream, peer, role, now).of_process(process);
+                    self.admit(client, clients, &holds, audit, now);
                 }
                 Err(error) => match error.kind() {
                     io::ErrorKind::WouldBlock => return,

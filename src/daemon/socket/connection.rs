@@ -4,7 +4,8 @@
 
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::net::Shutdown;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
@@ -62,6 +63,8 @@ pub(super) enum Waiting {
 pub(super) struct Client {
     stream: UnixStream,
     peer: Peer,
+    /// Readable once the process that connected has ended.
+    process: Option<OwnedFd>,
     role: Role,
     waiting: Waiting,
     /// It has had its turn, and may have more calls to begin.
@@ -95,6 +98,7 @@ impl Client {
         Self {
             stream,
             peer,
+            process: None,
             role,
             waiting: Waiting::Nothing,
             has_more: false,
@@ -112,6 +116,16 @@ impl Client {
             outdated_unread: false,
             call_outdated: None,
         }
+    }
+
+    /// The same connection, which ends with the process of this descriptor ([`super::peer_process`]).
+    pub(super) fn of_process(self, process: Option<OwnedFd>) -> Self {
+        Self { process, ..self }
+    }
+
+    /// What is readable once the process that connected has ended.
+    pub(super) fn process(&self) -> Option<BorrowedFd<'_>> {
+        self.process.as_ref().map(OwnedFd::as_fd)
     }
 
     /// All motion is stopped, for this `reason`: what it has sent up to now, read or not, begins nothing any more.
@@ -224,8 +238,11 @@ impl Client {
         self.half_sent_since = half_sent.then(|| self.half_sent_since.unwrap_or(now));
     }
 
-    /// The other end is gone: replies go nowhere.
+    /// The other end is gone: replies go nowhere. What it has sent is still there; a process that was forked from it and has its
+    /// descriptor sends no more.
     pub(super) fn hang_up(&mut self) {
+        // It fails where nobody has the descriptor any more.
+        let _ = self.stream.shutdown(Shutdown::Both);
         self.hung_up = true;
         self.outbox.clear();
         self.stalled_since = None;

@@ -18,6 +18,7 @@ pub mod methods;
 pub mod options;
 mod panel_jogs;
 mod peer_groups;
+mod peer_process;
 pub mod policy;
 mod program_errors;
 mod replay;

@@ -260,7 +260,7 @@ impl Service {
 
     fn wait(&self, stop: &EventFd, timeout: Duration) -> nix::Result<Ready> {
         let timeout = PollTimeout::try_from(timeout).unwrap_or(PollTimeout::MAX);
-        let mut ids = Vec::with_capacity(self.clients.count());
+        let mut polled = Vec::with_capacity(2 * self.clients.count());
         let mut fds = vec![
             PollFd::new(stop.as_fd(), PollFlags::POLLIN),
             PollFd::new(self.events.descriptor(), PollFlags::POLLIN),
@@ -270,8 +270,12 @@ impl Service {
         let mut clients: BTreeMap<u64, PollFlags> = BTreeMap::new();
         for (id, client) in self.clients.iter() {
             if let Some(flags) = client.interest() {
-                ids.push(id);
+                polled.push((id, None));
                 fds.push(PollFd::new(client.as_fd(), flags));
+                if let Some(process) = client.process() {
+                    polled.push((id, Some(PollFlags::POLLHUP)));
+                    fds.push(PollFd::new(process, PollFlags::POLLIN));
+                }
             }
             if client.has_more() {
                 clients.insert(id, PollFlags::empty());
@@ -280,8 +284,9 @@ impl Service {
         poll(&mut fds, timeout)?;
         let flags = |fd: &PollFd<'_>| fd.revents().unwrap_or(PollFlags::POLLERR);
         let is_ready = |index: usize| fds.get(index).is_some_and(|fd| flags(fd).contains(PollFlags::POLLIN));
-        let polled = ids.iter().zip(&fds[3..]).map(|(&id, fd)| (id, flags(fd)));
-        clients.extend(polled.filter(|(_, flags)| !flags.is_empty()));
+        for (&(id, meaning), fd) in polled.iter().zip(&fds[3..]).filter(|(_, fd)| !flags(fd).is_empty()) {
+            *clients.entry(id).or_insert(PollFlags::empty()) |= meaning.unwrap_or(flags(fd));
+        }
         let clients = clients.into_iter().collect();
         Ok(Ready { stop: is_ready(0), events: is_ready(1), listener: is_ready(2), clients })
     }
