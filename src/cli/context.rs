@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::cli::console::output::Output;
-use crate::client::{Board, ClientError, CommandError, Connection};
+use crate::client::{Board, ClientError, CommandError, Connection, Staleness};
 use crate::map::Family;
 use crate::protocol::board::BoardInfo;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
@@ -82,6 +82,13 @@ impl From<CommandError> for Failure {
     }
 }
 
+/// Whether the daemon of `board` is stopped or hangs.
+fn is_silent(board: &Board) -> bool {
+    let segment = board.subscriber();
+    let stale = Staleness::of_segment(segment.condition(), &segment.header(), segment.now_ns());
+    matches!(stale, Some(Staleness::DaemonStopped { .. }))
+}
+
 /// The board that is meant where none is named.
 const DEFAULT_NAME: &str = "pmac0";
 
@@ -142,8 +149,12 @@ impl Context {
             (None, Some(socket)) => return Board::at_socket(socket),
             (name, _) => name.as_ref().map_or(DEFAULT_NAME, SegmentName::as_str),
         };
-        self.agree()?;
-        Ok(Board::attach(name)?.with_socket(&self.socket()))
+        let board = Board::attach(name);
+        // A daemon that gives no sign of life would tell nothing, and be waited for.
+        if !board.as_ref().is_ok_and(is_silent) {
+            self.agree()?;
+        }
+        Ok(board?.with_socket(&self.socket()))
     }
 
     /// A connection to the daemon of the board.

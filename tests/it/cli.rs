@@ -170,6 +170,22 @@ fn old_data_say_so() {
 }
 
 #[test]
+fn a_daemon_that_gives_no_sign_of_life_is_not_waited_for_before_its_old_data_are_shown() {
+    let rig = Rig::new().live();
+    rig.publisher.beat(0);
+    let directory = tempfile::tempdir().unwrap();
+    let socket = directory.path().join("socket");
+    let listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    let ran = rig.run(&format!("motors --socket {}", socket.display()));
+    assert!(
+        ran.code == Some(1) && ran.stdout.starts_with("STALE: pmacd has given no sign of life"),
+        "{ran:?}"
+    );
+    listener.set_nonblocking(true).unwrap();
+    assert_eq!(listener.accept().unwrap_err().kind(), std::io::ErrorKind::WouldBlock, "it was asked");
+}
+
+#[test]
 fn no_daemon_is_said_and_no_data_too() {
     let ran = pmacctl("--name pmac-test-nobody motors");
     assert!(one_clear_line(&ran).contains("is pmacd running"), "{ran:?}");
