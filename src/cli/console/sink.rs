@@ -1,5 +1,5 @@
 //! Output files. `-` is stdout. Follows symbolic links, and writes straight to devices and FIFOs. When a file is cut off
-//! (by a full disk), whole rows remain.
+//! (by a full disk), whole rows remain. A file that another program deletes or truncates while it is written is an error.
 
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -32,10 +32,27 @@ pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
+/// What another program has done to a file while this one wrote it.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+enum Taken {
+    #[error(
+        "another program deleted it while this one wrote it: the rows that it had are gone, and no more are written"
+    )]
+    Deleted,
+    #[error("another program truncated it while this one wrote it: rows are gone, and no more are written")]
+    Truncated,
+}
+
+/// Whether `error` says that another program has deleted or truncated the file.
+pub fn is_taken(error: &io::Error) -> bool {
+    error.get_ref().is_some_and(|inner| inner.is::<Taken>())
+}
+
 /// The failure for an error in writing to `path`. A closed pipe is not a failure ([`crate::cli::run`]).
 fn failed(path: &Path, error: io::Error) -> Failure {
     match error.kind() {
         io::ErrorKind::BrokenPipe => Failure::Output(error),
+        _ if is_taken(&error) => Failure::Refused(format!("{}: {error}", path.display())),
         _ => Failure::Request(format!("{}: {error}", path.display())),
     }
 }
@@ -114,6 +131,8 @@ pub struct Rows {
     /// Whether the header is being rewritten.
     rewinds: bool,
     emptied: bool,
+    /// It had a name when it was opened.
+    is_linked: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,15 +146,16 @@ enum Kind {
 }
 
 impl Rows {
-    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives.
+    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. Where it `appends`, a regular file gets each row at
+    /// its end, wherever that is by then; the header cannot be rewritten.
     ///
     /// # Errors
     /// [`Failure`], which names the file.
-    pub fn open(path: &Path, stop: &Interrupt) -> Result<Self, Failure> {
+    pub fn open(path: &Path, appends: bool, stop: &Interrupt) -> Result<Self, Failure> {
         let opened = if is_stdout(path) {
             io::stdout().as_fd().try_clone_to_owned().map(|fd| (File::from(fd), Kind::Stream))
         } else {
-            followed(path).and_then(|(target, there)| open(path, target, there.as_ref(), stop))
+            followed(path).and_then(|(target, there)| open(path, target, there.as_ref(), appends, stop))
         };
         opened.and_then(|opened| Self::over(path, opened, stop)).map_err(|error| failed(path, error))
     }
@@ -144,8 +164,8 @@ impl Rows {
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn create_new(path: &Path, stop: &Interrupt) -> Result<Option<Self>, Failure> {
-        let made = match OpenOptions::new().write(true).create_new(true).open(path) {
+    pub fn create_new(path: &Path, appends: bool, stop: &Interrupt) -> Result<Option<Self>, Failure> {
+        let made = match OpenOptions::new().write(true).append(appends).create_new(true).open(path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
             made => made.map(|file| (file, Kind::New(path.to_owned()))),
         };
@@ -156,6 +176,7 @@ impl Rows {
         if kind != Kind::Stream {
             claim(&file)?;
         }
+        let is_linked = file.metadata()?.nlink() > 0;
         Ok(Self {
             path: path.to_owned(),
             file,
@@ -167,6 +188,7 @@ impl Rows {
             length: 0,
             rewinds: false,
             emptied: false,
+            is_linked,
         })
     }
 
@@ -211,7 +233,25 @@ impl Rows {
         }
     }
 
+    /// Looks whether the file still has what was written to it.
+    fn check_kept(&self) -> io::Result<()> {
+        if !self.is_regular() {
+            return Ok(());
+        }
+        let there = self.file.metadata()?;
+        match (there.nlink() > 0, there.len() >= self.length) {
+            (false, _) if self.is_linked => Err(io::Error::other(Taken::Deleted)),
+            (_, false) => Err(io::Error::other(Taken::Truncated)),
+            _ => Ok(()),
+        }
+    }
+
     fn send(&mut self) -> io::Result<()> {
+        if let Err(error) = self.check_kept() {
+            self.collected.clear();
+            self.ends.clear();
+            return Err(error);
+        }
         if !self.emptied && self.is_regular() {
             self.file.set_len(0)?;
         }
@@ -304,13 +344,17 @@ fn open(
     path: &Path,
     target: PathBuf,
     there: Option<&Metadata>,
+    appends: bool,
     stop: &Interrupt,
 ) -> io::Result<(File, Kind)> {
     let mut options = OpenOptions::new();
     options.write(true);
     match there {
-        None => options.create(true).truncate(false).open(&target).map(|file| (file, Kind::New(target))),
-        Some(there) if there.is_file() => options.open(path).map(|file| (file, Kind::There)),
+        None => {
+            let made = options.append(appends).create(true).truncate(false).open(&target);
+            made.map(|file| (file, Kind::New(target)))
+        }
+        Some(there) if there.is_file() => options.append(appends).open(path).map(|file| (file, Kind::There)),
         Some(there) => {
             let file = open_fifo(options.custom_flags(OFlag::O_NONBLOCK.bits()), path, there, stop)?;
             let flags = OFlag::from_bits_truncate(fcntl(&file, FcntlArg::F_GETFL)?);
@@ -430,18 +474,35 @@ mod tests {
     fn e1_two_do_not_write_one_file() {
         let directory = tempfile::tempdir().unwrap();
         let (stop, path) = (Interrupt::never(), directory.path().join("x"));
-        let first = Rows::open(&path, &stop).unwrap();
-        let second = Rows::open(&path, &stop).err().unwrap().to_string();
+        let first = Rows::open(&path, true, &stop).unwrap();
+        let second = Rows::open(&path, true, &stop).err().unwrap().to_string();
         assert!(second.ends_with("x: another program writes it"), "{second}");
         drop(first);
-        assert!(Rows::open(&path, &stop).is_ok());
-        assert!(Rows::create_new(&path, &stop).unwrap().is_none());
+        assert!(Rows::open(&path, true, &stop).is_ok());
+        assert!(Rows::create_new(&path, true, &stop).unwrap().is_none());
         // Who can only read it cannot pass for its writer.
         let reader = File::open(&path).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_RDLCK))).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK))).unwrap_err();
         assert!(!is_in_use(&File::open(&path).unwrap()));
-        assert!(Rows::open(&path, &stop).is_ok());
+        assert!(Rows::open(&path, true, &stop).is_ok());
+    }
+
+    #[test]
+    fn rows_go_to_the_end_of_a_file_that_is_truncated_between_the_look_at_it_and_the_write() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("x");
+        let mut rows = Rows::open(&path, true, &Interrupt::never()).unwrap();
+        rows.write_all(b"1\n").unwrap();
+        rows.end_row().unwrap();
+        rows.flush().unwrap();
+        fs::write(&path, "").unwrap();
+        let error = rows.flush().unwrap_err();
+        assert!(is_taken(&error) && error.to_string().starts_with("another program truncated it"), "{error}");
+        rows.length = 0;
+        rows.write_all(b"2\n").unwrap();
+        rows.flush().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"2\n", "no hole of zeros");
     }
 
     #[test]
@@ -449,18 +510,18 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let stop = Interrupt::never();
         let path = directory.path().join("x");
-        let mut rows = Rows::open(&path, &stop).unwrap();
+        let mut rows = Rows::open(&path, true, &stop).unwrap();
         rows.write_all(b"row\n").unwrap();
         rows.discard();
         assert!(!path.exists());
         fs::write(&path, b"what was there before").unwrap();
-        let mut rows = Rows::open(&path, &stop).unwrap();
+        let mut rows = Rows::open(&path, true, &stop).unwrap();
         rows.write_all(b"row\n").unwrap();
         rows.end_row().unwrap();
         rows.discard();
         assert_eq!(fs::read(&path).unwrap(), b"what was there before");
         drop(rows);
-        let mut rows = Rows::open(&path, &stop).unwrap();
+        let mut rows = Rows::open(&path, true, &stop).unwrap();
         rows.write_all(b"row\n").unwrap();
         rows.end_row().unwrap();
         rows.flush().unwrap();

@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 
 use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::sink::{Rows, is_stdout};
+use crate::cli::console::sink::{Rows, is_stdout, is_taken};
 use crate::cli::context::Failure;
 use crate::table::{CsvWriter, Field, NpyWriter};
 
@@ -52,7 +52,7 @@ impl TableFile {
     /// # Errors
     /// [`Failure`]. A NumPy file must be a regular file.
     pub fn open(path: &Path, form: Form, fields: &[Field], stop: &Interrupt) -> Result<Self, Failure> {
-        Self::over(Rows::open(path, stop)?, form, fields)
+        Self::over(Rows::open(path, form == Form::Csv, stop)?, form, fields)
     }
 
     /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
@@ -65,7 +65,8 @@ impl TableFile {
         fields: &[Field],
         stop: &Interrupt,
     ) -> Result<Option<Self>, Failure> {
-        Rows::create_new(path, stop)?.map(|rows| Self::over(rows, form, fields)).transpose()
+        let made = Rows::create_new(path, form == Form::Csv, stop)?;
+        made.map(|rows| Self::over(rows, form, fields)).transpose()
     }
 
     fn over(rows: Rows, form: Form, fields: &[Field]) -> Result<Self, Failure> {
@@ -148,6 +149,9 @@ impl TableFile {
     /// Saves what it can after `error`, and returns the error with the number of rows.
     fn cut_off(&mut self, error: io::Error) -> Failure {
         self.failed = Some(error.kind());
+        if is_taken(&error) {
+            return self.output().failed(error);
+        }
         let kept = self.kept();
         let noted = match &mut self.writer {
             Writer::Csv(_) => Ok(()),

@@ -552,6 +552,32 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_is_deleted_or_truncated_under_it_ends_the_log_within_a_second() {
+        let directory = tempfile::tempdir().unwrap();
+        let both = |form| ["deleted", "truncated"].map(|name| (form, name));
+        for (form, name) in ["csv", "npy"].into_iter().flat_map(both) {
+            let path = directory.path().join(format!("{name}.{form}"));
+            let mut files = Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
+            let tend = |files: &mut Files| {
+                files.tended -= TEND;
+                files.tend()
+            };
+            files.row(&row(1), Meaning::Update).unwrap();
+            tend(&mut files).unwrap();
+            match name {
+                "deleted" => std::fs::remove_file(&path).unwrap(),
+                _ => OpenOptions::new().write(true).open(&path).unwrap().set_len(10).unwrap(),
+            }
+            // Whether another update comes or not.
+            let failure = tend(&mut files).unwrap_err();
+            assert!(matches!(failure, Failure::Refused(_)), "exit status 1: {failure:?}");
+            let said = format!("{name}.{form}: another program {name} it while this one wrote it");
+            assert!(failure.to_string().contains(&said), "{failure}");
+            assert_eq!(files.tally().updates, 1);
+        }
+    }
+
+    #[test]
     fn a_full_disk_costs_whole_rows_which_are_counted() {
         // The only file that is always full.
         let directory = tempfile::tempdir().unwrap();
