@@ -10,6 +10,7 @@ use nix::unistd::{AccessFlags, faccessat};
 
 use super::privilege::Account;
 use crate::daemon::exit::{Failure, NO_PERMISSION};
+use crate::daemon::socket::listener::DIRECTORY_MODE;
 use crate::protocol::socket_place::RUNTIME;
 
 /// The socket's path, in a directory that is there: the one that was `told`, else the first of the `usual` places that can be
@@ -47,7 +48,7 @@ fn make(path: &Path, account: Option<&Account>) -> io::Result<()> {
     let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) else {
         return Ok(());
     };
-    match DirBuilder::new().mode(0o755).create(directory) {
+    match DirBuilder::new().mode(DIRECTORY_MODE).create(directory) {
         Ok(()) => {
             if let Some(account) = account {
                 chown(directory, Some(account.uid.as_raw()), Some(account.gid.as_raw()))?;

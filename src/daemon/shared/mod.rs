@@ -9,3 +9,4 @@ pub mod open_buffer;
 pub mod origin;
 pub mod queue;
 pub mod status;
+pub mod trouble;

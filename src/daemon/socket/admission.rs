@@ -21,9 +21,12 @@ use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::peer_process::peer_process;
 use super::policy::{Peer, Policy, Role};
+use crate::daemon::shared::trouble::Trouble;
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
+/// How often the socket's path is looked at.
+const LOOK: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// How often that is logged while it lasts.
@@ -89,6 +92,9 @@ pub(super) struct Admission {
     /// Until when nobody is accepted.
     pause: Option<Instant>,
     said: Option<Instant>,
+    /// When to look again whether the socket's path leads to it.
+    look: Instant,
+    trouble: Trouble,
 }
 
 impl Admission {
@@ -110,7 +116,15 @@ impl Admission {
                 places.all, options.max_clients
             );
         }
-        Ok(Self { listener, policy, places, pause: None, said: None })
+        Ok(Self {
+            listener,
+            policy,
+            places,
+            pause: None,
+            said: None,
+            look: Instant::now() + LOOK,
+            trouble: Trouble::default(),
+        })
     }
 
     /// What to poll for.
@@ -119,14 +133,18 @@ impl Admission {
         PollFd::new(self.listener.as_fd(), flags)
     }
 
-    /// When the pause is over, if there is one.
+    /// When the pause is over, or the socket's path is to be looked at.
     pub(super) fn next_deadline(&self) -> Option<Instant> {
-        self.pause
+        Some(self.pause.map_or(self.look, |pause| pause.min(self.look)))
     }
 
-    /// Ends a pause whose time is over.
+    /// Ends a pause whose time is over, and puts a socket that has lost its path there again.
     pub(super) fn expire(&mut self, now: Instant) {
         self.pause = self.pause.filter(|until| *until > now);
+        if self.look <= now {
+            self.look = now + LOOK;
+            self.trouble.note(self.listener.keep());
+        }
     }
 
     /// A connection has ended, so there is a descriptor again.

@@ -9,6 +9,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use log::warn;
 use nix::fcntl::{AT_FDCWD, AtFlags, OFlag, renameat};
 use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat, fstatat};
 use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
@@ -16,6 +17,9 @@ use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 use super::policy::{PolicyError, group_id};
 use crate::process::path_of;
 use crate::protocol::transport::connect;
+
+/// The mode of a directory that is made for the socket.
+pub const DIRECTORY_MODE: u32 = 0o755;
 
 /// The socket cannot be put in its place.
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +61,16 @@ pub struct Listener {
 #[derive(Debug)]
 struct OwnFile {
     path: PathBuf,
+    mode: u32,
+    group: Option<String>,
     identity: (u64, u64),
+}
+
+impl OwnFile {
+    /// Whether its path still leads to it. While the socket listens, no other file gets its number.
+    fn is_in_place(&self) -> bool {
+        identity(&self.path).is_ok_and(|found| found == self.identity)
+    }
 }
 
 fn identity(path: &Path) -> io::Result<(u64, u64)> {
@@ -67,7 +80,7 @@ fn identity(path: &Path) -> io::Result<(u64, u64)> {
 impl Drop for OwnFile {
     fn drop(&mut self) {
         // Only while it is still the file we made: a successor may have put its own there.
-        if identity(&self.path).is_ok_and(|found| found == self.identity) {
+        if self.is_in_place() {
             let _ = std::fs::remove_file(&self.path);
         }
     }
@@ -163,16 +176,37 @@ impl Listener {
                 Err(error) => return Err(fault("asking whether a daemon serves it")(error)),
             },
         }
-        let group = group.map(group_id).transpose();
-        let group = group.map_err(|source| ListenError::Group { path: path.to_owned(), source })?;
+        let group_number = group.map(group_id).transpose();
+        let group_number =
+            group_number.map_err(|source| ListenError::Group { path: path.to_owned(), source })?;
 
         let workshop = Workshop::beside(path).map_err(fault("making a directory to create the socket in"))?;
         let socket = workshop.bind().map_err(fault("creating the socket"))?;
-        let identity = workshop.finish(mode, group).map_err(fault("setting its mode and group"))?;
+        let identity = workshop.finish(mode, group_number).map_err(fault("setting its mode and group"))?;
         workshop.move_to(path).map_err(fault("moving the socket into place"))?;
-        let file = OwnFile { path: path.to_owned(), identity };
+        let file = OwnFile { path: path.to_owned(), mode, group: group.map(str::to_owned), identity };
         socket.set_nonblocking(true).map_err(fault("preparing the socket"))?;
         Ok(Self { socket, file: Some(file) })
+    }
+
+    /// Listens anew, in a file made again, if its path no longer leads to its file: anybody with the right to the directory may have
+    /// removed, renamed or replaced it. To be called now and then, when nobody waits to be accepted.
+    ///
+    /// # Errors
+    /// As [`Listener::bind`]; this one goes on to listen.
+    pub(super) fn keep(&mut self) -> Result<(), ListenError> {
+        let Some(OwnFile { path, mode, group, .. }) = self.file.as_ref().filter(|file| !file.is_in_place())
+        else {
+            return Ok(());
+        };
+        if let Some(directory) = path.parent() {
+            // It may have gone with its directory. Where that cannot be made, the next step says why.
+            let _ = DirBuilder::new().mode(DIRECTORY_MODE).create(directory);
+        }
+        let made = Self::bind(path, *mode, group.as_deref())?;
+        warn!("{} was removed, renamed or replaced by somebody; listening there again", path.display());
+        *self = made;
+        Ok(())
     }
 
     /// Takes a listening socket that the service manager made and will remove.
