@@ -2,6 +2,7 @@
 
 mod machine;
 mod memory;
+mod names;
 mod parcel;
 mod report;
 
@@ -12,14 +13,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use nix::sys::statvfs::statvfs;
 use nix::unistd::{AccessFlags, Gid, Group, access};
 use serde_json::json;
 
 use self::report::{Level, Report};
 use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection, Staleness, View, identity};
+use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
 use crate::map::readings::ReplyEnd;
 use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
@@ -30,7 +30,7 @@ use crate::protocol::{
     BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
     ServoSettings, State,
 };
-use crate::segment::{Condition, DIRECTORY, Identity, RegionId, RegionState};
+use crate::segment::{Condition, Identity, RegionId, RegionState};
 
 #[derive(Debug, Args)]
 pub struct Doctor {
@@ -54,9 +54,6 @@ pub struct Doctor {
     #[arg(long, value_name = "DIRECTORY", hide = true)]
     pub root: Option<PathBuf>,
 }
-
-/// Warn below this free space in /dev/shm. A segment takes a few MiB.
-const ROOM: u64 = 16 << 20;
 
 /// How long a board has to come up after a reset, and how often to look. A large one that has saved much takes seconds, and
 /// `pmacd` asks a silent one again after 10 s.
@@ -153,10 +150,12 @@ fn once_up(context: &Context, system: &System) -> Report {
 
 /// Checks everything between this user and live data. How long ago the board was reset, if it was lately.
 fn everything(report: &mut Report, context: &Context, system: &System) -> Option<Duration> {
-    shared_memory(report);
-    let mut board = segment(report, context);
+    names::shared_memory(report);
+    let attached = names::segment(report, context);
     let (info, settings) = socket(report, &context.socket()).unzip();
     let settings = settings.flatten();
+    names::conclude(report, &attached, info.as_ref(), &context.socket());
+    let mut board = attached.ok();
     let known = settings.clone().unwrap_or_default();
     if let Some(board) = &mut board {
         let reads = |function: Function| {
@@ -197,56 +196,6 @@ fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
         }
     }
     Ok(report.is_passed().into())
-}
-
-fn shared_memory(report: &mut Report) {
-    const WHAT: &str = "shared memory";
-    match statvfs(DIRECTORY) {
-        Err(errno) => {
-            let text = format!("cannot examine {DIRECTORY}: {}; mount a tmpfs there", errno.desc());
-            report.add(Level::Fail, WHAT, text);
-        }
-        Ok(room) => {
-            let free = room.blocks_available() * room.fragment_size();
-            let mib = free >> 20;
-            if free < ROOM {
-                let text = format!("{DIRECTORY} has only {mib} MiB left; remove unneeded files there");
-                report.add(Level::Warn, WHAT, text);
-            } else {
-                report.add(Level::Ok, WHAT, format!("{DIRECTORY} has {mib} MiB left"));
-            }
-        }
-    }
-}
-
-fn segment(report: &mut Report, context: &Context) -> Option<Board> {
-    let board = match context.attach() {
-        Ok(board) => board,
-        Err(error) => {
-            report.add(Level::Fail, "segment", error.to_string());
-            return None;
-        }
-    };
-    let subscriber = board.subscriber();
-    let header = subscriber.header();
-    let path = subscriber.path().display();
-    report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
-    let pid = header.owner_pid;
-    let now_ns = subscriber.now_ns();
-    match Staleness::of_segment(subscriber.condition(), &header, now_ns) {
-        Some(Staleness::DaemonGone) => {
-            let text = format!("process {pid}, which made the segment, is gone; start pmacd");
-            report.add(Level::Fail, "daemon", text);
-        }
-        Some(why @ (Staleness::DaemonStopped { .. } | Staleness::OtherClock { .. })) => {
-            report.add(Level::Fail, "daemon", format!("process {pid}: {why}"));
-        }
-        _ => {
-            let age_ms = now_ns.saturating_sub(header.heartbeat_ns) / 1_000_000;
-            report.add(Level::Ok, "daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago"));
-        }
-    }
-    Some(board)
 }
 
 /// The daemon's information, and its settings if it gives them.
