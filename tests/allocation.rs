@@ -102,16 +102,15 @@ fn once_everything_was_used_the_bus_thread_allocates_nothing() {
     let daemon = std::thread::spawn(move || pmac_dpram::daemon::main_with(arguments));
     let subscriber = || pmac_dpram::segment::Subscriber::attach(&site.segment());
     wait_until("the daemon", || subscriber().is_ok_and(|segment| is_live(&segment, RegionId::Servo)));
-    let segment = subscriber().unwrap();
     site.wait_for_its_functions();
     // The interrupt is connected, what the first error of each kind says is said.
     use_everything(&site);
 
-    let before = segment.counter(Counter::Updates);
+    let before = subscriber().unwrap().counter(Counter::Updates);
     ARMED.store(true, Ordering::Relaxed);
     use_everything(&site);
     ARMED.store(false, Ordering::Relaxed);
-    let updates = segment.counter(Counter::Updates) - before;
+    let updates = subscriber().unwrap().counter(Counter::Updates) - before;
     assert!(updates > 100, "{updates} servo updates");
     site.assert_no_violations();
     // It is this process that a signal ends; the daemon has its handler.
@@ -174,6 +173,10 @@ fn use_everything(site: &Site) {
         let output = pmacctl(site, arguments).output().unwrap();
         assert_eq!(output.status.code(), Some(status), "{arguments:?}: {output:?}");
     }
+    // The segment loses its name, and gets it again.
+    let path = site.attach().path().to_owned();
+    std::fs::remove_file(&path).unwrap();
+    wait_until("the segment's name", || path.exists());
     // And a text of a program's own, a reset, after which the servo report waits for GATHER, and all questions to the board.
     site.control("send hello");
     site.control("reset");

@@ -45,6 +45,7 @@ use clap::{CommandFactory, Parser};
 
 use crate::format::Visible;
 use crate::process::survive_file_size_limit;
+use crate::segment::end_on_bus_error;
 use crate::usage::usage;
 
 use act::{jog, panel, registers, send, stop, terminal, write};
@@ -63,10 +64,15 @@ pub fn command() -> clap::Command {
     Args::command()
 }
 
+/// What is said when mapped memory is gone.
+const SEGMENT_GONE: &str = "pmacctl: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm; see to pmacd, then \
+    start this again\n";
+
 /// Runs `pmacctl`. The first argument is the program's name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     // Without this, a full file ends the program as before, and without a word.
     let _ = survive_file_size_limit();
+    let _ = end_on_bus_error(SEGMENT_GONE, 2);
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
         Err(error) => return usage("pmacctl", &error),

@@ -160,23 +160,30 @@ impl Board {
         &self.subscriber
     }
 
-    /// Attaches to the segment of a new daemon if the old one is over and there is a new one. Done by every other
-    /// method that reads.
+    /// Attaches to the segment under the board's name if that is another one than this and gives more: a new daemon's, or the one
+    /// that the same daemon has published again. Done by every other method that reads. What else is put there, as a copy or a
+    /// directory, takes nobody away from a segment that lives.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when there is a new one that cannot be attached to.
+    /// [`ClientError::Segment`] when there is a new daemon's that cannot be attached to.
     pub fn refresh(&mut self) -> Result<Condition, ClientError> {
         let condition = self.subscriber.condition();
         if !condition.is_over() {
             return Ok(condition);
         }
+        let own = self.subscriber.own_condition();
         match Subscriber::attach_in(&self.directory, &self.name) {
-            Ok(found) if found.generation() == self.subscriber.generation() => Ok(condition),
             Ok(found) => {
+                let condition = found.condition();
+                let is_another = found.generation() != self.subscriber.generation();
+                if condition.is_over() && !(is_another && own.is_over()) {
+                    return Ok(own);
+                }
                 self.subscriber = found;
-                Ok(self.subscriber.condition())
+                Ok(condition)
             }
-            Err(SegmentError::NotFound { .. }) => Ok(condition),
+            Err(_) if !own.is_over() => Ok(own),
+            Err(SegmentError::NotFound { .. } | SegmentError::Malformed { .. }) => Ok(own),
             Err(error) => Err(error.into()),
         }
     }
@@ -262,7 +269,8 @@ impl Board {
                 WaitOutcome::TimedOut if deadline.is_some() => return Ok(false),
                 WaitOutcome::TimedOut => {}
                 WaitOutcome::Dead if left.is_zero() => return Ok(false),
-                WaitOutcome::Dead => std::thread::sleep(REATTACH.min(left)),
+                WaitOutcome::Dead if self.refresh()?.is_over() => std::thread::sleep(REATTACH.min(left)),
+                WaitOutcome::Dead => {}
             }
         }
     }

@@ -25,6 +25,7 @@ use super::service::socket_directory;
 use super::service::state_file::StateFile;
 use super::service::supervisor::{Manager, Signals, until_asked_to_end};
 use super::shared::definition_blocks::DefinitionBlocks;
+use super::shared::trouble::Trouble;
 use super::socket::options::ServeOptions;
 use super::socket::server::serve;
 use crate::clock::{Clock, ManualTime};
@@ -36,11 +37,15 @@ use crate::format::Visible;
 use crate::process::log_sink::{LogSink, LogWriter};
 use crate::process::survive_file_size_limit;
 use crate::protocol::socket_place::socket_places;
-use crate::segment::Publisher;
+use crate::segment::{Publisher, end_on_bus_error};
 use crate::usage::usage_with;
 
 /// A replay in virtual time begins so long ago. What is longer goes on in real time.
 const LONGEST_RECORDING: Duration = Duration::from_secs(24 * 3600);
+
+/// What is said when mapped memory is gone.
+const MEMORY_GONE: &str = "pmacd: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm, or the file of the \
+    board's window; pmacd ends, and its next start makes the segment again\n";
 
 /// The whole program. It exits with a status of [`exit`].
 #[must_use]
@@ -53,6 +58,7 @@ pub fn main() -> ExitCode {
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     // Without this, a full file ends the program as before, and without a word.
     let _ = survive_file_size_limit();
+    let _ = end_on_bus_error(MEMORY_GONE, exit::UNAVAILABLE);
     let in_journal = journal::is_journal(&std::io::stderr());
     let (log, mut log_writer) =
         LogSink::new(std::io::stderr(), if in_journal { journal::prefix(Level::Warn) } else { "[WARN ] " });
@@ -122,6 +128,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         early => early,
     };
     let publisher = Publisher::create(&segment_options(settings, &clock)?)?;
+    let (mut keeper, mut trouble) = (publisher.keeper()?, Trouble::default());
     let machine = match early {
         Some(machine) => machine,
         None => Machine::open(settings, &inherited, &clock)?,
@@ -172,6 +179,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
         if let Some(found) = blocks.take_changed() {
             state.keep(found);
         }
+        trouble.note(keeper.tend());
         simulator_ended = simulator.as_mut().and_then(Simulator::ended);
         simulator_ended.is_some() || bus_thread.is_finished()
     });

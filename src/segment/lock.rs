@@ -155,11 +155,16 @@ impl NameLock {
         }
         Err(SegmentError::InUse { path, pid: None })
     }
+
+    /// Whether its name still leads to it.
+    pub(super) fn is_in_place(&self) -> bool {
+        leads_to(&self.path, &self.file)
+    }
 }
 
 impl Drop for NameLock {
     fn drop(&mut self) {
-        if leads_to(&self.path, &self.file)
+        if self.is_in_place()
             && let Err(error) = std::fs::remove_file(&self.path)
         {
             log::debug!("cannot remove {}: {error}", self.path.display());

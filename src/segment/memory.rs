@@ -13,6 +13,7 @@
 
 use std::fs::File;
 use std::io;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use memmap2::{MmapOptions, MmapRaw};
@@ -20,6 +21,34 @@ use memmap2::{MmapOptions, MmapRaw};
 use super::layout::{LINE_WORDS, WORD};
 use super::ring::{Words, WordsMut};
 use super::wide_copy::WideCopy;
+
+/// What to say, and how to end, when mapped memory is gone.
+static ON_BUS_ERROR: OnceLock<(&str, u8)> = OnceLock::new();
+
+/// From now on an access to mapped memory that is gone, as when somebody truncates a segment, ends this process with `line` on stderr
+/// and exit status `status`, in place of a core. For programs, at their start: the first call counts.
+///
+/// # Errors
+/// The system refuses the signal's handler.
+pub fn end_on_bus_error(line: &'static str, status: u8) -> io::Result<()> {
+    let _ = ON_BUS_ERROR.set((line, status));
+    // SAFETY: all zero is a valid `sigaction`: no flags, an empty mask.
+    let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+    action.sa_sigaction = on_bus_error as extern "C" fn(libc::c_int) as libc::sighandler_t;
+    // SAFETY: the handler makes only calls that a handler may make, and does not return.
+    if unsafe { libc::sigaction(libc::SIGBUS, &raw const action, std::ptr::null_mut()) } == 0 {
+        return Ok(());
+    }
+    Err(io::Error::last_os_error())
+}
+
+extern "C" fn on_bus_error(_: libc::c_int) {
+    let (line, status) = ON_BUS_ERROR.get().copied().unwrap_or(("SIGBUS\n", 1));
+    // SAFETY: a call that a signal's handler may make; it reads a line of static memory.
+    unsafe { libc::write(libc::STDERR_FILENO, line.as_ptr().cast(), line.len()) };
+    // SAFETY: a call that a signal's handler may make.
+    unsafe { libc::_exit(status.into()) }
+}
 
 /// A read-only mapping of a segment.
 pub(super) struct ReadMap {
@@ -129,6 +158,11 @@ impl WriteMap {
     pub(super) fn new(file: &File, length: usize) -> io::Result<Self> {
         let map = MmapOptions::new().len(length).populate().map_raw(file)?;
         Ok(Self(ReadMap { map, words: length / WORD, copy: WideCopy::detect() }))
+    }
+
+    /// Keeps its pages in memory, where this process may: as the daemon's other pages, which it locks at its start.
+    pub(super) fn lock(&self) {
+        let _ = self.0.map.lock();
     }
 
     /// See [`ReadMap::wake`].

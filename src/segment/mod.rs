@@ -19,6 +19,7 @@
 //! | `info`, `counter` | what the header says about the segment and its regions; the daemon's counters |
 //! | `region_reader`, `cursor`, `sample` | reading a region; following its samples; one sample's copy |
 //! | `lock` | who owns a name |
+//! | `keeper`, `object`, `newborn` | keeps the names leading to their files; a segment's file, before and after it gets its name |
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -30,11 +31,13 @@ mod cursor;
 pub mod freshness;
 mod header;
 mod info;
+mod keeper;
 pub mod layout;
 mod lock;
 mod memory;
 pub mod name;
 mod newborn;
+mod object;
 pub mod payload;
 mod placement;
 pub mod publish;
@@ -50,10 +53,12 @@ pub use counter::Counter;
 pub use cursor::Cursor;
 pub use freshness::Staleness;
 pub use info::{Condition, HeaderInfo, RegionInfo};
+pub use keeper::Keeper;
 pub use layout::{ClockKind, RegionId, RegionState, State};
 #[cfg(all(test, feature = "client"))]
 pub(crate) use lock::KERNEL_ASKED;
 pub use lock::is_trusted;
+pub use memory::end_on_bus_error;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;
 pub use payload::identity::{self, Identity, UserUnit};
@@ -136,6 +141,12 @@ pub enum SegmentError {
         bytes: u64,
         /// What the kernel said.
         source: io::Error,
+    },
+    /// The publishing thread did not go on in the new file in time.
+    #[error("{} is gone, and the thread that publishes makes no rounds in which to publish it again", path.display())]
+    NotMoved {
+        /// The segment's file.
+        path: PathBuf,
     },
     /// A file operation failed.
     #[error("cannot {what} {}: {source}", path.display())]

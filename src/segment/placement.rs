@@ -83,7 +83,7 @@ impl ClockKind {
 
 /// Where everything goes.
 pub(super) struct Placement {
-    header_length: usize,
+    pub(super) header_length: usize,
     pub(super) total_length: usize,
     /// Each with the offset of its entry and its ring.
     pub(super) regions: Vec<(RegionSpec, usize, Ring)>,

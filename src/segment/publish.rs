@@ -1,18 +1,16 @@
 //! The writer: creates the segment, publishes into it, removes it.
 
-use std::fs::{File, Permissions};
-use std::io;
-use std::os::unix::fs::{FileExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
 use nix::time::ClockId;
 
 use super::counter::Counter;
-use super::header::{self, Geometry};
+use super::keeper::{Handover, Keeper};
 use super::layout::*;
 use super::lock::{self, NameLock};
 use super::memory::WriteMap;
-use super::newborn::{Newborn, clear_leftovers};
+use super::object::{Object, retire};
 use super::placement::{CreateOptions, Placement};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
@@ -29,17 +27,18 @@ struct RegionWriter {
 
 /// The owner's end of a segment. Dropping it marks the segment dead, wakes everyone who waits, and removes the name.
 pub struct Publisher {
-    map: WriteMap,
-    file: File,
+    object: Object,
+    options: CreateOptions,
     path: PathBuf,
     generation: u64,
-    clock: ClockKind,
+    header_words: usize,
     /// By region number.
     regions_by_id: [Option<RegionWriter>; RegionId::ALL.len() + 1],
     /// Buffer in which a slot is assembled; as long as the longest slot, so that publishing never allocates.
     staging: Vec<u64>,
+    handover: Arc<Handover>,
     // Last, so that the name becomes free only after the segment is gone.
-    _lock: NameLock,
+    lock: Arc<Mutex<NameLock>>,
 }
 
 impl Publisher {
@@ -55,45 +54,9 @@ impl Publisher {
         let path = options.name.object(&options.directory);
         let lock = NameLock::take(options.name.lock(&options.directory))?;
         let previous = retire(&path)?;
-
-        // We own the name, so a file with one of its temporary names comes from a process that died.
-        clear_leftovers(&options.name, &options.directory);
-        let newborn = Newborn::create(&options.name, &options.directory);
-        let newborn = newborn.map_err(SegmentError::io("create", &path))?;
-        let file = newborn.file().try_clone().map_err(SegmentError::io("create", &path))?;
-        let publisher = Self::build(options, &placement, path.clone(), file, lock, previous)?;
-        newborn.put_at(&path).map_err(SegmentError::io("put in place", &path))?;
-        Ok(publisher)
-    }
-
-    fn build(
-        options: &CreateOptions,
-        placement: &Placement,
-        path: PathBuf,
-        file: File,
-        lock: NameLock,
-        previous: u64,
-    ) -> Result<Self, SegmentError> {
-        let fail = |what| SegmentError::io(what, &path);
-        if !lock::try_hold(&file).map_err(fail("lock"))? {
-            return Err(SegmentError::InUse { path, pid: None });
-        }
-        // Allocate the memory now, so that a full file system is an error here and not a SIGBUS later.
-        nix::fcntl::posix_fallocate(&file, 0, placement.total_length as libc::off_t).map_err(|errno| {
-            SegmentError::Full {
-                path: path.clone(),
-                bytes: placement.total_length as u64,
-                source: errno.into(),
-            }
-        })?;
-        let own = file.metadata().map_err(fail("inspect"))?.gid();
-        if let Some(group) = options.group.filter(|group| *group != own) {
-            std::os::unix::fs::fchown(&file, None, Some(group)).map_err(fail("give to its group"))?;
-        }
-        file.set_permissions(Permissions::from_mode(options.mode)).map_err(fail("set the mode of"))?;
-        let map = WriteMap::new(&file, placement.total_length).map_err(fail("map"))?;
+        let (newborn, object) = Object::make(options, placement.total_length)?;
         let generation = clock_ns(ClockId::CLOCK_REALTIME).max(previous.wrapping_add(1));
-        placement.write(&map, options, generation);
+        placement.write(&object.map, options, generation);
 
         let mut regions_by_id = [None; RegionId::ALL.len() + 1];
         for (spec, entry, ring) in &placement.regions {
@@ -106,18 +69,39 @@ impl Publisher {
         }
         let longest = placement.regions.iter().map(|(_, _, ring)| ring.body).max().unwrap_or(0);
         let publisher = Self {
-            map,
-            file,
+            object,
+            options: options.clone(),
             path,
             generation,
-            clock: options.clock,
+            header_words: placement.header_length / WORD,
             regions_by_id,
             staging: vec![0; longest],
-            _lock: lock,
+            handover: Arc::default(),
+            lock: Arc::new(Mutex::new(lock)),
         };
         publisher.beat(options.clock.start_ns());
-        publisher.map.store_release(AT_MAGIC / WORD, MAGIC);
+        publisher.object.map.store_release(AT_MAGIC / WORD, MAGIC);
+        newborn.put_at(&publisher.path).map_err(SegmentError::io("put in place", &publisher.path))?;
         Ok(publisher)
+    }
+
+    /// Who makes this segment again when its name no longer leads to it.
+    ///
+    /// # Errors
+    /// [`SegmentError::Io`] when the system has no more descriptors.
+    pub fn keeper(&self) -> Result<Keeper, SegmentError> {
+        let file = self.object.file.try_clone().map_err(SegmentError::io("keep", &self.path))?;
+        Keeper::new(self.options.clone(), file, Arc::clone(&self.handover), Arc::clone(&self.lock))
+    }
+
+    /// Goes on in the file that the [`Keeper`] has made in the place of this one, if it has: the same segment, every number goes
+    /// on. Allocates nothing and never waits; to be called at each heartbeat.
+    pub fn move_if_asked(&mut self) {
+        let Self { object, handover, regions_by_id, header_words, .. } = self;
+        handover.exchange(object, |old, new| {
+            regions_by_id.iter().flatten().for_each(|region| region.ring.carry_over(&old.map, &new.map));
+            (0..*header_words).for_each(|index| new.map.store(index, old.map.load(index)));
+        });
     }
 
     /// Publishes the board's 16-bit words as the region's next sample, wakes its waiting readers, and returns its
@@ -166,7 +150,7 @@ impl Publisher {
     #[inline]
     pub fn wake(&self, region: RegionId) {
         let Some(region_writer) = &self.regions_by_id[region as usize] else { return };
-        let woken = self.map.wake(region_writer.ring.head);
+        let woken = self.object.map.wake(region_writer.ring.head);
         if woken > 0 {
             self.counters().add(Counter::Wakes, woken);
         }
@@ -187,12 +171,12 @@ impl Publisher {
         let body = &mut self.staging[..STAMP_WORDS + length.div_ceil(WORD)];
         body[..STAMP_WORDS].copy_from_slice(&stamp.words(length));
         fill(&mut body[STAMP_WORDS..]);
-        if self.clock == ClockKind::Own {
+        if self.options.clock == ClockKind::Own {
             // Stored before the sample, so that no reader finds a sample from the future.
-            self.map.store(AT_NOW / WORD, stamp.time_ns.max(self.map.load(AT_NOW / WORD)));
+            self.object.map.store(AT_NOW / WORD, stamp.time_ns.max(self.object.map.load(AT_NOW / WORD)));
         }
         region_writer.published += 1;
-        region_writer.ring.write(&self.map, region_writer.published, body);
+        region_writer.ring.write(&self.object.map, region_writer.published, body);
         region_writer.published
     }
 
@@ -215,20 +199,20 @@ impl Publisher {
 
     fn set_in_entry(&self, region: RegionId, field: usize, value: u64) {
         if let Some(region_writer) = &self.regions_by_id[region as usize] {
-            self.map.store((region_writer.entry + field) / WORD, value);
+            self.object.map.store((region_writer.entry + field) / WORD, value);
         }
     }
 
     /// Sets the state of the whole segment. Wakes nobody: waiting readers check the state when no data arrive.
     pub fn set_state(&self, state: State) {
-        self.map.store_release(AT_STATE / WORD, state as u64);
+        self.object.map.store_release(AT_STATE / WORD, state as u64);
     }
 
     /// Sets the segment's own clock ([`ClockKind::Own`]), by which readers compute every age; does nothing when the
     /// segment uses CLOCK_MONOTONIC.
     pub fn set_now(&self, now_ns: u64) {
-        if self.clock == ClockKind::Own {
-            self.map.store(AT_NOW / WORD, now_ns);
+        if self.options.clock == ClockKind::Own {
+            self.object.map.store(AT_NOW / WORD, now_ns);
         }
     }
 
@@ -236,7 +220,7 @@ impl Publisher {
     /// [`Publisher::set_now`]. Also measures the offset of CLOCK_REALTIME.
     pub fn beat(&self, now_ns: u64) {
         self.set_now(now_ns);
-        let (realtime, taken) = match self.clock {
+        let (realtime, taken) = match self.options.clock {
             ClockKind::Monotonic => {
                 let before = monotonic_ns();
                 let realtime = clock_ns(ClockId::CLOCK_REALTIME);
@@ -244,16 +228,16 @@ impl Publisher {
             }
             ClockKind::Own => (clock_ns(ClockId::CLOCK_REALTIME), now_ns),
         };
-        self.map.store(AT_REALTIME_OFFSET / WORD, realtime.wrapping_sub(taken));
-        self.map.store(AT_REALTIME_TAKEN / WORD, taken);
-        self.map.store(AT_BEATS / WORD, self.map.load(AT_BEATS / WORD).wrapping_add(1));
-        self.map.store(AT_HEARTBEAT / WORD, now_ns);
+        self.object.map.store(AT_REALTIME_OFFSET / WORD, realtime.wrapping_sub(taken));
+        self.object.map.store(AT_REALTIME_TAKEN / WORD, taken);
+        self.object.map.store(AT_BEATS / WORD, self.object.map.load(AT_BEATS / WORD).wrapping_add(1));
+        self.object.map.store(AT_HEARTBEAT / WORD, now_ns);
     }
 
     /// The counters in the segment.
     #[must_use]
     pub fn counters(&self) -> Counters<'_> {
-        Counters { map: &self.map }
+        Counters { map: &self.object.map }
     }
 
     /// Distinguishes this segment from earlier and later ones of its name.
@@ -271,11 +255,8 @@ impl Publisher {
 
 impl Drop for Publisher {
     fn drop(&mut self) {
-        self.set_state(State::Dead);
-        for region_writer in self.regions_by_id.iter().flatten() {
-            self.map.wake(region_writer.ring.head);
-        }
-        if lock::leads_to(&self.path, &self.file)
+        self.object.end(self.regions_by_id.iter().flatten().map(|region_writer| region_writer.ring));
+        if lock::leads_to(&self.path, &self.object.file)
             && let Err(error) = std::fs::remove_file(&self.path)
         {
             log::warn!("cannot remove {}: {error}", self.path.display());
@@ -304,53 +285,6 @@ impl Counters<'_> {
     pub fn value(&self, counter: Counter) -> u64 {
         self.map.load(AT_COUNTERS / WORD + counter as usize)
     }
-}
-
-/// Marks the segment that a dead owner left at `path` as dead, so that its readers notice, and returns its generation
-/// (0: there was none). It stays until it is replaced, so that the name always exists.
-fn retire(path: &Path) -> Result<u64, SegmentError> {
-    if !lock::check_replaceable(path)? {
-        return Ok(0);
-    }
-    let file = match lock::open(path, true) {
-        Ok(file) => file,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(0),
-        Err(error) => return Err(SegmentError::io("open the old", path)(error)),
-    };
-    let (words, length) = header::read(&file).map_err(SegmentError::io("read the old", path))?;
-    if words.first() != Some(&MAGIC) {
-        return Err(SegmentError::Occupied { path: path.to_owned(), why: "it is no segment" });
-    }
-    let Ok(geometry) = Geometry::parse(&words, length) else {
-        // No reader can be attached to a malformed segment.
-        return Ok(0);
-    };
-    let word = |offset: usize| words[offset / WORD];
-    if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        if file.metadata().map_err(SegmentError::io("inspect", path))?.nlink() > 1 {
-            log::warn!("replacing {}, another name of a segment that lives", path.display());
-            return Ok(0);
-        }
-        // Its owner lives: somebody removed only the lock file of its name.
-        return Err(SegmentError::InUse {
-            path: path.to_owned(),
-            pid: u32::try_from(word(AT_OWNER_PID)).ok(),
-        });
-    }
-    file.write_all_at(&(State::Dead as u64).to_ne_bytes(), AT_STATE as u64)
-        .map_err(SegmentError::io("mark dead the old", path))?;
-    if let Ok(map) = WriteMap::new(&file, geometry.total_length) {
-        for region in &geometry.regions {
-            map.wake(region.ring.head);
-        }
-    }
-    log::info!(
-        "replacing the segment {} that process {} of user {} left",
-        path.display(),
-        word(AT_OWNER_PID),
-        file.metadata().map_or(0, |there| there.uid())
-    );
-    Ok(word(AT_GENERATION))
 }
 
 #[inline]

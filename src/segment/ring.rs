@@ -103,6 +103,17 @@ impl Ring {
         memory.store_release(self.head, sequence);
     }
 
+    /// Brings `to`, which has this ring's earlier samples and no reader yet, up to `from`, which only this thread writes, or which
+    /// will be carried over once more by the thread that does: what was torn then is copied again.
+    pub fn carry_over<F: Words, T: WordsMut>(&self, from: &F, to: &T) {
+        let (has, head) = (to.load(self.head), self.published(from));
+        for sequence in self.oldest(head).max(has + 1)..=head {
+            let slot = self.slot(sequence);
+            (slot..slot + self.stride).for_each(|index| to.store(index, from.load(index)));
+        }
+        to.store(self.head, head);
+    }
+
     /// Number of samples published, which is also the number of the latest. After this load the reader may read them.
     #[inline]
     pub fn published<M: Words>(&self, memory: &M) -> u64 {

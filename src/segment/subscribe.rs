@@ -101,9 +101,12 @@ impl Subscriber {
     /// another segment replaced it. Two system calls.
     #[must_use]
     pub fn condition(&self) -> Condition {
-        if self.is_replaced() {
-            return Condition::Replaced;
-        }
+        if self.is_replaced() { Condition::Replaced } else { self.own_condition() }
+    }
+
+    /// As [`Subscriber::condition`], whatever the name leads to. One system call.
+    #[must_use]
+    pub fn own_condition(&self) -> Condition {
         match self.header_condition(self.now_ns()) {
             Condition::Dead => Condition::Dead,
             _ if self.is_owner_gone() => Condition::OwnerGone,

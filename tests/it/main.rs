@@ -37,6 +37,7 @@ mod man;
 mod map;
 mod memory;
 mod motors;
+mod names;
 mod one_board;
 mod open_buffer;
 mod panel;

@@ -280,7 +280,8 @@ fn b4_2_hard_links_to_files_of_pmacd_are_cleared_away() {
 
 #[test]
 fn b4_3_a_file_that_is_no_segment_is_refused_and_left_alone() {
-    for content in [&b""[..], b"a board's own memory", &[0; 0x4000]] {
+    let late = [&[0; 0x4000][..], b"a board's own memory"].concat();
+    for content in [&b"a board's own memory"[..], &late] {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("pmac0");
         std::fs::write(&path, content).unwrap();
@@ -289,6 +290,17 @@ fn b4_3_a_file_that_is_no_segment_is_refused_and_left_alone() {
         assert!(error.to_string().contains("/pmac0 is in the way: it is no segment"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), content);
         assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
+}
+
+/// As somebody leaves it who truncates a segment.
+#[test]
+fn a_file_that_holds_nothing_is_replaced() {
+    for content in [&b""[..], &[0; 5], &[0; 0x4000]] {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("pmac0"), content).unwrap();
+        let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+        assert_eq!(attach(directory.path()).generation(), publisher.generation());
     }
 }
 

@@ -17,6 +17,8 @@ fn main() -> ExitCode {
         Ok(options) => options,
         Err(error) => return usage("pmac-web", &error),
     };
+    let gone = "pmac-web: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm; see to pmacd, then start this again\n";
+    let _ = pmac_dpram::segment::end_on_bus_error(gone, 2);
     env_logger::Builder::new()
         .filter_level(LevelFilter::Info)
         .format(|line, record| writeln!(line, "pmac-web: {}", record.args()))

@@ -466,6 +466,7 @@ impl BoardLoop {
 
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
+        self.publisher.move_if_asked();
         self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
         self.publisher.beat(now);
         // What waits has had no time yet to show anything.
