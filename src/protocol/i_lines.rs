@@ -1,34 +1,13 @@
 //! Which I-variables a command line sets.
 //!
-//! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms (GRAMMAR, I-variables).
-//! Blanks do not matter to PMAC, nor does case.
+//! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms (GRAMMAR, I-variables). A number may
+//! be an expression in each of them; one of constants alone is computed. Blanks do not matter to PMAC, nor does case.
 
+mod number;
+
+pub use self::number::Numbers;
+use self::number::{Number, Reader};
 use super::line;
-
-/// The I-variables of an assignment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Numbers {
-    /// One.
-    One(u32),
-    /// Several: the first, the last, and the step between them.
-    Range(u32, u32, u32),
-    /// The number is an expression.
-    Unknown,
-}
-
-impl Numbers {
-    /// Whether variable `number` is among them. Of an expression nobody can tell: it counts as no.
-    #[must_use]
-    pub const fn has(self, number: u32) -> bool {
-        match self {
-            Self::One(one) => one == number,
-            Self::Range(first, last, step) => {
-                first <= number && number <= last && (step == 0 || (number - first).is_multiple_of(step))
-            }
-            Self::Unknown => false,
-        }
-    }
-}
 
 /// What a line sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,84 +58,18 @@ fn is_a_stations(before: &[u8]) -> bool {
     is_node && word.len() >= 2 && word[word.len() - 2..].eq_ignore_ascii_case(b"MS")
 }
 
-/// Text without the blanks in it.
-struct Reader<'a> {
-    line: &'a [u8],
-    at: usize,
-}
-
-impl Reader<'_> {
-    fn peek(&mut self) -> Option<u8> {
-        while self.line.get(self.at) == Some(&b' ') {
-            self.at += 1;
-        }
-        self.line.get(self.at).copied()
-    }
-
-    fn takes(&mut self, text: &[u8]) -> bool {
-        let start = self.at;
-        let all = text.iter().all(|wanted| {
-            let is_it = self.peek() == Some(*wanted);
-            self.at += usize::from(is_it);
-            is_it
-        });
-        if !all {
-            self.at = start;
-        }
-        all
-    }
-
-    fn number(&mut self) -> Option<u32> {
-        let mut number = None;
-        while let Some(digit @ b'0'..=b'9') = self.peek() {
-            self.at += 1;
-            number = Some(number.unwrap_or(0_u32).saturating_mul(10).saturating_add(u32::from(digit - b'0')));
-        }
-        number
-    }
-
-    fn hexadecimal(&mut self) -> Option<u32> {
-        let mut number = None;
-        // Behind a blank, A to F are commands.
-        while let Some(digit) = self.line.get(self.at).and_then(|byte| char::from(*byte).to_digit(16)) {
-            self.at += 1;
-            number = Some(number.unwrap_or(0_u32).saturating_mul(16).saturating_add(digit));
-        }
-        number
-    }
-}
-
 /// The assignment behind the I at the place before `at`, and where it ends.
 fn setting_at(line: &[u8], at: usize) -> Option<(Setting, usize)> {
     let mut reader = Reader { line, at };
-    let numbers = match reader.number() {
-        Some(first) if reader.takes(b"..") => Numbers::Range(first, reader.number()?, 1),
-        Some(first) if reader.takes(b",") => {
-            let count = reader.number()?;
-            let step = if reader.takes(b",") { reader.number()? } else { 1 };
-            Numbers::Range(first, first.saturating_add(count.saturating_sub(1).saturating_mul(step)), step)
-        }
-        Some(one) => Numbers::One(one),
-        None if reader.takes(b"(") => {
-            let inside = reader.at;
-            if let Some(one) = reader.number()
-                && reader.takes(b")")
-            {
-                return value_behind(reader, Numbers::One(one));
-            }
-            reader.at = inside;
-            let mut depth = 1;
-            while depth > 0 {
-                match reader.peek()? {
-                    b'(' => depth += 1,
-                    b')' => depth -= 1,
-                    _ => {}
-                }
-                reader.at += 1;
-            }
-            Numbers::Unknown
-        }
-        None => return None,
+    let first = number::read(&mut reader)?;
+    let numbers = if reader.takes(b"..") {
+        first.up_to(number::read(&mut reader)?)
+    } else if reader.takes(b",") {
+        let count = number::read(&mut reader)?;
+        let step = if reader.takes(b",") { number::read(&mut reader)? } else { Number::One(1) };
+        first.times(count, step)
+    } else {
+        first.alone()
     };
     value_behind(reader, numbers)
 }
@@ -193,7 +106,7 @@ mod tests {
             ("I(P1+(2))=7", vec![(Unknown, Some(7))]),
             (
                 "I(58)=0 I( 5 9 )=8 I(58+1)=1",
-                vec![(One(58), Some(0)), (One(59), Some(8)), (Unknown, Some(1))],
+                vec![(One(58), Some(0)), (One(59), Some(8)), (One(59), Some(1))],
             ),
             ("I58=$0", vec![(One(58), Some(0))]),
             ("MS0,I58=0 ms 16 , i 58 = 0 MSI58=0", vec![]),
@@ -209,6 +122,50 @@ mod tests {
             assert_eq!(found(line), expected, "{line}");
         }
         let range = Range(108, 808, 100);
+        assert!(
+            Range(8200, 8260, 1).has(58) && !Range(8200, 8249, 1).has(58),
+            "a Turbo board begins again at 0"
+        );
+        assert!(Range(0, u32::MAX, 1).has(58) && !Range(60, 50, 1).has(58));
         assert!(range.has(208) && range.has(808) && !range.has(209) && !range.has(908) && !Unknown.has(1));
+    }
+
+    #[test]
+    fn a_number_that_is_an_expression_of_constants_is_computed() {
+        use Numbers::{One, Range, Unknown};
+        for (line, expected) in [
+            ("I(57+1)=0", One(58)),
+            ("I( 60 - 2 )=0", One(58)),
+            ("I(29*2)=0", One(58)),
+            ("I(2+7*8)=0", One(58)),
+            ("I((2+5)*8+2)=0", One(58)),
+            ("I($3A)=0", One(58)),
+            ("I(-5+63)=0", One(58)),
+            ("I(116/2)=0", One(58)),
+            ("I(158%100)=0", One(58)),
+            ("I(63&58)=0", One(58)),
+            ("I(50|8)=0", One(58)),
+            ("I(59^1)=0", One(58)),
+            ("I(SQRT(3364))=0", One(58)),
+            ("I(INT(58.5))=0", One(58)),
+            ("I(ABS(-58))=0", One(58)),
+            ("I8250=0", One(58)),
+            ("I(8192+58)=0", One(58)),
+            ("I(58-8192)=0", One(58)),
+            ("I(57.6)=0", Range(57, 58, 1)),
+            ("I(50)..60=0", Range(50, 60, 1)),
+            ("I50..(50+9)=0", Range(50, 59, 1)),
+            ("I(48),2,(9+1)=0", Range(48, 58, 10)),
+            ("I(P1)=0", Unknown),
+            ("I(P1*0+58)=0", Unknown),
+            ("I(Q(5)+1)=0", Unknown),
+            ("I(SIN(3))=0", Unknown),
+            ("I(1/0)=0", Unknown),
+            ("I50..(P1)=0", Unknown),
+        ] {
+            assert_eq!(found(line), [(expected, Some(0))], "{line}");
+        }
+        let deep = format!("I{}58{}=0", "(".repeat(100_000), ")".repeat(100_000));
+        assert_eq!(found(&deep), [(Unknown, Some(0))], "and asks for no more than a part of the stack");
     }
 }

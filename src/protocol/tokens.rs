@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use super::line;
+
 /// What a command needs to be addressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
@@ -151,6 +153,8 @@ const LISTED: [(&str, Needs); 16] = [
 ];
 /// The digits of the longest hexadecimal address, `$07FFFF` on Turbo boards.
 const ADDRESS_DIGITS: usize = 6;
+/// The longest line that a board takes.
+const LONGEST_LINE: usize = 255;
 
 /// The commands of `line`, in their order. Blanks between them belong to none.
 #[must_use]
@@ -161,28 +165,52 @@ pub fn of(line: &str) -> Vec<Token> {
 /// As [`of`], of a line that the board may know better: behind a command that is not known they go on at the next address.
 #[must_use]
 pub fn of_known(line: &str) -> Vec<Token> {
-    read(line, |start| {
-        let mut behind = line.as_bytes().iter().skip(start + 1);
-        behind.position(|byte| b"#&".contains(byte)).map_or(line.len(), |at| start + 1 + at)
-    })
+    let bytes = line.as_bytes();
+    read(line, |start| next_address(bytes, start))
+}
+
+/// As [`of_known`], given one by one to `told`, with the text in capitals in which they stand. Asks for no memory. What stands in quotes
+/// is no command, and what is longer than a board's line is not known.
+pub fn each_known(line: &[u8], mut told: impl FnMut(&[u8], &Token)) {
+    for part in line::command_bytes(line) {
+        let mut upper = [b' '; LONGEST_LINE];
+        let length = part.len().min(LONGEST_LINE);
+        upper[..length].copy_from_slice(&part[..length]);
+        upper.make_ascii_uppercase();
+        let upper = &upper[..length];
+        let mut reader = Reader { line: upper, at: 0 };
+        while let Some(token) = reader.token(|start| next_address(upper, start)) {
+            told(upper, &token);
+        }
+        if length < part.len() {
+            told(upper, &Token { span: length..length, kind: Kind::Unknown });
+        }
+    }
+}
+
+/// Whether a command of `line` stops something.
+#[must_use]
+pub fn stops(line: &[u8]) -> bool {
+    let mut stops = false;
+    each_known(line, |line, token| {
+        let said = &line[token.span.clone()];
+        let letters = [&b"A"[..], b"H", b"J/", b"K", b"Q", b"/", b"\\"];
+        stops |= matches!(token.kind, Kind::Moves(_)) && letters.contains(&said.trim_ascii_end());
+    });
+    stops
+}
+
+/// Where the next address begins behind the byte at `start`, or the line ends.
+fn next_address(line: &[u8], start: usize) -> usize {
+    let mut behind = line.iter().skip(start + 1);
+    behind.position(|byte| b"#&".contains(byte)).map_or(line.len(), |at| start + 1 + at)
 }
 
 /// The commands of `line`; one that begins at a byte and is not known goes as far as `unknown_end` says.
 fn read(line: &str, unknown_end: impl Fn(usize) -> usize) -> Vec<Token> {
     let upper = line.to_ascii_uppercase();
     let mut reader = Reader { line: upper.as_bytes(), at: 0 };
-    let mut tokens = Vec::new();
-    while reader.peek().is_some() {
-        let start = reader.at;
-        let kind = reader.command();
-        if kind == Kind::Unknown || reader.at == start {
-            reader.at = unknown_end(start);
-            tokens.push(Token { span: start..reader.at, kind: Kind::Unknown });
-        } else {
-            tokens.push(Token { span: start..reader.at, kind });
-        }
-    }
-    tokens
+    std::iter::from_fn(|| reader.token(&unknown_end)).collect()
 }
 
 struct Reader<'a> {
@@ -197,6 +225,18 @@ impl Reader<'_> {
             self.at += 1;
         }
         self.line.get(self.at).copied()
+    }
+
+    /// The next command; one that is not known goes as far as `unknown_end` says of its first byte.
+    fn token(&mut self, unknown_end: impl Fn(usize) -> usize) -> Option<Token> {
+        self.peek()?;
+        let start = self.at;
+        let kind = self.command();
+        if kind == Kind::Unknown || self.at == start {
+            self.at = unknown_end(start);
+            return Some(Token { span: start..self.at, kind: Kind::Unknown });
+        }
+        Some(Token { span: start..self.at, kind })
     }
 
     /// The byte behind, blanks and all.

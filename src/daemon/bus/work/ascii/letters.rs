@@ -1,16 +1,21 @@
 //! What the letters of a line tell of it, on a thread that does not allocate.
 
 use crate::protocol::line::only_asks_for_variables;
+use crate::protocol::tokens::{self, Kind};
 
-/// Whether a line can do more than ask for, or set, variables and say where motors are: those have no other letters, and no signs of
-/// commands (`#1$`, `&1<`, `&1%100`). Saving and listing take long, and move nothing.
+/// Whether a line can do more than ask for, or set, variables and say where motors are. Saving and listing take long, and move
+/// nothing; what stands behind them may.
 pub(super) fn may_move(line: &[u8]) -> bool {
-    let begins = |word: &[u8]| line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word));
-    let moves = |byte: &u8| match byte {
-        b'$' | b'%' | b'<' | b'\\' | b'/' => true,
-        byte => byte.is_ascii_alphabetic() && !b"IPQMVF".contains(&byte.to_ascii_uppercase()),
-    };
-    !begins(b"SAVE") && !begins(b"LIST") && (line.iter().any(moves) || is_arrow_alone(line))
+    let mut may_move = false;
+    tokens::each_known(line, |line, token| {
+        let said = &line[token.span.clone()];
+        may_move |= match token.kind {
+            Kind::Moves(_) | Kind::Unknown => true,
+            Kind::Changes => said != b"SAVE" && !b"PQM#&".contains(&said[0]),
+            _ => false,
+        };
+    });
+    may_move
 }
 
 /// Whether a line can start a motion program: by `R` or `S`, whatever else it says, by `>`, or by a reset.
@@ -18,16 +23,12 @@ pub(super) fn may_start_program(line: &[u8]) -> bool {
     may_move(line) && line.iter().any(|byte| b"RS>$".contains(&byte.to_ascii_uppercase()))
 }
 
-/// `&1>` begins to move; `M1->` asks.
-fn is_arrow_alone(line: &[u8]) -> bool {
-    (0..line.len()).any(|at| line[at] == b'>' && (at == 0 || line[at - 1] != b'-'))
-}
-
 /// Whether the board has a value to answer: the line asks for variables, or ends with a question for a motor or coordinate system.
 pub(super) fn asks_for_value(line: &[u8]) -> bool {
     let line = line.trim_ascii();
     let ends = |letters: &[u8]| line.last().is_some_and(|byte| letters.contains(&byte.to_ascii_uppercase()));
-    only_asks_for_variables(line) || !may_move(line) && !line.contains(&b'=') && ends(b"PVF?")
+    let lists = line.windows(4).any(|four| four.eq_ignore_ascii_case(b"LIST"));
+    only_asks_for_variables(line) || !may_move(line) && !lists && !line.contains(&b'=') && ends(b"PVF?")
 }
 
 #[cfg(test)]
@@ -51,6 +52,16 @@ mod tests {
             [("&1B5R", true), ("&2s", true), ("&1>", true), ("#1J+", false), ("LIST PROG 1", false)]
         {
             assert_eq!(may_start_program(line.as_bytes()), starts, "{line}");
+        }
+        for line in ["SAVE", "LIST PROG 1", "I10=P1", "P1=5", "M1=0", "#1", "TYPE", "SIZE", "LIST TCOMP"] {
+            assert!(!may_move(line.as_bytes()) && !asks_for_value(line.as_bytes()), "{line}");
+        }
+    }
+
+    #[test]
+    fn what_stands_behind_a_save_or_a_list_may_move() {
+        for line in ["SAVE#1J+", "save #1j+", "LIST LINK HM", "LIST PROG 1 &1R", "P1=5#1J+", "SAVE&1B1R"] {
+            assert!(may_move(line.as_bytes()), "{line}");
         }
     }
 }
