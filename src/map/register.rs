@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::typed::quote_hint;
 use super::{Family, PmacAddress, Space, VariableKind, number};
 
 /// The highest address of any family: 19 bits.
@@ -18,8 +19,9 @@ pub struct PmacRegister {
 /// Text that names no register.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{text:?} is no register{}; write Y:$C000, X:$C001, D:$002B or L:$1005, with an address up to ${last:X}",
-    if *in_dpram { " that PMAC copies, but a place in the DPRAM, which `pmacctl read` shows" } else { "" }
+    "{text:?} is no register{}; write Y:$C000, X:$C001, D:$002B or L:$1005, with an address up to ${last:X}{}",
+    if *in_dpram { " that PMAC copies, but a place in the DPRAM, which `pmacctl read` shows" } else { "" },
+    quote_hint(text)
 )]
 pub struct BadRegister {
     /// The text.

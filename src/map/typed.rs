@@ -16,7 +16,7 @@ pub struct TypedAddress {
 #[non_exhaustive]
 pub enum AddressError {
     /// Neither a PMAC address nor a host offset.
-    #[error("{text:?} is not an address; write {examples}")]
+    #[error("{text:?} is not an address; write {examples}{}", quote_hint(text))]
     Shape {
         /// The text.
         text: String,
@@ -24,7 +24,7 @@ pub enum AddressError {
         examples: String,
     },
     /// A character that is no digit, or a number of more than 32 bits.
-    #[error("{digits:?} in address {text:?} is not a {base} number")]
+    #[error("{digits:?} in address {text:?} is not a {base} number{}", quote_hint(text))]
     Digits {
         /// The text.
         text: String,
@@ -90,6 +90,15 @@ impl TypedAddress {
     #[must_use]
     pub const fn pmac_address(self, family: &Family) -> PmacAddress {
         PmacAddress::new(self.space, family.pmac_number(self.offset))
+    }
+}
+
+/// What is said of `text`, an address that makes no sense, if a shell may have taken its number: `Y:$D001` without quotes is `Y:` there.
+pub(super) fn quote_hint(text: &str) -> &'static str {
+    if text.contains(':') && !text.contains('$') {
+        "; the shell takes a $ and what follows for a variable: quote the address, as 'Y:$D001'"
+    } else {
+        ""
     }
 }
 
@@ -191,7 +200,15 @@ mod tests {
             "L:$DFFF lies outside the DPRAM of a PMAC, which has L:$D000 to L:$DFFE"
         );
         assert_eq!(refused("Y:$D0G1"), "\"D0G1\" in address \"Y:$D0G1\" is not a hexadecimal number");
-        assert_eq!(refused("Y:D001"), "\"D001\" in address \"Y:D001\" is not a decimal number");
+        assert!(refused("Y:D001").starts_with("\"D001\" in address \"Y:D001\" is not a decimal number; "));
+        // `Y:$D001` and `Y:$0700` as a shell hands them over.
+        for taken in ["Y:", "Y:bash700", "Y:D001"] {
+            assert!(
+                refused(taken).ends_with("quote the address, as 'Y:$D001'"),
+                "{taken}: {}",
+                refused(taken)
+            );
+        }
         for word in ["foo", "yes", "dp", "X"] {
             assert!(refused(word).starts_with(&format!("{word:?} is not an address; write")), "{word}");
         }

@@ -524,3 +524,20 @@ fn as_root_b2_7_a_group_counts_that_no_data_base_has_the_user_in() {
     }
     assert_eq!(*bench.seen.lock().unwrap(), ["^K"]);
 }
+
+#[test]
+fn a_line_that_the_shell_has_eaten_is_told_how_to_quote_it() {
+    let told = |arguments: &[&str]| {
+        let ran = pmacctl_with(arguments.iter().copied());
+        assert_eq!(ran.code, Some(2), "{arguments:?}: {ran:?}");
+        ran.stderr
+    };
+    for arguments in [&["send"][..], &["send", ""], &["send", "--yes"]] {
+        let told = told(arguments);
+        assert!(told.contains("quote it: pmacctl send '#1P'"), "{arguments:?}: {told}");
+    }
+    let told_of_two = told(&["send", "#1J+", "P1"]);
+    assert!(told_of_two.contains("nothing was sent; quote it: pmacctl send '#1J+ P1'"), "{told_of_two}");
+    let told = told(&["read", "Y:", "--family", "pmac"]);
+    assert!(told.contains("quote the address, as 'Y:$D001'"), "{told}");
+}

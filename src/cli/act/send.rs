@@ -20,26 +20,31 @@ use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines}
 
 #[derive(Debug, Args)]
 pub struct Send {
-    /// The line, or one control character as '^K'
+    /// The line in quotes, as '#1P', or one control character as '^K'
     #[arg(value_name = "LINE", allow_hyphen_values = true)]
-    pub line: String,
+    pub line: Option<String>,
+    /// Taken so that the message can say how to quote them
+    #[arg(hide = true)]
+    pub more: Vec<String>,
     /// Time limit for the reply, in seconds; without it 5, and more for lines that take long, such as SAVE
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Option<Duration>,
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
-    /// Send ^Z and I58=0 too, which end command lines for everybody, and starts (&1R, ^R) that run what a rotary stream left
+    /// Send ^Z and I58=0 too, which end command lines for everybody; $$$ and SAVE though they end what others have open and run; and
+    /// starts (&1R, ^R) that run what a rotary stream left
     #[arg(long)]
     pub yes: bool,
 }
 
 pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
-    let control = control::parse(&options.line).filter(|_| options.line.len() == 2);
+    let line = one_line(options)?;
+    let control = control::parse(line).filter(|_| line.len() == 2);
     if control.is_none() {
-        check_line(&options.line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
+        check_line(line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }
-    let timeout = options.timeout.unwrap_or_else(|| deadlines::of_line(&options.line, deadlines::PLAIN));
+    let timeout = options.timeout.unwrap_or_else(|| deadlines::of_line(line, deadlines::PLAIN));
     if timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
@@ -49,9 +54,9 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         let begun = Instant::now();
         Ok(match control {
             Some(character) => connection.control(character).map(|lines| SendReply { lines, entered: None }),
-            None => match connection.send_and_see(&options.line, timeout, SendAs::default()) {
+            None => match connection.send_and_see(line, timeout, SendAs::default()) {
                 Err(CommandError::Refused(CallError::TimedOut { lines }))
-                    if lines.is_empty() && resets(options.line.as_bytes()) && begun.elapsed() < timeout =>
+                    if lines.is_empty() && resets(line.as_bytes()) && begun.elapsed() < timeout =>
                 {
                     // Before the time was over: the board has let go of the line.
                     // If stderr is closed, the note is lost.
@@ -72,7 +77,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         Ok(SendReply { lines, entered }) => {
             if let Some(open) = entered {
                 // If stderr is closed, the note is lost.
-                let _ = writeln!(io::stderr(), "{}", entered_note(&options.line, &open));
+                let _ = writeln!(io::stderr(), "{}", entered_note(line, &open));
             }
             if json {
                 context.output.json(&json!({ "lines": lines, "error": null }))?;
@@ -98,6 +103,26 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         }
     }
     Ok(Verdict::Yes)
+}
+
+/// The line to send: one argument, no more and no less.
+fn one_line(options: &Send) -> Result<&str, Failure> {
+    let quote = |line: &str| format!("quote it: pmacctl send '{line}'");
+    match (&options.line, &options.more[..]) {
+        (Some(line), []) if !line.trim().is_empty() => Ok(line),
+        (None, _) | (Some(_), []) => Err(Failure::Request(format!(
+            "send needs a line, and the shell takes what stands behind a # or an & for itself: {}",
+            quote("#1P")
+        ))),
+        (Some(line), more) => {
+            let all = format!("{line} {}", more.join(" "));
+            Err(Failure::Request(format!(
+                "send takes one line, and got {} arguments; nothing was sent; {}",
+                more.len() + 1,
+                quote(&all)
+            )))
+        }
+    }
 }
 
 /// Which programs run, if the board refused the line because of one.
