@@ -14,7 +14,7 @@ use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
 use pmac_dpram::map::{Family, HostOffset};
 use pmac_dpram::protocol::board::LineOutcome;
-use pmac_dpram::protocol::buffer_line::{Effect, effect, is_close};
+use pmac_dpram::protocol::buffer_line::{Effect, WhileOpen, effect, is_close};
 use pmac_dpram::protocol::line::resets;
 use pmac_dpram::protocol::moved_motors::EndlessJogs;
 use pmac_dpram::protocol::{CallError, READ_MAX, deadlines};
@@ -193,12 +193,15 @@ impl Board {
         let effect = effect(line.as_bytes());
         let opens = matches!(effect, Some(Effect::Opens(_)));
         let has_end = self.keeps_jogs || !EndlessJogs::possible(line).any();
-        if !has_end && (opens || self.in_buffer && effect.is_some()) {
-            // The sequence's lines are no jogs that end with the client. Within a program J is a length: `X10 I5 J-5`.
-            let why = "a line that opens or closes a program buffer has no jog in it; send each on a line of its own";
+        // The board carries out a jog beside a program buffer that is open. Within a program J is a length: `X10 I5 J-5`.
+        let while_open = WhileOpen::of(line.as_bytes());
+        let jogs_beside = !has_end && while_open.acts;
+        if !has_end && (opens || self.in_buffer && (effect.is_some() || jogs_beside && while_open.enters)) {
+            // The sequence's lines are no jogs that end with the client.
+            let why = "a line that opens, closes or enters a program buffer has no jog in it; send each on a line of its own";
             return Err(Failure::unsent(NOT_NOW, why));
         }
-        if opens || self.in_buffer {
+        if opens || self.in_buffer && !jogs_beside {
             return self.send_in_sequence(line);
         }
         if is_close(line.as_bytes())

@@ -156,7 +156,7 @@ pub struct SendAs {
     /// It is a question, as that of [`Connection::question`].
     pub question: Option<bool>,
     /// It enters the program buffer that this process has open, as that of [`Connection::send_into_buffer`], or opens one; or if not,
-    /// it enters none at all: it is refused while one is open, but for `CLOSE` and what only reports or stops.
+    /// it enters none at all: it is refused while one is open, but for `CLOSE` and what is on-line only.
     pub into_buffer: Option<bool>,
     /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
@@ -182,8 +182,8 @@ impl Connection {
         Self { path: path.to_owned(), link, confirms: false }
     }
 
-    /// The same connection. If it `confirms`, what ends command lines for everybody (`^Z`, `I58=0`) is sent like any other line;
-    /// the daemon refuses it otherwise.
+    /// The same connection. If it `confirms`, what ends command lines for everybody (`^Z`, `I58=0`), or what others have open and run
+    /// (`$$$`, `SAVE`), is sent like any other line; the daemon refuses it otherwise.
     #[must_use]
     pub fn confirming(self, confirms: bool) -> Self {
         Self { confirms, ..self }
@@ -260,8 +260,8 @@ impl Connection {
         self.send_as(line, timeout, SendAs::default())
     }
 
-    /// As [`Connection::send`], for a line that wants to know something by the way: while a program buffer is open, where it
-    /// would become a program line, it is refused and not sent, whoever has opened the buffer.
+    /// As [`Connection::send`], for a line that wants to know something by the way: where it would become a line of a program buffer
+    /// that is open, it is refused and not sent, whoever has opened that.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -295,7 +295,7 @@ impl Connection {
     /// this way. What two calls return differs if the board was reset between them.
     ///
     /// # Errors
-    /// [`CommandError`]; refused while a program buffer is open.
+    /// [`CommandError`].
     pub fn check_reset(&mut self) -> Result<u64, CommandError> {
         let reply: ResetsReply = self.call("CheckReset", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
         Ok(reply.resets)
@@ -314,7 +314,7 @@ impl Connection {
         Ok(self.send_and_see(line, timeout, send_as)?.lines)
     }
 
-    /// As [`Connection::send_as`]. The reply tells, too, into which program buffer of this user's the line went, if one is open.
+    /// As [`Connection::send_as`]. The reply tells, too, of the program buffer that is open, if the line went in there or may have.
     ///
     /// # Errors
     /// As [`Connection::send`].

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
 use crate::protocol::CallError;
+use crate::protocol::board::SendReply;
 use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::control::{CLOSE_ROTARY, OPEN_ROTARY};
-use crate::protocol::line::resets;
 
 /// Whether a program's lines have opened a buffer that they have not closed. It outlives the connection: what belongs into a buffer
 /// must not be carried out at once because the connection is another one.
@@ -19,8 +19,14 @@ pub struct OwnBuffer {
 }
 
 impl OwnBuffer {
+    /// Whether these lines have one open, as far as they know.
+    #[must_use]
+    pub const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
     /// As [`Connection::send`], but that the line enters no buffer that others have opened, and that one for a buffer of these lines
-    /// is not carried out where that is closed: both are refused and not sent. `CLOSE`, and what only reports or stops, always goes.
+    /// is not carried out where that is closed: both are refused and not sent. `CLOSE`, and what is on-line only, always goes.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -30,11 +36,23 @@ impl OwnBuffer {
         line: &str,
         timeout: Duration,
     ) -> Result<Vec<String>, CommandError> {
+        Ok(self.send_and_see(connection, line, timeout)?.lines)
+    }
+
+    /// As [`Self::send`]. The reply tells, too, whether the line may have gone into a buffer, as that of [`Connection::send_and_see`].
+    ///
+    /// # Errors
+    /// As [`Connection::send`].
+    pub fn send_and_see(
+        &mut self,
+        connection: &mut Connection,
+        line: &str,
+        timeout: Duration,
+    ) -> Result<SendReply, CommandError> {
         let effect = effect(line.as_bytes());
         let opens = matches!(effect, Some(Effect::Opens(_)));
-        // With a buffer of these lines open a reset goes as by hand: it closes that, and is no line of it.
-        let into_buffer = (!self.is_open || !resets(line.as_bytes())).then_some(self.is_open || opens);
-        let sent = connection.send_as(line, timeout, SendAs { into_buffer, ..SendAs::default() });
+        let into_buffer = Some(self.is_open || opens);
+        let sent = connection.send_and_see(line, timeout, SendAs { into_buffer, ..SendAs::default() });
         match effect {
             Some(Effect::Opens(_)) => {
                 self.is_open |= sent.as_ref().map_or_else(CommandError::is_uncertain, |_| true)

@@ -59,7 +59,6 @@ pub static READINGS: &[Reading] = &[
     found_out("reply_ack", &["alone", "over_text", "on_line"]),
     found_out("reply_lines", &["one", "several"]),
     found_out("part_reply", &["at_end", "each"]),
-    found_out("buffer_commands", &["executed", "refused"]),
     found_out("write_long", &["low_32", "halves"]),
 ];
 
@@ -432,18 +431,6 @@ pub enum PartReply {
     Each,
 }
 
-/// What becomes of letters that stop and report, `#1J/` or `&1A`, while a program buffer is open for text: the Software Reference
-/// shows only `&1R &2R` so, under `OPEN ROT` (p. 273).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BufferCommands {
-    /// They are carried out.
-    #[default]
-    Executed,
-    /// They are no program text, and so an error.
-    Refused,
-}
-
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -502,8 +489,6 @@ pub struct Readings {
     pub reply_lines: ReplyLines,
     /// Whether the board answers the first part of a long line, too.
     pub part_reply: PartReply,
-    /// What becomes of letters that stop and report while a program buffer is open.
-    pub buffer_commands: BufferCommands,
     /// Turbo: how a record to write has 48 bits.
     pub write_long: WriteLong,
 }

@@ -353,8 +353,8 @@ pub struct Done {}
 pub struct SendReply {
     /// The reply, one element a line.
     pub lines: Vec<String>,
-    /// The program buffer of its user's that was open when the board acknowledged the line without a reply: what is a program
-    /// statement in it went in there.
+    /// The program buffer that was open when the board acknowledged the line without a reply: what is a program statement in it went
+    /// in there, if it is its user's; or no manual says whether a command of it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub entered: Option<OpenBufferInfo>,
 }

@@ -1,6 +1,9 @@
 //! What a line does to the program buffers: opens one, closes what is open, or enters what is open.
 
+use std::ops::Range;
+
 use super::line::{command_bytes, resets};
+use super::tokens::{self, Kind};
 use crate::format::Text;
 
 /// The longest name of a buffer: `PROG 32767`.
@@ -29,40 +32,150 @@ pub fn is_close(line: &[u8]) -> bool {
     is_closes(line) || before_all.is_some_and(|(before, _)| is_closes(before.trim_ascii_end()))
 }
 
-/// Whether `line` only addresses, reports and stops: `#1P`, `&2?`, `#1J/`, `&1A`, `#`. The board carries such letters out while a
-/// buffer is open, too, and stores nothing: a letter of a program has a number behind it, these have none (Software Reference
-/// p. 273 has `&1R &2R` under `OPEN ROT`; of the other letters it is what boards are known to do). The other reading is
-/// [`crate::map::readings::BufferCommands::Refused`].
-pub fn enters_nothing(line: &[u8]) -> bool {
-    let mut rest = line.trim_ascii();
-    let mut acts = false;
-    while let Some((&first, behind)) = rest.split_first() {
-        rest = match first.to_ascii_uppercase() {
-            b'#' | b'&' => &behind[behind.iter().take_while(|byte| byte.is_ascii_digit()).count()..],
-            b'J' if behind.first() == Some(&b'/') => &behind[1..],
-            b'?' | b'A' | b'F' | b'H' | b'K' | b'P' | b'Q' | b'V' => behind,
-            b' ' => {
-                rest = behind;
-                continue;
-            }
-            _ => return false,
-        };
-        // Two letters together are another command, and a letter with a number or a value a piece of a program.
-        acts |= !matches!(first, b'#' | b'&') || behind.len() == rest.len();
-        if first.is_ascii_alphabetic() && rest.first().is_some_and(|byte| !matches!(byte, b' ' | b'#' | b'&'))
-        {
-            return false;
-        }
-    }
-    acts
+/// What a line comes to while a program buffer is open. `J+` and its like are on-line only, and "cannot be entered into a program buffer"
+/// (User Manual p. 29): the board carries them out at once, as it does `&1R` (Software Reference p. 273).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct WhileOpen {
+    /// A part of it is a statement of a program, or nobody knows that it is none.
+    pub enters: bool,
+    /// It opens, closes, empties or adds to program buffers.
+    pub changes: bool,
+    /// The board carries a command of it out at once.
+    pub acts: bool,
+    /// It may do so: no manual says of the command what becomes of it.
+    pub may_act: bool,
 }
 
-/// Whether program statements of `line` enter a buffer that is open: it opens, closes and empties none, and does not only report or
-/// stop.
-#[must_use]
-pub fn enters(line: &[u8]) -> bool {
-    let empties = CLEARS.iter().any(|word| line.trim_ascii().eq_ignore_ascii_case(word.as_bytes()));
-    effect(line).is_none() && !empties && !enters_nothing(line)
+impl WhileOpen {
+    /// Of `line`. Asks for no memory.
+    #[must_use]
+    pub fn of(line: &[u8]) -> Self {
+        let mut all = Self::default();
+        let mut statement_goes_to = 0;
+        tokens::each_known(line, |line, token| {
+            let Range { start, end } = token.span;
+            if start < statement_goes_to {
+                return;
+            }
+            match place(line, start, end, token.kind) {
+                Place::Tells => {}
+                Place::Acts => all.acts = true,
+                Place::MayAct => all.may_act = true,
+                Place::Changes => all.changes = true,
+                Place::Enters => all.enters = true,
+                Place::Word => {
+                    all.enters = true;
+                    let next = line[end..].iter().position(|byte| b"#&".contains(byte));
+                    statement_goes_to = next.map_or(line.len(), |at| end + at);
+                }
+            }
+        });
+        all
+    }
+
+    /// Whether nothing of the line touches what is open.
+    #[must_use]
+    pub const fn passes(self) -> bool {
+        !self.enters && !self.changes
+    }
+}
+
+/// What becomes of a command while a program buffer is open.
+enum Place {
+    /// It only addresses or asks.
+    Tells,
+    /// It is carried out.
+    Acts,
+    /// It may be.
+    MayAct,
+    /// It changes which buffer is open, or empties that.
+    Changes,
+    /// It is a statement.
+    Enters,
+    /// It begins a word that is a statement, as does what follows.
+    Word,
+}
+
+/// The words of programs that begin as on-line commands of one letter do.
+const STATEMENTS: [&str; 14] = [
+    "ABS", "ADDRESS", "ADIS", "ADR", "AND", "AROT", "FRAX", "PVT", "RAPID", "READ", "RET", "RPD", "SPLINE",
+    "STOP",
+];
+/// On-line commands that are words alone, and of which [`tokens`] does not say more.
+const ACTING_WORDS: [&[u8]; 4] = [b"GAT", b"ENDG", b"MFLUSH", b"Z"];
+const AXES: &[u8] = b"ABCUVWXYZ";
+
+/// Of the command from `start` to `end` in `line`, which is in capitals.
+fn place(line: &[u8], start: usize, end: usize, kind: Kind) -> Place {
+    let (said, behind) = (line[start..end].trim_ascii_end(), &line[end..]);
+    let begins = |words: &[&str]| words.iter().any(|word| line[start..].starts_with(word.as_bytes()));
+    let [first, second] = [0, 1].map(|at| said.get(at).copied().unwrap_or(b' '));
+    let next = behind.trim_ascii_start().first().copied().unwrap_or(b' ');
+    // `R5`, `HM1`: a letter or word of a program has a number behind it, that of an on-line command has none.
+    let has_number = first.is_ascii_alphabetic() && (next.is_ascii_digit() || b".($-+".contains(&next));
+    let is_variable = b"IPQM".contains(&first) && said.len() > 1 && !second.is_ascii_alphabetic();
+    match kind {
+        Kind::Motor(_) | Kind::System(_) | Kind::AxisOf(_) | Kind::Version => Place::Tells,
+        Kind::Variables(..) | Kind::SetsI(..) | Kind::Sets(..) => Place::Enters,
+        _ if begins(&STATEMENTS) => Place::Word,
+        _ if begins(&CLOSES) => Place::Changes,
+        Kind::Asks(_) if is_variable && !said.ends_with(b"->") => Place::Enters,
+        Kind::Asks(_) if has_number && said.len() <= 2 => Place::Enters,
+        Kind::Asks(_) => Place::Tells,
+        Kind::Changes if b"#&".contains(&first) => Place::Tells,
+        Kind::Changes => Place::MayAct,
+        Kind::Moves(_) => match first {
+            b'J' if is_jog(said, next) => Place::Acts,
+            b'J' | b'B' => Place::Enters,
+            b'$' if behind.first().is_some_and(u8::is_ascii_hexdigit) => Place::Enters,
+            letter if has_number && letter != b'O' => Place::Enters,
+            b'R' => Place::Acts,
+            _ => Place::MayAct,
+        },
+        Kind::WritesMemory | Kind::Unknown => place_of_unknown(said),
+    }
+}
+
+/// Whether `said` is `J` with a sign, before the byte `next`; with a number alone, which may be negative, it is a vector.
+fn is_jog(said: &[u8], next: u8) -> bool {
+    let sign = said[1..].trim_ascii_start();
+    match sign.split_first() {
+        Some((b'+' | b'-', rest)) => {
+            let number = rest.trim_ascii_start().first().copied().unwrap_or(next);
+            !(number.is_ascii_digit() || b".$(".contains(&number))
+        }
+        Some((sign, _)) => b"/=:^!".contains(sign),
+        None => false,
+    }
+}
+
+/// Of a command that [`tokens`] does not know.
+fn place_of_unknown(said: &[u8]) -> Place {
+    let letters = |text: &[u8]| text.iter().take_while(|byte| byte.is_ascii_alphabetic()).count();
+    let (word, rest) = said.split_at(letters(said));
+    let begins = |words: &[&str]| words.iter().any(|begin| word.starts_with(begin.as_bytes()));
+    let only =
+        |text: &[u8], bytes: &[u8]| text.iter().all(|byte| byte.is_ascii_digit() || bytes.contains(byte));
+    let arrow = said.windows(2).position(|two| two == b"->");
+    let acts = match word {
+        _ if word.starts_with(OPEN.as_bytes()) || begins(&CLEARS) || begins(&["LEARN"]) => {
+            return Place::Changes;
+        }
+        b"" if said.starts_with(b"@") => return Place::Tells,
+        b"WX" | b"WY" | b"WL" | b"WP" => only(rest, b"$ABCDEF,:.- "),
+        b"PASSWORD" => true,
+        _ if begins(&["DEF", "DEL", "UNDEF"]) && !begins(&["DELAY"]) => {
+            let rest = rest.trim_ascii_start();
+            only(&rest[letters(rest)..], b"$,.*- ")
+        }
+        [axis] if AXES.contains(axis) && rest.starts_with(b"=") => only(&rest[1..], b"+-.$ "),
+        b"" | b"M" => arrow.is_some_and(|at| {
+            let is_number = only(&said[1..at], b". ");
+            is_number && !said[at + 2..].trim_ascii_start().contains(&b' ')
+        }),
+        _ => rest.is_empty() && ACTING_WORDS.contains(&word),
+    };
+    if acts { Place::MayAct } else { Place::Enters }
 }
 
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
@@ -127,42 +240,161 @@ mod tests {
         }
     }
 
+    fn while_open(line: &str) -> WhileOpen {
+        WhileOpen::of(line.as_bytes())
+    }
+
     #[test]
-    fn a_line_enters_what_is_open_unless_it_opens_closes_empties_reports_or_stops() {
-        for (line, expected) in [("P20=77", true), ("X1", true), ("I57", true), ("P1 CLEAR", true)] {
-            assert_eq!(enters(line.as_bytes()), expected, "{line}");
+    fn what_is_on_line_only_enters_no_buffer() {
+        for line in [
+            "#1J+",
+            "#2J=3000",
+            "#2j = -5^10",
+            "#1J/#3J/#2",
+            "J^-100",
+            "&1R",
+            "&1 R &2 R",
+            "#1J+ #2J-",
+            "#1J+R",
+        ] {
+            let acts = WhileOpen { acts: true, ..WhileOpen::default() };
+            assert_eq!(while_open(line), acts, "{line}");
         }
-        for line in
-            ["OPEN PROG 3 CLEAR", "CLOSE", "close all", " clear ", "CLR", "#1P", "#1J/", "&1A", "???", "$$$"]
-        {
-            assert!(!enters(line.as_bytes()), "{line}");
+        for line in [
+            "#3HM",
+            "#3homez",
+            "&2%50",
+            "#1K",
+            "&1A",
+            "&2A&1",
+            "&1Q",
+            "&1H",
+            "&1S",
+            "&1\\",
+            "&1<",
+            "#1O10",
+            "#1$",
+            "#1$*",
+            "$$$",
+            "$$$***",
+            "SAVE",
+            "GATHER",
+            "ENDG",
+            "DEFINE GATHER 100",
+            "&2DELETE ROT",
+            "DEL GAT",
+            "UNDEFINE ALL",
+            "WY:$700,5,-3",
+            "M1->X:$700,0,24,S",
+            "M1->*",
+            "#1->5000X+10Y",
+            "&1X=5",
+            "&1Z",
+            "PASSWORD=ABC",
+            "PMATCH",
+        ] {
+            let may_act = WhileOpen { may_act: true, ..WhileOpen::default() };
+            assert_eq!(while_open(line), may_act, "{line}");
+        }
+        for line in [
+            "#1P",
+            "#3 P V F",
+            "#1?PVF",
+            "&2?",
+            "???",
+            " #1 #2 p ",
+            "#",
+            "&",
+            "#1",
+            "&1&2",
+            "&1%",
+            "##1",
+            "LIST",
+            "LIST PROG 3",
+            "SIZE",
+            "TYPE",
+            "&1PC",
+            "&1PR",
+            "RHX:$700,5",
+            "M1->",
+            "#1->",
+            "",
+        ] {
+            assert_eq!(while_open(line), WhileOpen::default(), "{line}");
         }
     }
 
     #[test]
-    fn b1_2_what_only_reports_or_stops_enters_no_buffer() {
+    fn statements_enter_and_on_line_commands_beside_them_are_told_apart() {
         for line in [
-            "#1P",
-            "#3 P V F",
-            "&2?",
-            "???",
-            "#1J/",
-            "&1A",
-            "#1k",
-            " #1 #2 p ",
-            "#",
-            "&",
-            "&1Q",
-            "#1J/#3J/#2",
-            "&2A&1",
+            "X1",
+            "X100Y5",
+            "P20=77",
+            "I57",
+            "I57=0",
+            "P1",
+            "Q5",
+            "M1=1",
+            "P=1",
+            "A10",
+            "F100",
+            "K5",
+            "J5",
+            "I5 J-5",
+            "J-.5",
+            "R10",
+            "S5",
+            "B1",
+            "HM1,2",
+            "HOMEZ3",
+            "RAPID",
+            "LINEAR",
+            "SPLINE1",
+            "STOP",
+            "ABS",
+            "INC(X)",
+            "FRAX(X,Y)",
+            "RETURN",
+            "READ(A)",
+            "AND(P1>5)",
+            "PVT10",
+            "PSET X0",
+            "DELAY100",
+            "DWELL5",
+            "ENABLE PLC 1",
+            "CMD\"#1J+\"",
+            "SEND\"&1R\"",
+            "IF(P1=5)",
+            "ADDRESS#1&2",
+            "$FF",
+            "H(P1)",
+            "P,5",
+            "PR1",
+            "DEFINE ROT 5X10",
+            "M0..5=1",
+            "FOO",
+            "J",
+            "N10",
+            "G01X5",
         ] {
-            assert!(enters_nothing(line.as_bytes()), "{line}");
+            let told = while_open(line);
+            assert!(told.enters && !told.acts && !told.may_act && !told.passes(), "{line}: {told:?}");
         }
-        for line in [
-            "P1", "#1P1", "P=1", "A10", "#1J+", "#1J=5", "F100", "K5", "I57", "PR1", "&1R", "&1 B1", "#1",
-            "", "H(P1)", "P,5",
+        for (line, acts, may_act) in [
+            ("X100 #1J+", true, false),
+            ("#1J+X100", true, false),
+            ("P1=5 #1J+ #3HM", true, true),
+            ("I130=5 #3HM", false, true),
+            ("&1RX10", true, false),
         ] {
-            assert!(!enters_nothing(line.as_bytes()), "{line}");
+            let told = while_open(line);
+            assert_eq!((told.enters, told.acts, told.may_act), (true, acts, may_act), "{line}");
         }
+        for line in
+            ["OPEN PROG 3 CLEAR", "CLOSE", "close all", " clear ", "CLR", "#8KOPENPROG3", "LEARN", "CLEAR"]
+        {
+            assert!(while_open(line).changes && !while_open(line).passes(), "{line}");
+        }
+        assert!(while_open(&"#1J+".repeat(100)).enters, "longer than a line of a board");
     }
 }

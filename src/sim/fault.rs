@@ -59,6 +59,8 @@ pub struct Faults {
     pub ascii_late_cancel: u64,
     /// `SIZE` is refused.
     pub ascii_no_size: bool,
+    /// `J/` is refused.
+    pub jog_stop_refused: bool,
     /// Interrupts still to be swallowed; `u64::MAX` is all of them.
     pub lost_interrupts: u64,
     /// Interrupts to raise with nothing behind them.
@@ -235,6 +237,7 @@ static FAULTS: &[&[Fault]] = &[
             place: Place::Cycles(|f| &mut f.ascii_late_cancel),
         },
         switch("ascii_no_size", "SIZE is answered with an error", |f| &mut f.ascii_no_size),
+        switch("jog_stop_refused", "J/ is answered with an error", |f| &mut f.jog_stop_refused),
         switch("ascii_torn", "a response's control word comes before the second half of its text", |f| {
             &mut f.ascii_torn
         }),

@@ -38,6 +38,7 @@ mod map;
 mod memory;
 mod motors;
 mod names;
+mod on_line_only;
 mod one_board;
 mod open_buffer;
 mod panel;

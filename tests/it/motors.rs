@@ -76,7 +76,7 @@ fn b5_6_a_line_that_was_not_sent_leaves_positions_in_counts() {
     UnixStream::connect(site.path("serial")).unwrap().write_all(b"OPEN PROG 88 CLEAR\r").unwrap();
     site.wait_until("the open buffer", || site.pmacctl(&["send", "X9"]).0 == 1);
     for line in ["$$$", "I108=5"] {
-        assert_eq!(site.pmacctl(&["send", line]).0, 1, "{line} would become a program line");
+        assert_eq!(site.pmacctl(&["send", line]).0, 1, "{line}: another host has a program buffer open");
         assert_eq!(value(&motor(&site), "actual_position"), 0.0, "{line}");
     }
 }

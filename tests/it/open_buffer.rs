@@ -19,7 +19,7 @@ use crate::support::{PATIENCE, VirtualSite};
 const STRANGER: u32 = 4711;
 
 /// A connection of another user, an engineer.
-fn stranger(site: &VirtualSite) -> Raw {
+pub fn stranger(site: &VirtualSite) -> Raw {
     let (ours, theirs) = UnixStream::pair().unwrap();
     site.with_world(move |world| {
         let peer = Peer { uid: Uid::from_raw(STRANGER), gid: Gid::from_raw(STRANGER), pid: 99 };
@@ -29,7 +29,7 @@ fn stranger(site: &VirtualSite) -> Raw {
     Raw::over(ours)
 }
 
-fn call(client: &mut Raw, method: &str, parameters: Value) -> Value {
+pub fn call(client: &mut Raw, method: &str, parameters: Value) -> Value {
     client.call(method, parameters);
     client.receive().unwrap()
 }
@@ -193,21 +193,41 @@ fn a_line_that_went_into_a_buffer_which_another_process_opened_is_told_to_its_se
         assert_eq!(said(&[quiet]), "", "{quiet}");
     }
     assert_eq!((site.ask("P20"), site.ask("LIST PROG 3")), (vec!["5".into()], vec!["P20=77".into()]));
-    // Lines that have opened it themselves know; those that have not are told, each of them.
+    site.assert_no_violations();
+}
+
+#[test]
+fn a_terminal_enters_no_buffer_that_another_process_of_its_user_has_open() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
     let piped = |text: &str| {
         let mut child = site.command(&["terminal"]);
         let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = child.spawn().unwrap();
         child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
-        let output = child.wait_with_output().unwrap();
-        assert!(output.status.success(), "{output:?}");
-        String::from_utf8(output.stderr).unwrap()
+        Ran::from(child.wait_with_output().unwrap())
     };
-    assert_eq!(piped("OPEN PROG 4 CLEAR\nX1\nCLOSE\nP20=6\n"), "");
+    let ran = piped("OPEN PROG 4 CLEAR\nX1\n#1P\nCLOSE\nP20=6\n");
+    assert_eq!((ran.code, &*ran.stderr), (Some(0), ""), "{ran:?}");
     site.ask("OPEN PROG 5 CLEAR");
-    let told = piped("X1\nX2\nCLOSE\nP20=7\n");
-    assert_eq!(told.matches("note: PROG 5, opened by uid").count(), 2, "{told}");
-    assert_eq!(site.ask("P20"), ["7"]);
+    site.ask("X5");
+    let ran = piped("X1\nP20=8\n#1J/\n#3HM\n");
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let refused = "not sent, it would have become a program line: uid";
+    assert_eq!(ran.stderr.matches(refused).count(), 2, "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("#3HM is no program statement, and MAY have been carried out"),
+        "{}",
+        ran.stderr
+    );
+    // `send` has no session: its line goes into the user's own buffer.
+    site.ask("X6");
+    let ran = piped("CLOSE\nP20=7\n");
+    assert_eq!((ran.code, &*ran.stderr), (Some(0), ""), "{ran:?}");
+    assert_eq!(
+        (site.ask("P20"), site.ask("LIST PROG 5")),
+        (vec!["7".into()], vec!["X5".into(), "X6".into()])
+    );
     site.assert_no_violations();
 }
 
@@ -299,7 +319,7 @@ fn b1_2_status_doctor_and_terminal_name_the_open_buffer() {
         child.stdin.take().unwrap().write_all(lines).unwrap();
         Ran::from(child.wait_with_output().unwrap())
     };
-    let left = terminal(b"X1\n").stderr;
+    let left = terminal(b"#1P\n").stderr;
     assert!(left.contains("PROG 77 is still open") && left.contains("CLOSE"), "{left}");
     assert_eq!(terminal(b"CLOSE\n").stderr, "");
     let mut serial = UnixStream::connect(site.path("serial")).unwrap();

@@ -210,7 +210,6 @@ every_function_works_under! {
     b3_every_function_works_under_reply_lines
     b3_every_function_works_under_part_reply
     b3_every_function_works_under_write_long
-    b3_every_function_works_under_buffer_commands
 }
 
 #[test]

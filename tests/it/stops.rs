@@ -155,39 +155,6 @@ fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
     site.assert_no_violations();
 }
 
-/// A board that refuses letters while a program buffer is open: the reading `buffer_commands`.
-const REFUSES: [&str; 2] = ["--reading", "buffer_commands=refused"];
-
-#[test]
-fn b2_6_a_board_that_refuses_a_stop_into_a_buffer_is_heard_at_once() {
-    let site =
-        VirtualSite::configured(&[&["--family", "turbo2"], &REFUSES[..]].concat(), "family = \"turbo2\"\n");
-    site.wait_for_live_servo();
-    let mut board = site.connection();
-    jogs(&mut board);
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
-    board.send("X1", PATIENCE).unwrap();
-    for stop in [&["jog", "1", "stop"][..], &["abort", "1"]] {
-        let begun = site.with_world(|world| world.now());
-        let (status, _, told) = site.pmacctl(stop);
-        let taken = site.with_world(|world| world.now()) - begun;
-        assert_eq!(status, 1, "{told}");
-        assert!(
-            told.contains(
-                "MAY STILL MOVE: the board refused the command line (ERR003) while a program buffer is open"
-            ) && told.contains("pmacctl abort"),
-            "{told}"
-        );
-        assert!(!told.contains("has not answered"), "{told}");
-        // Twice an error is told after the 50 ms in which an answer would follow that of a program.
-        assert!(taken < Duration::from_millis(750), "{taken:?}");
-    }
-    assert_eq!(site.pmacctl(&["abort"]).0, 0);
-    board.send("CLOSE", PATIENCE).unwrap();
-    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-    assert_eq!(board.send("LIST PROG 7", PATIENCE).unwrap().concat().trim(), "X1");
-}
-
 #[test]
 fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
     let site = running("");
@@ -342,23 +309,24 @@ fn b2_6_a_jog_whose_panel_goes_is_told_and_stops_by_line() {
     }
 }
 
+/// A board whose panel is off, and that refuses `#nJ/`.
+fn refuses(site: &VirtualSite, board: &mut Connection) {
+    board.send("I2=1", PATIENCE).unwrap();
+    site.control("fault jog_stop_refused on");
+}
+
 #[test]
-fn b2_6_nothing_enters_an_open_buffer_and_then_everything_stops() {
-    let site = running_with(&REFUSES, "");
+fn a_held_jog_whose_stop_the_board_refuses_ends_by_an_abort_of_everything() {
+    let site = running("");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
-    board.send("I2=1", PATIENCE).unwrap();
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
-    board.send("X1", PATIENCE).unwrap();
+    refuses(&site, &mut board);
     drop(held);
     site.run_for(Duration::from_millis(900));
     assert!(!site.log().contains("sends ^A"), "too early: {}", site.log());
     site.run_for(Duration::from_millis(600));
     assert!(site.log().contains("motor 1 may still move after its held jog is over: pmacd sends ^A"));
-    board.send("CLOSE", PATIENCE).unwrap();
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-    let listed = board.send("LIST PROG 7", PATIENCE).unwrap().concat();
-    assert!(!listed.contains('J'), "{listed}");
     site.assert_no_violations();
 }
 
@@ -381,16 +349,15 @@ fn b2_6_a_held_jog_stops_by_line_while_a_buffer_is_open() {
 
 #[test]
 fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
-    let site = running_with(&REFUSES, "stop_all_after_ms = 0\n");
+    let site = running("stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
-    board.send("I2=1", PATIENCE).unwrap();
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    refuses(&site, &mut board);
     drop(held);
     site.run_for(Duration::from_secs(3));
     let log = site.log();
     assert!(!log.contains("sends ^A") && log.contains("motor 1 MAY STILL MOVE"), "{log}");
-    board.send("CLOSE", PATIENCE).unwrap();
+    site.control("fault jog_stop_refused off");
     until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
 }
 
@@ -447,23 +414,18 @@ fn b2_6_a_daemon_that_ends_says_which_motor_may_still_move() {
 
 #[test]
 fn b2_6_the_holder_is_told_that_the_motor_moves() {
-    let site = running_with(&REFUSES, "stop_all_after_ms = 0\n");
+    let site = running("stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
-    board.send("I2=1", PATIENCE).unwrap();
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    refuses(&site, &mut board);
     let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
     assert!(told.contains("motor 1 MAY STILL MOVE") && told.contains("pmacctl abort"), "{told}");
-    assert!(
-        told.contains("the board refused the command line (ERR003) while a program buffer is open"),
-        "{told}"
-    );
+    assert!(told.contains("the board refused the command line (ERR003); pmacctl abort"), "{told}");
     // With ^A the answer says what that did.
-    let site = running_with(&REFUSES, "");
+    let site = running("");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
-    board.send("I2=1", PATIENCE).unwrap();
-    board.send("OPEN PROG 7 CLEAR", PATIENCE).unwrap();
+    refuses(&site, &mut board);
     let told = held.panel("jog-stop", &[1]).unwrap_err().to_string();
     assert!(told.contains("so pmacd sent ^A") && told.contains("I2=3"), "{told}");
 }

@@ -363,7 +363,7 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed
         assert!(
             told.contains(
                 "not sent, it would have been carried out at once: somebody closed the program buffer"
-            ) && told.contains("CLOSE ends the lines that belong into it"),
+            ) && told.contains("CLOSE, or another OPEN, ends the lines that belong into it"),
             "{closing}: {told}"
         );
         // When its user has closed it, lines go again.

@@ -230,9 +230,7 @@ fn c6_everything_at_once_loses_nothing_on_a_turbo_board() {
 }
 
 fn everything_at_once_on(family: &'static Family) {
-    // A board that refuses questions while a rotary buffer is open would refuse all of these.
-    let questions = ["--reading", "buffer_commands=executed"];
-    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1, family).site(&questions);
+    let site = DrawnBoard::asked_by("PMAC_SOAK_BOARD", 1, family).site(&[]);
     site.wait_for_live_servo();
     site.wait_for_its_functions();
     let ready = "&1 #1->X #2->Y I55=1";

@@ -202,7 +202,9 @@ impl FakeBus {
                 }
             }
             // A sequence's own question, whether the board was reset, is no business of the tests.
-            Command::Send { ticket, line, writer: Writer::Question, .. } if line.as_bytes() == b"RX$0" => {
+            Command::Send { ticket, line, writer: Writer::Question | Writer::Sequence { .. }, .. }
+                if line.as_bytes() == b"RX$0" =>
+            {
                 self.servo_counter += 1;
                 self.line(ticket, &self.servo_counter.to_string());
                 self.done(ticket, Outcome::Done);

@@ -1,20 +1,13 @@
-//! Sends command lines one after the other, through the daemon or over a serial line, and tells how each ended.
-
-use std::path::Path;
-use std::time::Duration;
+//! How a command line ended that was sent through the daemon or over a serial line.
 
 use serde_json::{Value, json};
 
 use crate::cli::context::Failure;
-use crate::client::command::SendAs;
-use crate::client::{CommandError, Connection, SerialError, SerialLine};
-use crate::protocol::board::{LineFailure, LineOutcome, SendReply};
-use crate::protocol::line;
+use crate::client::{CommandError, SerialError};
+use crate::protocol::board::{LineFailure, LineOutcome};
+use crate::protocol::buffer_line::WhileOpen;
 use crate::protocol::password::without_password;
-use crate::protocol::{CallError, OpenBufferInfo, deadlines};
-
-/// How long the board may stay silent after a reset.
-const AWAY: Duration = Duration::from_secs(20);
+use crate::protocol::{CallError, OpenBufferInfo};
 
 /// Why the board did not acknowledge a line.
 #[derive(Debug)]
@@ -124,75 +117,23 @@ impl From<SerialError> for LineError {
     }
 }
 
-/// What whoever sends `line` is told that `open` took, which these lines have not opened.
+/// What whoever sends `line` is told of `open`, which these lines have not opened: its statements went in there; of some on-line
+/// commands no manual says whether they do.
 pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
-    format!(
-        "note: {open}, is open: the program statements of {} went into it and were not carried out; CLOSE closes it",
-        without_password(line)
-    )
-}
-
-/// A way to the board's command interpreter.
-pub enum Way {
-    /// Through the daemon.
-    Daemon(Connection),
-    /// Over a serial line.
-    Serial(SerialLine),
-}
-
-impl Way {
-    /// Over the serial line `path`.
-    ///
-    /// # Errors
-    /// [`Failure::Request`] if no board answers.
-    pub fn serial(path: &Path, baud: u32) -> Result<Self, Failure> {
-        SerialLine::open(path, baud).map(Self::Serial).map_err(Failure::request)
-    }
-
-    /// Sends `line` and waits at most `timeout` for the reply; [`deadlines`] says which lines have longer limits.
-    ///
-    /// # Errors
-    /// [`LineError`].
-    pub fn send(&mut self, line: &str, timeout: Duration) -> Result<Vec<String>, LineError> {
-        Ok(self.send_as(line, false, timeout)?.lines)
-    }
-
-    /// As [`Way::send`]. A line that goes `into_buffer`, the program buffer that its user has open, is not sent when that is
-    /// closed. The reply of any other one tells into which buffer of his it went.
-    ///
-    /// # Errors
-    /// [`LineError`].
-    pub fn send_as(
-        &mut self,
-        line: &str,
-        into_buffer: bool,
-        timeout: Duration,
-    ) -> Result<SendReply, LineError> {
-        let timeout = deadlines::of_line(line, timeout);
-        // The board need not acknowledge a reset.
-        let resets = line::resets(line.as_bytes());
-        let lines = match self {
-            Self::Daemon(connection) if into_buffer => connection.send_into_buffer(line, timeout)?,
-            Self::Daemon(connection) => match connection.send_and_see(line, timeout, SendAs::default()) {
-                Err(CommandError::Refused(CallError::TimedOut { .. })) if resets => Vec::new(),
-                result => return Ok(result?),
-            },
-            Self::Serial(serial) => match serial.send(line, timeout) {
-                Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if resets => Vec::new(),
-                result => result?,
-            },
-        };
-        Ok(SendReply { lines, entered: None })
-    }
-
-    /// Waits until the board answers again after a reset. Only a serial line shows that.
-    ///
-    /// # Errors
-    /// [`LineError`] if the board does not answer.
-    pub fn wait_for_board(&mut self) -> Result<(), LineError> {
-        match self {
-            Self::Daemon(_) => Ok(()),
-            Self::Serial(serial) => Ok(serial.answers_within(AWAY)?),
+    let WhileOpen { enters, acts, may_act, .. } = WhileOpen::of(line.as_bytes());
+    let shown = without_password(line);
+    let went = format!("the program statements of {shown} went into it and were not carried out");
+    let became = match (enters, acts, may_act) {
+        (true, false, false) => format!("{went}; CLOSE closes it"),
+        (true, true, false) => {
+            format!("{went}; its on-line commands were carried out at once; CLOSE closes it")
         }
-    }
+        (true, _, true) => {
+            format!("{went}; its on-line commands MAY have been carried out at once; LIST shows what went in")
+        }
+        (false, ..) => format!(
+            "{shown} is no program statement, and MAY have been carried out at once; LIST shows whether it went in"
+        ),
+    };
+    format!("note: {open}, is open: {became}")
 }

@@ -5,8 +5,9 @@
 //! go to stdout, errors and messages to stderr.
 //!
 //! Others use the board, too. A line that goes by the address is sent only while that is what the user knows: what the prompt
-//! shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which the user has
-//! opened is sent only while that is open: the board would carry it out at once.
+//! shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which these lines have
+//! opened is sent only while that is open: the board would carry it out at once. None enters a buffer that another process has opened, be it
+//! the same user's.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -24,17 +25,19 @@ use serde_json::json;
 
 use crate::cli::act::address::{Addressed, goes_by_address};
 use crate::cli::act::control_keys::{ControlKeys, Pressed};
-use crate::cli::act::lines::{LineError, Way, entered_note};
+use crate::cli::act::lines::{LineError, entered_note};
 use crate::cli::act::piped;
 use crate::cli::act::reset_watch::ResetWatch;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::Messages;
+use crate::client::{CommandError, Connection, Messages, OwnBuffer};
 use crate::protocol::board::SendReply;
-use crate::protocol::buffer_line::{Effect, effect};
+use crate::protocol::buffer_line::WhileOpen;
 use crate::protocol::line::resets;
 use crate::protocol::password::without_password;
-use crate::protocol::{Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control};
+use crate::protocol::{
+    CallError, Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control, deadlines,
+};
 
 /// Time limit for asking what is addressed.
 const ADDRESS: Duration = Duration::from_millis(500);
@@ -60,7 +63,7 @@ pub struct Terminal {
     /// Print control characters from the board unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
-    /// Send ^Z and I58=0 too, which end command lines for everybody
+    /// Send ^Z and I58=0 too, which end command lines for everybody, and $$$ and SAVE though they end what others have open and run
     #[arg(long)]
     pub yes: bool,
 }
@@ -70,8 +73,7 @@ pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
     }
-    let way = Way::Daemon(context.connection()?.confirming(options.yes));
-    let session = Session::new(way, options.timeout);
+    let session = Session::new(context.connection()?.confirming(options.yes), options.timeout);
     let messages = context.connection()?.messages()?;
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {
         interactive(session, messages, options)
@@ -114,14 +116,14 @@ impl<'a> Input<'a> {
 }
 
 struct Session {
-    way: Way,
+    connection: Connection,
     timeout: Duration,
     all_taken: bool,
     /// What the user knows to be addressed.
     addressed: Option<Addressed>,
-    /// His lines have opened a program buffer that they have not closed.
-    inside: bool,
-    /// The program buffer into which the last line went, and which these lines have not opened.
+    /// The program buffer that these lines have opened.
+    own_buffer: OwnBuffer,
+    /// The program buffer into which the last line may have gone, though it is no program statement.
     entered: Option<OpenBufferInfo>,
 }
 
@@ -129,8 +131,9 @@ struct Session {
 type Answer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
-    fn new(way: Way, timeout: Duration) -> Self {
-        Self { way, timeout, all_taken: true, addressed: None, inside: false, entered: None }
+    fn new(connection: Connection, timeout: Duration) -> Self {
+        let own_buffer = OwnBuffer::default();
+        Self { connection, timeout, all_taken: true, addressed: None, own_buffer, entered: None }
     }
 
     /// The board's reply to a line or control character.
@@ -138,15 +141,19 @@ impl Session {
     /// # Errors
     /// The daemon or the board can no longer be reached.
     fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
-        let result = match (input, &mut self.way) {
-            (Input::Control(character), Way::Daemon(connection)) => {
-                connection.control(*character).map_err(LineError::from)
+        let result = match input {
+            Input::Control(character) => {
+                self.own_buffer.control(&mut self.connection, *character).map_err(LineError::from)
             }
-            (Input::Line(line), _) => self.send(line),
+            Input::Line(line) => self.send(line),
             _ => Ok(Vec::new()),
         };
         self.all_taken &= result.is_ok();
-        self.follow(input, &result);
+        if let (Input::Line(line), Ok(_)) = (input, &result)
+            && line.contains(['#', '&', '$'])
+        {
+            self.addressed = self.address();
+        }
         match result {
             Ok(lines) => Ok((lines, None, None)),
             Err(mut error) => {
@@ -165,7 +172,9 @@ impl Session {
 
     /// Sends a line, if that does what its user means.
     fn send(&mut self, line: &str) -> Result<Vec<String>, LineError> {
-        if let Some(known) = self.addressed.filter(|_| !self.inside && goes_by_address(line))
+        // A statement of a program goes by no address.
+        let is_stored = self.own_buffer.is_open() && WhileOpen::of(line.as_bytes()).enters;
+        if let Some(known) = self.addressed.filter(|_| !is_stored && goes_by_address(line))
             && let Some(now) = self.address().filter(|now| *now != known)
         {
             let why = format!(
@@ -173,64 +182,32 @@ impl Session {
             );
             return Err(LineError::NotSent(Failure::Refused(why)));
         }
-        let into_buffer = self.inside && effect(line.as_bytes()).is_none() && !resets(line.as_bytes());
-        let sent = self.way.send_as(line, into_buffer, self.timeout);
-        match sent {
-            Err(LineError::NotSent(Failure::Refused(why))) if into_buffer => Err(LineError::NotSent(
-                Failure::Refused(format!("{why}; CLOSE ends the lines that belong into it")),
-            )),
+        let timeout = deadlines::of_line(line, self.timeout);
+        match self.own_buffer.send_and_see(&mut self.connection, line, timeout) {
+            // The board need not acknowledge a reset.
+            Err(CommandError::Refused(CallError::TimedOut { .. })) if resets(line.as_bytes()) => {
+                Ok(Vec::new())
+            }
             sent => {
                 let SendReply { lines, entered } = sent?;
-                self.entered = entered.filter(|_| !self.inside);
+                // Of a statement the prompt says so, or the line that has opened the buffer.
+                self.entered = entered.filter(|_| WhileOpen::of(line.as_bytes()).may_act);
                 Ok(lines)
             }
         }
     }
 
-    /// Takes note of what a line or control character has addressed and opened.
-    fn follow(&mut self, input: &Input<'_>, result: &Result<Vec<String>, LineError>) {
-        let is_done = result.is_ok();
-        match input {
-            Input::Control(control::OPEN_ROTARY) => self.inside |= is_done,
-            Input::Control(control::CLOSE_ROTARY) => self.inside &= !is_done,
-            Input::Line(line) => {
-                match effect(line.as_bytes()) {
-                    Some(Effect::Opens(_)) => {
-                        self.inside |= is_done || matches!(result, Err(LineError::Uncertain { .. }));
-                    }
-                    Some(Effect::Closes) => self.inside &= !is_done,
-                    None => self.inside &= !(is_done && resets(line.as_bytes())),
-                }
-                if is_done && !self.inside && line.contains(['#', '&', '$']) {
-                    self.addressed = self.address();
-                }
-            }
-            _ => {}
-        }
-    }
-
     /// What is addressed, if the board answers in time.
     fn address(&mut self) -> Option<Addressed> {
-        let Way::Daemon(connection) = &mut self.way else { return None };
-        Addressed::of(&connection.question(Addressed::QUESTION, ADDRESS).ok()?)
-    }
-
-    /// Watches from now on whether the board is reset.
-    fn watch(&mut self) -> Option<ResetWatch> {
-        match &mut self.way {
-            Way::Daemon(connection) => Some(ResetWatch::begin(connection)),
-            Way::Serial(_) => None,
-        }
+        Addressed::of(&self.connection.question(Addressed::QUESTION, ADDRESS).ok()?)
     }
 
     /// Says if the board was reset, after a line that was sent or at the end.
-    fn see_reset(&mut self, watch: &mut Option<ResetWatch>, line: Option<&str>) {
-        if let (Some(watch), Way::Daemon(connection)) = (watch, &mut self.way)
-            && let Some(reset) = match line {
-                Some(line) => watch.line_sent(line, connection),
-                None => watch.look(connection),
-            }
-        {
+    fn see_reset(&mut self, watch: &mut ResetWatch, line: Option<&str>) {
+        if let Some(reset) = match line {
+            Some(line) => watch.line_sent(line, &mut self.connection),
+            None => watch.look(&mut self.connection),
+        } {
             self.all_taken = false;
             // If stderr is closed, the message is lost.
             let _ = writeln!(io::stderr(), "{reset}");
@@ -240,16 +217,16 @@ impl Session {
     /// The prompt: what is addressed now, and the program buffer that is open. Says if somebody else has changed the address.
     fn prompt(&mut self) -> io::Result<String> {
         let open = self.open_buffer();
-        if open.is_none() {
-            let (before, now) = (self.addressed, self.address());
-            if let Some((before, now)) = before.zip(now).filter(|(before, now)| before != now) {
-                println(&format!("-- somebody else has addressed {now}; it was {before}"))?;
-            }
-            self.addressed = now;
+        let (before, now) = (self.addressed, self.address());
+        if let Some((before, now)) = before.zip(now).filter(|(before, now)| before != now) {
+            println(&format!("-- somebody else has addressed {now}; it was {before}"))?;
         }
+        self.addressed = now;
         let addressed = self.addressed.map_or_else(|| "pmac".to_owned(), |addressed| addressed.to_string());
         Ok(match open {
-            Some(open) if open.takes_lines_of(getuid().as_raw()) => format!("{addressed} {}> ", open.name()),
+            Some(open) if self.own_buffer.is_open() && open.takes_lines_of(getuid().as_raw()) => {
+                format!("{addressed} {}> ", open.name())
+            }
             Some(open) => format!("{addressed} ({open})> "),
             None => format!("{addressed}> "),
         })
@@ -257,9 +234,14 @@ impl Session {
 
     /// The program buffer that is open, as far as the daemon knows.
     fn open_buffer(&mut self) -> Option<OpenBufferInfo> {
-        match &mut self.way {
-            Way::Daemon(connection) => connection.info().ok()?.open_buffer,
-            Way::Serial(_) => None,
+        self.connection.info().ok()?.open_buffer
+    }
+
+    /// Says of the last line what [`entered_note`] does.
+    fn tell_entered(&mut self, line: &str) {
+        if let Some(open) = self.entered.take() {
+            // If stderr is closed, the note is lost.
+            let _ = writeln!(io::stderr(), "{}", entered_note(line.trim(), &open));
         }
     }
 
@@ -351,6 +333,7 @@ fn answer(session: &mut Session, text: &str, raw: bool) -> Result<bool, Failure>
             Input::Wrong(what) => println(what)?,
             Input::Control(_) | Input::Line(_) => {
                 let (lines, error, _) = session.ask(&input)?;
+                session.tell_entered(text);
                 for line in lines.iter().chain(&error) {
                     println(&reply(line, raw))?;
                 }
@@ -397,7 +380,7 @@ fn piped(
         // If stderr is closed, the message is lost.
         let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
     });
-    let mut watch = session.watch();
+    let mut watch = ResetWatch::begin(&mut session.connection);
     for text in piped::lines() {
         let text = text?;
         let input = Input::of(&text);
@@ -412,11 +395,7 @@ fn piped(
             Input::Control(_) | Input::Line(_) => {
                 let answer = session.ask(&input)?;
                 session.see_reset(&mut watch, Some(&text));
-                // No prompt says so.
-                if let Some(open) = session.entered.take() {
-                    // If stderr is closed, the note is lost.
-                    let _ = writeln!(io::stderr(), "{}", entered_note(text.trim(), &open));
-                }
+                session.tell_entered(&text);
                 answer
             }
         };

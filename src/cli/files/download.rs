@@ -50,7 +50,7 @@ pub struct Download {
     /// How long the board may take for a line, in seconds; those that take long, such as SAVE, may take longer
     #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Send lines like I58=0 too, which end command lines for everybody
+    /// Send lines like I58=0 too, which end command lines for everybody, and $$$ and SAVE though they end what others have open and run
     #[arg(long)]
     pub yes: bool,
 }

@@ -8,20 +8,23 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::lines::{self as setup, SetupCommand};
-use crate::cli::act::lines::{LineError, Way};
+use crate::cli::act::lines::LineError;
 use crate::cli::console::confirm::{board_of, confirm, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
-use crate::client::Connection;
 use crate::client::command::lines::LinesOptions;
+use crate::client::{Connection, SerialError, SerialLine};
 use crate::map::Family;
 use crate::protocol::board::BoardInfo;
+use crate::protocol::deadlines;
 use crate::protocol::line::resets;
 use crate::protocol::program_words::ProgramWords;
 
 /// Time limit of a plain line.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// How long the board may stay silent after a reset.
+const AWAY: Duration = Duration::from_secs(20);
 
 /// `setup`.
 #[derive(Debug, Args)]
@@ -54,11 +57,11 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
     let mut command = options.command.clone();
     let mut serial = match &sending.port {
-        Some(port) => Some(Way::serial(port, sending.baud)?),
+        Some(port) => Some(SerialLine::open(port, sending.baud).map_err(Failure::request)?),
         None => None,
     };
     match &mut serial {
-        Some(way) => told_over(way, &mut command)?,
+        Some(serial) => told_over(serial, &mut command)?,
         None if command.is_of_a_family() => {}
         None => {
             let board = context.board_family()?;
@@ -88,7 +91,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         return Ok(Verdict::No);
     }
     let sent = match &mut serial {
-        Some(way) => send_over(way, &commands),
+        Some(serial) => send_over(serial, &commands),
         None => send(&mut context.connection()?, &commands),
     };
     report(context, answer.document, &commands, sent)
@@ -96,8 +99,8 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
 
 /// Asks the board at the serial line for its family, and refuses lines for another one. A `TYPE` that is not known leaves it
 /// to the user.
-fn told_over(way: &mut Way, command: &mut SetupCommand) -> Result<(), Failure> {
-    let answer = way.send("TYPE", PATIENCE)?.concat();
+fn told_over(serial: &mut SerialLine, command: &mut SetupCommand) -> Result<(), Failure> {
+    let answer = serial.send("TYPE", PATIENCE).map_err(LineError::from)?.concat();
     match Family::of_type(&answer) {
         Some(board) => {
             command.is_for(|| Some(board));
@@ -179,17 +182,23 @@ fn send(connection: &mut Connection, commands: &[String]) -> Sent {
 }
 
 /// Sends the lines over a serial line.
-fn send_over(way: &mut Way, commands: &[String]) -> Sent {
+fn send_over(serial: &mut SerialLine, commands: &[String]) -> Sent {
     for (taken, line) in commands.iter().enumerate() {
-        let result = way.send(line, PATIENCE).and_then(|_| match resets(line.as_bytes()) {
-            true => way.wait_for_board(),
-            false => Ok(()),
-        });
-        if let Err(error) = result {
-            return Sent { taken, error: Some(error) };
+        if let Err(error) = send_line(serial, line) {
+            return Sent { taken, error: Some(error.into()) };
         }
     }
     Sent { taken: commands.len(), error: None }
+}
+
+/// Sends one. The board need not acknowledge a reset; then it is waited for until it answers again.
+fn send_line(serial: &mut SerialLine, line: &str) -> Result<(), SerialError> {
+    let is_reset = resets(line.as_bytes());
+    match serial.send(line, deadlines::of_line(line, PATIENCE)) {
+        Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if is_reset => {}
+        sent => drop(sent?),
+    }
+    if is_reset { serial.answers_within(AWAY) } else { Ok(()) }
 }
 
 fn report(

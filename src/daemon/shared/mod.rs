@@ -8,5 +8,7 @@ pub mod log_quota;
 pub mod open_buffer;
 pub mod origin;
 pub mod queue;
+pub mod rotary_address;
 pub mod status;
 pub mod trouble;
+pub mod writer;

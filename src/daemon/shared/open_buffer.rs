@@ -13,10 +13,12 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
+use super::rotary_address::{AddressFirst, RotaryAddress};
+pub use super::writer::{Account, Writer};
 use crate::format::Text;
 use crate::protocol::OpenBufferInfo;
 pub use crate::protocol::buffer_line::NAME_MAX;
-use crate::protocol::buffer_line::{Effect, effect, enters_nothing, is_close};
+use crate::protocol::buffer_line::{Effect, WhileOpen, effect, is_close};
 
 /// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`;
 /// GRAMMAR 2.7). So the board answers it at once while one is open, too, and it is no word of any program.
@@ -38,40 +40,6 @@ const IN_USE: u16 = 7;
 /// The buffers of which no report tells.
 const UNREPORTED: [&str; 2] = ["FORWARD", "INVERSE"];
 
-/// A user and a process of his.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Account {
-    /// The user.
-    pub uid: u32,
-    /// The process; 0 when it is not known.
-    pub pid: i32,
-}
-
-/// Who sends a line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Writer {
-    /// Somebody who wants to know something: the daemon, or a program by the way. Such a line enters no buffer.
-    Question,
-    /// The daemon, who stops a motor or a program. Such a line stores nothing and goes whatever is open.
-    Stop,
-    /// A user, by hand.
-    Hand(Account),
-    /// A user, by hand, into the buffer that this process of his has open, or opens. Where it is closed, the board would carry the line
-    /// out at once.
-    IntoBuffer(Account),
-    /// A user, by hand, beside every buffer: such a line enters none, not even one that he has open, and opens none.
-    Beside,
-    /// A sequence of the daemon's.
-    Sequence {
-        /// Its number.
-        number: u64,
-        /// For whom it runs.
-        account: Account,
-        /// Its lines so far have opened a buffer that it has not closed.
-        inside: bool,
-    },
-}
-
 /// A buffer that a line has opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Opened {
@@ -88,6 +56,10 @@ pub struct Opened {
 pub enum Barred {
     /// A buffer is open that this line must not enter. Who opened it is not known when it was not done through this daemon.
     Open(Option<Opened>),
+    /// A buffer is open, and this line would close it, empty it or open another one.
+    Changes(Option<Opened>),
+    /// Somebody else has addressed another coordinate system, whose rotary buffer this line would enter.
+    Addressed,
     /// The buffer that its sequence had open is closed.
     Closed,
 }
@@ -157,6 +129,8 @@ pub struct OpenBuffer {
     changed_unseen: bool,
     /// A line that opens one goes to the board, which has not answered it: its reports may still be older.
     opens_now: bool,
+    /// Which coordinate system's rotary buffer the next line enters.
+    address: RotaryAddress,
 }
 
 impl OpenBuffer {
@@ -204,7 +178,8 @@ impl OpenBuffer {
         let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
         let closes =
             matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside) && is_close(line);
-        !is_sure && !closes && !enters_nothing(line)
+        let passes = !matches!(writer, Writer::Sequence { .. }) && WhileOpen::of(line).passes();
+        !is_sure && !closes && !passes
     }
 
     /// Whether `writer` has opened what is open.
@@ -223,17 +198,16 @@ impl OpenBuffer {
         }
     }
 
-    /// Why `writer` must not send `line` now, if that is so. By hand `CLOSE` always passes, and what only reports or stops; so
-    /// does what the daemon stops by.
+    /// Why `writer` must not send `line` now, if that is so. What is on-line only passes, but of a sequence: that has lines behind it
+    /// which enter. By hand `CLOSE` passes, too.
     #[must_use]
     pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
+        let while_open = WhileOpen::of(line);
         let passes = match writer {
-            Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside => {
-                is_close(line) || enters_nothing(line)
-            }
-            Writer::Stop => enters_nothing(line),
-            Writer::Question | Writer::Sequence { .. } => false,
+            Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside => is_close(line) || while_open.passes(),
+            Writer::Stop | Writer::Question => while_open.passes(),
+            Writer::Sequence { .. } => false,
         };
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
@@ -243,8 +217,32 @@ impl OpenBuffer {
                 Some(Barred::Closed)
             }
             _ if own || passes || !self.is_open() => None,
-            _ => Some(Barred::Open(self.opened)),
+            _ if while_open.enters => Some(Barred::Open(self.opened)),
+            _ => Some(Barred::Changes(self.opened)),
         }
+    }
+
+    /// Who has opened the rotary buffers for text, if that was done through this daemon.
+    fn rotary_opener(&self) -> Option<Writer> {
+        self.opened.filter(|opened| opened.name.starts_with("ROT")).map(|opened| opened.by)
+    }
+
+    /// What has to be done about the address before `writer` sends `line`, which is not barred.
+    #[must_use]
+    pub fn address_first(&self, line: &[u8], writer: Writer) -> Option<AddressFirst> {
+        let opener = self.rotary_opener()?;
+        let enters = self.is_own(writer) && !is_close(line) && !WhileOpen::of(line).passes();
+        self.address.before(line, writer, opener, enters)
+    }
+
+    /// The board has told what is addressed, or has not.
+    pub fn told_address(&mut self, system: Option<u32>) {
+        self.address.told(system);
+    }
+
+    /// The board addresses again what who opened the rotary buffers had addressed.
+    pub fn address_is_back(&mut self) {
+        self.address.is_back();
     }
 
     /// What has become of `line`, which `writer` was free to send, if somebody has opened or closed a buffer meanwhile.
@@ -309,7 +307,11 @@ impl OpenBuffer {
     /// Takes note of a line that goes to the board. What it opens counts as open from now on, even if the board refuses the
     /// line: an error may follow what opened it.
     pub fn begin(&mut self, line: &[u8], by: Writer, now: Instant) {
+        if let Some(opener) = self.rotary_opener() {
+            self.address.goes(line, by, opener);
+        }
         if let Some(Effect::Opens(name)) = effect(line) {
+            self.address = RotaryAddress::default();
             self.opened_before = self.opened.replace(Opened { name, by, at: now });
             self.opens_now = true;
             self.distrust();
@@ -375,28 +377,34 @@ impl Barred {
     /// What the user is told at `now`: what is open, by whom and since when, and what to do.
     #[must_use]
     pub fn reason(&self, now: Instant) -> String {
-        match self {
-            Self::Open(Some(Opened { name, by, at })) => {
-                let name = if name.is_empty() { "a program buffer" } else { name };
-                let who = match by {
-                    Writer::Sequence { account, .. } => format!("a sequence of {account}"),
-                    Writer::Hand(account) | Writer::IntoBuffer(account) => account.to_string(),
-                    Writer::Question | Writer::Stop | Writer::Beside => "somebody".to_owned(),
-                };
-                let seconds = now.saturating_duration_since(*at).as_secs();
-                format!(
-                    "not sent, it would have become a program line: {who} has had {name} open for {seconds} s; CLOSE by an \
-                     engineer closes it"
-                )
+        let (harm, opened) = match self {
+            Self::Open(opened) => ("it would have become a program line", opened),
+            Self::Changes(opened) => ("it would change what is open", opened),
+            Self::Addressed => {
+                return "not sent, it would enter another rotary buffer: somebody else has addressed another coordinate system; begin \
+                        the line with the address (&1X10)"
+                    .to_owned();
             }
-            Self::Open(None) => "not sent, it would have become a program line: the board says that a program buffer is open, \
-                                 opened by somebody else (the serial port, another host, or before pmacd started); \
-                                 CLOSE by an engineer closes it, on a Turbo board maybe only CLOSE ALL"
-                .to_owned(),
-            Self::Closed => "not sent, it would have been carried out at once: somebody closed the program buffer that it belongs \
-                             into, or the board was reset"
-                .to_owned(),
-        }
+            Self::Closed => {
+                return "not sent, it would have been carried out at once: somebody closed the program buffer that it belongs \
+                        into, or the board was reset"
+                    .to_owned();
+            }
+        };
+        let Some(Opened { name, by, at }) = opened else {
+            return format!(
+                "not sent, {harm}: the board says that a program buffer is open, opened by somebody else (the serial port, another \
+                 host, or before pmacd started); CLOSE by an engineer closes it, on a Turbo board maybe only CLOSE ALL"
+            );
+        };
+        let name = if name.is_empty() { "a program buffer" } else { name };
+        let who = match by {
+            Writer::Sequence { account, .. } => format!("a sequence of {account}"),
+            Writer::Hand(account) | Writer::IntoBuffer(account) => account.to_string(),
+            Writer::Question | Writer::Stop | Writer::Beside => "somebody".to_owned(),
+        };
+        let seconds = now.saturating_duration_since(*at).as_secs();
+        format!("not sent, {harm}: {who} has had {name} open for {seconds} s; CLOSE by an engineer closes it")
     }
 }
 
@@ -405,22 +413,13 @@ impl Barred {
     #[must_use]
     pub const fn too_late(&self) -> &'static str {
         match self {
-            Self::Open(_) => {
+            Self::Open(_) | Self::Changes(_) | Self::Addressed => {
                 "the line may have entered the program buffer that somebody else opened at this moment (the serial port, or another \
                  host), and not have been carried out; LIST shows it"
             }
             Self::Closed => {
                 "the line may have been carried out at once: somebody closed the program buffer at this moment that it belongs into"
             }
-        }
-    }
-}
-
-impl fmt::Display for Account {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.pid {
-            0 => write!(f, "uid {}", self.uid),
-            pid => write!(f, "uid {} (pid {pid})", self.uid),
         }
     }
 }

@@ -29,6 +29,15 @@ fn b1_2_only_who_opened_a_buffer_writes_into_it() {
     }
     assert!(buffer.bars(b"X1", Writer::Beside).is_some() && buffer.bars(b"I122", Writer::Beside).is_some());
     assert_eq!([&b"CLOSE"[..], b"#1J/", b"#1P"].map(|line| buffer.bars(line, Writer::Beside)), [None; 3]);
+    for line in [&b"#2J+"[..], b"#2J=100#1", b"???", b"$$$", b"#3HM", b"&2%50"] {
+        for writer in [BOB, Writer::Question, Writer::Beside, Writer::Stop] {
+            assert_eq!(buffer.bars(line, writer), None, "{}", String::from_utf8_lossy(line));
+        }
+        assert!(buffer.bars(line, sequence(1, false)).is_some(), "it has lines behind it which enter");
+    }
+    for line in [&b"CLEAR"[..], b"OPEN PROG 78 CLEAR", b"LEARN"] {
+        assert!(matches!(buffer.bars(line, BOB), Some(Barred::Changes(Some(_)))));
+    }
     assert_eq!([&b" close "[..], b"CLOSE  all", b"cls all"].map(|line| buffer.bars(line, BOB)), [None; 3]);
     assert!(buffer.bars(b"CLOSE", sequence(1, false)).is_some() && buffer.bars(b"CLOSE X1", BOB).is_some());
     sent(&mut buffer, "CLOSE", BOB);

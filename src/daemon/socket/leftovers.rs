@@ -12,6 +12,7 @@
 
 use std::time::Duration;
 
+use crate::protocol::buffer_line::WhileOpen;
 use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::tokens::{self, Kind, Needs};
 use crate::protocol::{CallError, control, i_lines, line};
@@ -153,8 +154,8 @@ pub(super) struct LineEffect {
     pub aborts: u32,
     /// It switches the control panel off.
     pub ends_panel: bool,
-    /// Where a program buffer of its sender's is open, it enters that.
-    pub enters: bool,
+    /// What it comes to where a program buffer is open.
+    pub while_open: WhileOpen,
     /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
     pub jogs: [u32; 2],
     /// How long their sender may be silent meanwhile, if that ends them, too.

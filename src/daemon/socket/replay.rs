@@ -25,7 +25,7 @@ pub(super) fn check(action: &Action, replies: &Replies) -> Result<(), CallError>
             unanswered(control::name(*character).as_bytes(), replies)
         }
         Action::Sequence(SequenceCall::Lines(batch)) => {
-            batch.all_lines().find_map(|line| unanswered(line, replies))
+            batch.all_lines().find_map(|line| unanswered(line.as_bytes(), replies))
         }
         _ => return Err(CallError::replay_moves_nothing()),
     };

@@ -46,8 +46,6 @@ pub(super) struct Stop {
     begun: Instant,
     /// The board has acknowledged the line.
     pub taken: bool,
-    /// It was sent while a program buffer was open: an acknowledgement alone does not say that it was carried out.
-    pub into_buffer: bool,
     /// A motor was left out that no answer of the board calls open, only a report that may be old.
     pub is_doubtful: bool,
     /// The board has refused the line with this error.
@@ -129,7 +127,6 @@ impl Stops {
             at: At::Question,
             begun: now,
             taken: false,
-            into_buffer: false,
             is_doubtful: false,
             error: None,
             hopeless: false,
@@ -153,7 +150,7 @@ impl Stops {
     /// waits, are watched no more. The stops of which nothing is left.
     pub(super) fn let_go(&mut self, motors: u32) -> Vec<u64> {
         let is_done = |stop: &Stop| {
-            let is_sure = stop.taken && !stop.into_buffer && !stop.is_doubtful;
+            let is_sure = stop.taken && !stop.is_doubtful;
             stop.at == At::Watch && is_sure && stop.caller.is_none()
         };
         let mut done = Vec::new();

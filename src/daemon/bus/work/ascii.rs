@@ -40,10 +40,11 @@ use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::bus::work::kill::Kill;
-use crate::daemon::shared::open_buffer::{OpenBuffer, Writer};
+use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
     Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, at_once,
 };
+use crate::daemon::shared::rotary_address::AddressFirst;
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
 use crate::protocol::{CommandPort, CommandState, control};
@@ -77,6 +78,10 @@ enum InFlight {
     Scan,
     /// The question whether a program buffer is open.
     Buffer,
+    /// The question which coordinate system is addressed.
+    Address,
+    /// Who opened the rotary buffers has his address back.
+    PutBack,
     /// The line of our own after a command that was given up.
     Check,
 }
@@ -471,6 +476,19 @@ impl AsciiQueue {
                 self.outbox.tell(events, Event::Done(next.ticket, outcome));
                 return Ok(());
             }
+            match self.buffer.address_first(line, next.writer) {
+                Some(AddressFirst::Unknown) => {
+                    self.lines.pop_front();
+                    let outcome = Outcome::Barred(Barred::Addressed);
+                    self.outbox.tell(events, Event::Done(next.ticket, outcome));
+                    return Ok(());
+                }
+                Some(AddressFirst::Ask) => return self.ask_address(bus, publisher, now),
+                Some(AddressFirst::PutBack(system)) => {
+                    return self.put_address_back(bus, system, publisher, now);
+                }
+                None => {}
+            }
             if self.ports.begin(bus, line)? {
                 self.lines.pop_front();
                 self.buffer.begin(line, next.writer, now);
@@ -539,7 +557,11 @@ impl AsciiQueue {
         self.own_was_last = match command {
             InFlight::Identify | InFlight::Scan => true,
             InFlight::Line(_) => false,
-            InFlight::Control(_) | InFlight::Buffer | InFlight::Check => self.own_was_last,
+            InFlight::Control(_)
+            | InFlight::Buffer
+            | InFlight::Address
+            | InFlight::PutBack
+            | InFlight::Check => self.own_was_last,
         };
         self.line_pace.begin();
         self.last_event = now;

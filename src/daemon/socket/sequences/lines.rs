@@ -48,12 +48,18 @@ pub struct Batch {
     keep_going: bool,
     at_end: Option<VecDeque<Text<LINE_MAX>>>,
     last: bool,
+    confirmed: bool,
 }
 
 impl Batch {
     /// Every line that it may send.
-    pub(in crate::daemon::socket) fn all_lines(&self) -> impl Iterator<Item = &[u8]> {
-        self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| line.as_bytes())
+    pub(in crate::daemon::socket) fn all_lines(&self) -> impl Iterator<Item = &str> {
+        self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| &**line)
+    }
+
+    /// Whether its caller means what it does to everybody.
+    pub(in crate::daemon::socket) const fn confirmed(&self) -> bool {
+        self.confirmed
     }
 
     /// The batch that `call` asks for.
@@ -74,8 +80,9 @@ impl Batch {
         if at_end.as_ref().is_some_and(|lines| lines.len() > AT_END_MAX) {
             return Err(CallError::invalid("at_end", format_args!("at most {AT_END_MAX} lines")));
         }
+        let confirmed = confirmed == Some(true);
         let mut all = lines.iter().chain(at_end.iter().flatten());
-        if let Some(line) = all.find(|line| line_cuts_off(line) && confirmed != Some(true)) {
+        if let Some(line) = all.find(|line| line_cuts_off(line) && !confirmed) {
             return Err(cut_off::refusal(line));
         }
         Ok(Self {
@@ -85,6 +92,7 @@ impl Batch {
             timeout: timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis),
             keep_going: keep_going.unwrap_or(false),
             last: last.unwrap_or(true),
+            confirmed,
         })
     }
 

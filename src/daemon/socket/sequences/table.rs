@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Instant;
 
+use nix::unistd::Uid;
+
 use super::{Ending, LEASE, Resource, Sequence};
 use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::daemon::socket::call_table::Caller;
@@ -188,6 +190,14 @@ impl Sequences {
     /// What sequences that are ending still have to do on the board.
     pub(in crate::daemon::socket) fn unfinished(&self) -> Vec<String> {
         self.running.values().filter_map(|running| running.machine.unfinished()).collect()
+    }
+
+    /// What other users than `uid` run.
+    pub(in crate::daemon::socket) fn of_others(&self, uid: Uid) -> impl Iterator<Item = String> {
+        let others = self.running.values().filter(move |running| running.owner.peer.uid != uid);
+        others.map(|Running { machine, owner: Owner { peer, .. }, .. }| {
+            format!("the {} of uid {} (pid {})", machine.name(), peer.uid, peer.pid)
+        })
     }
 
     /// Why somebody else cannot end the sequence just so.

@@ -157,6 +157,9 @@ impl Service {
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, into_buffer, while_connected, silence, confirmed, .. } => {
+                if !confirmed {
+                    self.is_meant(caller, &line)?;
+                }
                 let mut effect = self.may_send(caller.client, &line, confirmed)?;
                 if while_connected {
                     effect.ends_jogs(&line, silence);

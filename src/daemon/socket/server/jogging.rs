@@ -1,8 +1,8 @@
 //! Jogs by command line: those that end with the connection they came by, and jogs to a position. And which jogs are without
 //! their panel.
 //!
-//! A jog to a position asks what is addressed, then sends the line that jogs and puts the address back. Neither may enter a
-//! program buffer: while one is open both are refused, whoever has opened it.
+//! A jog to a position asks what is addressed, then sends the line that jogs and puts the address back. Both are on-line only: no
+//! program buffer takes them, whoever has one open.
 
 use std::time::Instant;
 

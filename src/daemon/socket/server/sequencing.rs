@@ -44,11 +44,16 @@ impl Service {
                 }),
                 _ => Ok(Some(Reply::done())),
             },
-            SequenceCall::Lines(batch) => match self.sequences.of_client(caller.client, Resource::Lines) {
-                Some(number) => self.ask_sequence(number, caller, SequenceCall::Lines(batch), now),
-                None if batch.only_ends() => self.finish_lines(caller, batch, now),
-                None => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
-            },
+            SequenceCall::Lines(batch) => {
+                if !batch.confirmed() {
+                    batch.all_lines().try_for_each(|line| self.spares_others(caller, line))?;
+                }
+                match self.sequences.of_client(caller.client, Resource::Lines) {
+                    Some(number) => self.ask_sequence(number, caller, SequenceCall::Lines(batch), now),
+                    None if batch.only_ends() => self.finish_lines(caller, batch, now),
+                    None => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
+                }
+            }
             SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
                 Some(number) => self.ask_sequence(number, caller, SequenceCall::Gather(call), now),
                 None => self.begin_sequence(caller, Box::new(Gather::new(call, caller.peer)), now),
@@ -346,16 +351,18 @@ impl Service {
         }
     }
 
-    /// Asks the board `line` for sequence `number`.
+    /// Asks the board `line` for sequence `number`, unless somebody has a program buffer open: what the sequence has to send would
+    /// enter that.
     fn ask_for_sequence(&mut self, number: u64, line: Text<LINE_MAX>, deadline: Instant) -> Option<Answer> {
         let owner = self.sequences.get_mut(number)?.owner;
         let origin = Origin { uid: owner.peer.uid.as_raw(), shown: Text::of(&&*line), stays: false };
+        let writer = Writer::Sequence { number, account: owner.peer.account(), inside: false };
         self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| Command::Send {
             ticket,
             line,
             origin,
             deadline,
-            writer: Writer::Question,
+            writer,
         });
         None
     }

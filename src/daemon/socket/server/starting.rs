@@ -6,9 +6,11 @@ use super::Service;
 use super::replies::{held_by_another, reply_lines};
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
+use crate::daemon::socket::call_table::Caller;
 use crate::daemon::socket::leftovers::{LineEffect, Starts};
 use crate::protocol::board::SendReply;
-use crate::protocol::buffer_line::enters;
+use crate::protocol::buffer_line::WhileOpen;
+use crate::protocol::cut_off;
 use crate::protocol::moved_motors::motors_moved;
 use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
 
@@ -28,7 +30,7 @@ impl Service {
         self.may_start(Starts { systems: effect.starts, confirmed })?;
         match self.leases.held_by_another(client, motors_moved(line)) {
             Some((holder, held)) => Err(held_by_another(holder, held)),
-            None => Ok(LineEffect { enters: enters(line.as_bytes()), ..effect }),
+            None => Ok(LineEffect { while_open: WhileOpen::of(line.as_bytes()), ..effect }),
         }
     }
 
@@ -53,9 +55,35 @@ impl Service {
         let lines = reply_lines(Outcome::Done, lines, is_overlong, now)?;
         // Of this moment: the bus thread tells what is open in the order in which it tells what the board has answered.
         let open = self.info.board().open_buffer.as_ref();
-        let enters = effect.enters && lines.is_empty();
-        let entered = open.filter(|open| enters && open.takes_lines_of(by.uid)).cloned();
+        let WhileOpen { enters, changes, may_act, .. } = effect.while_open;
+        let is_told = |open: &&OpenBufferInfo| may_act || enters && open.takes_lines_of(by.uid);
+        let entered = open.filter(is_told).filter(|_| lines.is_empty() && !changes).cloned();
         Reply::with(&SendReply { lines, entered })
+    }
+
+    /// Whether `caller` may send `line` by itself though it does something to everybody. In a program that is open the board carries
+    /// nothing out at once, and `$$$` and `SAVE` are no statements.
+    ///
+    /// # Errors
+    /// What it does, and to whom; nothing was sent.
+    pub(super) fn is_meant(&self, caller: Caller, line: &str) -> Result<(), CallError> {
+        if self.info.board().open_buffer.is_none() && cut_off::line_may_cut_off(line) {
+            return Err(cut_off::refusal(line));
+        }
+        self.spares_others(caller, line)
+    }
+
+    /// Whether `line` leaves alone what other users have open, and run.
+    ///
+    /// # Errors
+    /// Whose work it ends; nothing was sent.
+    pub(super) fn spares_others(&self, caller: Caller, line: &str) -> Result<(), CallError> {
+        let Some(command) = cut_off::ends_work(line) else { return Ok(()) };
+        let uid = caller.peer.uid;
+        let is_others = |open: &&OpenBufferInfo| !open.sequence && open.uid != Some(uid.as_raw());
+        let buffer = self.info.board().open_buffer.as_ref().filter(is_others).map(ToString::to_string);
+        let work: Vec<String> = self.sequences.of_others(uid).chain(buffer).collect();
+        if work.is_empty() { Ok(()) } else { Err(cut_off::ends_work_refusal(command, &work.join(", and "))) }
     }
 
     /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (FACTS 7), so

@@ -63,8 +63,7 @@ impl Service {
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
         let (reported, motion) = (self.info.loops_left_open(), self.info.motion());
         let motor_status = self.info.family().status.motor;
-        let (has_panel, buffer_is_open) =
-            (self.uses(Function::Panel), self.info.board().open_buffer.is_some());
+        let has_panel = self.uses(Function::Panel);
         let Some(stop) = self.stops.get_mut(number) else { return };
         let target = stop.target;
         match stop.at {
@@ -88,7 +87,7 @@ impl Service {
                         false => self.stop_over(number, Ok(()), now),
                     };
                 };
-                (stop.at, stop.into_buffer) = (At::Line, buffer_is_open);
+                stop.at = At::Line;
                 info!(target: "audit", "pmacd sends {:?}", &*line);
                 if !self.send_first(line, number, now + LINE_TAKES) {
                     self.stop_step(number, &[], Outcome::Busy, now);
@@ -102,7 +101,7 @@ impl Service {
                 };
                 let is_without_effect = stop.error.is_some() || outcome.is_unsent();
                 stop.hopeless = is_without_effect && !has_panel;
-                let is_watched = stop.ends_hold || stop.into_buffer || stop.is_doubtful;
+                let is_watched = stop.ends_hold || stop.is_doubtful;
                 let is_believed = stop.taken && (!is_watched || target.motors() == 0);
                 if is_believed {
                     self.stop_over(number, Ok(()), now);
@@ -221,19 +220,10 @@ impl Service {
             true => "the control panel did not take the stop, and ",
             false => "",
         };
-        let (taken, into_buffer, error) = match self.stops.get_mut(number) {
-            Some(stop) => (stop.taken, stop.into_buffer, stop.error),
-            None => (false, false, None),
-        };
-        let line = match (error, into_buffer, taken) {
-            (Some(error), true, _) => format!(
-                "the board refused the command line (ERR{error:03}) while a program buffer is open, which CLOSE by an engineer closes"
-            ),
-            (Some(error), false, _) => format!("the board refused the command line (ERR{error:03})"),
-            (None, true, true) => "the board took the command line, but may have stored it in the program buffer that is open (LIST \
-                                   shows it)"
-                .to_owned(),
-            _ => "no command line is known to have stopped it".to_owned(),
+        let error = self.stops.get_mut(number).and_then(|stop| stop.error);
+        let line = match error {
+            Some(error) => format!("the board refused the command line (ERR{error:03})"),
+            None => "no command line is known to have stopped it".to_owned(),
         };
         format!(
             "{target} MAY STILL MOVE: {panel}{line}; pmacctl abort stops everything (^A), an emergency stop does so without \

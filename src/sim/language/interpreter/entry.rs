@@ -1,8 +1,7 @@
 //! Lines for an open buffer: the statements of a line are collected and stored as one program line at its end.
 //!
-//! Everything else is executed at once, as without a buffer (Software Reference p. 273).
+//! Everything else is on-line only and is executed at once, as without a buffer (User Manual p. 29; Software Reference p. 273).
 
-use crate::map::readings::BufferCommands;
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
@@ -27,14 +26,6 @@ impl Line<'_, '_> {
         }
         self.items.push(item);
         Ok(true)
-    }
-
-    /// Whether the next letter is no command because a buffer is open: the reading `buffer_commands`.
-    pub(super) fn refuses_letters(&mut self) -> bool {
-        let takes_text = !matches!(self.programs.store.open(), None | Some(Open::BinaryRotary));
-        takes_text
-            && self.board.identity.readings.buffer_commands == BufferCommands::Refused
-            && !matches!(self.scanner.peek(), Some(b'&' | b'R'))
     }
 
     /// Stores the statements collected so far as a program line.

@@ -144,9 +144,6 @@ impl Line<'_, '_> {
         if let Some(word) = self.scanner.keyword(words::tables(self.board.family().generation)) {
             return self.word(word);
         }
-        if self.refuses_letters() {
-            return Err(CommandError::SYNTAX);
-        }
         match self.scanner.next_character() {
             Some(b'#') => self.address_motor(),
             Some(b'&') => self.address_coordinate_system(),

@@ -18,6 +18,7 @@ impl Line<'_, '_> {
         let jog = match self.scanner.next_character() {
             Some(b'+') => Jog::Plus,
             Some(b'-') => Jog::Minus,
+            Some(b'/') if self.board.faults.jog_stop_refused => return Err(CommandError::SYNTAX),
             Some(b'/') => Jog::Stop,
             Some(b'!') => Jog::RoundCommanded,
             Some(b'=') if self.scanner.take(b'=') => Jog::ToAsPreJog(self.scanner.constant()?),

@@ -112,6 +112,9 @@ impl AsciiQueue {
             }
             InFlight::Scan => self.scan.done(result.is_err(), now),
             InFlight::Buffer => self.buffer_answered(result, now),
+            InFlight::Address => self.address_answered(),
+            InFlight::PutBack if result.is_ok() => self.buffer.address_is_back(),
+            InFlight::PutBack => self.buffer.told_address(None),
             InFlight::Check => {}
         }
     }

@@ -9,7 +9,7 @@ use log::warn;
 use super::{AsciiQueue, InFlight, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::{QUESTION, Unsaid};
-use crate::daemon::shared::queue::{Outcome, Text};
+use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::device::Bus;
 use crate::protocol::answer;
 use crate::segment::Publisher;
@@ -23,17 +23,18 @@ const AGAIN: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub(super) struct BufferQuestion {
     not_before: Instant,
-    size: Option<i64>,
+    /// The number that the board has answered to it, or to the question what is addressed.
+    number: Option<i64>,
 }
 
 impl BufferQuestion {
     pub(super) const fn new(now: Instant) -> Self {
-        Self { not_before: now, size: None }
+        Self { not_before: now, number: None }
     }
 
     /// A line of the reply came.
     pub(super) fn line(&mut self, text: &[u8]) {
-        self.size = std::str::from_utf8(text).ok().and_then(answer::integer);
+        self.number = std::str::from_utf8(text).ok().and_then(answer::integer);
     }
 }
 
@@ -55,8 +56,43 @@ impl AsciiQueue {
         now: Instant,
     ) -> Result<(), PortError> {
         if self.ports.begin(bus, QUESTION)? {
-            self.buffer_question.size = None;
+            self.buffer_question.number = None;
             self.start(InFlight::Buffer, now + PATIENCE, publisher, now);
+        }
+        Ok(())
+    }
+
+    /// Asks the board which coordinate system is addressed, before somebody addresses another one beside who opened the rotary buffers.
+    pub(super) fn ask_address(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), PortError> {
+        if self.ports.begin(bus, b"&")? {
+            self.buffer_question.number = None;
+            self.start(InFlight::Address, now + PATIENCE, publisher, now);
+        }
+        Ok(())
+    }
+
+    /// The board has answered that, or not.
+    pub(super) fn address_answered(&mut self) {
+        let system = self.buffer_question.number.take();
+        self.buffer.told_address(system.and_then(|system| u32::try_from(system).ok()));
+    }
+
+    /// Addresses `system` again, before the next line of who opened the rotary buffers.
+    pub(super) fn put_address_back(
+        &mut self,
+        bus: &mut impl Bus,
+        system: u32,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), PortError> {
+        let line: Text<LINE_MAX> = Text::of(&format_args!("&{system}"));
+        if self.ports.begin(bus, line.as_bytes())? {
+            self.start(InFlight::PutBack, now + PATIENCE, publisher, now);
         }
         Ok(())
     }
@@ -64,7 +100,7 @@ impl AsciiQueue {
     /// The board has answered, or refused the question. Who does not know it is believed to have none open. Where it only
     /// acknowledged, that may have been another line's acknowledgement, and the answer is still to come.
     pub(super) fn buffer_answered(&mut self, result: Result<(), u16>, now: Instant) {
-        match (self.buffer_question.size.take(), result) {
+        match (self.buffer_question.number.take(), result) {
             (None, Err(error)) => self.buffer_unsaid(Unsaid::Refused(error), now),
             (None, Ok(())) => self.ports.doubt(),
             (size, _) => self.buffer.learn(size, now),

@@ -113,7 +113,12 @@ impl AsciiQueue {
                 let shown = Text::of(&format_args!("^{}", control::letter(*character)));
                 Some((*ticket, Origin { uid: *uid, shown, stays: false }))
             }
-            InFlight::Identify | InFlight::Scan | InFlight::Buffer | InFlight::Check => None,
+            InFlight::Identify
+            | InFlight::Scan
+            | InFlight::Buffer
+            | InFlight::Address
+            | InFlight::PutBack
+            | InFlight::Check => None,
         }
     }
 
@@ -154,6 +159,7 @@ impl AsciiQueue {
                 self.buffer_not_answered(now);
             }
             InFlight::Check if !is_cancelled => self.fail_check(now),
+            InFlight::Address | InFlight::PutBack => self.buffer.told_address(None),
             InFlight::Buffer | InFlight::Check | InFlight::Line(_) | InFlight::Control(_) => {}
         }
     }

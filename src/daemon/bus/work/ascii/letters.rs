@@ -10,8 +10,8 @@ pub(super) fn may_move(line: &[u8]) -> bool {
     tokens::each_known(line, |line, token| {
         let said = &line[token.span.clone()];
         may_move |= match token.kind {
-            Kind::Moves(_) | Kind::Unknown => true,
-            Kind::Changes => said != b"SAVE" && !b"PQM#&".contains(&said[0]),
+            Kind::Moves(_) | Kind::WritesMemory | Kind::Unknown => true,
+            Kind::Changes => said != b"SAVE" && !b"#&".contains(&said[0]),
             _ => false,
         };
     });

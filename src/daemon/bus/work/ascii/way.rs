@@ -89,7 +89,7 @@ impl AsciiQueue {
             InFlight::Control(control) => self.controls.push_front(control),
             InFlight::Identify => self.identifier.not_sent(),
             InFlight::Scan => self.scan.not_sent(),
-            InFlight::Buffer | InFlight::Check => {}
+            InFlight::Buffer | InFlight::Address | InFlight::PutBack | InFlight::Check => {}
         }
         Ok(true)
     }

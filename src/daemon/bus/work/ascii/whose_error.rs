@@ -206,7 +206,8 @@ impl AsciiQueue {
             }
             InFlight::Identify => self.identifier.line(text.as_bytes()),
             InFlight::Scan => self.scan.line(text.as_bytes()),
-            InFlight::Buffer => self.buffer_question.line(text.as_bytes()),
+            InFlight::Buffer | InFlight::Address => self.buffer_question.line(text.as_bytes()),
+            InFlight::PutBack => {}
             InFlight::Check => self.check.line(text.as_bytes()),
         }
     }

@@ -1,0 +1,113 @@
+//! Which coordinate system is addressed while the rotary buffers are open for text: the next program line enters the rotary buffer of
+//! that one (Software Reference p. 273), whoever has addressed it. So what somebody else addresses meanwhile is put back before the next
+//! line of who opened the buffers.
+
+use super::writer::Writer;
+use crate::protocol::tokens;
+
+/// What has to be done before a line goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AddressFirst {
+    /// The board is asked what is addressed.
+    Ask,
+    /// This coordinate system is addressed again.
+    PutBack(u32),
+    /// Nobody knows what was addressed: the line is not sent.
+    Unknown,
+}
+
+/// Follows the addresses of a board's lines from the line on that has opened the rotary buffers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RotaryAddress {
+    /// What who opened the buffers has addressed, as the board told.
+    told: Option<u32>,
+    /// The board was asked, and did not tell.
+    is_untold: bool,
+    /// Who has addressed another one since.
+    moved_by: Option<Writer>,
+}
+
+impl RotaryAddress {
+    /// What has to be done before `writer` sends `line`, where `opener` has opened the buffers; `enters`: it enters them, and may.
+    pub(super) fn before(
+        &self,
+        line: &[u8],
+        writer: Writer,
+        opener: Writer,
+        enters: bool,
+    ) -> Option<AddressFirst> {
+        if enters && self.moved_by.is_some_and(|by| !is_same(by, writer)) && !begins_with_address(line) {
+            return Some(self.told.map_or(AddressFirst::Unknown, AddressFirst::PutBack));
+        }
+        // A stop does not wait.
+        let moves = !is_one(opener, writer) && addresses(line) && !tokens::stops(line);
+        let is_unasked = self.moved_by.is_none() && self.told.is_none() && !self.is_untold;
+        (moves && is_unasked).then_some(AddressFirst::Ask)
+    }
+
+    /// `writer` sends `line`, where `opener` has opened the buffers.
+    pub(super) fn goes(&mut self, line: &[u8], writer: Writer, opener: Writer) {
+        if !addresses(line) || writer == Writer::Stop && ends_with_address(line) {
+            return;
+        }
+        if is_one(opener, writer) {
+            *self = Self::default();
+            return;
+        }
+        if self.moved_by.is_some_and(|by| is_same(by, opener)) && !is_same(writer, opener) {
+            // What the user has addressed from another process nobody was asked.
+            self.told(None);
+        }
+        self.moved_by = Some(writer);
+    }
+
+    /// The board tells what is addressed, or does not.
+    pub(super) fn told(&mut self, system: Option<u32>) {
+        self.told = system;
+        self.is_untold = system.is_none();
+    }
+
+    /// What was addressed is addressed again.
+    pub(super) fn is_back(&mut self) {
+        self.moved_by = None;
+    }
+}
+
+/// Whether what one of the two has addressed is what the other one means: by hand, one user's commands are one.
+fn is_same(one: Writer, other: Writer) -> bool {
+    match (one, other) {
+        (Writer::Hand(one), Writer::Hand(other)) => one.uid == other.uid,
+        _ => is_one(one, other),
+    }
+}
+
+/// Whether both are one process, or one sequence.
+fn is_one(one: Writer, other: Writer) -> bool {
+    match (one, other) {
+        (Writer::Hand(one) | Writer::IntoBuffer(one), Writer::Hand(other) | Writer::IntoBuffer(other)) => {
+            one == other
+        }
+        (Writer::Sequence { number: one, .. }, Writer::Sequence { number: other, .. }) => one == other,
+        _ => false,
+    }
+}
+
+/// Whether `line` addresses a coordinate system. An `&` that is an operator counts, too.
+fn addresses(line: &[u8]) -> bool {
+    (0..line.len()).any(|at| begins_with_address(&line[at..]))
+}
+
+fn begins_with_address(line: &[u8]) -> bool {
+    let behind = line.trim_ascii_start().strip_prefix(b"&");
+    behind.is_some_and(|behind| behind.trim_ascii_start().first().is_some_and(u8::is_ascii_digit))
+}
+
+/// Whether the last command of `line` is an address: it puts back what was addressed.
+fn ends_with_address(line: &[u8]) -> bool {
+    let address = line.trim_ascii_end().rsplit(|byte| *byte == b'&').next();
+    address.is_some_and(|number| !number.is_empty() && number.iter().all(u8::is_ascii_digit))
+}
+
+#[cfg(test)]
+#[path = "rotary_address_tests.rs"]
+mod tests;
