@@ -109,6 +109,8 @@ impl Parts {
             (None, true) => ports.after_another_host(now),
             (None, false) => ports.silent_until_used(),
         };
+        let queue = AsciiQueue::new(ports, identifier, scan, clock.clone());
+        let queue = if replies.is_some() { queue.of_replay() } else { queue };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
         let functions = FunctionTable::new(
             ServoMirror::selecting(
@@ -122,7 +124,7 @@ impl Parts {
                 settings.background_period_ns,
                 reading.background.selection(settings.family),
             ),
-            CommandLines::new(AsciiQueue::new(ports, identifier, scan, clock.clone()), interrupt, host_port),
+            CommandLines::new(queue, interrupt, host_port),
             VariableMirror::new(&layout, mode, clock.clone()),
             layout,
             reading,

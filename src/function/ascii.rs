@@ -47,6 +47,8 @@ use crate::map::{AsciiPort, errors};
 
 /// How long after a command was given up an acknowledgement may still be its.
 const DOUBT: Duration = Duration::from_secs(10);
+/// How long an `<ACK>` is waited for that has come every time so far.
+const EXPECTED: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply, which has no end mark, counts as complete.
 pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
 /// How long after its last line, or after the line was taken, a reply without an end mark counts as complete.

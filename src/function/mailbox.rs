@@ -552,6 +552,8 @@ impl MailboxPort {
     fn end_reply(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
         match (self.state, result) {
             // The board has no whole line, nor a control character to answer.
+            // No manual has a board refuse a control character.
+            (State::ControlReply { .. }, Err(number)) => return Some(AsciiEvent::ProgramError(number)),
             (_, Err(number)) if !awaited => return Some(AsciiEvent::ProgramError(number)),
             (_, Ok(())) if !awaited => return Some(AsciiEvent::Stale(end.into())),
             (State::Replying, Err(number)) if !self.open_ended => {

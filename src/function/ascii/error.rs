@@ -12,7 +12,7 @@ use crate::device::{Bus, BusError};
 use crate::map::errors;
 
 impl DpramPort {
-    /// The number in `control` where that is an error of a program for sure: nothing is under way that the board could refuse, or the
+    /// The number in `control` where that is an error of a program for sure: nothing is under way that a board refuses, or the
     /// board has not taken it yet, `is_early` being true of a control character. A board that was seen to answer before it clears
     /// the flag is believed. At most 1 read.
     ///
@@ -26,7 +26,8 @@ impl DpramPort {
     ) -> Result<Option<u16>, BusError> {
         let Some(number) = errors::from_control(control) else { return Ok(None) };
         let is_programs = match self.state {
-            State::Idle => true,
+            // No manual has a board refuse a control character.
+            State::Idle | State::ControlReply { .. } => true,
             State::Loaded { sent } if sent == self.length && !self.answers_early && !self.open_ended => {
                 self.is_loaded(bus)?
             }
@@ -40,7 +41,6 @@ impl DpramPort {
         match self.state {
             State::Refused => {}
             _ if self.open_ended => self.end_reply(now),
-            State::ControlReply { .. } => self.await_mark(now),
             // Without its second part the line is not carried out, whosever the error is.
             State::Loaded { sent } if sent < self.length => self.abandon(now, true),
             _ => {

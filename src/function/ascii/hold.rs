@@ -18,8 +18,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::late_mark::EXPECTED;
-use super::{DpramPort, State};
+use super::{DpramPort, EXPECTED, State};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::CANCEL;
 

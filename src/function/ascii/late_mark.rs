@@ -9,12 +9,10 @@
 use std::time::{Duration, Instant};
 
 use super::hold::Hold;
-use super::{DOUBT, DpramPort, State};
+use super::{DOUBT, DpramPort, EXPECTED, State};
 
 /// How long the first `<ACK>` is waited for.
 pub(super) const FIRST: Duration = Duration::from_millis(300);
-/// How long one is waited for that has come every time so far.
-pub(super) const EXPECTED: Duration = Duration::from_secs(1);
 
 /// Whether an `<ACK>` follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -10,7 +10,8 @@
 
 use std::time::{Duration, Instant};
 
-use super::late_mark::{EXPECTED, FIRST, Follows};
+use super::EXPECTED;
+use super::late_mark::{FIRST, Follows};
 use super::response_buffer::Untold;
 use super::{AsciiEvent, DpramPort, ResponseText, State};
 use crate::device::{Bus, BusError};

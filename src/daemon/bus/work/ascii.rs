@@ -356,6 +356,13 @@ impl AsciiQueue {
         self.poll_now(now);
     }
 
+    /// The board is a recording: no program of it runs.
+    #[must_use]
+    pub const fn of_replay(mut self) -> Self {
+        self.programs.is_replay = true;
+        self
+    }
+
     /// The last background report, asked for at a time on CLOCK_MONOTONIC, says whether a motion program runs; `None`: none tells.
     pub fn see_programs(&mut self, told: Option<(bool, u64)>) {
         self.programs.see(told);

@@ -32,7 +32,7 @@ impl Outbox {
     /// Tries to tell what had no room.
     pub(super) fn retry(&mut self, events: &Sender<Event>) {
         while let Some(event) = self.events.pop_front() {
-            if let Err(event) = self.offer(events, event) {
+            if let Some(event) = self.offer(events, event) {
                 return self.events.push_front(event);
             }
         }
@@ -41,14 +41,15 @@ impl Outbox {
     /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
     pub(super) fn tell(&mut self, events: &Sender<Event>, event: Event) {
         debug_assert!(self.events.len() < AT_ONCE, "what waits for room is told first");
-        let unsent = if self.is_empty() { self.offer(events, event).err() } else { Some(event) };
+        let unsent = if self.is_empty() { self.offer(events, event) } else { Some(event) };
         self.events.extend(unsent);
     }
 
-    fn offer(&mut self, events: &Sender<Event>, event: Event) -> Result<(), Event> {
+    /// Puts it there; gives it back where there is no room.
+    fn offer(&mut self, events: &Sender<Event>, event: Event) -> Option<Event> {
         let is_line = matches!(event, Event::Line(..));
         self.lines_unheard = if is_line { self.lines_unheard + 1 } else { 0 };
         let wakes = self.lines_unheard.is_multiple_of(LINES_UNHEARD);
-        if wakes { events.try_send(event) } else { events.try_put(event) }
+        if wakes { events.try_send(event) } else { events.try_put(event) }.err()
     }
 }

@@ -1,13 +1,15 @@
-//! Whether an error may be that of a program's `CMD`.
+//! Whether a program's `CMD` may have caused an error.
 //!
 //! With I6=2 the board reports none of those (Software Reference, I6). Otherwise one may come from a PLC program unless I5=0, and
-//! from a motion program unless the background reports say of every coordinate system that none runs. A report says that of the
-//! time behind the moment at which it was asked for, and of no time before somebody might have started one through the daemon. A
-//! motion program that another host starts counts from the next report on.
+//! from a motion program unless the background reports say of every coordinate system that none runs. A report
+//! counts from when it was asked for, and not if somebody might have started a program through the daemon since. A motion program
+//! that another host starts counts from the next report on.
 
 /// Since when no motion program runs.
 #[derive(Debug, Default)]
 pub(super) struct Programs {
+    /// The board is a recording, whose answers tell of no program's errors.
+    pub(super) is_replay: bool,
     /// All reports since then say that none runs; CLOCK_MONOTONIC.
     none_since: Option<u64>,
     /// One may have been started at this time.

@@ -8,6 +8,7 @@
 use std::time::Instant;
 
 use super::check::REPLY_LINES;
+use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Sender, Text, stopped_by};
 use crate::function::ascii::ResponseText;
@@ -47,8 +48,13 @@ impl AsciiQueue {
 
     /// Whether an error that came during this command may be a program's.
     fn programs_may_report(&self, under_way: &UnderWay) -> bool {
-        let none_ran = || self.programs.none_ran(self.clock.ns_of(under_way.since));
+        let starts_one = match &under_way.command {
+            InFlight::Line(line) => may_start_program(line.line.as_bytes()),
+            _ => false,
+        };
+        let none_ran = || !starts_one && self.programs.none_ran(self.clock.ns_of(under_way.since));
         match self.identifier.program_reports() {
+            _ if self.programs.is_replay => false,
             [_, Some(2)] => false,
             [Some(0), _] => !none_ran(),
             _ => true,
