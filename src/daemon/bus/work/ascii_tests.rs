@@ -586,16 +586,3 @@ fn b3_2_a_character_that_stops_nothing_takes_no_lines_flag() {
     rig.poll();
     assert_eq!(character(&mut rig), u16::from(b'T' - 64));
 }
-
-#[test]
-fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
-    let mut rig = Rig::new();
-    rig.send(1, "P1=1", Duration::from_secs(60));
-    rig.poll();
-    rig.control(2, b'F' - 64);
-    rig.now += Duration::from_secs(5);
-    rig.poll();
-    let told = rig.ended();
-    assert!(matches!(told[..], [(2, Outcome::Refused(_))]), "{told:?}");
-    assert_eq!(rig.queue.state(), CommandState::Unknown);
-}

@@ -125,3 +125,16 @@ fn a_question_of_our_own_waits_as_long_as_lines_of_its_reply_come() {
     }
     assert_eq!(rig.queue.state(), CommandState::Silent);
 }
+
+#[test]
+fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
+    let mut rig = Rig::new();
+    rig.send(1, "P1=1", Duration::from_secs(60));
+    rig.poll();
+    rig.control(2, b'F' - 64);
+    rig.now += Duration::from_secs(5);
+    rig.poll();
+    let told = rig.ended();
+    assert!(matches!(told[..], [(2, Outcome::Refused(_))]), "{told:?}");
+    assert_eq!(rig.queue.state(), CommandState::Unknown);
+}
