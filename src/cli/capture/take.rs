@@ -380,11 +380,12 @@ fn questions(family: &Family) -> Vec<&'static str> {
     IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F"]).collect()
 }
 
-/// What the daemon asks at its start besides who the board is: how a reply ends, what is reported, and the motors' scales.
+/// What the daemon asks at its start besides who the board is: how a reply ends, what is reported, which programs may report
+/// errors, and the motors' scales.
 fn driver_questions(family: &Family) -> Vec<String> {
     let i = &family.i;
     let reports = [Some(3), Some(10), Some(i.servo_period), Some(i.servo_enable), i.servo_in_background];
-    let others = [Some(i.background_enable), i.reported, i.panel, Some(i.variables_enable)];
+    let others = [Some(i.background_enable), i.reported, i.panel, Some(i.variables_enable), Some(5), Some(6)];
     let reports = reports.into_iter().chain(others).flatten().map(|number| format!("I{number}")).collect();
     let scales = (1..=family.motors).map(|motor| {
         let numbers = IVariables::SCALES.map(|which| IVariables::motor(motor, which));

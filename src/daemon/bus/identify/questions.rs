@@ -68,8 +68,6 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         (i.panel, Meaning::Panel),
         (Some(i.variables_enable), Meaning::Variables),
         (Some(HANDSHAKE), Meaning::Handshake),
-        (Some(PLC_CONTROL), Meaning::PlcControl),
-        (Some(ERROR_REPORT), Meaning::ErrorReport),
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
@@ -83,6 +81,11 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         }
     }
     questions.push(Question::Scales(first..=family.motors));
+    // By themselves: old captures have no answer to these.
+    questions.push(Question::Reports(vec![
+        (PLC_CONTROL, Meaning::PlcControl),
+        (ERROR_REPORT, Meaning::ErrorReport),
+    ]));
     questions
 }
 

@@ -29,6 +29,8 @@ fn it_asks_everything_once_and_tells_it_once() {
     let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
     let line = answer(&mut identifier, now, &scales);
     assert!(line.starts_with("I107I108I109I160I207") && line.len() <= LINE_MAX);
+    assert_eq!(answer(&mut identifier, now, &["0", "1"]), "I5 I6");
+    assert_eq!(identifier.program_reports(), [Some(0), Some(1)]);
     let identity = identifier.take_update().unwrap();
     assert_eq!(identity.firmware.as_deref(), Some("1.16D"));
     assert_eq!((identity.servo_report_cycles, identity.reported_motors()), (Some(1), Some(8)));
@@ -45,15 +47,18 @@ fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
     let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
     let mut scales: Vec<&str> = scales.iter().map(String::as_str).collect();
-    for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &scales] {
+    for lines in
+        [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &scales, &["0", "1"]]
+    {
         answer(&mut identifier, start, lines);
     }
     let first = identifier.take_update().unwrap();
     let now = start + RECHECK;
     scales[1] = "48";
     let asked = answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "1", "1", "2"]);
-    assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3 I5 I6", "who it is, is not asked again");
+    assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3", "who it is, is not asked again");
     answer(&mut identifier, now, &scales);
+    answer(&mut identifier, now, &["0", "1"]);
     let change = identifier.changes()[5].unwrap();
     assert_eq!((change.variable, change.was, change.is, change.since), (2, 3, 1, start));
     assert_eq!(identifier.enabling().panel, Some(false));
@@ -63,6 +68,27 @@ fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
     assert_eq!(identifier.changes()[5], None);
     identifier.begin_anew(now);
     assert!(identifier.changes().iter().all(Option::is_none));
+}
+
+#[test]
+fn what_a_line_may_set_of_the_errors_of_programs_is_unknown_until_the_board_has_told_it_again() {
+    let now = Instant::now();
+    for (line, left) in [
+        ("I5=2", [None, Some(1)]),
+        ("I(P1)=2", [None, None]),
+        ("$$$", [None, None]),
+        ("I6..7=1", [Some(0), None]),
+        ("I50=5", [Some(0), Some(1)]),
+    ] {
+        let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
+        let mut asked = String::new();
+        while asked != "I5 I6" {
+            asked = answer(&mut identifier, now, &["0", "1"]);
+        }
+        assert_eq!(identifier.program_reports(), [Some(0), Some(1)]);
+        identifier.line_goes(line.as_bytes(), now);
+        assert_eq!(identifier.program_reports(), left, "{line}");
+    }
 }
 
 #[test]
@@ -106,7 +132,9 @@ fn b3_a_turbo_boards_global_words_are_compared_too() {
 fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
     let start = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-    for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &["96"]] {
+    for lines in
+        [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1", "2"], &["96"], &["0", "1"]]
+    {
         answer(&mut identifier, start, lines);
     }
     assert!(!identifier.is_overdue(start + RECHECK));
@@ -151,9 +179,9 @@ fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
 #[test]
 fn a_family_is_asked_for_the_variables_it_has() {
     let line = |family| questions(family)[2].line();
-    assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3 I5 I6");
+    assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
     // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
-    assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3 I5 I6");
+    assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
 }
 
 #[test]
@@ -273,7 +301,8 @@ fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
     let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
     let scales: Vec<&str> = scales.iter().map(String::as_str).collect();
     let all = |identifier: &mut Identifier, now| {
-        for lines in [&["PMAC1"][..], &["1.16D"], &["3713707", "1", "1", "1", "8", "3", "1"], &scales] {
+        let reports = ["3713707", "1", "1", "1", "8", "3", "1"];
+        for lines in [&["PMAC1"][..], &["1.16D"], &reports, &scales, &["0", "1"]] {
             answer(identifier, now, lines);
         }
     };
@@ -337,5 +366,5 @@ fn b2_1_a_question_that_is_only_acknowledged_is_repeated_once() {
     assert_eq!(ask(&["PMAC1"]), ("TYPE".to_owned(), false));
     assert_eq!(ask(&[]), ("VERSION".to_owned(), true));
     assert_eq!(ask(&[]), ("VERSION".to_owned(), false), "it has nothing to say");
-    assert_eq!(ask(&[]), ("I10 I19 I48 I49 I59 I2 I55 I3 I5 I6".to_owned(), true));
+    assert_eq!(ask(&[]), ("I10 I19 I48 I49 I59 I2 I55 I3".to_owned(), true));
 }
