@@ -30,7 +30,7 @@ use super::socket::options::ServeOptions;
 use super::socket::server::serve;
 use crate::clock::{Clock, ManualTime};
 use crate::device::machine::cpu_latency::NODE;
-use crate::device::machine::descriptors::allow_descriptors;
+use crate::device::machine::descriptors::{allow_descriptors, descriptors_left};
 use crate::device::machine::scheduling::scheduling;
 use crate::device::{BoardSpec, CpuLatency, Inherited, System};
 use crate::format::Visible;
@@ -42,6 +42,9 @@ use crate::usage::usage_with;
 
 /// A replay in virtual time begins so long ago. What is longer goes on in real time.
 const LONGEST_RECORDING: Duration = Duration::from_secs(24 * 3600);
+
+/// Files that pmacd opens: 15 to 20 of its own, 16 that it keeps back, and two for each of a few clients.
+const FEWEST_DESCRIPTORS: usize = 48;
 
 /// What is said when mapped memory is gone.
 const MEMORY_GONE: &str = "pmacd: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm, or the file of the \
@@ -103,6 +106,12 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     privilege::allow_locking();
     allow_descriptors();
+    let left = descriptors_left();
+    if left < FEWEST_DESCRIPTORS {
+        let cure = "raise the limit (LimitNOFILE= of the unit, ulimit -n)";
+        let reason = format!("{left} more files may be opened, and pmacd needs {FEWEST_DESCRIPTORS}: {cure}");
+        return Err(Failure::new(exit::SYSTEM, reason));
+    }
     let inherited = Inherited::take_all();
     let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));

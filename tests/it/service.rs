@@ -57,7 +57,7 @@ fn too_few_open_files_are_told_at_the_start_and_a_soft_limit_is_raised() {
         shell.arg(daemon.get_program()).args(daemon.get_args()).stdin(Stdio::null()).stderr(Stdio::piped());
         shell
     };
-    for files in 14..=20 {
+    for files in [6, 14, 15, 16, 17, 20, 30, 50] {
         let mut child = limited(&format!("-n {files}")).spawn().unwrap();
         let status = status_within(&mut child, PATIENCE);
         let mut error = String::new();

@@ -18,9 +18,9 @@ use super::audit::AuditLimit;
 use super::clients::Clients;
 use super::connection::Client;
 use super::listener::Listener;
-use super::options::{ServeError, ServeOptions};
+use super::options::ServeOptions;
 use super::peer_process::peer_process;
-use super::policy::{Peer, Policy, Role};
+use super::policy::{Peer, Policy, PolicyError, Role};
 use crate::daemon::shared::trouble::Trouble;
 use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
@@ -101,15 +101,10 @@ impl Admission {
     /// As many places as `options` and the limit of descriptors allow now.
     ///
     /// # Errors
-    /// [`ServeError`] when a group is unknown, or the limit allows less than [`FEW`].
-    pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, ServeError> {
+    /// [`PolicyError`] when a group is unknown.
+    pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, PolicyError> {
         let policy = Policy::new(&options.roles)?;
-        let left = descriptors_left();
-        let needed = KEPT + FEW * OF_CONNECTION;
-        if left < needed {
-            return Err(ServeError::FewDescriptors { left, needed });
-        }
-        let places = Places::new(options, (left - KEPT) / OF_CONNECTION);
+        let places = Places::new(options, descriptors_left().saturating_sub(KEPT) / OF_CONNECTION);
         if places.all < options.max_clients {
             warn!(
                 "room for {} connections, not {}: the limit of open files (LimitNOFILE) is too low",
@@ -165,7 +160,16 @@ impl Admission {
                 Ok(stream) => {
                     let Ok(peer) = Peer::of(&stream) else { continue };
                     let role = self.policy.role_of(&peer, &stream);
-                    let process = peer_process(&stream, peer.pid);
+                    let process = peer_process(&stream, peer.pid).unwrap_or_else(|error| {
+                        let Peer { uid, pid, .. } = peer;
+                        let harm = "its jog ends with its connection, which a forked process can hold open";
+                        audit.tell(
+                            uid,
+                            format_args!("uid {uid} pid {pid} is not watched: {error}; {harm}"),
+                            now,
+                        );
+                        None
+                    });
                     let client = Client::new(stream, peer, role, now).of_process(process);
                     self.admit(client, clients, &holds, audit, now);
                 }

@@ -69,7 +69,7 @@ pub(super) struct Client {
     waiting: Waiting,
     /// It has had its turn, and may have more calls to begin.
     has_more: bool,
-    /// When it asked something last, or, without [`Self::has_spoken`], when it came.
+    /// The time of its last call; before the first ([`Self::has_spoken`]), of its arrival.
     heard: Instant,
     /// It has asked something.
     has_spoken: bool,

@@ -61,16 +61,6 @@ pub enum ServeError {
     /// A group in the settings is unknown.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// The limit of open files leaves nobody a place.
-    #[error(
-        "{left} more files may be opened, and serving needs {needed}: raise the limit (LimitNOFILE= of the unit, ulimit -n)"
-    )]
-    FewDescriptors {
-        /// How many more there may be.
-        left: usize,
-        /// How many are needed.
-        needed: usize,
-    },
     /// The system gave no descriptor or no thread.
     #[error("starting the command socket's thread: {0}")]
     Io(#[from] io::Error),

@@ -9,28 +9,32 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::sys::socket::{getsockopt, sockopt::PeerPidfd};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
-/// A descriptor that is readable once the process that made the connection has ended, whose number is `pid`. `None` where the kernel
-/// gives none: before Linux 6.5 of a process whose number the daemon's PID namespace does not have (0).
-pub(super) fn peer_process(stream: &UnixStream, pid: i32) -> Option<OwnedFd> {
+/// A descriptor that is readable once the process that made the connection has ended, whose number is `pid`. `None` before Linux 6.5 if
+/// the process is outside the daemon's PID namespace (`pid` is 0).
+///
+/// # Errors
+/// When the system gives none.
+pub(super) fn peer_process(stream: &UnixStream, pid: i32) -> nix::Result<Option<OwnedFd>> {
     match getsockopt(stream, PeerPidfd) {
         Err(Errno::ENOPROTOOPT) => by_number(pid),
-        found => or_ended(found),
+        found => or_ended(found).map(Some),
     }
 }
 
 /// As [`peer_process`], where the kernel does not tell a socket's process but by its number.
-fn by_number(pid: i32) -> Option<OwnedFd> {
-    let found = pidfd_open(Pid::from_raw(pid)?, PidfdFlags::empty());
-    or_ended(found.map_err(|errno| Errno::from_raw(errno.raw_os_error())))
+fn by_number(pid: i32) -> nix::Result<Option<OwnedFd>> {
+    let Some(pid) = Pid::from_raw(pid) else { return Ok(None) };
+    let found = pidfd_open(pid, PidfdFlags::empty());
+    or_ended(found.map_err(|errno| Errno::from_raw(errno.raw_os_error()))).map(Some)
 }
 
 /// `found`; of a process that has ended already, one that is readable.
-fn or_ended(found: nix::Result<OwnedFd>) -> Option<OwnedFd> {
+fn or_ended(found: nix::Result<OwnedFd>) -> nix::Result<OwnedFd> {
     match found {
         Err(Errno::ESRCH | Errno::EINVAL) => {
-            EventFd::from_value_and_flags(1, EfdFlags::EFD_CLOEXEC).ok().map(OwnedFd::from)
+            EventFd::from_value_and_flags(1, EfdFlags::EFD_CLOEXEC).map(OwnedFd::from)
         }
-        found => found.ok(),
+        found => found,
     }
 }
 
@@ -50,14 +54,14 @@ mod tests {
     #[test]
     fn the_end_of_a_process_is_seen_before_and_after_it_is_waited_for() {
         let (stream, _other) = UnixStream::pair().unwrap();
-        assert!(!is_readable(&peer_process(&stream, 0).unwrap()), "it is this process");
+        assert!(!is_readable(&peer_process(&stream, 0).unwrap().unwrap()), "it is this process");
         let mut child = Command::new("cat").stdin(Stdio::piped()).spawn().unwrap();
         let pid = child.id().cast_signed();
-        let process = by_number(pid).unwrap();
+        let process = by_number(pid).unwrap().unwrap();
         assert!(!is_readable(&process));
         child.kill().unwrap();
         child.wait().unwrap();
-        assert!(is_readable(&process) && is_readable(&by_number(pid).unwrap()));
-        assert!(by_number(0).is_none());
+        assert!(is_readable(&process) && is_readable(&by_number(pid).unwrap().unwrap()));
+        assert!(by_number(0).unwrap().is_none());
     }
 }

@@ -37,7 +37,7 @@ use super::line_jogs::LineJogs;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
 use super::panel_jogs::PanelJogs;
-use super::policy::{Characters, Peer};
+use super::policy::{Characters, Peer, PolicyError};
 use super::program_errors::ProgramErrors;
 use super::resets::Resets;
 use super::sent_stops::SentStops;
@@ -142,7 +142,7 @@ struct Service {
 }
 
 impl Service {
-    fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, ServeError> {
+    fn new(options: &ServeOptions, listener: Listener, backend: Backend) -> Result<Self, PolicyError> {
         let Backend { commands, events, info, trace } = backend;
         Ok(Self {
             admission: Admission::new(options, listener)?,
