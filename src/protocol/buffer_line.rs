@@ -119,7 +119,8 @@ fn place(line: &[u8], start: usize, end: usize, kind: Kind) -> Place {
         Kind::Variables(..) | Kind::SetsI(..) | Kind::Sets(..) => Place::Enters,
         _ if begins(&STATEMENTS) => Place::Word,
         _ if begins(&CLOSES) => Place::Changes,
-        Kind::Asks(_) if is_variable && !said.ends_with(b"->") => Place::Enters,
+        // `M1->`, too: `M1` alone is a statement, and no manual says of the arrow behind it what becomes of it.
+        Kind::Asks(_) if is_variable => Place::Enters,
         Kind::Asks(_) if has_number && said.len() <= 2 => Place::Enters,
         Kind::Asks(_) => Place::Tells,
         Kind::Changes if b"#&".contains(&first) => Place::Tells,
@@ -156,26 +157,104 @@ fn place_of_unknown(said: &[u8]) -> Place {
     let begins = |words: &[&str]| words.iter().any(|begin| word.starts_with(begin.as_bytes()));
     let only =
         |text: &[u8], bytes: &[u8]| text.iter().all(|byte| byte.is_ascii_digit() || bytes.contains(byte));
-    let arrow = said.windows(2).position(|two| two == b"->");
     let acts = match word {
         _ if word.starts_with(OPEN.as_bytes()) || begins(&CLEARS) || begins(&["LEARN"]) => {
             return Place::Changes;
         }
-        b"" if said.starts_with(b"@") => return Place::Tells,
+        b"" if said.strip_prefix(b"@").is_some_and(|card| only(card, b"")) => return Place::Tells,
         b"WX" | b"WY" | b"WL" | b"WP" => only(rest, b"$ABCDEF,:.- "),
         b"PASSWORD" => true,
-        _ if begins(&["DEF", "DEL", "UNDEF"]) && !begins(&["DELAY"]) => {
-            let rest = rest.trim_ascii_start();
-            only(&rest[letters(rest)..], b"$,.*- ")
-        }
         [axis] if AXES.contains(axis) && rest.starts_with(b"=") => only(&rest[1..], b"+-.$ "),
-        b"" | b"M" => arrow.is_some_and(|at| {
-            let is_number = only(&said[1..at], b". ");
-            is_number && !said[at + 2..].trim_ascii_start().contains(&b' ')
-        }),
+        b"M" => arrow(rest).is_some_and(|(number, place)| only(number, b". ") && is_m_place(place)),
+        b"" => arrow(said).is_some_and(|(motor, axes)| only(motor, b"# ") && is_axis_definition(axes)),
+        _ if begins(&["DEF", "DEL", "UNDEF"]) => is_buffer_definition(said),
         _ => rest.is_empty() && ACTING_WORDS.contains(&word),
     };
     if acts { Place::MayAct } else { Place::Enters }
+}
+
+/// What stands before the arrow of a definition, and behind it.
+fn arrow(said: &[u8]) -> Option<(&[u8], &[u8])> {
+    let at = said.windows(2).position(|two| two == b"->")?;
+    Some((&said[..at], said[at + 2..].trim_ascii()))
+}
+
+/// Whether `place` is where an M-variable points, and nothing more: `*`, `X:$C000,0,24,S`, `DP:$D800`.
+fn is_m_place(place: &[u8]) -> bool {
+    let digits = |text: &[u8]| match text.strip_prefix(b"$") {
+        Some(digits) => !digits.is_empty() && digits.iter().all(u8::is_ascii_hexdigit),
+        None => !text.is_empty() && text.iter().all(u8::is_ascii_digit),
+    };
+    let Some(colon) = place.iter().position(|byte| *byte == b':') else { return place == b"*" };
+    let (kind, address) = (&place[..colon], &place[colon + 1..]);
+    let is_field = |field: &[u8]| digits(field) || matches!(field, [b'S' | b'U' | b'C']);
+    (1..=4).contains(&kind.len())
+        && kind.iter().all(u8::is_ascii_uppercase)
+        && address.split(|byte| *byte == b',').enumerate().all(|(at, field)| match at {
+            0 => digits(field.trim_ascii()),
+            _ => is_field(field.trim_ascii()),
+        })
+}
+
+/// Whether `axes` defines a motor's axis, and nothing more: `0`, `I`, `100X`, `70.7X-70.7Y+5`.
+fn is_axis_definition(axes: &[u8]) -> bool {
+    let mut rest = axes;
+    let mut letters = 0;
+    while !rest.is_empty() {
+        let signed = rest.strip_prefix(b"+").or(rest.strip_prefix(b"-"));
+        // Each term but the first begins with a sign; only the last one may have no letter.
+        let begins = rest.len() == axes.len() || signed.is_some();
+        let term = signed.unwrap_or(rest).trim_ascii_start();
+        let number = term.iter().take_while(|byte| byte.is_ascii_digit() || **byte == b'.').count();
+        let behind = term[number..].trim_ascii_start();
+        rest = match behind.split_first() {
+            Some((letter, behind)) if begins && (AXES.contains(letter) || *letter == b'I') => {
+                letters += 1;
+                behind.trim_ascii_start()
+            }
+            None => return begins && number > 0,
+            _ => return false,
+        };
+    }
+    letters > 0
+}
+
+/// Whether `said`, a word and numbers, defines or deletes a buffer, and does nothing more.
+fn is_buffer_definition(said: &[u8]) -> bool {
+    const DOING: [&str; 6] = ["UNDEFINE", "UNDEF", "DEFINE", "DEF", "DELETE", "DEL"];
+    const BUFFERS: [&str; 21] = [
+        "",
+        "ALL",
+        "BLCOMP",
+        "CCBUF",
+        "CCUBUF",
+        "COMP",
+        "GAT",
+        "GATHER",
+        "LOOK",
+        "LOOKAHEAD",
+        "PLCC",
+        "ROT",
+        "ROTARY",
+        "TBUF",
+        "TBUFFER",
+        "TCOMP",
+        "TEMPS",
+        "TRACE",
+        "TRANS",
+        "UBUF",
+        "UBUFFER",
+    ];
+    let numbers =
+        said.iter().position(|byte| !byte.is_ascii_alphabetic() && *byte != b' ').unwrap_or(said.len());
+    let (words, numbers) = said.split_at(numbers);
+    let known = DOING.iter().any(|doing| BUFFERS.iter().any(|buffer| is_both(words, doing, buffer)));
+    known && numbers.iter().all(|byte| byte.is_ascii_digit() || b"$,.*- ".contains(byte))
+}
+
+/// Whether `words` are these two, with or without blanks.
+fn is_both(words: &[u8], one: &str, other: &str) -> bool {
+    words.iter().filter(|byte| **byte != b' ').eq(one.as_bytes().iter().chain(other.as_bytes()))
 }
 
 /// What `line` does to the buffers in the end; `None` when it leaves them as they are.
@@ -288,6 +367,12 @@ mod tests {
             "M1->X:$700,0,24,S",
             "M1->*",
             "#1->5000X+10Y",
+            "#1->-.5U - 3V + 10",
+            "#1->0",
+            "#1->I",
+            "M161->D:$000088",
+            "DELROT",
+            "UNDEFINE",
             "&1X=5",
             "&1Z",
             "PASSWORD=ABC",
@@ -316,7 +401,6 @@ mod tests {
             "&1PC",
             "&1PR",
             "RHX:$700,5",
-            "M1->",
             "#1->",
             "",
         ] {
@@ -330,6 +414,7 @@ mod tests {
             "X1",
             "X100Y5",
             "P20=77",
+            "M1->",
             "I57",
             "I57=0",
             "P1",
@@ -376,6 +461,17 @@ mod tests {
             "J",
             "N10",
             "G01X5",
+            "@0Y7",
+            "@SAVE",
+            "M1->G1",
+            "M1->SAVE",
+            "M1->NORMAL",
+            "M1->Y:0,0,1M3",
+            "M1->X:0,0,1C5",
+            "#1->P1=5",
+            "#1->I5=2",
+            "#1->X5",
+            "UNDEFINEDEL ROTINC",
         ] {
             let told = while_open(line);
             assert!(told.enters && !told.acts && !told.may_act && !told.passes(), "{line}: {told:?}");

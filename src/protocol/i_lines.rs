@@ -1,7 +1,7 @@
 //! Which I-variables a command line sets.
 //!
-//! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms (GRAMMAR, I-variables). A number may
-//! be an expression in each of them; one of constants alone is computed. Blanks do not matter to PMAC, nor does case.
+//! `I58=0`, `I50..60=0` (a range), `I108,8,100=96` (first, count, step) and `I(P1)=0` are the forms. A number may be an
+//! expression in each of them; one of constants alone is computed. Blanks do not matter to PMAC, nor does case.
 
 mod number;
 

@@ -58,6 +58,8 @@ pub enum Barred {
     Open(Option<Opened>),
     /// A buffer is open, and this line would close it, empty it or open another one.
     Changes(Option<Opened>),
+    /// A buffer is open, and this line, which does not touch it, is a sequence's.
+    Sequence(Option<Opened>),
     /// Somebody else has addressed another coordinate system, whose rotary buffer this line would enter.
     Addressed,
     /// The buffer that its sequence had open is closed.
@@ -218,7 +220,8 @@ impl OpenBuffer {
             }
             _ if own || passes || !self.is_open() => None,
             _ if while_open.enters => Some(Barred::Open(self.opened)),
-            _ => Some(Barred::Changes(self.opened)),
+            _ if while_open.changes => Some(Barred::Changes(self.opened)),
+            _ => Some(Barred::Sequence(self.opened)),
         }
     }
 
@@ -380,6 +383,7 @@ impl Barred {
         let (harm, opened) = match self {
             Self::Open(opened) => ("it would have become a program line", opened),
             Self::Changes(opened) => ("it would change what is open", opened),
+            Self::Sequence(opened) => ("it belongs to a sequence, which begins when nothing is open", opened),
             Self::Addressed => {
                 return "not sent, it would enter another rotary buffer: somebody else has addressed another coordinate system; begin \
                         the line with the address (&1X10)"
@@ -413,7 +417,7 @@ impl Barred {
     #[must_use]
     pub const fn too_late(&self) -> &'static str {
         match self {
-            Self::Open(_) | Self::Changes(_) | Self::Addressed => {
+            Self::Open(_) | Self::Changes(_) | Self::Sequence(_) | Self::Addressed => {
                 "the line may have entered the program buffer that somebody else opened at this moment (the serial port, or another \
                  host), and not have been carried out; LIST shows it"
             }
