@@ -39,7 +39,8 @@ pub(super) struct Leftovers {
     found: u32,
     /// Of these the board was asked since a stream has left something, or a start was refused.
     asked: u32,
-    /// Streams into these were fed whole, and may still run from the buffer.
+    /// Of these the rotary buffer may hold lines that nobody counts: a stream that was fed whole, or what somebody has started all the
+    /// same or has pointed the coordinate system away from.
     whole: u32,
     /// How many resets there had been.
     resets: u64,
@@ -75,7 +76,7 @@ impl Leftovers {
         }
     }
 
-    /// The programs of `systems` were aborted. Of what was streamed whole, nobody knows how much is left.
+    /// The programs of `systems` were ended, or point at their rotary buffers again: of what nobody counts there, the board is asked.
     pub(super) fn aborted(&mut self, systems: u32) {
         self.known &= !(systems & self.whole);
     }
@@ -83,6 +84,7 @@ impl Leftovers {
     /// What `systems` had left may be gone. A line that names none may have meant another one.
     pub(super) fn forget(&mut self, systems: u32) {
         self.known |= if systems == u32::MAX { 0 } else { systems };
+        self.whole |= systems;
         self.of(systems).for_each(|(_, left)| *left = 0);
     }
 
@@ -150,7 +152,7 @@ pub(super) struct LineEffect {
     pub starts: u32,
     /// It points them elsewhere, or takes away what their rotary buffers hold.
     pub forgets: u32,
-    /// It aborts them.
+    /// It ends them, or points them at their rotary buffers.
     pub aborts: u32,
     /// It switches the control panel off.
     pub ends_panel: bool,
@@ -211,10 +213,10 @@ impl LineEffect {
                 (Kind::Moves(Needs::System), Some(b'B')) => {
                     let program = said[1..].trim_start_matches('0');
                     elsewhere = program.starts_with(|c: char| c.is_ascii_digit());
-                    self.forgets |= if elsewhere { bit } else { 0 };
+                    *if elsewhere { &mut self.forgets } else { &mut self.aborts } |= bit;
                 }
                 (Kind::Moves(Needs::System), Some(b'R' | b'S')) if !elsewhere => self.starts |= bit,
-                (Kind::Moves(Needs::System), Some(b'A')) => self.aborts |= bit,
+                (Kind::Moves(Needs::System), Some(b'A' | b'Q')) => self.aborts |= bit,
                 _ => {}
             }
         }
@@ -270,7 +272,11 @@ mod tests {
             ("&1A", 0, 0),
             ("#1J+", 0, 0),
         ] {
-            let aborts = u32::from(line == "&1A");
+            let aborts = match line {
+                "&1A" | "&1B0" | "&1B0.5" | "&1B0P1=3S" | "&1B5B0R" => 1,
+                "& 2 b0 s" => 2,
+                _ => 0,
+            };
             let expected = LineEffect { starts, forgets, aborts, ..LineEffect::default() };
             assert_eq!(LineEffect::of(line, false, Some(2)), expected, "{line}");
         }
