@@ -129,14 +129,23 @@ pub enum Action {
 }
 
 impl Action {
+    /// Whether it stops something, and does nothing else.
+    pub(super) fn stops(&self) -> bool {
+        match self {
+            Self::StopByLine(..) => true,
+            Self::Ask(Ask::Control { character, .. }) => {
+                matches!(*character, control::ABORT | control::KILL | control::HOLD)
+            }
+            Self::Ask(Ask::Job(call)) => call.stops,
+            _ => false,
+        }
+    }
+
     /// Whether it begins something: moves a machine, or changes what the board holds. What asks, stops or goes on does not.
     pub(super) fn begins(&self) -> bool {
         match self {
             Self::Ask(Ask::Send { question, .. }) => !question,
-            Self::Ask(Ask::Control { character, .. }) => {
-                !matches!(*character, control::ABORT | control::KILL | control::HOLD)
-            }
-            Self::Ask(Ask::Job(call)) => !call.stops,
+            Self::Ask(Ask::Control { .. } | Ask::Job(_)) => !self.stops(),
             Self::Watch(_) | Self::JogTo(_) => true,
             Self::Reply(_)
             | Self::Info

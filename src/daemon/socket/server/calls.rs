@@ -40,12 +40,13 @@ impl Service {
         self.line_jogs.hear(|client| client == id, now);
         let Some(client) = self.clients.get(id) else { return };
         let caller = Caller { client: id, peer: client.peer(), oneway: call.oneway == Some(true) };
-        // What was asked by somebody who has gone without waiting for the answer is not begun any more.
-        if !caller.oneway && !client.hears() {
-            return;
-        }
+        let is_unheard = !caller.oneway && !client.hears();
         let outdated = client.call_outdated();
         let action = parse_call(call, client.role(), self.characters, &self.info);
+        // The caller has gone without waiting for the answer: nothing but a stop is begun any more.
+        if is_unheard && !action.as_ref().is_ok_and(Action::stops) {
+            return;
+        }
         let action = action.and_then(|action| {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
             match outdated {
