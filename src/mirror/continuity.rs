@@ -102,7 +102,8 @@ impl Continuity {
         let turns = (elapsed.saturating_sub(passed) + turn / 2) / turn;
         let whole = passed + turns * turn;
         let is_next = passed <= SLACK.max(2 * u64::from(cycles.unwrap_or(1)));
-        if is_next || whole.abs_diff(elapsed) > elapsed / 16 + SLACK { passed } else { whole }
+        let near = (elapsed / 16 + SLACK).min(turn / 4);
+        if is_next || whole.abs_diff(elapsed) > near { passed } else { whole }
     }
 
     /// An update came at `now_ns`, after `passed` servo cycles if they are known.
