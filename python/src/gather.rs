@@ -122,7 +122,7 @@ pub fn gather(
     let mut follow = || -> PyResult<()> {
         let (mut news, mut renewed) = (Instant::now(), Instant::now());
         while run.ended().is_none() && run.next() < wanted {
-            let taken = run.take(&client, Some(wanted), |number, row| {
+            let taken = run.take(&mut client, Some(wanted), |number, row| {
                 numbers.push(number);
                 values.extend_from_slice(row);
                 Ok::<(), ClientError>(())

@@ -279,6 +279,51 @@ fn a_daemon_makes_the_names_again_that_other_programs_remove() {
     assert_eq!((count(&log, &segment), count(&log, &socket)), (1, 2), "{log}");
 }
 
+fn start(site: &Site, arguments: &[&str]) -> Child {
+    site.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn a_gather_and_a_capture_go_on_in_a_segment_that_is_published_again() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || site.has_scales());
+    let segment = Path::new("/dev/shm").join(&site.name);
+    let remove = || {
+        fs::remove_file(&segment).unwrap();
+        wait_until("the segment", || segment.exists());
+    };
+    let rows = site.path("rows.csv");
+    let mut gather = start(
+        &site,
+        &[
+            "gather",
+            "--source",
+            "servo_timer",
+            "--period",
+            "4",
+            "--seconds",
+            "3",
+            "-o",
+            rows.to_str().unwrap(),
+        ],
+    );
+    let reader = Subscriber::attach(&site.segment()).unwrap();
+    wait_until("the first samples", || reader.published(RegionId::Gather).unwrap() > 0);
+    remove();
+    let ended = output_within(&mut gather, PATIENCE);
+    assert!(ended.status.success(), "{ended:?}");
+    assert!(String::from_utf8_lossy(&ended.stdout).contains(" lost=0 "), "{ended:?}");
+
+    let directory = site.path("capture");
+    let arguments = ["capture", directory.to_str().unwrap(), "--seconds", "3", "--no-variables"];
+    let mut capture = start(&site, &arguments);
+    wait_until("the first image", || directory.join("images/0000.bin").exists());
+    remove();
+    let ended = output_within(&mut capture, PATIENCE);
+    assert!(ended.status.success(), "{ended:?}");
+}
+
 /// Python takes what it attaches to for its own, and removes it when it ends.
 const SHARED_MEMORY: &str = "
 import sys

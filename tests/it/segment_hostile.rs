@@ -161,9 +161,9 @@ fn nothing_follows_the_last_number() {
     let head = words[0x308 / 8] as usize;
     words[head / 8] = u64::MAX;
     put(directory.path(), &words, bytes.len() as u64);
-    let board = pmac_dpram::client::Board::attach_in(directory.path(), "pmac0").unwrap();
+    let mut board = pmac_dpram::client::Board::attach_in(directory.path(), "pmac0").unwrap();
     let mut follower = board.follow_gather().unwrap();
-    assert!(!matches!(follower.next(&board), Ok(Some(_))));
+    assert!(!matches!(follower.next(&mut board), Ok(Some(_))));
 }
 
 /// A sample whose length cannot be is an error, and nothing of it is handed out.

@@ -40,9 +40,9 @@ pub fn run(context: &mut Context, options: &Capture) -> Result<Verdict, Failure>
 /// Makes a capture. Fails only before anything is written.
 pub fn take(context: &Context, options: &Capture) -> Result<Taken, Failure> {
     let stop = Interrupt::listen()?;
-    let board = context.board()?;
+    let mut board = context.board()?;
     let mut connection = context.connection()?;
-    let mut taking = Taking::begin(&board, &mut connection, &context.socket(), stop, options)?;
+    let mut taking = Taking::begin(&mut board, &mut connection, &context.socket(), stop, options)?;
     let failure = taking.record().err();
     taking.finish(failure)
 }

@@ -95,7 +95,7 @@ pub struct Taken {
 
 /// A capture under way.
 pub struct Taking<'a> {
-    board: &'a Board,
+    board: &'a mut Board,
     connection: &'a mut Connection,
     stop: Interrupt,
     options: &'a Capture,
@@ -117,7 +117,7 @@ pub struct Taking<'a> {
 impl<'a> Taking<'a> {
     /// Makes the directory.
     pub fn begin(
-        board: &'a Board,
+        board: &'a mut Board,
         connection: &'a mut Connection,
         socket: &Path,
         stop: Interrupt,
@@ -206,8 +206,7 @@ impl<'a> Taking<'a> {
             }
             let turn = Instant::now();
             while is_traced && self.trace(false)? >= FEW && turn.elapsed() < TURN {}
-            let condition = self.board.subscriber().condition();
-            if condition.is_over() {
+            if self.board.refresh()?.is_over() {
                 return Err(Failure::Refused("pmacd is gone".to_owned()));
             }
             // Of a later image, what is there when the time is over is left out.

@@ -127,7 +127,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
             return Err(failure);
         }
     };
-    let Prepared { board, mut connection, layout, plan, clock } = prepared;
+    let Prepared { mut board, mut connection, layout, plan, clock } = prepared;
     let silence = silence(&clock, &layout);
     let mut gather =
         Run { samples_of, plan: &plan, clock, silence, out, row: Vec::new(), samples: 0, is_silent: false };
@@ -136,7 +136,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         None => Ok(()),
     };
     if outcome.is_ok() {
-        outcome = gather.until(&board, &mut connection, options.seconds, &stop);
+        outcome = gather.until(&mut board, &mut connection, options.seconds, &stop);
     }
     // In any case: nobody else can gather before.
     let stopped = connection.gather_stop(None);
@@ -145,7 +145,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         let text = format!("the board gathers nothing: no sample for {seconds:.0} s");
         outcome = Err(Failure::Refused(text));
     } else if outcome.is_ok() && stopped.is_ok() && gather.samples_of.ended().is_none() && !gather.is_silent {
-        outcome = gather.rest(&board, options.seconds);
+        outcome = gather.rest(&mut board, options.seconds);
     }
     let (samples, next, ended) = (gather.samples, gather.samples_of.next(), gather.samples_of.ended());
     if samples == 0 && (outcome.is_err() || gather.is_silent) {
@@ -286,7 +286,7 @@ impl Run<'_> {
     /// Takes samples until there are enough, somebody interrupts, or the gather has ended.
     fn until(
         &mut self,
-        board: &Board,
+        board: &mut Board,
         connection: &mut Connection,
         seconds: Option<Duration>,
         stop: &Interrupt,
@@ -329,7 +329,7 @@ impl Run<'_> {
     }
 
     /// Takes the remaining samples after the end.
-    fn rest(&mut self, board: &Board, seconds: Option<Duration>) -> Result<(), Failure> {
+    fn rest(&mut self, board: &mut Board, seconds: Option<Duration>) -> Result<(), Failure> {
         let wanted = self.wanted(seconds);
         let began = Instant::now();
         while self.goes_on(wanted) {
@@ -346,7 +346,7 @@ impl Run<'_> {
     }
 
     /// Takes the next samples up to `wanted`. Returns whether there were any.
-    fn take(&mut self, board: &Board, wanted: Option<u64>) -> Result<bool, Failure> {
+    fn take(&mut self, board: &mut Board, wanted: Option<u64>) -> Result<bool, Failure> {
         let Self { samples_of, out, row, clock, samples, .. } = self;
         let taken = samples_of.take(board, wanted, |number, values| {
             row.clear();

@@ -132,7 +132,7 @@ impl Recorder {
                 return Ok(());
             }
             let (cycle_s, is_error) = (self.cycle_s, self.is_error);
-            let taken = samples.take(&self.prepared.board, None, |number, values| {
+            let taken = samples.take(&mut self.prepared.board, None, |number, values| {
                 record.take(number, cycle_s, is_error, values);
                 Ok::<(), Failure>(())
             })?;

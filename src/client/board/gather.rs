@@ -18,7 +18,8 @@ impl GatherFollower {
     ///
     /// # Errors
     /// [`ClientError::Segment`], also when the daemon was restarted.
-    pub fn next(&mut self, board: &Board) -> Result<Option<GatherChunk>, ClientError> {
+    pub fn next(&mut self, board: &mut Board) -> Result<Option<GatherChunk>, ClientError> {
+        board.refresh()?;
         if !board.subscriber().next(&mut self.cursor, &mut self.sample)? {
             return Ok(None);
         }
@@ -74,7 +75,7 @@ impl GatherRun {
     /// [`ClientError`] of the segment, or what `row` returns.
     pub fn take<E: From<ClientError>>(
         &mut self,
-        board: &Board,
+        board: &mut Board,
         wanted: Option<u64>,
         mut row: impl FnMut(u64, &[f64]) -> Result<(), E>,
     ) -> Result<Taken, E> {
@@ -109,7 +110,8 @@ impl Board {
     ///
     /// # Errors
     /// [`ClientError::Segment`] when this daemon publishes none.
-    pub fn follow_gather(&self) -> Result<GatherFollower, ClientError> {
+    pub fn follow_gather(&mut self) -> Result<GatherFollower, ClientError> {
+        self.refresh()?;
         let next = self.subscriber().published(RegionId::Gather)?.saturating_add(1);
         let cursor = self.subscriber().cursor(RegionId::Gather, next)?;
         Ok(GatherFollower { cursor, sample: Sample::new() })
