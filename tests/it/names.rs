@@ -324,6 +324,22 @@ fn a_gather_and_a_capture_go_on_in_a_segment_that_is_published_again() {
     assert!(ended.status.success(), "{ended:?}");
 }
 
+#[test]
+fn a_motion_is_waited_for_while_something_else_is_in_the_segments_place() {
+    let site = Site::running(&[], &[]);
+    site.wait_for_live_servo();
+    wait_until("the board's scales", || site.has_scales());
+    let segment = Path::new("/dev/shm").join(&site.name);
+    let mut jog = start(&site, &["jog", "1", "=60000", "--wait"]);
+    let velocity = || site.run(&["send", "#1V"]).stdout.trim().parse::<f64>().unwrap();
+    wait_until("the jog", || velocity() > 1.0);
+    fs::remove_file(&segment).unwrap();
+    fs::create_dir(&segment).unwrap();
+    let ended = output_within(&mut jog, PATIENCE);
+    fs::remove_dir(&segment).unwrap();
+    assert!(ended.status.success(), "{ended:?}");
+}
+
 /// Python takes what it attaches to for its own, and removes it when it ends.
 const SHARED_MEMORY: &str = "
 import sys

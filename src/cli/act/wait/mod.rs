@@ -191,7 +191,7 @@ impl Watch {
             }
             self.follow()?;
             let now = sequence(&snapshot);
-            if self.board.subscriber().condition().is_over() {
+            if self.board.subscriber().own_condition().is_over() {
                 return ended(
                     "pmacd is gone, and until it is there again pmacctl moves and stops nothing".to_owned(),
                 );
