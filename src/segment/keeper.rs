@@ -1,22 +1,25 @@
 //! Sees that the names of a segment and of its lock lead to what their owner holds, and makes again what is gone.
 //!
 //! Any process of the same user may remove, rename or replace them, as Python's `SharedMemory` does when it ends; so may a logout
-//! (RemoveIPC) and a file system that is mounted over the directory. The kernel gives a file that has lost its last name no other
-//! one. So the keeper makes a new file that continues the old one: same generation, same samples under the same numbers. The keeper
-//! copies the bulk; the thread that publishes copies the little that came meanwhile, and goes on in the new file. Then the new
-//! file gets the name, and the old one is marked dead, so that its readers attach again.
+//! (RemoveIPC) and a file system that is mounted over the directory. A file without a name cannot get one again. So the keeper makes
+//! a new file that continues the old one: same generation, same samples under the same numbers. The keeper copies the bulk; the
+//! thread that publishes copies the little that came meanwhile, and goes on in the new file. Then the new file gets the name, and
+//! the old one is marked dead, so that its readers attach again.
 
 use std::fs::File;
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::SegmentError;
+use super::layout::{AT_STATE, State, WORD};
 use super::lock::{self, NameLock};
 use super::memory::ReadMap;
-use super::object::{Object, retire};
+use super::newborn::Newborn;
+use super::object::{Object, remove_name, retire};
 use super::placement::{CreateOptions, Placement};
+use super::{SegmentError, header};
 
 /// How long the writer may take to move: several heartbeats.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -92,8 +95,8 @@ impl Keeper {
         if lock::leads_to(&self.path, &self.file) {
             return Ok(());
         }
-        retire(&self.path)?;
         let path = &self.path;
+        retire(path)?;
         let fail = |what| SegmentError::io(what, path);
         let length = self.placement.total_length;
         let (newborn, new) = Object::make(&self.options, length)?;
@@ -105,14 +108,11 @@ impl Keeper {
         let Some(old) = self.handover.offer(new) else {
             return Err(SegmentError::NotMoved { path: path.clone() });
         };
-        let placed = newborn.put_at(path).map_err(fail("put in place"));
+        let placed = put_in_place(newborn, path, &file).map_err(fail("put in place"));
         old.end(rings());
         self.file = file;
         placed?;
-        log::warn!(
-            "{} was removed, renamed or replaced by somebody; published it again",
-            self.path.display()
-        );
+        log::warn!("{} was removed, renamed or replaced by somebody; published it again", path.display());
         Ok(())
     }
 
@@ -125,5 +125,47 @@ impl Keeper {
         *held = NameLock::take(path.clone())?;
         log::warn!("{} was removed, renamed or replaced by somebody; took it again", path.display());
         Ok(())
+    }
+}
+
+/// Gives `newborn`, in which the publishing thread goes on, its name; none if that thread has ended it meanwhile, when it had no name to
+/// remove.
+fn put_in_place(newborn: Newborn<'_>, path: &Path, file: &File) -> io::Result<()> {
+    newborn.put_at(path)?;
+    // Looked at behind that: a thread that ends the segment later finds the name itself.
+    let (words, _) = header::read(file)?;
+    if words.get(AT_STATE / WORD) == Some(&(State::Dead as u64)) {
+        remove_name(path, file);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::Publisher;
+
+    #[test]
+    fn a_segment_that_ends_before_it_has_its_name_again_leaves_none() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut options = CreateOptions::new("pmac0".parse().unwrap(), Vec::new());
+        options.directory = directory.path().to_owned();
+        let mut publisher = Publisher::create(&options).unwrap();
+        let path = publisher.path().to_owned();
+        std::fs::remove_file(&path).unwrap();
+        let length = Placement::new(&options).unwrap().total_length;
+        let (newborn, new) = Object::make(&options, length).unwrap();
+        let file = new.file.try_clone().unwrap();
+        let keeper = publisher.keeper().unwrap();
+        std::thread::scope(|scope| {
+            let offered = scope.spawn(|| keeper.handover.offer(new));
+            while !offered.is_finished() {
+                publisher.move_if_asked();
+            }
+            assert!(offered.join().unwrap().is_some());
+        });
+        drop(publisher);
+        put_in_place(newborn, &path, &file).unwrap();
+        assert!(!path.exists());
     }
 }

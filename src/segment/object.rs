@@ -56,6 +56,15 @@ impl Object {
     }
 }
 
+/// Removes the name at `path` if it leads to `file`.
+pub(super) fn remove_name(path: &Path, file: &File) {
+    if lock::leads_to(path, file)
+        && let Err(error) = std::fs::remove_file(path)
+    {
+        log::warn!("cannot remove {}: {error}", path.display());
+    }
+}
+
 /// Marks the segment that a dead owner left at `path` as dead, so that its readers notice, and returns its generation
 /// (0: there was none). It stays until it is replaced, so that the name always exists.
 pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {

@@ -8,9 +8,9 @@ use nix::time::ClockId;
 use super::counter::Counter;
 use super::keeper::{Handover, Keeper};
 use super::layout::*;
-use super::lock::{self, NameLock};
+use super::lock::NameLock;
 use super::memory::WriteMap;
-use super::object::{Object, retire};
+use super::object::{Object, remove_name, retire};
 use super::placement::{CreateOptions, Placement};
 use super::ring::{Ring, Words, WordsMut};
 use super::sample::Stamp;
@@ -256,11 +256,7 @@ impl Publisher {
 impl Drop for Publisher {
     fn drop(&mut self) {
         self.object.end(self.regions_by_id.iter().flatten().map(|region_writer| region_writer.ring));
-        if lock::leads_to(&self.path, &self.object.file)
-            && let Err(error) = std::fs::remove_file(&self.path)
-        {
-            log::warn!("cannot remove {}: {error}", self.path.display());
-        }
+        remove_name(&self.path, &self.object.file);
     }
 }
 

@@ -103,8 +103,8 @@ impl Ring {
         memory.store_release(self.head, sequence);
     }
 
-    /// Brings `to`, which has this ring's earlier samples and no reader yet, up to `from`, which only this thread writes, or which
-    /// will be carried over once more by the thread that does: what was torn then is copied again.
+    /// Brings `to`, which has this ring's earlier samples and no reader yet, up to `from`. This thread alone writes `from`; if
+    /// another writes it, that thread must call this again, and slots torn here are then copied anew.
     pub fn carry_over<F: Words, T: WordsMut>(&self, from: &F, to: &T) {
         let (has, head) = (to.load(self.head), self.published(from));
         for sequence in self.oldest(head).max(has + 1)..=head {
