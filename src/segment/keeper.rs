@@ -96,7 +96,13 @@ impl Keeper {
             return Ok(());
         }
         let path = &self.path;
-        retire(path)?;
+        match retire(path) {
+            // We hold this name's lock, so the segment has another name, which stays.
+            Err(SegmentError::InUse { .. }) if lock::is_linked(path) => {
+                log::warn!("replacing {}, another name of a segment that lives", path.display());
+            }
+            retired => drop(retired?),
+        }
         let fail = |what| SegmentError::io(what, path);
         let length = self.placement.total_length;
         let (newborn, new) = Object::make(&self.options, length)?;

@@ -70,6 +70,11 @@ fn is_pmacd(uid: u32) -> bool {
     matches!(User::from_name("pmacd"), Ok(Some(user)) if user.uid.as_raw() == uid)
 }
 
+/// Whether the file at `path` has another name.
+pub(super) fn is_linked(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|there| there.nlink() > 1)
+}
+
 /// Identifies a file, whatever its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FileId {

@@ -91,11 +91,7 @@ pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
     };
     let word = |offset: usize| words[offset / WORD];
     if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        if file.metadata().map_err(SegmentError::io("inspect", path))?.nlink() > 1 {
-            log::warn!("replacing {}, another name of a segment that lives", path.display());
-            return Ok(0);
-        }
-        // Its owner lives: somebody removed only the lock file of its name.
+        // Its owner lives: somebody removed only the lock file of its name, or linked another segment to this name.
         return Err(SegmentError::InUse {
             path: path.to_owned(),
             pid: u32::try_from(word(AT_OWNER_PID)).ok(),

@@ -261,21 +261,26 @@ fn b4_2_a_squatted_name_does_not_keep_pmacd_away() {
 }
 
 #[test]
-fn b4_2_hard_links_to_files_of_pmacd_are_cleared_away() {
+fn a_hard_link_in_the_place_of_the_lock_is_cleared_away() {
     let directory = tempfile::tempdir().unwrap();
     let precious = directory.path().join("precious");
     std::fs::write(&precious, b"a board").unwrap();
     std::fs::hard_link(&precious, directory.path().join("pmac0.lock")).unwrap();
-    let mut other = options(directory.path(), regions());
-    other.name = "pmac1".parse().unwrap();
-    let other = Publisher::create(&other).unwrap();
-    std::fs::hard_link(other.path(), directory.path().join("pmac0")).unwrap();
-
     let publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
     assert_eq!(attach(directory.path()).generation(), publisher.generation());
     assert_eq!(std::fs::read(&precious).unwrap(), b"a board");
-    let other = Subscriber::attach_in(directory.path(), &"pmac1".parse().unwrap()).unwrap();
-    assert_eq!(other.condition(), Condition::Init, "its own segment goes on");
+}
+
+#[test]
+fn a_segment_that_lives_keeps_its_name_with_another_name_and_without_its_lock() {
+    let directory = tempfile::tempdir().unwrap();
+    let _publisher = Publisher::create(&options(directory.path(), regions())).unwrap();
+    let reader = attach(directory.path());
+    std::fs::hard_link(directory.path().join("pmac0"), directory.path().join("x")).unwrap();
+    std::fs::remove_file(directory.path().join("pmac0.lock")).unwrap();
+    let error = Publisher::create(&options(directory.path(), regions())).err().unwrap();
+    assert!(matches!(error, SegmentError::InUse { .. }), "{error}");
+    assert_eq!(reader.condition(), Condition::Init);
 }
 
 #[test]
