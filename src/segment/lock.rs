@@ -77,19 +77,19 @@ pub(super) fn is_linked(path: &Path) -> bool {
 
 /// Identifies a file, whatever its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct FileId {
+pub(crate) struct FileId {
     device: u64,
     inode: u64,
 }
 
 impl FileId {
-    pub(super) fn of(there: &Metadata) -> Self {
+    pub(crate) fn of(there: &Metadata) -> Self {
         Self { device: there.dev(), inode: there.ino() }
     }
 }
 
 /// The file at `path`; `None` when the kernel does not say. One system call.
-pub(super) fn file_at(path: &Path) -> Option<FileId> {
+pub(crate) fn file_at(path: &Path) -> Option<FileId> {
     kernel_asked();
     path.symlink_metadata().ok().as_ref().map(FileId::of)
 }

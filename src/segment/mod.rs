@@ -58,6 +58,8 @@ pub use layout::{ClockKind, RegionId, RegionState, State};
 #[cfg(all(test, feature = "client"))]
 pub(crate) use lock::KERNEL_ASKED;
 pub use lock::is_trusted;
+#[cfg(feature = "daemon")]
+pub(crate) use lock::{FileId, file_at};
 pub use memory::end_on_bus_error;
 pub use name::SegmentName;
 pub use payload::blocks::BlockPlace;

@@ -11,12 +11,13 @@ use std::time::Instant;
 
 use log::warn;
 use nix::fcntl::{AT_FDCWD, AtFlags, OFlag, renameat};
-use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat, fstatat};
+use nix::sys::stat::{FchmodatFlags, Mode, fchmodat, fstat};
 use nix::unistd::{Gid, UnlinkatFlags, fchownat, unlinkat};
 
 use super::policy::{PolicyError, group_id};
 use crate::process::path_of;
 use crate::protocol::transport::connect;
+use crate::segment::{FileId, file_at};
 
 /// The mode of a directory that is made for the socket.
 pub const DIRECTORY_MODE: u32 = 0o755;
@@ -63,18 +64,14 @@ struct OwnFile {
     path: PathBuf,
     mode: u32,
     group: Option<String>,
-    identity: (u64, u64),
+    made: FileId,
 }
 
 impl OwnFile {
     /// Whether its path still leads to it. While the socket listens, no other file gets its number.
     fn is_in_place(&self) -> bool {
-        identity(&self.path).is_ok_and(|found| found == self.identity)
+        file_at(&self.path) == Some(self.made)
     }
-}
-
-fn identity(path: &Path) -> io::Result<(u64, u64)> {
-    path.symlink_metadata().map(|found| (found.dev(), found.ino()))
 }
 
 impl Drop for OwnFile {
@@ -127,18 +124,22 @@ impl Workshop {
     }
 
     fn bind(&self) -> io::Result<UnixListener> {
-        UnixListener::bind(path_of(self.directory.as_fd()).join(SOCKET))
+        UnixListener::bind(self.socket())
     }
 
-    /// Sets mode and group; tells device and inode.
-    fn finish(&self, mode: u32, group: Option<Gid>) -> io::Result<(u64, u64)> {
-        let made = fstatat(&self.directory, SOCKET, AtFlags::AT_SYMLINK_NOFOLLOW)?;
+    fn socket(&self) -> PathBuf {
+        path_of(self.directory.as_fd()).join(SOCKET)
+    }
+
+    /// Sets mode and group; tells which file it is.
+    fn finish(&self, mode: u32, group: Option<Gid>) -> io::Result<FileId> {
+        let made = self.socket().symlink_metadata()?;
         // A service may be forbidden the call that it does not need.
-        if let Some(group) = group.filter(|group| group.as_raw() != made.st_gid) {
+        if let Some(group) = group.filter(|group| group.as_raw() != made.gid()) {
             fchownat(&self.directory, SOCKET, None, Some(group), AtFlags::AT_SYMLINK_NOFOLLOW)?;
         }
         fchmodat(&self.directory, SOCKET, Mode::from_bits_truncate(mode), FchmodatFlags::FollowSymlink)?;
-        Ok((made.st_dev, made.st_ino))
+        Ok(FileId::of(&made))
     }
 
     fn move_to(&self, path: &Path) -> io::Result<()> {
@@ -182,9 +183,9 @@ impl Listener {
 
         let workshop = Workshop::beside(path).map_err(fault("making a directory to create the socket in"))?;
         let socket = workshop.bind().map_err(fault("creating the socket"))?;
-        let identity = workshop.finish(mode, group_number).map_err(fault("setting its mode and group"))?;
+        let made = workshop.finish(mode, group_number).map_err(fault("setting its mode and group"))?;
         workshop.move_to(path).map_err(fault("moving the socket into place"))?;
-        let file = OwnFile { path: path.to_owned(), mode, group: group.map(str::to_owned), identity };
+        let file = OwnFile { path: path.to_owned(), mode, group: group.map(str::to_owned), made };
         socket.set_nonblocking(true).map_err(fault("preparing the socket"))?;
         Ok(Self { socket, file: Some(file) })
     }
