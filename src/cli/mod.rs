@@ -65,8 +65,8 @@ pub fn command() -> clap::Command {
 }
 
 /// What is said when mapped memory is gone.
-const SEGMENT_GONE: &str = "pmacctl: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm; see to pmacd, then \
-    start this again\n";
+const SEGMENT_GONE: &str = "pmacctl: SIGBUS, memory that was mapped is gone: perhaps somebody has truncated the segment in /dev/shm; see to pmacd, \
+    then start this again\n";
 
 /// Runs `pmacctl`. The first argument is the program's name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {

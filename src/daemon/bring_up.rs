@@ -47,8 +47,8 @@ const LONGEST_RECORDING: Duration = Duration::from_secs(24 * 3600);
 const FEWEST_DESCRIPTORS: usize = 48;
 
 /// What is said when mapped memory is gone.
-const MEMORY_GONE: &str = "pmacd: SIGBUS, memory that was mapped is gone: somebody has truncated the segment in /dev/shm, or the file of the \
-    board's window; pmacd ends, and its next start makes the segment again\n";
+const MEMORY_GONE: &str = "pmacd: SIGBUS, memory that was mapped is gone: perhaps somebody has truncated the segment in /dev/shm or the file \
+    of the board's window, or the board has gone; pmacd ends, and its next start makes the segment again\n";
 
 /// The whole program. It exits with a status of [`exit`].
 #[must_use]

@@ -1,9 +1,8 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
 //! The bus thread ([`bus::board_loop`]) owns the board. The socket thread ([`socket`]) owns the clients. Two bounded
-//! queues ([`shared::queue`]) join them. A third thread writes the log, a fourth listens for interrupts while the bus thread sleeps
-//! ([`bus::doorbell`]), and the first one waits for
-//! signals and keeps the segment's name.
+//! queues ([`shared::queue`]) join them. A third thread writes the log, a fourth listens for interrupts while the
+//! bus thread sleeps ([`bus::doorbell`]), and the first one waits for signals and keeps the segment's name.
 
 mod ask_family;
 pub mod bring_up;

@@ -452,9 +452,9 @@ fn a_truncated_segment_ends_daemon_and_readers_by_a_line_and_the_next_start_repl
     let ended = output_within(&mut log, PATIENCE);
     let said = String::from_utf8(ended.stderr).unwrap();
     assert_eq!(ended.status.code(), Some(2), "{said}");
-    assert!(said.contains("pmacctl: SIGBUS, memory that was mapped is gone"), "{said}");
+    assert!(said.contains("pmacctl: SIGBUS, memory that was mapped is gone: perhaps somebody"), "{said}");
     wait_until("the daemon's last line", || {
-        site.log().contains("pmacd: SIGBUS, memory that was mapped is gone")
+        site.log().contains("pmacd: SIGBUS, memory that was mapped is gone: perhaps somebody")
     });
     assert_eq!(site.stop_daemon(), 69);
     site.start_daemon(&[]);
