@@ -183,7 +183,11 @@ impl Board {
                 Ok(condition)
             }
             Err(_) if !own.is_over() => Ok(own),
-            Err(SegmentError::NotFound { .. } | SegmentError::Malformed { .. }) => Ok(own),
+            Err(
+                SegmentError::NotFound { .. }
+                | SegmentError::Malformed { .. }
+                | SegmentError::ForeignOwner { .. },
+            ) => Ok(own),
             Err(error) => Err(error.into()),
         }
     }
