@@ -288,7 +288,8 @@ mod tests {
                 assert_eq!(continuity.whole(passed, Some(1), now), passed, "{stood} s, {passed}");
             }
         }
-        for stood in [8, 10, 12, 20, 25] {
+        // None is near whole turns, of 14.5 s.
+        for stood in [8, 10, 12, 20, 25, 124, 299, 1006] {
             let now = (stood * SECOND + SECOND / 10) * CYCLE_NS;
             assert_eq!(continuity.whole(SECOND / 10, Some(1), now), SECOND / 10, "{stood} s");
         }

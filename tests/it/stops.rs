@@ -11,7 +11,7 @@ use pmac_dpram::protocol::control;
 use serde_json::json;
 
 use crate::support::jogs::{ask, until};
-use crate::support::raw::Raw;
+use crate::support::raw::{Raw, call};
 use crate::support::{PATIENCE, VirtualSite};
 
 fn running(config: &str) -> VirtualSite {
@@ -540,4 +540,19 @@ fn d7_characters_that_only_report_fill_no_log() {
     let by = format!("uid {} pid {} sends ^", getuid(), std::process::id());
     let told: String = log.lines().filter_map(|line| line.split_once(&by)?.1.chars().next()).collect();
     assert_eq!(told, "ADKOQR", "{log}");
+}
+
+/// A script that is killed, or ends, as soon as it has sent its abort.
+#[test]
+fn a_stop_is_carried_out_though_its_sender_has_gone_before_it_is_answered() {
+    let site = running("");
+    let mut board = site.connection();
+    for _ in 0..20 {
+        board.send("#1J+", PATIENCE).unwrap();
+        until(&mut board, "#1V", "it goes", |speed| speed > 1.0);
+        let mut gone = UnixStream::connect(site.socket()).unwrap();
+        gone.write_all(&call("SendControl", json!({ "character": "^A" }))).unwrap();
+        drop(gone);
+        until(&mut board, "#1V", "it stands", |speed| speed < 0.1);
+    }
 }

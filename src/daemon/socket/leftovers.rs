@@ -329,6 +329,29 @@ mod tests {
     }
 
     #[test]
+    fn what_was_left_is_asked_about_again_once_another_program_or_a_part_of_it_has_run() {
+        let start = Starts { systems: 0b1, confirmed: false };
+        let effect = |left: &mut Leftovers, line: &str| {
+            let LineEffect { forgets, aborts, .. } = LineEffect::of(line, false, Some(2));
+            left.forget(forgets);
+            left.aborted(aborts);
+        };
+        let mut left = Leftovers::default();
+        left.set(0b1, 7, 0);
+        effect(&mut left, "&1B5");
+        assert_eq!((left.unknown(start, 0), left.check(start, 0, true).is_ok()), (0, true), "PROG 5 runs");
+        effect(&mut left, "&1B0");
+        assert_eq!(left.unknown(start, 0), 0b1);
+        for end in ["&1A", "&1Q"] {
+            left.find(0b1, 7, 0);
+            assert!(left.check(Starts { confirmed: true, ..start }, 0, true).is_ok());
+            assert_eq!(left.unknown(start, 0), 0, "they run");
+            effect(&mut left, end);
+            assert_eq!(left.unknown(start, 0), 0b1, "{end}");
+        }
+    }
+
+    #[test]
     fn the_board_is_asked_again_at_each_start_of_what_is_left() {
         let start = Starts { systems: 0b1, confirmed: false };
         let mut left = Leftovers::default();

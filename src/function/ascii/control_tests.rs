@@ -146,6 +146,20 @@ fn an_error_before_the_board_has_taken_a_character_does_not_end_its_reply() {
     }
 }
 
+#[test]
+fn an_error_beside_a_characters_reply_is_a_programs_and_the_reply_goes_on() {
+    for family in FAMILIES {
+        let mut rig = Rig::new(family);
+        assert!(rig.port.control(&mut rig.bus, 0x03, true, rig.now).unwrap());
+        rig.write(family.ascii.control_character, 0);
+        assert_eq!(rig.poll(), None);
+        rig.respond(response::ERROR | 3, "");
+        assert_eq!(rig.poll(), Some(AsciiEvent::ProgramError(3)));
+        rig.respond(response::LINE, "A8002A020010");
+        assert!(matches!(rig.poll(), Some(AsciiEvent::Line(_))));
+    }
+}
+
 /// Another host may have left it, at a board that takes none without the flag.
 #[test]
 fn a_foreign_character_that_lies_there_for_ever_holds_up_neither_a_stop_nor_the_port() {
