@@ -24,6 +24,12 @@ pub const CANCEL: u8 = 0x18;
 /// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
 pub const SERIAL: u8 = 0x1A;
 
+/// Whether a control character stops something and moves nothing.
+#[must_use]
+pub const fn stops(character: u8) -> bool {
+    matches!(character, ABORT | KILL | HOLD)
+}
+
 /// Whether `character` reports numbers and status, and does nothing else: `^B ^C ^F ^G ^P ^V` (Software Reference, on-line control
 /// characters).
 #[must_use]

@@ -16,8 +16,8 @@ use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::CallError;
 use crate::protocol::line_ends::LineEnds;
+use crate::protocol::{CallError, control};
 
 /// How much longer than asked the bus thread may take for what it was given before it is not believed to answer at all: more
 /// than a port takes to be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -220,7 +220,7 @@ impl CallTable {
     }
 
     /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// up, or who are gone (not `hears`) and wanted a reply; each with how it ended. Lines wait for what `holds` the port.
+    /// up, or who are gone (not `hears`), wanted a reply, and did not stop anything; each with how it ended. Lines wait for what `holds` the port.
     /// What is handed over and can move a machine is told to `log`.
     pub(super) fn hand_out(
         &mut self,
@@ -239,9 +239,11 @@ impl CallTable {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }
+            // A stop goes though nobody waits for its answer.
+            let is_stop = matches!(command, Command::Control { character, .. } if control::stops(character));
             let pending = self.pending.get_mut(&ticket).filter(|pending| {
                 let Caller { client, oneway, .. } = pending.caller;
-                (oneway || hears(client)) && now < pending.deadline
+                (oneway || is_stop || hears(client)) && now < pending.deadline
             });
             match pending {
                 Some(pending) if self.commands.try_send(command).is_ok() => {

@@ -133,9 +133,7 @@ impl Action {
     pub(super) fn stops(&self) -> bool {
         match self {
             Self::StopByLine(..) => true,
-            Self::Ask(Ask::Control { character, .. }) => {
-                matches!(*character, control::ABORT | control::KILL | control::HOLD)
-            }
+            Self::Ask(Ask::Control { character, .. }) => control::stops(*character),
             Self::Ask(Ask::Job(call)) => call.stops,
             _ => false,
         }

@@ -79,7 +79,7 @@ impl Characters {
     #[must_use]
     pub fn role_for(self, character: u8) -> Role {
         match character {
-            control::ABORT | control::KILL | control::HOLD => Role::Stop,
+            _ if control::stops(character) => Role::Stop,
             character if self.0 >> (character & 0x1F) & 1 != 0 => Role::Operate,
             _ => Role::Engineer,
         }
