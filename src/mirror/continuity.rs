@@ -119,6 +119,12 @@ impl Continuity {
         self.last_ns = Some(now_ns);
     }
 
+    /// The time since the last update, in ns.
+    #[must_use]
+    pub fn since_last(&self, now_ns: u64) -> u64 {
+        self.last_ns.map_or(u64::MAX, |last| now_ns.saturating_sub(last))
+    }
+
     /// Servo cycles that fit into the time since the last update, as far as both are known.
     fn elapsed(&self, now_ns: u64) -> Option<u64> {
         let since = now_ns.saturating_sub(self.last_ns?);

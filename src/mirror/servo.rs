@@ -341,8 +341,8 @@ impl ServoMirror {
         // The clock keeps to the servo cycles where each of them may bring an update.
         let every_cycle = self.on_request || self.gaps.is_untold();
         let steps = if every_cycle && was_live { passed } else { updates };
-        // The board may have stood still for as long as this thread did: that tells no length of a cycle.
-        let went_on = was_live && !self.stood_still(time_ns);
+        // The board may have stood still meanwhile, as this thread did: that tells no length of a cycle.
+        let went_on = was_live && self.continuity.since_last(time_ns) < self.freshness.limit_ns();
         self.continuity.on_update(time_ns, went_on.then_some(passed));
         publisher.publish(RegionId::Servo, Stamp { time_ns, servo_timer, valid: true }, self.reader.image());
         self.clock.on_update(time_ns, steps);
