@@ -383,8 +383,10 @@ def test_without_a_panel_a_jog_is_held_by_command_line(new_site, settings):
         for line in ("OPEN PROG 1 CLEAR", "X1"):
             board.command(line)
     site.until(lambda: stands(board, 1), "the motor to stand, whatever buffer is open")
-    with pytest.raises(pmac_dpram.PmacError, match="not sent.*PROG 1 open"), board.jog(1, "+"):
-        raise AssertionError("it began in an open program buffer")
+    # A jog is on-line only: the board carries it out whatever buffer is open.
+    with board.jog(1, "+"):
+        site.until(lambda: has_passed(board, 1, 50), "the motor to move beside the buffer")
+    site.until(lambda: stands(board, 1), "the motor to stand again")
     board.command("CLOSE")
     assert board.command("LIST PROG 1") == ["X1"], "neither jog nor stop has become a line of the program"
 
