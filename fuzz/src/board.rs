@@ -66,7 +66,7 @@ pub fn body(data: &[u8]) {
         family,
         servo: ServoReader::new(&family.servo, reading),
         background: BackgroundReader::new(&family.background),
-        ascii: DpramPort::new(&family.ascii, order, now),
+        ascii: DpramPort::new(&family.ascii, order),
         panel: family.panel.as_ref().map(Panel::new),
         reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),
         writer: VariableWriter::new(family, plan.variable_write()),
@@ -183,7 +183,7 @@ impl Functions {
                 self.ascii.take_back(bus, now)?;
             }
             5 => self.ascii.withdraw_control(bus)?,
-            6 => self.ascii.settle(now),
+            6 => self.ascii.rest(now),
             7 => self.ascii.release(bus)?,
             _ => {
                 if let Some(
@@ -197,7 +197,6 @@ impl Functions {
             }
         }
         let ascii = &self.family.ascii;
-        assert!(!(self.ascii.is_idle() && self.ascii.was_taken()));
         assert!(bus.take_accesses() <= 256);
         bus.assert_written("ascii", |offset| {
             let cleared = [ascii.response_control, ascii.response];

@@ -114,7 +114,7 @@ pub fn body(data: &[u8]) {
         let (clock, now) = (time.clock(), time.clock().now());
         let order = if way & 4 == 0 { TextOrder::LowFirst } else { TextOrder::HighFirst };
         let mode = if way & 16 == 0 { VariableMode::SingleUser } else { VariableMode::MultiUser };
-        let port = CommandPorts::new(family, order, None, now);
+        let port = CommandPorts::new(family, order, None);
         let identifier = Identifier::new(family, Identity::default(), way & 32 != 0, now);
         let scan = MemoryScan::new(family, way & 64 != 0, Arc::default(), now);
         let mut bench = Bench {

@@ -102,7 +102,7 @@ impl Parts {
             );
         }
         let scan = MemoryScan::new(settings.family, asks && settings.ask_m_variables && tells, blocks, now);
-        let ports = CommandPorts::new(settings.family, settings.text_order, mailbox, now);
+        let ports = CommandPorts::new(settings.family, settings.text_order, mailbox);
         let ports = match (&replies, asks) {
             // No host was there before.
             (Some(_), _) => ports,

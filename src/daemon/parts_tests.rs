@@ -10,6 +10,7 @@ use crate::daemon::shared::open_buffer::{Account, Writer};
 use crate::daemon::shared::queue::{Command, Event, Origin, Outcome, Text, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
+use crate::map::PMAC;
 use crate::map::pmac::{ASCII_CONTROL_CHARACTER, ASCII_OUTPUT_CONTROL, SERVO_HOST_STATUS, SERVO_PMAC_STATUS};
 use crate::protocol::{CommandPort, State};
 
@@ -124,7 +125,8 @@ fn what_is_begun_and_when_it_is_given_up_goes_by_the_injected_time() {
     assert_ne!(world.word(ASCII_OUTPUT_CONTROL), 0, "it waits for the board");
     world.run(Duration::from_secs(2), |_, _| {});
     assert_eq!(world.ended(), Some((1, Outcome::Unavailable { port: CommandPort::Dpram, page: None })));
-    assert_eq!(world.word(ASCII_OUTPUT_CONTROL), 0, "and was taken back");
+    let lies = world.word(PMAC.ascii.command).to_le_bytes();
+    assert_eq!(lies, *b"SI", "it never lay there: the daemon's own question does");
 }
 
 #[test]

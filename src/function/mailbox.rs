@@ -209,13 +209,6 @@ impl MailboxPort {
         self.enable(bus)
     }
 
-    /// Lets pass what still comes before the next line is begun.
-    pub fn settle(&mut self, now: Instant) {
-        if self.is_idle() {
-            self.state = State::Settling { quiet_since: now, since: now };
-        }
-    }
-
     /// Whether [`MailboxPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
@@ -287,8 +280,8 @@ impl MailboxPort {
         Ok(begun)
     }
 
-    /// The error was the line's: what comes from now on belongs to nobody.
-    pub fn believe_error(&mut self) {
+    /// The error was the line's, or a program's: the line is over.
+    pub fn settled(&mut self) {
         if self.state == State::Refused {
             self.state = State::Idle;
         }

@@ -67,8 +67,8 @@
 //! | rotary line of c commands | 4c + 6 | 4c + 7 | c = 3: 19 |
 //! | rotary idle poll, no room; until PMAC was once full 1 more | 1 | 2 | 2 |
 //! | rotary state | 2 | 3 | 3 |
-//! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 12 | n = m = 20: 32 |
-//! | ASCII line by 32 bits | n/2 + m/4 + 10 | n/2 + m/4 + 12 | n = m = 20: 27 |
+//! | ASCII line of n, reply of m characters | n/2 + m/2 + 10 | n/2 + m/2 + 10 | n = m = 20: 30 |
+//! | ASCII line by 32 bits | n/2 + m/4 + 10 | n/2 + m/4 + 10 | n = m = 20: 25 |
 //! | mailbox line of n, reply of m characters | n + m + 4 + ceil((m+1)/16) | n + m + 5 + 2 ceil((m+1)/16) | n = m = 20: 49 |
 //! | released at start and end: servo, background, variable read, variable write, panel | 7 | 7 | 1 + 1 + 2 + 1 + 2: 7 |
 //!
@@ -88,12 +88,12 @@
 //! |---|---|---|
 //! | the line | n/2 + 4 | n + 1 |
 //! | to see it taken | 1 | 0; an interrupt a group of 15 |
-//! | the reply line | m/2 + 4 | m + 1, and 2 a group of 16; an interrupt a group |
-//! | the acknowledgement | 3 | 3, an interrupt |
-//! | all | n/2 + m/2 + 12 | n + m + 5 + 2 ceil((m+1)/16) |
-//! | `P1` and 2 digits | 14 | 11 |
-//! | 20 and 20 characters | 32 | 49 |
-//! | 80 and 80 characters | 92 | 177 |
+//! | the reply line | m/2 + 3 | m + 1, and 2 a group of 16; an interrupt a group |
+//! | the acknowledgement | 2 | 3, an interrupt |
+//! | all | n/2 + m/2 + 10 | n + m + 5 + 2 ceil((m+1)/16) |
+//! | `P1` and 2 digits | 12 | 11 |
+//! | 20 and 20 characters | 30 | 49 |
+//! | 80 and 80 characters | 90 | 177 |
 //! | each idle poll in vain | 2 until it is taken, then 1 | 0 |
 
 pub mod ascii;

@@ -32,10 +32,6 @@ const fn set(name: &'static str, values: &'static [&'static str]) -> Reading {
 
 /// Every reading.
 pub static READINGS: &[Reading] = &[
-    found_out("reply_count", &["with_nul", "without_nul"]),
-    found_out("control_flag", &["own", "line"]),
-    found_out("line_flag", &["taken", "done"]),
-    found_out("reply_end", &["ack", "silence"]),
     set("rotary_code2", &["bit12", "bit16"]),
     set("rotary_bit_codes", &["diagram", "table"]),
     set("rotary_header", &["size_first", "start_first"]),
@@ -44,7 +40,6 @@ pub static READINGS: &[Reading] = &[
     set("variable_write_field", &["at_bit_0", "at_offset"]),
     set("rotary_end_marker", &["two_longs", "one_long"]),
     found_out("rotary_index", &["below_size", "up_to_size"]),
-    found_out("reply_count_order", &["before_control", "after_control"]),
     found_out("panel_mask", &["at_once", "when_done"]),
     found_out("panel_words", &["before_clearing", "after_clearing"]),
     found_out("variable_write_count", &["at_once", "when_done"]),
@@ -56,55 +51,8 @@ pub static READINGS: &[Reading] = &[
     set("read_entry", &["unsaid", "low_bits"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     set("gather_words", &["size_first", "index_first"]),
-    found_out("reply_ack", &["alone", "over_text", "on_line"]),
-    found_out("reply_lines", &["one", "several"]),
-    found_out("part_reply", &["at_end", "each"]),
     found_out("write_long", &["low_32", "halves"]),
 ];
-
-/// What the word before a reply counts (0x06D2; DPRAM manual p. 29).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReplyCount {
-    /// The characters and their NUL: the register map has "# of ASCII characters + 1".
-    #[default]
-    WithNul,
-    /// The characters: step 3 of "To read a response" has "the number of characters in the response".
-    WithoutNul,
-}
-
-/// What makes the board take a control character (DPRAM manual p. 28).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ControlFlag {
-    /// The character in its register (0x062E) is enough.
-    #[default]
-    Own,
-    /// The flag of a line (0x062C) has to be set too: "the read/write procedure is exactly as described above".
-    Line,
-}
-
-/// When the board clears the flag of a line (0x062C; DPRAM manual p. 29).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LineFlag {
-    /// When it has taken the line out of the buffer.
-    #[default]
-    Taken,
-    /// When it has carried the line out: "set to 0 by PMAC when it has processed a command string".
-    Done,
-}
-
-/// How the end of a reply shows (DPRAM manual p. 27 and 28).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReplyEnd {
-    /// By a control word `<ACK>`, whatever I3 is: "until the Host-Input Control Word contains an `<ACK>`".
-    #[default]
-    Ack,
-    /// By `<ACK>` only where I3 is 2 or 3, the handshakes that have one; else by nothing but silence.
-    Silence,
-}
 
 /// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -218,18 +166,6 @@ pub enum RotaryIndex {
     BelowSize,
     /// The size, until the next line is read.
     UpToSize,
-}
-
-/// Which comes first of a reply's two words (0x06D2 and 0x06D0; DPRAM manual p. 29). PMAC sets both "after it has filled" the
-/// buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CountOrder {
-    /// The count, then the control word, which says that all is there.
-    #[default]
-    BeforeControl,
-    /// The control word, then the count.
-    AfterControl,
 }
 
 /// When the board clears the word by which the host has asked for something.
@@ -394,55 +330,10 @@ impl fmt::Display for GatherSizeWord {
     }
 }
 
-/// What lies under the `<ACK>` of a reply: "to mark the end of transmission", of a control word that is a "termination character"
-/// (DPRAM manual p. 28 and 29).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReplyAck {
-    /// An empty text: it comes behind the last line.
-    #[default]
-    Alone,
-    /// The text before, which is left: nothing but the control word is written.
-    OverText,
-    /// The last line itself: it is that line's termination character.
-    OnLine,
-}
-
-/// How many lines one filling of the response buffer has: "response strings in DPRAM do not end with a carriage-return" (DPRAM
-/// manual p. 28).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReplyLines {
-    /// One.
-    #[default]
-    One,
-    /// As many as it has room for, with `<CR>` between.
-    Several,
-}
-
-/// What a board says to a line that comes in two parts (DPRAM manual p. 28).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PartReply {
-    /// Its reply, when it has all of it.
-    #[default]
-    AtEnd,
-    /// An `<ACK>` to the first part, and then its reply.
-    Each,
-}
-
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Readings {
-    /// What the word before a reply counts.
-    pub reply_count: ReplyCount,
-    /// What makes the board take a control character.
-    pub control_flag: ControlFlag,
-    /// When the board clears the flag of a line.
-    pub line_flag: LineFlag,
-    /// How the end of a reply shows.
-    pub reply_end: ReplyEnd,
     /// Where CODE2 of ABS, INC and FRAX stands.
     pub rotary_code2: RotaryCode2,
     /// The codes of `^=` and `&=`.
@@ -459,8 +350,6 @@ pub struct Readings {
     pub rotary_end_marker: EndMarker,
     /// PMAC's index at a rotary buffer's end.
     pub rotary_index: RotaryIndex,
-    /// Which comes first of a reply's two words.
-    pub reply_count_order: CountOrder,
     /// When the board clears the mask of a panel request.
     pub panel_mask: Cleared,
     /// When the board reads the words of a panel request.
@@ -483,12 +372,6 @@ pub struct Readings {
     pub write_record: RecordLayout,
     /// Turbo: which of the two words before the gather buffer is which.
     pub gather_words: GatherWords,
-    /// What lies under the `<ACK>` of a reply.
-    pub reply_ack: ReplyAck,
-    /// How many lines one filling of the response buffer has.
-    pub reply_lines: ReplyLines,
-    /// Whether the board answers the first part of a long line, too.
-    pub part_reply: PartReply,
     /// Turbo: how a record to write has 48 bits.
     pub write_long: WriteLong,
 }

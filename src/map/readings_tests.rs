@@ -27,18 +27,6 @@ fn readings_that_messages_name_are_named_as_they_are_written() {
 }
 
 #[test]
-fn one_reading_leaves_the_others_and_nonsense_is_refused_with_the_list() {
-    let readings = Readings::default().with("reply_end=silence").unwrap();
-    let readings = readings.with("line_flag=done").unwrap();
-    assert_eq!((readings.reply_end, readings.line_flag), (ReplyEnd::Silence, LineFlag::Done));
-    assert_eq!(readings.control_flag, ControlFlag::Own);
-    let error = readings.with("line_flg=done").unwrap_err().to_string();
-    assert!(error.starts_with("reading line_flg=done: unknown field `line_flg`, expected one of"), "{error}");
-    assert!(error.contains("`line_flag`"), "{error}");
-    assert_eq!(readings.with("line_flag").unwrap_err().to_string(), "reading line_flag: write NAME=VALUE");
-}
-
-#[test]
 fn b3_where_nobody_knows_which_word_is_which_what_both_would_say_is_known() {
     let is_open = |copies| GlobalWords::told(None, copies, |[_, second]| second & 1 << 19 != 0);
     assert_eq!(is_open([0x01_0000, 1]), Some(false));

@@ -3,7 +3,6 @@
 use std::fmt;
 
 use super::program_words::{DefinitionsRead, ProgramWords};
-use crate::map::readings::ReplyEnd;
 use crate::map::{Family, Function, UnknownFamily};
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +60,14 @@ impl Enabled {
     }
 }
 
+/// What is said of a board whose replies have no end.
+pub const NO_REPLY_END: &str = "the board does not mark the end of its replies, so each command line waits out its time and is told as \
+                                one that may have been carried out; send I3=2";
+
+/// What is said of a board that does not take control characters.
+pub const NO_CONTROL_CHARACTERS: &str = "the board did not take ^F by the DPRAM word of control characters, so ^A and ^K may not reach \
+                                         it; move nothing before docs/first-board.md (step \"Ask it something\") has decided it";
+
 /// The board and the daemon that owns it: the reply of `GetInfo`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct BoardInfo {
@@ -99,9 +106,12 @@ pub struct BoardInfo {
     /// What became of the last command line.
     #[serde(default)]
     pub command_state: CommandState,
-    /// How the end of a reply through the DPRAM shows.
+    /// The board answers command lines through the DPRAM, but marks no end of its replies.
     #[serde(default)]
-    pub reply_end: ReplyEnd,
+    pub reply_end_missing: bool,
+    /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
+    #[serde(default)]
+    pub control_characters: Option<bool>,
     /// The program buffer that is open, as far as known.
     #[serde(default)]
     pub open_buffer: Option<OpenBufferInfo>,
@@ -141,6 +151,16 @@ pub struct BoardInfo {
 }
 
 impl BoardInfo {
+    /// What is wrong with the DPRAM's command port, as far as the board has shown: a sentence each, with the cure.
+    #[must_use]
+    pub fn port_faults(&self) -> Vec<&'static str> {
+        let faults = [
+            (self.reply_end_missing, NO_REPLY_END),
+            (self.control_characters == Some(false), NO_CONTROL_CHARACTERS),
+        ];
+        faults.into_iter().filter_map(|(is_so, text)| is_so.then_some(text)).collect()
+    }
+
     /// The board's family, with as much DPRAM as the board has.
     ///
     /// # Errors

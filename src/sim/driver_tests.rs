@@ -8,7 +8,7 @@
 use std::fs::OpenOptions;
 
 use crate::device::board::mapping::Mapping;
-use crate::map::readings::{CountOrder, LineFlag, MailboxBell, ReplyCount, ReportReady};
+use crate::map::readings::{MailboxBell, ReportReady};
 use crate::sim::board::turbo;
 use crate::sim::functions::mailbox::{LENGTH, Mailbox};
 use crate::sim::testing::Bench;
@@ -299,28 +299,25 @@ impl Flushing<'_> {
 
 #[test]
 fn c4_a_driver_that_flushes_first_talks_through_the_dpram() {
-    for line_flag in [LineFlag::Taken, LineFlag::Done] {
-        let mut bench = board("I3=2 I6=1 I58=1\nM161->D:$88\nM162->D:$8B\nI200=1\n#1J/#2J/");
-        bench.world.board.identity.readings.line_flag = line_flag;
-        let mut host = Flushing(&mut bench);
-        host.begin();
-        let said = |text: &str| Some(text.to_owned());
-        assert_eq!(host.ask("TYPE"), said("TURBO2, X4"));
-        assert_eq!(host.ask("VERSION"), said("1.947"));
-        for (line, answer) in [("I100", "1"), ("I200", "1"), ("I300", "0")] {
-            assert_eq!(host.ask(line), said(answer), "{line}");
-        }
-        host.send("I0120=1");
-        host.send("I0121=0");
-        assert_eq!(host.ask("I0108"), said("96"));
-        host.send("#1J=100");
-        host.0.run(3000);
-        assert_eq!(host.ask("#1?"), said("892000000001"));
-        assert_eq!([host.ask("M161"), host.ask("M162")], [said("307200"), said("307200")]);
-        assert_eq!(host.ask("UUU"), None);
-        assert_eq!(host.ask("I122"), said("32"), "the answer of this line, {line_flag:?}");
-        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
+    let mut bench = board("I3=2 I6=1 I58=1\nM161->D:$88\nM162->D:$8B\nI200=1\n#1J/#2J/");
+    let mut host = Flushing(&mut bench);
+    host.begin();
+    let said = |text: &str| Some(text.to_owned());
+    assert_eq!(host.ask("TYPE"), said("TURBO2, X4"));
+    assert_eq!(host.ask("VERSION"), said("1.947"));
+    for (line, answer) in [("I100", "1"), ("I200", "1"), ("I300", "0")] {
+        assert_eq!(host.ask(line), said(answer), "{line}");
     }
+    host.send("I0120=1");
+    host.send("I0121=0");
+    assert_eq!(host.ask("I0108"), said("96"));
+    host.send("#1J=100");
+    host.0.run(3000);
+    assert_eq!(host.ask("#1?"), said("892000000001"));
+    assert_eq!([host.ask("M161"), host.ask("M162")], [said("307200"), said("307200")]);
+    assert_eq!(host.ask("UUU"), None);
+    assert_eq!(host.ask("I122"), said("32"), "the answer of this line");
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
 /// pgpmac's commands through the DPRAM: it clears both words, then loads the line, and clears the response by four bytes.
@@ -364,8 +361,6 @@ impl Clearing<'_> {
 fn c4_a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_there() {
     // The site's status words lie where the motor report would.
     let mut bench = board("I58=1 I63=1 I64=1\nM5075->*\nM321->DP:$60121\nM301->DP:$60101");
-    let readings = &mut bench.world.board.identity.readings;
-    (readings.reply_count, readings.reply_count_order) = (ReplyCount::WithNul, CountOrder::BeforeControl);
     let mut host = Clearing(&mut bench);
     for character in [0, 0x18] {
         host.set_memory(0x0E9E, &[character, 0, 0, 0]);

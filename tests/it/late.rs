@@ -1,4 +1,4 @@
-//! Slow lines, late replies, and who is told what of them, under each reading of the manual.
+//! Slow lines, late replies, and who is told what of them.
 
 use std::fs::OpenOptions;
 use std::os::unix::fs::FileExt;
@@ -13,9 +13,9 @@ use serde_json::{Value, json};
 use crate::support::raw::{Raw, call, error_name};
 use crate::support::{PATIENCE, VirtualSite};
 
-/// A board that is known, and reads the manual so.
-fn board(reading: &str) -> VirtualSite {
-    let site = VirtualSite::running(&["--reading", reading], &[]);
+/// A board that is known.
+fn board() -> VirtualSite {
+    let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
     site
@@ -40,7 +40,7 @@ fn seconds(site: &VirtualSite, action: impl FnOnce()) -> f64 {
 
 #[test]
 fn b1_2_a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
-    let site = board("line_flag=taken");
+    let site = board();
     site.control("fault ascii_slow 100ms");
     for line in ["OPEN PROG 7 CLEAR", "X1", "CLOSE"] {
         assert_eq!(site.run(&["send", line]).code, Some(0), "{line}");
@@ -55,32 +55,30 @@ fn b1_2_a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
 
 #[test]
 fn b2_1_a_slow_commands_reply_is_nobody_elses() {
-    for reading in ["line_flag=taken", "line_flag=done"] {
-        let site = board(reading);
-        let mut connection = site.connection();
-        site.control("fault ascii_slow 7000ms");
-        let slow = connection.send("P5=3 P5", Duration::from_secs(1));
-        assert!(matches!(slow, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{slow:?}");
-        let took = seconds(&site, || {
-            let early = site.connection().send("P5=7", Duration::from_secs(2)).unwrap_err().to_string();
-            assert!(
-                early.contains("the board still works on \"P5=3 P5\" of uid ") && early.contains("^X"),
-                "{early}"
-            );
-            assert!(early.contains("nothing was sent"), "{early}");
-        });
-        assert!(took < 2.2, "{reading}: {took} s");
-        // Seven seconds are over.
-        site.control("fault ascii_slow off");
-        assert_eq!(connection.send("P5=7", PATIENCE).unwrap(), [""; 0], "{reading}");
-        assert_eq!(connection.send("P5", PATIENCE).unwrap(), ["7"], "{reading}");
-        site.assert_no_violations();
-    }
+    let site = board();
+    let mut connection = site.connection();
+    site.control("fault ascii_slow 7000ms");
+    let slow = connection.send("P5=3 P5", Duration::from_secs(1));
+    assert!(matches!(slow, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{slow:?}");
+    let took = seconds(&site, || {
+        let early = site.connection().send("P5=7", Duration::from_secs(2)).unwrap_err().to_string();
+        assert!(
+            early.contains("the board still works on \"P5=3 P5\" of uid ") && early.contains("^X"),
+            "{early}"
+        );
+        assert!(early.contains("nothing was sent"), "{early}");
+    });
+    assert!(took < 2.2, "{took} s");
+    // Seven seconds are over.
+    site.control("fault ascii_slow off");
+    assert_eq!(connection.send("P5=7", PATIENCE).unwrap(), [""; 0]);
+    assert_eq!(connection.send("P5", PATIENCE).unwrap(), ["7"]);
+    site.assert_no_violations();
 }
 
 #[test]
 fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
-    let site = board("line_flag=done");
+    let site = board();
     site.control("fault ascii_slow 60000ms");
     assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
     // More than the bus thread has at a time.
@@ -100,7 +98,7 @@ fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
 
 #[test]
 fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
-    let site = board("line_flag=done");
+    let site = board();
     site.control("fault ascii_slow 20000ms");
     // The first is with the board and the second with the bus thread, or on its way to it. The third waits in the socket's thread.
     let _slow = waiting(&site, "P5=3");
@@ -117,7 +115,7 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
 
 #[test]
 fn b1_8_what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behind_it() {
-    let site = board("line_flag=done");
+    let site = board();
     site.control("fault ascii_slow 20000ms");
     let _slow: Vec<Raw> = ["P5=3", "P6=1", "P7=1"].map(|line| waiting(&site, line)).into();
     site.run_for(Duration::from_millis(100));
@@ -131,19 +129,17 @@ fn b1_8_what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behi
 
 #[test]
 fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
-    for reading in ["line_flag=taken", "line_flag=done"] {
-        let site = board(reading);
-        site.control("fault ascii_slow 3000ms");
-        let _asker = waiting(&site, "P5=3 P5");
-        site.run_for(Duration::from_millis(100));
-        site.stop_daemon();
-        site.start_daemon(&[]);
-        site.run_for(Duration::from_secs(1));
-        site.control("fault ascii_slow off");
-        assert_eq!(site.ask("P6=8 P6"), ["8"], "{reading}");
-        site.wait_for_identity();
-        assert!(site.log().contains("firmware 1.16D"), "{}", site.log());
-    }
+    let site = board();
+    site.control("fault ascii_slow 3000ms");
+    let _asker = waiting(&site, "P5=3 P5");
+    site.run_for(Duration::from_millis(100));
+    site.stop_daemon();
+    site.start_daemon(&[]);
+    site.run_for(Duration::from_secs(1));
+    site.control("fault ascii_slow off");
+    assert_eq!(site.ask("P6=8 P6"), ["8"]);
+    site.wait_for_identity();
+    assert!(site.log().contains("firmware 1.16D"), "{}", site.log());
 }
 
 #[test]
@@ -156,7 +152,7 @@ fn b2_1_a_board_with_a_slow_servo_cycle_is_believed_at_once() {
 
 #[test]
 fn b2_1_after_a_reset_the_port_is_free() {
-    let site = board("line_flag=done");
+    let site = board();
     site.control("fault ascii_slow 60000ms");
     assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
     site.control("reset");
@@ -166,7 +162,7 @@ fn b2_1_after_a_reset_the_port_is_free() {
 
 #[test]
 fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
-    let site = board("line_flag=taken");
+    let site = board();
     site.control("fault ascii_no_reply on");
     let mut client = waiting(&site, "P5=3 P5");
     site.run_for(Duration::from_millis(100));
@@ -182,72 +178,46 @@ fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
 }
 
 #[test]
-fn b3_2_abort_is_answered_in_time_by_a_board_that_needs_the_flag() {
-    for reading in ["control_flag=own", "control_flag=line"] {
-        let site = board(reading);
-        site.ask("#1J+");
-        let took = seconds(&site, || {
-            let mut client = Raw::at(&site.socket());
-            client.call("SendControl", json!({ "character": "^A" }));
-            let reply = client.receive().unwrap();
-            assert_eq!(reply.get("error"), None, "{reading}: {reply}");
-        });
-        assert!(took < 0.2, "{reading}: {took} s");
-        site.run_for(Duration::from_secs(1));
-        let place = site.ask("#1P");
-        site.run_for(Duration::from_secs(1));
-        assert_eq!(site.ask("#1P"), place, "{reading}: it moves");
-        assert_eq!(site.connection().control(b'P' - 64).unwrap().len(), 1);
-        site.assert_no_violations();
-    }
-}
-
-#[test]
-fn b3_2_a_board_that_takes_the_character_late_runs_no_line_twice() {
-    for reading in ["control_flag=own", "control_flag=line"] {
-        let site = board(reading);
-        assert_eq!(site.ask("P7=P7+1"), [""; 0]);
-        site.control("fault ascii_deaf on");
-        site.hold();
+fn abort_is_answered_in_time() {
+    let site = board();
+    site.ask("#1J+");
+    let took = seconds(&site, || {
         let mut client = Raw::at(&site.socket());
-        client.send(&call("SendControl", json!({ "character": "^A" })));
-        site.run_for(Duration::from_millis(30));
-        site.control("fault ascii_deaf off");
-        site.go_on();
-        assert_eq!(client.receive().unwrap().get("error"), None);
-        for _ in 0..3 {
-            assert_eq!(site.ask("P7"), ["1"], "{reading}");
-        }
-        site.assert_no_violations();
-    }
+        client.call("SendControl", json!({ "character": "^A" }));
+        let reply = client.receive().unwrap();
+        assert_eq!(reply.get("error"), None, "{reply}");
+    });
+    assert!(took < 0.2, "{took} s");
+    site.run_for(Duration::from_secs(1));
+    let place = site.ask("#1P");
+    site.run_for(Duration::from_secs(1));
+    assert_eq!(site.ask("#1P"), place, "it moves");
+    assert_eq!(site.connection().control(b'P' - 64).unwrap().len(), 1);
+    site.assert_no_violations();
 }
 
 #[test]
-fn b3_3_replies_without_an_end_mark_end_by_a_silence() {
-    let site = board("reply_end=silence");
-    let mut connection = site.connection();
-    // As the manual's own I58=1 leaves a factory I3=1.
-    let first = connection.send("I3=0", Duration::from_secs(1));
-    assert!(matches!(first, Err(CommandError::Refused(CallError::TimedOut { .. }))), "{first:?}");
-    assert_eq!(connection.send("P5=7", PATIENCE).unwrap(), [""; 0]);
-    assert_eq!(connection.send("P5 I3", PATIENCE).unwrap(), ["7", "0"]);
-    assert!(site.log().contains("I3 is less than 2"), "{}", site.log());
-    let (_, stdout, _) = site.pmacctl(&["doctor"]);
-    assert!(stdout.contains("I3=2"), "{stdout}");
-    // A daemon that comes later finds it out by itself.
-    site.stop_daemon();
-    site.start_daemon(&[]);
-    site.wait_for_identity();
-    assert_eq!(site.ask("P5"), ["7"]);
-    assert!(site.connection().send("I3=2", PATIENCE).is_ok());
-    assert_eq!(site.ask("P5"), ["7"]);
+fn a_board_that_takes_the_character_late_runs_no_line_twice() {
+    let site = board();
+    assert_eq!(site.ask("P7=P7+1"), [""; 0]);
+    site.control("fault ascii_deaf on");
+    site.hold();
+    let mut client = Raw::at(&site.socket());
+    client.send(&call("SendControl", json!({ "character": "^A" })));
+    site.run_for(Duration::from_millis(30));
+    site.control("fault ascii_deaf off");
+    site.go_on();
+    assert_eq!(client.receive().unwrap().get("error"), None);
+    for _ in 0..3 {
+        assert_eq!(site.ask("P7"), ["1"]);
+    }
     site.assert_no_violations();
 }
 
 #[test]
 fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
     for keeps in [false, true] {
-        let site = board("line_flag=taken");
+        let site = board();
         site.control("fault ascii_no_reply on");
         let mut first = waiting(&site, "P1=1");
         site.run_for(Duration::from_millis(100));
@@ -278,7 +248,7 @@ fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
 fn b1_6_what_was_sent_before_an_abort_is_not_begun_after_it() {
     const CALLS: usize = 50;
     for goes in [false, true] {
-        let site = board("line_flag=taken");
+        let site = board();
         site.control("fault ascii_no_reply on");
         let line = json!({"line": "P30=P30+1", "timeout_ms": 600_000});
         let mut client = waiting(&site, "P31=1");
@@ -315,7 +285,7 @@ fn b1_6_what_was_sent_before_an_abort_is_not_begun_after_it() {
 
 #[test]
 fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
-    let site = board("line_flag=taken");
+    let site = board();
     site.control("fault ascii_no_reply on");
     let mut sent = waiting(&site, "P5=3");
     site.run_for(Duration::from_millis(100));
@@ -338,7 +308,7 @@ fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
 #[test]
 fn b2_4_a_board_that_clears_its_words_some_time_after_a_cancel_loses_no_line() {
     for late in ["10ms", "30ms", "45ms"] {
-        let site = board("line_flag=taken");
+        let site = board();
         site.control(&format!("fault ascii_late_cancel {late}"));
         let mut connection = site.connection();
         for _ in 0..3 {
@@ -433,36 +403,32 @@ fn stop_at_once(site: &VirtualSite, stopping: &mut Raw, stop: &str) -> f64 {
 #[test]
 fn b2_a_line_that_is_half_way_when_everything_stops_is_not_finished() {
     for family in [&PMAC, &TURBO2] {
-        for reading in ["control_flag=own", "control_flag=line", "part_reply=each", "line_flag=done"] {
-            for stop in ["^A", "^K"] {
-                let site = VirtualSite::configured(
-                    &["--family", family.name, "--reading", reading],
-                    &format!("family = \"{}\"\n", family.name),
-                );
-                site.wait_for_live_servo();
-                site.wait_for_identity();
-                let what = format!("{} {reading} {stop}", family.name);
-                let mut stopping = Raw::at(&site.socket());
-                site.hold();
-                let mut client = half_way(&site);
-                let taken = stop_at_once(&site, &mut stopping, stop);
-                assert!(taken < 0.2, "{what}: {taken} s");
-                let reply = client.receive().unwrap();
-                assert!(["Refused", "Interrupted"].contains(&error_name(&reply)), "{what}: {reply}");
-                assert_eq!(site.ask("P100 P124 #1V #2V"), ["0"; 4], "{what}: {reply}");
-                site.assert_no_violations();
-            }
+        for stop in ["^A", "^K"] {
+            let site = VirtualSite::configured(
+                &["--family", family.name],
+                &format!("family = \"{}\"\n", family.name),
+            );
+            site.wait_for_live_servo();
+            site.wait_for_identity();
+            let what = format!("{} {stop}", family.name);
+            let mut stopping = Raw::at(&site.socket());
+            site.hold();
+            let mut client = half_way(&site);
+            let taken = stop_at_once(&site, &mut stopping, stop);
+            assert!(taken < 0.2, "{what}: {taken} s");
+            let reply = client.receive().unwrap();
+            assert!(["Refused", "Interrupted"].contains(&error_name(&reply)), "{what}: {reply}");
+            assert_eq!(site.ask("P100 P124 #1V #2V"), ["0"; 4], "{what}: {reply}");
+            site.assert_no_violations();
         }
     }
 }
 
 /// Stops everything while a line lies untaken, and looks that it does not move the motor after it. False where the board had taken
 /// the line before the stop was there, as it may where another thread is held up.
-fn stops_before_the_line(family: &Family, reading: &str, stop: &str) -> bool {
-    let site = VirtualSite::configured(
-        &["--family", family.name, "--reading", reading],
-        &format!("family = \"{}\"\n", family.name),
-    );
+fn stops_before_the_line(family: &Family, stop: &str) -> bool {
+    let site =
+        VirtualSite::configured(&["--family", family.name], &format!("family = \"{}\"\n", family.name));
     site.wait_for_live_servo();
     site.wait_for_identity();
     let mut stopping = Raw::at(&site.socket());
@@ -474,7 +440,7 @@ fn stops_before_the_line(family: &Family, reading: &str, stop: &str) -> bool {
     });
     // The simulator looks at the character first.
     let taken = stop_at_once(&site, &mut stopping, stop);
-    let what = format!("{} {reading} {stop}", family.name);
+    let what = format!("{} {stop}", family.name);
     assert!(taken < 0.2, "{what}: {taken} s");
     let reply = client.receive().unwrap();
     let is_first = error_name(&reply) == "Interrupted";
@@ -487,15 +453,10 @@ fn stops_before_the_line(family: &Family, reading: &str, stop: &str) -> bool {
 
 #[test]
 fn b2_a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
-    for (family, reading) in [
-        (&PMAC, "line_flag=taken"),
-        (&PMAC, "line_flag=done"),
-        (&PMAC, "control_flag=line"),
-        (&TURBO2, "line_flag=taken"),
-    ] {
+    for family in [&PMAC, &TURBO2] {
         for stop in ["^A", "^K"] {
-            let met = (0..10).any(|_| stops_before_the_line(family, reading, stop));
-            assert!(met, "{} {reading} {stop}: the line was always taken first", family.name);
+            let met = (0..10).any(|_| stops_before_the_line(family, stop));
+            assert!(met, "{} {stop}: the line was always taken first", family.name);
         }
     }
 }

@@ -4,9 +4,7 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use pmac_dpram::client::CommandError;
-use pmac_dpram::map::{READINGS, Readings};
-use pmac_dpram::protocol::CallError;
+use pmac_dpram::map::READINGS;
 
 use crate::support::{PATIENCE, VirtualSite};
 
@@ -52,100 +50,12 @@ fn values(cell: &str) -> Vec<&str> {
     named.map(|part| part[0]).collect()
 }
 
-#[test]
-fn the_simulator_plays_what_it_is_told_and_refuses_the_rest() {
-    let refused = |given: &str| {
-        use clap::Parser;
-        let options = ["pmac-sim", "--memory", "m", "--reading", given];
-        pmac_dpram::sim::process::options::Options::try_parse_from(options).unwrap_err().to_string()
-    };
-    assert!(refused("line_flag=never").contains("expected `taken` or `done`"));
-    assert!(refused("line=done").contains("expected one of `reply_count`, "));
-    for reading in READINGS {
-        assert_eq!(Readings::default().value(reading.name).as_deref(), Some(reading.values[0]));
-    }
-}
-
-#[test]
-fn b3_1_a_reply_is_whole_whatever_its_count_has_in_it() {
-    for value in ["with_nul", "without_nul"] {
-        let site = board_that_reads("reply_count", value);
-        for (line, reply) in [("I108", "96"), ("P5=7", ""), ("P5", "7"), ("P5 I10", "7 3713707")] {
-            let lines = site.connection().send(line, PATIENCE).unwrap();
-            assert_eq!(lines.join(" "), reply, "{value}: {line}");
-        }
-        // The scale of positions comes from I108.
-        site.connection().send("#1J=1000", PATIENCE).unwrap();
-        site.wait_until("motor 1 at 1000 counts", || {
-            let (_, stdout, _) = site.pmacctl(&["motors", "--json"]);
-            let motors: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-            let position = &motors["motors"][0]["actual_position"]["value"];
-            position.as_f64().is_some_and(|counts| (counts - 1000.0).abs() < 1.0)
-        });
-        site.assert_no_violations();
-    }
-}
-
 /// The same, with `config` for the daemon.
 fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
     let site = VirtualSite::configured(&["--reading", &format!("{name}={value}")], config);
     site.wait_for_identity();
     assert_eq!(site.pmacctl(&["send", "&1 #1->X #2->Y"]).0, 0);
     site
-}
-
-#[test]
-fn b3_3_an_answer_to_the_first_part_of_a_line_ends_no_reply() {
-    let settings: Vec<_> = (10..40).map(|number| format!("P{number}={number}")).collect();
-    let (long, question) = (settings.join(" "), "P10 P39 ".repeat(24));
-    let question = question.trim_end();
-    assert!(long.len() > 160 && question.len() > 160);
-    for value in ["at_end", "each"] {
-        for (line_flag, late) in [("taken", "0ms"), ("taken", "150ms"), ("done", "0ms"), ("done", "150ms")] {
-            let reading = format!("line_flag={line_flag}");
-            let site = VirtualSite::running(
-                &["--reading", &format!("part_reply={value}"), "--reading", &reading],
-                &[],
-            );
-            site.wait_for_identity();
-            site.control(&format!("fault ascii_late_ack {late}"));
-            let mut board = site.connection();
-            for round in 0..3 {
-                let told = format!("{value} {line_flag} {late} {round}");
-                let line = format!("P39={round} {}", &long[..long.floor_char_boundary(185)]);
-                let line = &line[..line.rfind(' ').unwrap()];
-                assert_eq!(board.send(line, PATIENCE).unwrap(), [""; 0], "{told}");
-                assert_eq!(board.send("P39", PATIENCE).unwrap(), [round.to_string()], "{told}");
-                let answers = board.send(question, PATIENCE).unwrap();
-                assert_eq!(answers.join(" "), vec![format!("10 {round}"); 24].join(" "), "{told}");
-                assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0], "{told}");
-                assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"], "{told}");
-                let refused = format!("{line} BAD");
-                let error = board.send(&refused, PATIENCE).unwrap_err();
-                assert!(
-                    matches!(error, CommandError::Refused(CallError::Board { code: 3, .. })),
-                    "{told}: {error:?}"
-                );
-                assert_eq!(board.send("P5", PATIENCE).unwrap(), ["7"], "{told}");
-            }
-            site.assert_no_violations();
-        }
-    }
-}
-
-#[test]
-fn b3_3_an_acknowledgement_behind_a_control_characters_reply_ends_no_other_reply() {
-    let site = VirtualSite::running(&[], &[]);
-    site.wait_for_identity();
-    site.run_for(Duration::from_secs(15));
-    site.control("fault ascii_late_ack 150ms");
-    let mut board = site.connection();
-    for _ in 0..3 {
-        assert_eq!(site.pmacctl(&["send", "^F"]), (0, "0 0 0 0 0 0 0 0\n".to_owned(), String::new()));
-        assert_eq!(board.send("P5=7", PATIENCE).unwrap(), [""; 0]);
-        assert_eq!(board.send("P5 P5", PATIENCE).unwrap(), ["7", "7"]);
-    }
-    site.assert_no_violations();
 }
 
 #[test]

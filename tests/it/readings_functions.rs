@@ -49,10 +49,6 @@ impl Board {
         if self.has_panel {
             assert_eq!(site.pmacctl(&["send", "I2=3"]).0, 0);
         }
-        if (name, value) == ("reply_end", "silence") {
-            // With the start-up's I3=2 such a board marks its replies.
-            let _ = site.connection().send("I3=1", Duration::from_secs(1));
-        }
         site
     }
 }
@@ -182,10 +178,6 @@ macro_rules! every_function_works_under {
 }
 
 every_function_works_under! {
-    b3_every_function_works_under_reply_count
-    b3_every_function_works_under_control_flag
-    b3_every_function_works_under_line_flag
-    b3_every_function_works_under_reply_end
     b3_every_function_works_under_rotary_code2
     b3_every_function_works_under_rotary_bit_codes
     b3_every_function_works_under_rotary_header
@@ -194,7 +186,6 @@ every_function_works_under! {
     b3_every_function_works_under_variable_write_field
     b3_every_function_works_under_rotary_end_marker
     b3_every_function_works_under_rotary_index
-    b3_every_function_works_under_reply_count_order
     b3_every_function_works_under_panel_mask
     b3_every_function_works_under_panel_words
     b3_every_function_works_under_variable_write_count
@@ -206,9 +197,6 @@ every_function_works_under! {
     b3_every_function_works_under_read_entry
     b3_every_function_works_under_write_record
     b3_every_function_works_under_gather_words
-    b3_every_function_works_under_reply_ack
-    b3_every_function_works_under_reply_lines
-    b3_every_function_works_under_part_reply
     b3_every_function_works_under_write_long
 }
 

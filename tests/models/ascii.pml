@@ -1,39 +1,40 @@
 /* ASCII: command word (0x062C) with its text, control character (0x062E), response word (0x06D0) with its text.
  *
- * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs with ascii/hold.rs (`begin`, `poll`, `give_up`, `hold`)
- * as src/daemon/bus/work/ascii.rs with ascii/check.rs uses them. Every access to the DPRAM is one step. A command's text is its
- * number; its reply is a line and an acknowledgement, which carry the number too, for the assertions' eyes only, but for those of
- * the daemon's own lines, which the host knows when he sees them. A program on the board sends messages.
+ * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs (`begin`, `poll`, `give_up`) as src/daemon/bus/work/ascii.rs
+ * with ascii/check.rs and ascii/unsettled.rs uses them. Every access to the DPRAM is one step. A command's text is its number; its
+ * reply is a line and an acknowledgement, which carry the number too, for the assertions' eyes only, but for those of the daemon's
+ * own lines, which the host knows when he sees them. A program on the board sends messages.
  *
  * What holds: a line or an acknowledgement given to a caller belongs to his command; a command told to be done was
- * done once; nothing is done twice, nor a text mixed of two. Liveness: commands go on for ever.
+ * done once; nothing is done twice; a control character's answer is no line's. Liveness: commands go on for ever.
  *
- * Times: a command's deadline may come at any moment, and so may the end of the host's patience with his question. SETTLE, 50 ms
- * without a response, is longer than PMAC takes for a pass that is not at a slow line: the end of it is modelled as "PMAC has
- * made two passes and there was no response". A slow line (SLOW) breaks that: the host takes its time for silence.
+ * Times: a command's deadline may come at any moment; a slow line (SLOW) takes longer than any. The host waits for no silence: the
+ * order of the answers tells. REST, 50 ms, is longer than PMAC takes from seeing the command word to having read the text.
  *
- * Not here: lines in two parts, errors (whose_error.pml), the NUL that the host leaves in the text (reply_text.pml), the empty line
- * that goes with a control character (control_flag.pml), ^X, and that the daemon believes a board which answers three of its own
- * lines, but none of them as it should.
+ * Not here: lines in two parts (two_parts.pml), errors (whose_error.pml), ^X, and that the daemon believes a board which answers three
+ * of its own lines, but none of them as it should.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
  * TAKEN       PMAC clears the command word when it has taken the line. Else when it has processed it.
- * SLOW        a line takes PMAC as long as one likes, longer than any deadline and any silence
+ * SLOW        a line takes PMAC as long as one likes, longer than any deadline
  * BESIDE      PMAC answers control characters while it is at a line. Else it looks at nothing meanwhile.
  * CRASH       the host is killed anywhere, once, and started again
  * RESET       the board is reset anywhere, once, and clears words and queue
  * QUIET       no program sends messages
  * COMMANDS    how many texts callers' lines have, 2
- * NO_HOLD     the host does not wait for the answer to his question. Holds all the same: his own line, which he can tell from the
- *             last one, is what counts. The question spares it where the board stands still.
- * NO_CHECK    the host sends no line of his own first. FAILS with SLOW, TAKEN and BESIDE: PMAC answers the question beside the
- *             line, whose reply comes when the next command is under way.
+ * NO_CHECK    the host sends no line of his own first. FAILS with SLOW and TAKEN: the reply to the line that was given up comes when
+ *             the next command is under way.
  * CHECKS_ALIKE the host's own lines cannot be told apart. FAILS there: the late reply to the first one passes for the
  *             second one's, whose own comes when the next command is under way.
  * START_ALIKE a new host begins with the first of his own lines, whatever lies in the command buffer. FAILS there with CRASH: the
  *             old host's line was the first one, too, and its reply passes for the new one's.
- * NO_START_HOLD the new host does not begin held. FAILS with CRASH: a host is killed in the middle of a
+ * NO_START_CHECK the new host begins with a caller's line. FAILS with CRASH: a host is killed in the middle of a
  *             reply; the next one clears the response word and begins a command before PMAC has put out the rest.
+ * NO_ANSWER_CHECK the host sends no line of his own behind a control character. FAILS: its answer comes when a line is under way.
+ * NO_REST     the host does not rest after a line was given up. FAILS: PMAC has seen the command word, takes the next line under it,
+ *             and once more when its command word is set.
+ * CHECK_WITHDRAWN the host takes back his own line, too, when PMAC does not take it. FAILS with SLOW: the ones that were taken back
+ *             use up those that can be told apart.
  * TOLD        a line given up while it still lies in the buffer is told to be not done, instead of perhaps. FAILS: PMAC
  *             has seen the command word and is at it; it clears the word only when it has processed the line.
  * INTERRUPT   the host looks only when an interrupt came, and interrupts get lost. FAILS (liveness): a lost one leaves the
@@ -46,7 +47,7 @@
 #ifdef CHECKS_ALIKE
 #define CHECKS 1
 #else
-#define CHECKS 3                                       /* how many of the host's own lines can be told apart */
+#define CHECKS 4                                       /* how many of the host's own lines can be told apart */
 #endif
 #define QUESTION 6
 #define LINE 1
@@ -63,11 +64,12 @@ byte queue[ROOM], queue_text[ROOM], queued = 0;       /* PMAC's own: responses n
 
 byte done[COMMANDS + CHECKS];                         /* how often PMAC did it */
 byte told_not = COMMANDS + CHECKS;                     /* TOLD: the command that the caller believes not done */
-byte passes = 0;                                      /* since the host last saw a response; saturates at 2 */
 bool killed = false, resetting = false;
 bool interrupt = false;
 bool finished = false;
 bool reading = false;                                 /* the host is between control word and text */
+bool looking = false;                                 /* PMAC is between command word and text */
+bool working = false;                                 /* and at a line */
 
 inline say(what, whose) { queue[queued] = what; queue_text[queued] = whose; queued++ }
 
@@ -108,20 +110,19 @@ proctype Pmac() {
     do
     :: take_character();                              /* one background pass */
        if
-       :: command != 0 && queued < 3 ->
+       :: atomic { command != 0 && queued < 3 -> looking = true; working = true };
           taken = command_text;
 #ifdef TAKEN
           command = 0;
 #endif
+          looking = false;
 #ifdef SLOW
-          if :: passes = 2 :: skip fi;                /* what the host takes for silence */
 #ifdef BESIDE
           take_character();
           put_out();
-          if :: passes = 2 :: skip fi;
 #endif
 #endif
-          atomic { done[taken]++; assert((done[taken] == 1 || taken >= COMMANDS) && taken != told_not); say(LINE, taken); say(END, taken); taken = 0 };
+          atomic { done[taken]++; assert((done[taken] == 1 || taken >= COMMANDS) && taken != told_not); say(LINE, taken); say(END, taken); taken = 0; working = false };
 #ifndef TAKEN
           command = 0
 #endif
@@ -133,39 +134,25 @@ proctype Pmac() {
 #endif
        :: true
        fi;
-       put_out();
-       atomic { if :: passes < 2 -> passes++ :: else fi }
+       put_out()
     od
   } unless {
-    atomic { resetting -> resetting = false; character = 0; command = 0; response = 0; taken = 0; forget() };
+    atomic { resetting -> resetting = false; character = 0; command = 0; response = 0; taken = 0; looking = false; working = false; forget() };
     !reading                                          /* it starts up for longer than the host takes to read a text */
   }
   od
 }
 
-/* What the host does next: nothing under way, a line lies there, PMAC has it, the port is held. */
+/* What the host does next: nothing under way, a line lies there, PMAC has it, a control character lies there, it rests. */
 #define IDLE 0
 #define LOADED 1
 #define REPLYING 2
-#define HELD 3
-
-/* Where the host's question is: to be asked, in its word, taken, over. */
-#define DUE 0
-#define LIES 1
-#define ASKED 2
-#define OVER 3
-
-inline hold(from) {
-#ifdef NO_HOLD
-  atomic { state = HELD; asking = OVER; passes = 0; job = 0; known = false }
-#else
-  atomic { state = HELD; asking = from; passes = 0; job = 0; known = false }
-#endif
-}
+#define ASKING 3
+#define RESTING 4
 
 proctype Host() {
-  byte state, asking, job, next, check, what, whose;
-  bool quiet, doubt, known;
+  byte state, job, next, check, what, whose;
+  bool doubt, known;
   do
   :: {
     response = 0;                                     /* `release`, at the start */
@@ -176,15 +163,28 @@ proctype Host() {
 #else
     if :: command_text >= COMMANDS -> check = command_text - COMMANDS :: else -> check = 0 fi;
 #endif
-    doubt = true;
-#ifdef NO_START_HOLD
-    atomic { state = IDLE; doubt = false };
+    atomic {
+      state = RESTING;
+#ifdef NO_START_CHECK
+      doubt = false
 #else
-    hold(DUE);
+      doubt = true
 #endif
+    };
     do
     :: if                                             /* one poll */
        :: state == LOADED -> if :: command == 0 -> state = REPLYING :: else fi
+       :: state == ASKING ->
+          if
+          :: character == 0 ->
+             atomic {
+               state = IDLE;
+#ifndef NO_ANSWER_CHECK
+               doubt = true
+#endif
+             }
+          :: else
+          fi
        :: else
        fi;
 #ifdef INTERRUPT
@@ -193,21 +193,19 @@ proctype Host() {
        :: else
        fi;
 #endif
-       atomic { what = response; reading = (what != 0); quiet = (passes == 2); finished = false };
+       atomic { what = response; reading = (what != 0); finished = false };
        if
        :: what != 0 ->
           whose = response_text;
           atomic {
             response = 0;
-            passes = 0;
             if
             :: what == MESSAGE
-            :: what != MESSAGE && state == HELD -> if :: asking == ASKED -> asking = OVER :: else fi
-            :: what != MESSAGE && state == IDLE                           /* stale */
+            :: what != MESSAGE && (state == IDLE || state == ASKING || state == RESTING)      /* stale, or the character's answer */
             :: what != MESSAGE && (state == LOADED || state == REPLYING) && job >= COMMANDS ->
                if
                :: what == LINE -> known = (whose == job)
-               :: what == END && known -> state = HELD; asking = OVER; doubt = false; job = 0; known = false
+               :: what == END && known -> state = IDLE; doubt = false; job = 0; known = false
                :: else
                fi
             :: what != MESSAGE && (state == LOADED || state == REPLYING) && job < COMMANDS ->
@@ -218,33 +216,15 @@ proctype Host() {
                fi
             fi
           }
-       :: else -> if                                  /* `go_on_holding` */
-          :: state == HELD && asking == DUE -> if :: character == 0 -> character = QUESTION; asking = LIES :: else fi
-          :: state == HELD && asking == LIES -> if
-             :: character == 0 -> asking = ASKED
-#ifndef PATIENT
-             :: character != 0 -> character = 0; command = 0; asking = DUE               /* ASK_LIMIT */
-#endif
-             :: character != 0
-             fi
-          :: state == HELD && asking == ASKED -> if
-             :: quiet -> asking = OVER                 /* ANSWER_LIMIT, for the answer that a killed host got */
-#ifndef PATIENT
-             :: asking = OVER
-             :: skip
-#else
-             :: else
-#endif
-             fi
-          :: state == HELD && asking == OVER -> if
-             :: command != 0 -> passes = 0
-             :: command == 0 -> if :: quiet -> state = IDLE; asking = DUE :: else fi
-             fi
-          :: else
-          fi
+       :: else
        fi;
-       atomic { what = 0; whose = 0; quiet = false; reading = false };
+       atomic { what = 0; whose = 0; reading = false };
        if
+#ifdef NO_REST
+       :: state == RESTING -> state = IDLE
+#else
+       :: state == RESTING -> if :: !looking -> state = IDLE :: else fi
+#endif
        :: state == IDLE ->                            /* begin */
           if
           :: response == 0 ->
@@ -269,12 +249,24 @@ proctype Host() {
           :: else
           fi
 #ifndef PATIENT
-       :: state == LOADED || state == REPLYING ->     /* the deadline */
+       :: state == IDLE && !doubt && character == 0 ->
+          character = QUESTION; state = ASKING
+       :: state == ASKING ->                          /* the deadline */
+          character = 0;
+          atomic { doubt = true; state = IDLE }
+#ifdef CHECK_WITHDRAWN
+       :: state == LOADED || state == REPLYING ->
+#else
+       :: state == REPLYING || state == LOADED && job < COMMANDS ->
+#endif
 #ifdef TOLD
           if :: state == LOADED && command != 0 -> told_not = job :: else fi;
 #endif
-          atomic { doubt = true };
-          hold(DUE)
+          command = 0;
+          atomic { doubt = true; state = RESTING; job = 0; known = false }
+#else
+       :: atomic { state == REPLYING && job >= COMMANDS && command == 0 && response == 0 && queued == 0 && !working ->
+             state = RESTING; job = 0; known = false }                    /* it was lost: PMAC cleared the word for another */
 #endif
        :: else
 #ifndef PATIENT
@@ -282,7 +274,7 @@ proctype Host() {
 #endif
        fi
     od
-  } unless { atomic { killed -> killed = false; what = 0; whose = 0; quiet = false; reading = false; known = false; job = 0; next = 0; doubt = false; asking = DUE; state = IDLE } }
+  } unless { atomic { killed -> killed = false; what = 0; whose = 0; reading = false; known = false; job = 0; next = 0; doubt = false; state = IDLE } }
   od
 }
 

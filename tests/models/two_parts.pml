@@ -1,7 +1,7 @@
 /* A command line in two parts: the first fills the buffer and has no NUL, the second ends with one (DPRAM manual p. 28, Turbo User
  * Manual p. 406; the same in every family). The board keeps the first part until the second has come.
  *
- * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs with ascii/hold.rs (`load`, `give_up`, `hold`,
+ * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs with ascii/hold.rs (`load`, `give_up`,
  * `look_for_half_a_line`). Every access to the DPRAM is one step. A part is the number of its line; what ends it is its NUL. The first
  * part sets the last byte of the buffer; the second is shorter and leaves it.
  * Replies are ascii.pml's and left out: the board's having taken a part is all that the host waits for.

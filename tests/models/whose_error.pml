@@ -1,7 +1,7 @@
 /* ASCII errors: whose an error is. No <ACK> follows one. With I6 other than 2 the board reports errors of its programs' CMD in the
  * same way as a line's, at any moment. The board answers lines in their order.
  *
- * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs and src/daemon/bus/work/ascii/whose_error.rs. Every access to
+ * Pmac mirrors src/sim/functions/ascii.rs, Host src/function/ascii.rs and src/daemon/bus/work/ascii/unsettled.rs. Every access to
  * the DPRAM is one step. A response's text is whose it is; the host looks at it only in assertions, and at that of its own line, whose
  * reply is unmistakable. What it asserts: a reply is that of the line it is told of, a line that is told refused was refused, one that
  * is told done was done, and no reply is left over for the next line.
@@ -68,7 +68,7 @@ proctype Pmac() {
 
 proctype Host() {
   byte state, job, what, whose;
-  bool refused, told, own, lies;
+  bool refused, told, own;
   do
   :: if
      :: state == IDLE && command == 0 && response == 0 ->
@@ -86,12 +86,10 @@ proctype Host() {
      if
      :: what != 0 ->
         whose = response_text;
-        lies = (command != 0);
         atomic {
           response = 0;
           if
-          :: state == REPLYING && what == ERROR && lies -> assert(whose == PROGRAM_S)
-          :: state == REPLYING && what == ERROR && !lies ->
+          :: state == REPLYING && what == ERROR ->
 #ifdef AT_ONCE
              assert(whose == job);
 #endif
@@ -126,7 +124,7 @@ proctype Host() {
         }
      :: else
      fi;
-     atomic { what = 0; whose = 0; lies = false }
+     atomic { what = 0; whose = 0 }
   od
 }
 

@@ -32,12 +32,7 @@ const FACTORS: [&str; 5] = ["0", "0.5", "1", "2", "4"];
 
 /// Readings of what boards of one generation alone have; all others are of both.
 const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
-    (
-        Generation::Pmac,
-        // That an <ACK> ends a reply is no question of I3 on Turbo boards (Turbo Software Reference p. 37), nor what the
-        // timer of a report is stored after (Turbo User Manual p. 403), nor where gathering is.
-        &["reply_end", "gather_size_word", "panel_mask", "panel_words", "background_timer"],
-    ),
+    (Generation::Pmac, &["gather_size_word", "panel_mask", "panel_words", "background_timer"]),
     (Generation::Turbo, &["report_ready", "read_entry", "write_record", "gather_words", "write_long"]),
 ];
 
@@ -58,7 +53,7 @@ pub struct DrawnBoard {
     /// The daemon's configuration: the readings that it cannot find out by itself.
     settings: String,
     /// What the board does at power-up.
-    startup: String,
+    startup: &'static str,
 }
 
 impl DrawnBoard {
@@ -84,13 +79,10 @@ impl DrawnBoard {
                 settings += &format!("{name} = {value:?}\n");
             }
         }
-        // Where I3 alone has replies marked, as it comes from the factory they are not.
-        let is_marked = !options.iter().any(|option| option == "reply_end=silence");
         let startup = match family.generation {
             Generation::Pmac => include_str!("../../src/sim/dpram-startup.pmc"),
             Generation::Turbo => include_str!("../../src/sim/dpram-startup-turbo.pmc"),
         };
-        let startup = if is_marked { startup.to_owned() } else { startup.replace("I3=2", "I3=1") };
         Self { seed, family, records_are_told, options, settings, startup }
     }
 
@@ -110,7 +102,7 @@ impl DrawnBoard {
 
     /// Powers it up at `site` with all functions enabled, and `more` options.
     pub fn power_up(&self, site: &mut Site, more: &[&str]) {
-        let startup = site.file("startup.pmc", &self.startup);
+        let startup = site.file("startup.pmc", self.startup);
         site.start_simulator(&self.simulator(&[&["--startup", &startup], more].concat()));
     }
 

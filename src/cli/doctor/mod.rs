@@ -21,7 +21,6 @@ use crate::cli::args::values;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
-use crate::map::readings::ReplyEnd;
 use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
 use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
@@ -73,10 +72,6 @@ fn commands(report: &mut Report, info: &BoardInfo) {
     };
     let answers = info.enabled.iter().any(|name| name == "ascii");
     let (level, text) = match info.command_state {
-        _ if answers && info.reply_end == ReplyEnd::Silence => {
-            let cure = "each line takes 0.1 s longer, and a slow line may be told done early; send I3=2";
-            (Level::Warn, format!("replies through {port} have no end mark (I3 is less than 2): {cure}"))
-        }
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
             let cure = format!(
@@ -91,6 +86,9 @@ fn commands(report: &mut Report, info: &BoardInfo) {
         ),
     };
     report.add(level, "commands", text);
+    for fault in info.port_faults() {
+        report.add(Level::Warn, "commands", fault.to_owned());
+    }
     if let Some(open) = &info.open_buffer {
         let cure =
             "lines of others are refused, and the daemon's questions wait; CLOSE by an engineer closes it";

@@ -189,7 +189,8 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     match asked {
         Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
-            "command_port": info.command_port, "open_buffer": open_buffer(info.open_buffer.as_ref()),
+            "command_port": info.command_port, "port_faults": info.port_faults(),
+            "control_characters": info.control_characters, "open_buffer": open_buffer(info.open_buffer.as_ref()),
             "open_buffer_unsaid": info.open_buffer_unsaid,
             "replay": info.replay.map(|replay| json!({ "over": replay.over,
                 "differences": replay.differences, "text": replay.to_string() })),
@@ -304,6 +305,9 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
             _ => "through the DPRAM",
         };
         say("command lines", port.to_owned());
+        for fault in socket["port_faults"].as_array().into_iter().flatten() {
+            say("warning", plain(fault));
+        }
         if let Some(text) = socket["open_buffer"]["text"].as_str() {
             say("open buffer", text.to_owned());
         } else if socket["open_buffer_unsaid"] == true {

@@ -204,7 +204,8 @@ impl BoardLoop {
             status.enabled = enabled;
             status.enabling = queue.identifier.enabling();
             status.changes = queue.identifier.changes();
-            status.reply_end = queue.ports().dpram.reply_end();
+            status.reply_end_missing = queue.reply_end_missing();
+            status.control_characters = queue.takes_characters();
             (status.buffer, status.holds_port) = queue.standing(now);
             status.open_loops = self.functions.open_loops();
             status.loops_left_open = self.functions.loops_left_open();

@@ -60,8 +60,6 @@ pub struct Identifier {
     doubts: ScaleDoubts,
     /// Lines of the present reply so far.
     lines: usize,
-    /// The present question was acknowledged without an answer before.
-    is_repeated: bool,
     /// What the last answers said is switched on.
     enabling: Enabling,
     /// The answer to publish, once.
@@ -106,7 +104,6 @@ impl Identifier {
             overdue: false,
             not_before: now,
             lines: 0,
-            is_repeated: false,
             enabling: Enabling::default(),
             wanted: ask,
             changes: ChangeWatch::new(family),
@@ -342,13 +339,6 @@ impl Identifier {
                 }
             }
         }
-    }
-
-    /// Whether a question that the board only acknowledged is to be repeated: that may have been another line's acknowledgement.
-    /// Once: a board may have nothing else to say.
-    pub fn repeats(&mut self) -> bool {
-        self.is_repeated = self.lines == 0 && !self.is_repeated;
-        self.is_repeated
     }
 
     /// The reply is complete, or the board refused the question (which leaves its answers unknown).

@@ -101,8 +101,6 @@ pub struct MemoryScan {
     seen: Instant,
     /// The last question was refused, or not answered in time, or otherwise.
     has_failed: bool,
-    /// The present question was acknowledged without an answer before.
-    is_repeated: bool,
     /// What came of the questions, until it is taken.
     outcome: Option<Outcome>,
     /// Whether all are known, or not, is still to be told.
@@ -138,7 +136,6 @@ impl MemoryScan {
             progress: now,
             seen: now,
             has_failed: false,
-            is_repeated: false,
             outcome: None,
             is_awaited: true,
             wanted,
@@ -232,12 +229,6 @@ impl MemoryScan {
                 self.unclear.get_or_insert_with(unclear);
             }
         }
-    }
-
-    /// Whether a question that the board only acknowledged is to be repeated: that may have been another line's acknowledgement.
-    pub const fn repeats(&mut self) -> bool {
-        self.is_repeated = self.lines == 0 && !self.is_repeated;
-        self.is_repeated
     }
 
     /// The reply is complete, or the board refused the question.

@@ -232,7 +232,8 @@ impl Info {
         board.enabled = status.enabled.names();
         board.command_port = status.command_port;
         board.command_state = status.command_state;
-        board.reply_end = status.reply_end;
+        board.reply_end_missing = status.reply_end_missing;
+        board.control_characters = status.control_characters;
         board.open_buffer = status.buffer.info();
         board.open_buffer_unsaid = status.buffer.is_unsaid;
         board.replay = status.replay.or(board.replay);

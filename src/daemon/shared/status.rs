@@ -7,7 +7,6 @@ use super::open_buffer::Standing;
 use super::origin::GivenUp;
 use crate::format::Text;
 use crate::function::servo::Motion;
-use crate::map::readings::ReplyEnd;
 use crate::protocol::board::Replay;
 use crate::protocol::program_words::DefinitionsRead;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
@@ -55,8 +54,10 @@ pub struct BoardStatus {
     pub silent_since: Option<Instant>,
     /// What somebody else has changed.
     pub changes: [Option<Change>; CHANGES],
-    /// How the end of a reply through the DPRAM shows.
-    pub reply_end: ReplyEnd,
+    /// The board answers command lines through the DPRAM, but marks no end of its replies.
+    pub reply_end_missing: bool,
+    /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
+    pub control_characters: Option<bool>,
     /// The program buffer that is open.
     pub buffer: Standing,
     /// The command that holds the port: one that was given up, or a slow line.
@@ -98,7 +99,8 @@ impl BoardStatus {
         command_state: CommandState::Unknown,
         silent_since: None,
         changes: [None; CHANGES],
-        reply_end: ReplyEnd::Ack,
+        reply_end_missing: false,
+        control_characters: None,
         buffer: Standing { is_open: false, opened: None, is_unsaid: false },
         holds_port: None,
         enabling: Enabling { panel: None, variables: None, asked: None },

@@ -1,27 +1,20 @@
 //! Control characters in the word of their own (DPRAM manual p. 28, firmware 1.15 and later).
 //!
-//! "The read/write procedure is exactly as described above except now […] write the ASCII value of the control character to
-//! the dedicated register" can be read two ways: the register alone tells the board, or the command flag has to be set
-//! too. So the register is written first. If the board has not taken the character [`FLAG_AFTER`] later and no line of
-//! ours lies untaken, the command buffer is emptied (a NUL) and the flag set. A board that needs only the register and was
-//! slow then finds an empty line, which does nothing; it may acknowledge it, so a silence follows before the next line.
-//!
-//! Where the board has the first part of a line, an empty one would end that, and the board carry it out. So it gets more time,
-//! and then the buffer is filled with blanks, without a NUL: the board has no end of a line.
+//! The register alone tells the board: drivers in production write nothing else. The manual's "the read/write procedure is exactly as
+//! described above" could be read as if the command flag had to be set, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
+//! been seen to take a character by its word alone, the flag follows after [`FLAG_AFTER`], with an empty line, if no line of ours
+//! lies untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
 
 use std::time::{Duration, Instant};
 
-use super::response_buffer::Untold;
-use super::stop::goes_over_foreign;
+use super::stop::{goes_over_foreign, may_come_twice};
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
+use crate::map::HostOffset;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
 
 /// How long the board may take for a character before the flag is set too.
 pub const FLAG_AFTER: Duration = Duration::from_millis(20);
-/// The same, where the board has the first part of a line.
-pub const FLAG_BEHIND_HALF_AFTER: Duration = Duration::from_millis(100);
-
 /// A control character in its word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Lying {
@@ -35,9 +28,9 @@ pub(super) struct Lying {
 
 impl DpramPort {
     /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
-    /// the last one yet, or its reply would mix with another; try later. With `has_reply` the lines that follow
-    /// come as [`super::AsciiEvent::Line`] and end, after a silence, with [`super::AsciiEvent::Done`]; without, nothing
-    /// comes. `^A`, `^K` and `^X` may go over a question of our own that the board has not taken.
+    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, [`super::AsciiEvent::Taken`] comes, and its
+    /// lines as [`super::AsciiEvent::Line`]; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
+    /// not taken, which is given up, and over one of the port's own.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -48,24 +41,35 @@ impl DpramPort {
         has_reply: bool,
         now: Instant,
     ) -> Result<bool, BusError> {
-        let over_question = self.hold_asks() && [ABORT, KILL, CANCEL].contains(&character);
+        let is_urgent = [ABORT, KILL, CANCEL].contains(&character);
+        let over_question = is_urgent && self.own_lies();
         let found = bus.read16(self.words.control_character)?;
         // One that nobody here has put there may lie there for ever.
         let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
         let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
         let is_over = over_question || over_foreign;
-        if has_reply && !self.is_idle() || found != 0 && !is_over {
+        if has_reply && self.state != State::Idle || found != 0 && !is_over {
             return Ok(false);
         }
-        if over_question {
-            self.ask_later(now);
+        match &mut self.state {
+            State::Held(hold) if over_question => hold.later(now),
+            State::Control if over_question => self.state = State::Idle,
+            _ => {}
         }
         self.put_control(bus, character, is_over, now)?;
         if has_reply {
-            self.untold = Untold::default();
-            self.state = State::ControlReply { taken: false, answered: false, quiet_since: now };
+            self.state = State::Control;
         }
         Ok(true)
+    }
+
+    /// Whether one that reports, or one of the port's own, lies in the word.
+    const fn own_lies(&self) -> bool {
+        match self.state {
+            State::Control => true,
+            State::Held(hold) => hold.lies(),
+            _ => false,
+        }
     }
 
     /// Writes `character` to its word, `over` one that may lie there.
@@ -93,7 +97,8 @@ impl DpramPort {
         let word = bus.read16(self.words.control_character)?;
         if word == 0 && !lying.again {
             self.lying = None;
-            self.takes_characters = true;
+            self.unheard = false;
+            self.takes_characters |= !lying.flagged;
             return Ok(false);
         }
         if word == 0 {
@@ -102,43 +107,39 @@ impl DpramPort {
             self.put_control(bus, lying.character, false, now)?;
             return Ok(true);
         }
-        let has_half = self.has_half_a_line();
-        let patience = if has_half { FLAG_BEHIND_HALF_AFTER } else { FLAG_AFTER };
-        let is_late = now >= lying.since + patience && !lying.flagged;
-        if is_late && !self.line_lies() && word != u16::MAX && !self.is_loaded(bus)? {
+        let wants_flag = !lying.flagged && !self.takes_characters && may_come_twice(lying.character);
+        let may_flag = !self.line_lies() && !self.has_half_a_line() && word != u16::MAX;
+        if wants_flag && may_flag && now >= lying.since + FLAG_AFTER && !self.is_loaded(bus)? {
             self.lying = Some(Lying { flagged: true, ..lying });
-            let (words, fill) = if has_half { (self.words.command_bytes / 2, b' ') } else { (1, 0) };
-            for word in 0..words {
-                bus.write16(self.words.command.plus_words(word), self.order.pack(fill, fill))?;
-            }
+            bus.write16(self.words.command, 0)?;
             bus.order_writes();
             bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
             bus.order_writes();
-            self.settle(now);
         }
         Ok(true)
     }
 
-    /// Whether the flag was set for a control character.
-    pub(super) fn flag_is_characters(&self) -> bool {
-        self.lying.is_some_and(|lying| lying.flagged)
+    /// Whether the board was seen to take a control character by its word alone.
+    #[must_use]
+    pub const fn takes_characters(&self) -> bool {
+        self.takes_characters
     }
 
-    /// Whether a response came before the board took the control character whose reply it would end. It is an earlier
-    /// command's: nobody would look after the character any more, and no other one could be sent.
-    pub(super) fn precedes_its_character(
-        &mut self,
-        bus: &mut impl Bus,
-        now: Instant,
-    ) -> Result<bool, BusError> {
-        if !matches!(self.state, State::ControlReply { taken: false, .. }) {
-            return Ok(false);
-        }
-        let lies = self.control_pending(bus, now)?;
-        if !lies {
-            self.state = State::ControlReply { taken: true, answered: false, quiet_since: now };
-        }
-        Ok(lies)
+    /// The word of control characters.
+    #[must_use]
+    pub const fn character_word(&self) -> HostOffset {
+        self.words.control_character
+    }
+
+    /// The board may be another one: how it takes control characters is to be seen anew.
+    pub const fn forget_characters(&mut self) {
+        self.takes_characters = false;
+    }
+
+    /// Whether the flag was set for the control character that lies in its word.
+    #[must_use]
+    pub fn flag_is_characters(&self) -> bool {
+        self.lying.is_some_and(|lying| lying.flagged)
     }
 
     /// Takes back a control character the board has not taken, and the flag that was set for it.
@@ -157,8 +158,7 @@ impl DpramPort {
     }
 }
 
-/// Whether this control character is worth a line that lies before the board: it stops what moves or runs, or cancels. A board
-/// that wants the flag for a character takes that of the line for it, and the line is lost (DPRAM manual p. 28: "exactly as described above").
+/// Whether this control character is worth a line that lies before the board: it stops what moves or runs, or cancels.
 #[must_use]
 pub fn goes_over_line(character: u8) -> bool {
     const DISABLE_PLCS: u8 = 0x04;

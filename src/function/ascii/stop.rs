@@ -1,23 +1,22 @@
 //! A stop goes over the line under way.
 //!
 //! Who aborts or kills means what was sent before, too: what the board carries out behind the stop moves the machine again. So no
-//! more of a line is handed over, and what the board has not taken is taken back. "Control characters act immediately" (FACTS 7)
-//! says nothing of a line that lies there: a board may look at the character before the line.
+//! more of a line is handed over, and what the board has not taken is taken back. PMAC looks at a control character before the line
+//! that lies there, which it keeps for later (User Manual p. 28).
 //!
-//! A line of one part is made empty where it lies: its first byte becomes the NUL that ends it. That is one byte, so the board finds
-//! the line or none, and the flag goes on telling when the board is done, with the line if it was at that already.
+//! A line of one part is made empty where it lies: its first byte becomes the NUL that ends it. Then its flag is taken back. A board
+//! that has seen the flag finds the line, an empty one, or none.
 //!
 //! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28). It is told by `^X` to forget it ([`super::hold`]).
 //! Until then nothing with a NUL may lie under the flag: an empty line would end that line, and the board carry it out. So a part
-//! loses its flag.
+//! loses its flag alone.
 //!
 //! The board may have taken the line in just this moment, and carry it out behind the stop. So the stop goes once more
-//! when the board has shown that it is free. Of a line that the board has taken before, the caller knows whether it can move
-//! something; behind such a one the stop goes once more, too ([`DpramPort::stop_again_behind`]).
+//! when the board has answered a line that was sent behind it. Of a line that the board has taken before, the caller knows whether
+//! it can move something; behind such a one the stop goes once more, too ([`DpramPort::stop_again_behind`]).
 
 use std::time::Instant;
 
-use super::late_mark::Follows;
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
@@ -34,7 +33,7 @@ pub enum Stopped {
 }
 
 /// Whether this character does no harm when it comes twice. A step would be another one.
-const fn may_come_twice(character: u8) -> bool {
+pub(super) const fn may_come_twice(character: u8) -> bool {
     matches!(character, ABORT | KILL | HOLD | QUIT)
 }
 
@@ -54,43 +53,36 @@ pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
 }
 
 impl DpramPort {
-    /// Ends the line under way, or one that was given up and lies there yet, before `character`, which
-    /// [goes over it](super::control::goes_over_line), is handed over. The port is held then, as after [`DpramPort::give_up`].
+    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over. The port
+    /// rests then, as after [`DpramPort::give_up`].
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn stop(&mut self, bus: &mut impl Bus, character: u8, now: Instant) -> Result<Stopped, BusError> {
-        let has_parts = self.length > self.first_part() || self.has_half_a_line();
-        let is_held = matches!(self.state, State::Held(_));
         let lacks_end = match self.state {
-            State::FirstTaken { .. } => true,
-            State::Loaded { sent } if sent < self.length => true,
-            State::Loaded { .. } if self.is_loaded(bus)? => false,
-            // One that was given up, unless the flag is a control character's.
-            State::Held(_) if !self.flag_is_characters() && self.is_loaded(bus)? => false,
+            State::Loaded { sent } => sent < self.length,
+            State::Unsettled => false,
             _ => return Ok(Stopped::Nothing),
         };
-        if has_parts {
-            self.withdraw_line(bus)?;
-        } else {
+        if !lacks_end && (self.flag_is_characters() || !self.is_loaded(bus)?) {
+            return Ok(Stopped::Nothing);
+        }
+        if !self.has_parts() {
             self.empty_line(bus)?;
         }
-        if !is_held {
-            self.abandon(now, has_parts);
-        }
+        self.withdraw_line(bus)?;
+        self.abandon(self.has_parts(), now);
         self.stop_again = stronger(self.stop_again, character);
-        // A board that answers a first part may carry it out.
-        let is_unsent = lacks_end && self.part_answer == Follows::No;
-        Ok(if is_unsent { Stopped::Unsent } else { Stopped::Uncertain })
+        Ok(if lacks_end { Stopped::Unsent } else { Stopped::Uncertain })
     }
 
     /// The stop `character` was handed over. Where the board has all of a line that it has not ended, and that `may_move` something,
     /// it may carry that out behind the stop, which goes once more then. So it does where a stop before it is to.
     pub fn stop_again_behind(&mut self, character: u8, may_move: bool) {
         if let State::Held(hold) = &mut self.state
-            && let Some(again) = hold.stop_mut()
+            && hold.character != CANCEL
         {
-            *again = stronger(Some(*again), character).unwrap_or(character);
+            hold.character = stronger(Some(hold.character), character).unwrap_or(character);
             return;
         }
         if self.stop_again.is_some() || may_move {
@@ -101,8 +93,11 @@ impl DpramPort {
     /// The machine is to go on: no stop goes once more.
     pub fn forget_stop(&mut self) {
         self.stop_again = None;
-        if let State::Held(hold) = &mut self.state {
-            hold.forget_stop();
+        if let State::Held(hold) = self.state
+            && hold.character != CANCEL
+            && !hold.lies()
+        {
+            self.state = State::Idle;
         }
     }
 

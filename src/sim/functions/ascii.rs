@@ -8,20 +8,12 @@
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
 //! message.
 //!
-//! What the manual leaves open is played as [`crate::map::Readings`] say: whether the count has the NUL and stands before
-//! the control word does, whether a control
-//! character needs the line's flag, when that flag is cleared, whether every reply has an end, what lies under
-//! that end, how many lines lie in the buffer at once, and whether the first part of a line has an answer. While a line is at work PMAC looks at nothing else: its background
-//! pass is the one that works.
-
-use std::collections::VecDeque;
+//! The count includes the NUL and stands before the control word does. A control character needs its own word alone. While a line
+//! is at work PMAC looks at nothing else: its background pass is the one that works.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
-use crate::map::functions::{RESPONSE_BYTES, response};
-use crate::map::readings::{
-    ControlFlag, CountOrder, LineFlag, PartReply, ReplyAck, ReplyCount, ReplyEnd, ReplyLines,
-};
+use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::output::Response;
@@ -112,16 +104,10 @@ impl AsciiPort {
     fn take_character(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         let place = board.family().ascii.control_character;
         let character = board.memory.dpram.read16(place) as u8;
-        let flag = board.family().ascii.command_loaded;
-        let with_flag = board.identity.readings.control_flag == ControlFlag::Line;
-        if character == 0 || with_flag && !board.memory.dpram.is_set(flag) {
+        if character == 0 {
             return;
         }
         board.memory.dpram.write16(place, 0);
-        if with_flag {
-            // The flag was the character's: no line lies there.
-            board.memory.dpram.write16(flag.word, 0);
-        }
         self.commands += 1;
         board.dpram_becomes_active();
         control(board, programs, interpreter, character);
@@ -171,18 +157,10 @@ impl AsciiPort {
                     refuse(board, CommandError::SYNTAX);
                 } else {
                     self.work = Some(Work { line, left: board.faults.ascii_slow });
-                    if board.identity.readings.line_flag == LineFlag::Done {
-                        return;
-                    }
                 }
             }
             // The last byte of a first part only shows that there is more.
-            None if self.first_part.is_none() => {
-                self.first_part = Some(text[..text.len() - 1].to_vec());
-                if board.identity.readings.part_reply == PartReply::Each {
-                    answer(board, Reply::default());
-                }
-            }
+            None if self.first_part.is_none() => self.first_part = Some(text[..text.len() - 1].to_vec()),
             None => {
                 self.first_part = None;
                 refuse(board, CommandError::SYNTAX);
@@ -203,10 +181,6 @@ impl AsciiPort {
         }
         execute(board, programs, interpreter, &line);
         self.follow_cancel(board);
-        if board.identity.readings.line_flag == LineFlag::Done {
-            // Whatever the host has put there meanwhile.
-            board.memory.dpram.write16(board.family().ascii.command_loaded.word, 0);
-        }
     }
 
     fn respond(&mut self, board: &mut Board) {
@@ -244,17 +218,8 @@ impl AsciiPort {
 
     /// Writes the oldest response.
     fn put(&mut self, board: &mut Board) {
-        let Some(Response { control, mut text }) = board.output.dpram.pop_front() else { return };
+        let Some(Response { control, text }) = board.output.dpram.pop_front() else { return };
         let family = board.family();
-        let readings = board.identity.readings;
-        if control == response::LINE && readings.reply_lines == ReplyLines::Several {
-            append_lines(&mut text, &mut board.output.dpram);
-        }
-        let is_mark_alone = text.is_empty() && control != response::LINE;
-        if is_mark_alone && readings.reply_ack == ReplyAck::OverText {
-            board.memory.dpram.write16(family.ascii.response_control, control);
-            return self.interrupt(board);
-        }
         let dpram = &mut board.memory.dpram;
         // One NUL at least; the second half of the last word is a NUL too.
         let words = (0..=text.len()).step_by(2).map(|place| {
@@ -270,14 +235,8 @@ impl AsciiPort {
                 self.rest.push((offset, word));
             }
         }
-        let nul = u16::from(board.identity.readings.reply_count == ReplyCount::WithNul);
-        let count =
-            (family.ascii.response_count, board.faults.ascii_count.unwrap_or(text.len() as u16 + nul));
-        if board.identity.readings.reply_count_order == CountOrder::AfterControl {
-            self.rest.push(count);
-        } else {
-            dpram.write16(count.0, count.1);
-        }
+        let count = board.faults.ascii_count.unwrap_or(text.len() as u16 + 1);
+        dpram.write16(family.ascii.response_count, count);
         dpram.order_writes();
         dpram.write16(family.ascii.response_control, control);
         self.interrupt(board);
@@ -287,18 +246,6 @@ impl AsciiPort {
         if board.enabled(board.family().i.interrupt) {
             self.interrupts += 1;
         }
-    }
-}
-
-/// Puts the lines that follow behind `text`, with `<CR>` between, as far as one filling has room.
-fn append_lines(text: &mut Vec<u8>, others: &mut VecDeque<Response>) {
-    while let Some(next) = others.front()
-        && next.control == response::LINE
-        && text.len() + 1 + next.text.len() < RESPONSE_BYTES
-    {
-        text.push(b'\r');
-        text.extend(&next.text);
-        others.pop_front();
     }
 }
 
@@ -336,36 +283,17 @@ fn answer(board: &mut Board, reply: Reply) {
     if board.faults.ascii_no_reply {
         return;
     }
-    let has_lines = !reply.lines.is_empty();
     for text in reply.lines {
         board.output.respond(response::LINE, text);
     }
     match reply.error {
         Some(error) => refuse(board, error),
-        None if has_lines && board.identity.readings.reply_ack == ReplyAck::OnLine => {
-            let marks = ends_with_acknowledge(board);
-            if let Some(last) = board.output.dpram.back_mut().filter(|_| marks) {
-                last.control = response::ACKNOWLEDGE;
-            }
-        }
-        None => acknowledge(board),
+        None => board.output.respond(response::ACKNOWLEDGE, []),
     }
 }
 
 fn refuse(board: &mut Board, error: CommandError) {
     board.output.respond_error(error);
-}
-
-fn acknowledge(board: &mut Board) {
-    if ends_with_acknowledge(board) {
-        board.output.respond(response::ACKNOWLEDGE, []);
-    }
-}
-
-/// Whether a reply ends with an acknowledgement: by the reading `reply_end`, or by I3 where the port goes by it.
-fn ends_with_acknowledge(board: &Board) -> bool {
-    let by_i3 = board.family().ascii.goes_by_i3 && board.variables.i(3) >= 2.0;
-    board.identity.readings.reply_end == ReplyEnd::Ack || by_i3
 }
 
 fn read_text(board: &Board) -> Vec<u8> {

@@ -1,6 +1,5 @@
 //! The DPRAM ASCII port, with a host on the other side.
 
-use crate::map::readings::{ControlFlag, LineFlag, ReplyEnd};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::turbo;
 use crate::sim::program::message::{Outlet, send_message};
@@ -172,59 +171,20 @@ fn without_i58_the_port_is_deaf() {
 }
 
 #[test]
-fn the_end_of_a_reply_is_marked_or_depends_on_i3() {
-    for (reply_end, end) in [(ReplyEnd::Ack, 0x0006), (ReplyEnd::Silence, 0)] {
-        let mut bench = Bench::bare("1.16D");
-        bench.world.board.identity.readings.reply_end = reply_end;
-        bench.set(58, 1.0);
-        assert_eq!(bench.world.board.variables.i(3), 0.0, "I3=1 becomes 0");
-        bench.write_text("VERSION");
-        bench.write(0x062C, 1);
-        assert_eq!(bench.response(), line("1.16D"));
-        bench.run(50);
-        assert_eq!(bench.read(0x06D0), end);
-    }
-}
-
-#[test]
-fn a_control_character_needs_its_flag_where_the_board_reads_so() {
-    for (control_flag, alone) in [(ControlFlag::Own, 0), (ControlFlag::Line, 11)] {
-        let mut bench = Bench::started();
-        bench.world.board.identity.readings.control_flag = control_flag;
-        bench.write_text("P7=P7+1");
-        bench.write(0x062E, 11);
-        bench.run(50);
-        assert_eq!(bench.read(0x062E), alone);
-        bench.write_text("");
-        bench.write(0x062C, 1);
-        bench.run(5);
-        assert_eq!((bench.read(0x062E), bench.read(0x062C)), (0, 0));
-        // Read the one way, the flag was the character's; the other way, an empty line's, which is acknowledged.
-        assert_eq!(bench.read(0x06D0), if alone == 0 { 6 } else { 0 });
-        bench.write(0x06D0, 0);
-        assert_eq!(bench.send("P7"), [line("0"), ack()]);
-    }
-}
-
-#[test]
-fn the_flag_of_a_slow_line_is_cleared_before_or_after_it() {
-    for (line_flag, meanwhile) in [(LineFlag::Taken, 0), (LineFlag::Done, 1)] {
-        let mut bench = Bench::started();
-        bench.world.board.identity.readings.line_flag = line_flag;
-        bench.world.board.faults.ascii_slow = 100;
-        bench.write_text("P7=P7+1 P7");
-        bench.write(0x062C, 1);
-        bench.run(50);
-        assert_eq!((bench.read(0x062C), bench.read(0x06D0)), (meanwhile, 0));
-        // Busy, it takes no control character either.
-        bench.write(0x062E, 11);
-        bench.run(20);
-        assert_eq!(bench.read(0x062E), 11);
-        bench.run(50);
-        assert_eq!((bench.read(0x062C), bench.read(0x062E)), (0, 0));
-        assert_eq!([bench.response(), bench.response()], [line("1"), ack()]);
-        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
-    }
+fn while_a_slow_line_is_at_work_the_board_looks_at_nothing_else() {
+    let mut bench = Bench::started();
+    bench.world.board.faults.ascii_slow = 100;
+    bench.write_text("P7=P7+1 P7");
+    bench.write(0x062C, 1);
+    bench.run(50);
+    assert_eq!((bench.read(0x062C), bench.read(0x06D0)), (0, 0));
+    bench.write(0x062E, 11);
+    bench.run(20);
+    assert_eq!(bench.read(0x062E), 11);
+    bench.run(50);
+    assert_eq!(bench.read(0x062E), 0);
+    assert_eq!([bench.response(), bench.response()], [line("1"), ack()]);
+    assert!(bench.violations().is_empty(), "{:?}", bench.violations());
 }
 
 #[test]

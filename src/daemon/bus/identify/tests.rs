@@ -345,26 +345,3 @@ fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
     assert!(!identifier.is_overdue(identifier.not_before + SETTLE));
     assert!(identifier.is_overdue(identifier.not_before + LONGEST));
 }
-
-#[test]
-fn b2_1_a_question_that_is_only_acknowledged_is_repeated_once() {
-    let now = Instant::now();
-    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, now);
-    let mut ask = |lines: &[&str]| {
-        let (question, _) = identifier.next_line(u16::MAX, now).unwrap();
-        identifier.sent();
-        lines.iter().for_each(|line| identifier.line(line.as_bytes()));
-        let repeats = identifier.repeats();
-        if repeats {
-            identifier.not_sent()
-        } else {
-            identifier.done()
-        }
-        (String::from_utf8(question.as_bytes().to_vec()).unwrap(), repeats)
-    };
-    assert_eq!(ask(&[]), ("TYPE".to_owned(), true));
-    assert_eq!(ask(&["PMAC1"]), ("TYPE".to_owned(), false));
-    assert_eq!(ask(&[]), ("VERSION".to_owned(), true));
-    assert_eq!(ask(&[]), ("VERSION".to_owned(), false), "it has nothing to say");
-    assert_eq!(ask(&[]), ("I10 I19 I48 I49 I59 I2 I55 I3".to_owned(), true));
-}

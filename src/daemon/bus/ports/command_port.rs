@@ -44,9 +44,9 @@ pub enum Answer {
 /// What is not known of the command before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doubt {
-    /// Whether an error was its own or a program's. The board answers lines in their order: with the reply to the next one that is
-    /// known.
-    WhoseError,
+    /// Where its reply ends, or whether an error was its own or a program's. The board answers lines in their order: with the reply
+    /// to the next one that is known.
+    ItsEnd,
     /// Whether the board is still at it, or has more to say.
     WhatComes,
 }
@@ -87,15 +87,10 @@ pub struct CommandPorts {
 impl CommandPorts {
     /// The ports of a board of `family`, its texts packed in `order`.
     #[must_use]
-    pub fn new(
-        family: &'static Family,
-        order: TextOrder,
-        mailbox: Option<MailboxDriver>,
-        now: Instant,
-    ) -> Self {
+    pub fn new(family: &'static Family, order: TextOrder, mailbox: Option<MailboxDriver>) -> Self {
         let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Always);
         Self {
-            dpram: DpramPort::new(&family.ascii, order, now),
+            dpram: DpramPort::new(&family.ascii, order),
             mailbox,
             in_use: if always { CommandPort::Mailbox } else { CommandPort::Dpram },
             enable: format!("I{}", family.i.ascii_enable),
@@ -108,10 +103,10 @@ impl CommandPorts {
         }
     }
 
-    /// Another host may have left the board at a line; see [`DpramPort::hold`].
+    /// Another host may have left the board at a line.
     #[must_use]
     pub fn after_another_host(mut self, now: Instant) -> Self {
-        self.hold(now);
+        self.rest(now);
         self
     }
 
@@ -125,32 +120,37 @@ impl CommandPorts {
     /// Somebody sends the board something.
     pub fn begin_use(&mut self, now: Instant) {
         if std::mem::take(&mut self.is_unused) {
-            self.hold(now);
+            self.rest(now);
         }
     }
 
-    /// Nothing of ours is under way, yet a line could not be begun. Where the flag is still set, the board may be about to clear it,
-    /// and would clear the next line's; or nobody is there to take what lies there, and it must not be carried out by
-    /// surprise later. So the port is held until the board shows that it is free.
+    /// Whether the board may be asked of its own accord.
+    #[must_use]
+    pub const fn is_in_use(&self) -> bool {
+        !self.is_unused
+    }
+
+    /// Nothing of ours is under way, yet a line could not be begun. What lies there must not be carried out by surprise later.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn hold_if_loaded(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
+    pub fn clear_flag(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), PortError> {
         if self.in_use == CommandPort::Dpram && self.dpram.is_loaded(bus)? {
-            self.hold(now);
+            self.dpram.clear_flag(bus, now)?;
+            self.doubt();
         }
         Ok(())
     }
 
-    fn hold(&mut self, now: Instant) {
-        self.dpram.hold(now);
+    fn rest(&mut self, now: Instant) {
+        self.dpram.rest(now);
         self.doubt();
     }
 
-    /// The board has taken `^X` and clears its words, sooner or later. See [`DpramPort::follow_cancel`].
+    /// The board has taken `^X` and clears its words, sooner or later: also those of a line that would lie there by then.
     pub fn follow_cancel(&mut self, now: Instant) {
         if self.in_use == CommandPort::Dpram {
-            self.dpram.follow_cancel(now);
+            self.rest(now);
         }
     }
 
@@ -172,22 +172,30 @@ impl CommandPorts {
         self.doubt = Some(Doubt::WhatComes);
     }
 
-    /// An error came that may be a program's. See [`AsciiEvent::Error`].
-    pub fn doubt_error(&mut self) {
-        self.doubt = self.doubt.or(Some(Doubt::WhoseError));
+    /// A line has ended. Of one in two parts the board might have answered the first (DPRAM manual p. 28 has it answer the line): what
+    /// is still to come then must not be the next one's.
+    pub fn line_over(&mut self) {
+        if self.in_use == CommandPort::Dpram && self.dpram.has_parts() {
+            self.doubt();
+        }
     }
 
-    /// Whether nothing is in doubt but whose an error is.
+    /// See [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
+    pub fn doubt_end(&mut self) {
+        self.doubt = self.doubt.or(Some(Doubt::ItsEnd));
+    }
+
+    /// Whether nothing is in doubt but where the command's reply ends.
     #[must_use]
-    pub fn doubts_error_alone(&self) -> bool {
-        self.doubt == Some(Doubt::WhoseError)
+    pub fn doubts_end_alone(&self) -> bool {
+        self.doubt == Some(Doubt::ItsEnd)
     }
 
-    /// The error that came was the line's.
-    pub fn believe_error(&mut self, now: Instant) {
+    /// The command under way has ended. See [`DpramPort::settled`].
+    pub fn settled(&mut self, now: Instant) {
         match (self.in_use, &mut self.mailbox) {
-            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.believe_error(),
-            _ => self.dpram.believe_error(now),
+            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.settled(),
+            _ => self.dpram.settled(now),
         }
     }
 
@@ -213,16 +221,10 @@ impl CommandPorts {
         }
     }
 
-    /// As [`CommandPorts::finish`], and the doubt is over. What may come still of a command that was given up is let pass.
+    /// As [`CommandPorts::finish`], and the doubt is over.
     pub fn end_doubt(&mut self, now: Instant) {
         self.finish(now);
-        if self.doubt.take() != Some(Doubt::WhatComes) {
-            return;
-        }
-        match (self.in_use, &mut self.mailbox) {
-            (CommandPort::Mailbox, Some(mailbox)) => mailbox.port.settle(now),
-            _ => self.dpram.settle(now),
-        }
+        self.doubt = None;
     }
 
     /// The port that lines go through.
@@ -326,7 +328,15 @@ impl CommandPorts {
     pub fn control_pending(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, PortError> {
         match (self.in_use, &self.mailbox) {
             (CommandPort::Mailbox, Some(mailbox)) => Ok(mailbox.port.control_pending()),
-            _ => Ok(self.dpram.control_pending(bus, now)?),
+            _ => {
+                let had_flag = self.dpram.flag_is_characters();
+                let is_pending = self.dpram.control_pending(bus, now)?;
+                if had_flag && !is_pending {
+                    // The board may acknowledge the empty line.
+                    self.doubt();
+                }
+                Ok(is_pending)
+            }
         }
     }
 
@@ -417,14 +427,14 @@ impl CommandPorts {
             }
             Some(AsciiEvent::Done(result)) => Some(question.value.filter(|_| result.is_ok())),
             Some(AsciiEvent::Error(_)) => {
-                mailbox.port.believe_error();
+                mailbox.port.settled();
                 Some(None)
             }
             Some(
                 AsciiEvent::ProgramResponse(_)
                 | AsciiEvent::ProgramMessage(_)
                 | AsciiEvent::Stale(_)
-                | AsciiEvent::Unknown(_)
+                | AsciiEvent::Taken
                 | AsciiEvent::ProgramError(_),
             ) => return Ok(event),
             None if now >= question.until => {

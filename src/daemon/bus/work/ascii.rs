@@ -8,6 +8,7 @@
 mod announced;
 mod answers;
 mod buffer;
+mod characters;
 mod check;
 mod controls;
 mod expiry;
@@ -16,22 +17,23 @@ mod line_pace;
 mod outbox;
 mod page;
 mod programs;
+mod unsettled;
 mod wait;
 mod way;
-mod whose_error;
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use announced::Announced;
 use buffer::BufferQuestion;
+use characters::Characters;
 use check::Check;
 use line_pace::LinePace;
 use outbox::Outbox;
 use page::PageAgain;
 use programs::Programs;
+use unsettled::Unsettled;
 use wait::Wait;
-use whose_error::Refused;
 
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
@@ -82,7 +84,9 @@ enum InFlight {
     Address,
     /// Who opened the rotary buffers has his address back.
     PutBack,
-    /// The line of our own after a command that was given up.
+    /// The question whether the board takes control characters by their word alone.
+    Character,
+    /// The line of our own after a command that was given up, or whose end is to be settled.
     Check,
 }
 
@@ -95,8 +99,6 @@ struct WaitingLine {
     writer: Writer,
     /// It is not to be sent any more: this user stopped all motion by this character.
     dropped_by: Option<(u32, u8)>,
-    /// It was sent before: the board only acknowledged it, though it asks for a value.
-    was_sent: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -135,8 +137,8 @@ pub struct AsciiQueue {
     lines: VecDeque<WaitingLine>,
     controls: VecDeque<WaitingControl>,
     under_way: Option<UnderWay>,
-    /// The line that an error came to which may be a program's, until that is settled.
-    refused: Option<Refused>,
+    /// The command whose end is to be settled.
+    unsettled: Option<Unsettled>,
     /// Whether an error may be a program's.
     programs: Programs,
     /// The control character that waits in its word until the board takes it.
@@ -145,8 +147,10 @@ pub struct AsciiQueue {
     control_lost: Option<(Ticket, bool)>,
     /// How many `^K` the board has taken.
     kills: u64,
-    /// What is done after a command was given up.
+    /// What settles which responses are whose.
     check: Check,
+    /// Whether the board takes control characters by their word alone.
+    characters: Characters,
     /// Whether the board takes lines as program lines.
     buffer: OpenBuffer,
     /// When it is asked, and what it said.
@@ -184,12 +188,13 @@ impl AsciiQueue {
             lines: VecDeque::with_capacity(at_once::LINES + at_once::STOPS + 1),
             controls: VecDeque::with_capacity(at_once::CONTROLS + at_once::QUERIES + at_once::STOPS + 1),
             under_way: None,
-            refused: None,
+            unsettled: None,
             programs: Programs::default(),
             control_pending: None,
             control_lost: None,
             kills: 0,
             check: Check::new(now),
+            characters: Characters::new(now),
             buffer: OpenBuffer::default(),
             buffer_question: BufferQuestion::new(now),
             line_is_next: false,
@@ -226,6 +231,12 @@ impl AsciiQueue {
         self.state
     }
 
+    /// Whether the board answers, but marks no end of its replies.
+    #[must_use]
+    pub fn reply_end_missing(&self) -> bool {
+        self.check.marks_no_end()
+    }
+
     /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
     pub fn doubt(&mut self, now: Instant) {
         self.state = CommandState::Unknown;
@@ -250,9 +261,11 @@ impl AsciiQueue {
             // Now, before a cleared flag is taken for the board's having taken the first half of a line.
             self.ports.give_up(bus, now)?;
         }
-        if let Some(refused) = &mut self.refused {
-            refused.under_way.deadline = now;
+        if let Some(unsettled) = &mut self.unsettled {
+            unsettled.under_way.deadline = now;
         }
+        self.characters = Characters::new(now);
+        self.ports.dpram.forget_characters();
         self.programs.may_have_started(self.clock.ns());
         self.ports.withdraw(bus, now)?;
         self.check.reset();
@@ -330,13 +343,13 @@ impl AsciiQueue {
                 } else {
                     Wait::for_answer(now, deadline)
                 };
-                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by, was_sent: false };
+                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by };
                 self.lines.push_back(line);
             }
             Command::First { ticket, line, origin, deadline } => {
                 let (writer, dropped_by) = (Writer::Stop, None);
                 let wait = Wait::to_the_last(now, deadline);
-                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by, was_sent: false };
+                let line = WaitingLine { ticket, line, origin, wait, writer, dropped_by };
                 self.lines.push_front(line);
             }
             Command::Control { ticket, uid, drops_lines, character, deadline } => {
@@ -418,7 +431,7 @@ impl AsciiQueue {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         self.under_way.is_some()
-            || self.refused.is_some()
+            || self.unsettled.is_some()
             || self.ports.is_waiting()
             || self.control_pending.is_some()
             || self.control_lost.is_some()
@@ -432,7 +445,8 @@ impl AsciiQueue {
         let question = if self.ports.in_doubt() {
             self.check.due_in(now)
         } else {
-            self.identifier.due_in(now).min(self.scan_due_in(now)).max(self.questions_barred_for(now))
+            let due = self.identifier.due_in(now).min(self.scan_due_in(now)).min(self.characters_due_in(now));
+            due.max(self.questions_barred_for(now))
         };
         match (self.is_busy(), self.announced.is_sure()) {
             // The mailboxes' interrupts tell everything; only time has to be watched.
@@ -478,9 +492,7 @@ impl AsciiQueue {
             }
             if let Some(barred) = self.buffer.bars(line, next.writer) {
                 self.lines.pop_front();
-                let too_late = || Outcome::Interrupted(Text::of(&barred.too_late()));
-                let outcome = if next.was_sent { too_late() } else { Outcome::Barred(barred) };
-                self.outbox.tell(events, Event::Done(next.ticket, outcome));
+                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Barred(barred)));
                 return Ok(());
             }
             match self.buffer.address_first(line, next.writer) {
@@ -511,6 +523,9 @@ impl AsciiQueue {
 
     /// Asks a question of our own, if one is due: who the board is, or, when that is known, where its programs keep data.
     fn ask_own(&mut self, bus: &mut impl Bus, publisher: &Publisher, now: Instant) -> Result<(), PortError> {
+        if self.characters_due_in(now).is_zero() && self.ask_for_characters(bus, publisher, now)? {
+            return Ok(());
+        }
         let identifies = self.identifier.due_in(now).is_zero();
         if !identifies && !self.scan_due_in(now).is_zero() {
             return Ok(());
@@ -555,14 +570,18 @@ impl AsciiQueue {
     }
 
     fn is_under_way(&self) -> bool {
-        self.under_way.is_some() || self.refused.is_some() || self.control_pending.is_some()
+        self.under_way.is_some() || self.unsettled.is_some() || self.control_pending.is_some()
     }
 
     fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
         self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, ended_by: None });
-        self.line_is_next = matches!(command, InFlight::Control(_));
+        self.line_is_next = match command {
+            // It settles the end of the one before.
+            InFlight::Check => self.line_is_next,
+            _ => matches!(command, InFlight::Control(_)),
+        };
         self.own_was_last = match command {
-            InFlight::Identify | InFlight::Scan => true,
+            InFlight::Identify | InFlight::Scan | InFlight::Character => true,
             InFlight::Line(_) => false,
             InFlight::Control(_)
             | InFlight::Buffer

@@ -8,18 +8,16 @@ use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
-use crate::function::ascii::REPLY_END;
-use crate::function::ascii::hold::SETTLE;
+use crate::function::ascii::{AsciiEvent, REST};
 use crate::map::PMAC;
 use crate::map::functions::response;
-use crate::map::readings::ReplyEnd;
 use crate::protocol::control::CANCEL;
 use crate::segment::{CreateOptions, Identity, SegmentName};
 
-#[path = "ascii/answer_tests.rs"]
-mod answer;
 #[path = "ascii/buffer_tests.rs"]
 mod buffer;
+#[path = "ascii/character_tests.rs"]
+mod character;
 #[path = "ascii/error_tests.rs"]
 mod error;
 #[path = "ascii/stop_tests.rs"]
@@ -66,10 +64,16 @@ impl Rig {
         };
         let clock = Clock::real();
         let now = clock.now();
-        let port = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, now);
+        let mut port = CommandPorts::new(&PMAC, TextOrder::LowFirst, None);
+        let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
+        // The board has taken a control character before.
+        assert!(port.control(&mut bus, b'F' - 64, true, now).unwrap());
+        bus.write16(PMAC.ascii.control_character, 0).unwrap();
+        assert_eq!(port.poll(&mut bus, now).unwrap(), Some(AsciiEvent::Taken));
+        port.settled(now);
         let (events, told) = queue(16).unwrap();
         Self {
-            bus: FileBoard::from_file(&file, 0x4000).unwrap(),
+            bus,
             queue: AsciiQueue::new(
                 port,
                 Identifier::new(&PMAC, Identity::default(), false, now),
@@ -141,14 +145,9 @@ impl Rig {
         self.respond(response::LINE);
     }
 
-    /// The board takes the question by which it shows that it is free, and answers it.
-    fn free_port(&mut self) {
-        self.poll();
-        assert_eq!(self.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(b'F' - 64));
-        self.bus.write16(PMAC.ascii.control_character, 0).unwrap();
-        self.poll();
-        self.respond(response::LINE);
-        self.now += SETTLE;
+    /// The port has rested.
+    fn rest(&mut self) {
+        self.now += REST;
         self.poll();
         self.poll();
     }
@@ -159,9 +158,15 @@ impl Rig {
             self.say(line);
         }
         self.respond(response::ACKNOWLEDGE);
-        self.now += SETTLE;
         self.poll();
-        self.poll();
+    }
+
+    /// The board takes our own line, and answers it.
+    fn answer_check(&mut self) {
+        let line = self.take();
+        let values = line.split(' ').map(|variable| if variable == "I3" { "2" } else { "3713707" });
+        values.for_each(|value| self.say(value));
+        self.respond(response::ACKNOWLEDGE);
     }
 
     fn loaded(&mut self) -> bool {
@@ -199,7 +204,7 @@ fn b2_1_the_first_line_after_one_given_up_is_our_own() {
     rig.now += Duration::from_secs(1);
     rig.send(2, "P5=7", Duration::from_secs(60));
     rig.poll();
-    rig.free_port();
+    rig.rest();
     // The board looks at its words beside a line: what comes first is the reply to SLOW.
     assert_eq!(rig.take(), "I3 I10 I3");
     rig.now += Duration::from_millis(700);
@@ -218,7 +223,7 @@ fn b2_1_the_first_line_after_one_given_up_is_our_own() {
 fn next_check(rig: &mut Rig) -> String {
     rig.now += Duration::from_secs(1);
     rig.poll();
-    rig.free_port();
+    rig.rest();
     if !rig.loaded() {
         rig.now += Duration::from_secs(1);
         rig.poll();
@@ -248,54 +253,20 @@ fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
 }
 
 #[test]
-fn b2_1_where_replies_end_by_a_silence_our_line_is_waited_for_and_asked_again() {
-    let mut rig = Rig::new();
-    rig.queue.ports_mut().dpram.set_reply_end(ReplyEnd::Silence);
-    rig.send(1, "SLOW", Duration::from_secs(1));
-    rig.poll();
-    assert_eq!(rig.take(), "SLOW");
-    rig.send(2, "P5=7", Duration::from_secs(60));
-    assert_eq!(next_check(&mut rig), "I3 I10 I3");
-    // The board is still at SLOW: what is silent has not answered.
-    for expected in ["I3 I10 I10 I3", "I3 I10 I10 I10 I3", "I3 I10 I10 I10 I10 I3", "I3 I10 I3"] {
-        assert_eq!(next_check(&mut rig), expected);
-    }
-    // A reply that came mixed is nobody's.
-    rig.say("0");
-    rig.say("PMAC");
-    for _ in 0..11 {
-        rig.now += Duration::from_millis(100);
-        rig.poll();
-    }
-    rig.free_port();
-    rig.now += Duration::from_secs(1);
-    rig.poll();
-    assert_eq!(rig.take(), "I3 I10 I10 I3", "asked again in time");
-    for line in ["0", "3713707", "3713707", "0"] {
-        rig.say(line);
-    }
-    for _ in 0..2 {
-        rig.now += Duration::from_millis(100);
-        rig.poll();
-    }
-    assert_eq!(rig.take(), "P5=7");
-}
-
-#[test]
 fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));
     rig.poll();
     assert_eq!(rig.take(), "SLOW");
     assert_eq!(next_check(&mut rig), "I3 I10 I3");
-    let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None, rig.now).after_another_host(rig.now);
+    let ports = CommandPorts::new(&PMAC, TextOrder::LowFirst, None).after_another_host(rig.now);
     let identifier = Identifier::new(&PMAC, Identity::default(), false, rig.now);
     let scan = MemoryScan::new(&PMAC, false, Arc::default(), rig.now);
     rig.queue = AsciiQueue::new(ports, identifier, scan, Clock::real());
     rig.queue.see_buffer(Some((false, 1)));
     rig.queue.take_over(&mut rig.bus).unwrap();
     rig.poll();
-    rig.free_port();
+    rig.rest();
     assert_eq!(rig.take(), "I3 I10 I10 I3");
 }
 
@@ -310,7 +281,7 @@ fn b2_1_the_next_doubt_begins_with_another_line() {
         assert_eq!(rig.take(), "SLOW");
         rig.now += Duration::from_secs(1);
         rig.poll();
-        rig.free_port();
+        rig.rest();
         assert_eq!(rig.take(), expected);
         let values = vec!["2"; 1].into_iter().chain(vec!["3713707"; expected.len() / 4 - 1]).chain(["2"]);
         rig.answer(&values.collect::<Vec<_>>());
@@ -326,7 +297,7 @@ fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
     rig.now += Duration::from_secs(1);
     rig.send(2, "CLOSE", Duration::from_secs(60));
     rig.poll();
-    rig.free_port();
+    rig.rest();
     // The board answers it at once, and stores nothing.
     assert_eq!(rig.take(), "SIZE SIZE");
     rig.answer(&["-41301", "-41301"]);
@@ -338,17 +309,13 @@ fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
 #[test]
 fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for_i3() {
     let mut rig = Rig::without_reports();
-    rig.control(9, CANCEL);
     rig.send(1, "#1P", Duration::from_secs(1));
     rig.poll();
-    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
-    rig.poll();
-    rig.free_port();
     assert_eq!(rig.take(), "#1P", "it stores nothing, so it does not wait");
     rig.now += Duration::from_secs(1);
     rig.send(2, "P5=7", Duration::from_secs(60));
     rig.poll();
-    rig.free_port();
+    rig.rest();
     assert_eq!(rig.take(), "SIZE SIZE");
     rig.say("7");
     rig.respond(response::ACKNOWLEDGE);
@@ -374,7 +341,7 @@ fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
     assert_eq!(rig.ended(), [(2, Outcome::Done), (1, Outcome::Interrupted(reason))]);
     rig.send(3, "P1=1", Duration::from_secs(1));
     rig.poll();
-    rig.free_port();
+    rig.rest();
     assert_eq!(rig.take(), "I3 I10 I3");
 }
 
@@ -404,38 +371,35 @@ fn b1_6_what_stops_all_motion_drops_the_lines_that_wait() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
             rig.poll();
-            rig.now += SETTLE;
+            rig.now += REST;
         }
         assert_eq!(rig.take(), "#1P", "what was sent after it is not dropped");
     }
 }
 
 #[test]
-fn b3_3_a_board_that_says_it_marks_no_end_is_believed() {
+fn a_board_that_marks_no_end_is_named_and_does_not_hold_up_the_line_that_mends_it() {
     let mut rig = Rig::new();
     rig.send(1, "VERSION", Duration::from_secs(1));
     rig.poll();
     assert_eq!(rig.take(), "VERSION");
     rig.now += Duration::from_secs(1);
     rig.poll();
-    rig.free_port();
+    rig.rest();
     assert_eq!(rig.take(), "I3 I10 I3");
     for text in ["0", "3713707", "0"] {
         rig.say(text);
     }
     rig.now += Duration::from_secs(1);
     rig.poll();
-    rig.free_port();
-    assert!(
-        rig.queue.state() == CommandState::Answers && rig.queue.ports.dpram.reply_end() == ReplyEnd::Silence
-    );
-    rig.send(2, "P1=1", Duration::from_secs(1));
+    rig.rest();
+    assert!(rig.queue.state() == CommandState::Answers && rig.queue.reply_end_missing());
+    rig.send(2, "I3=2", Duration::from_secs(1));
     rig.poll();
     rig.poll();
-    assert_eq!(rig.take(), "P1=1");
+    assert_eq!(rig.take(), "I3=2");
     rig.poll();
-    rig.now += REPLY_END;
-    rig.poll();
+    rig.respond(response::ACKNOWLEDGE);
     assert_eq!(rig.ended(), [(1, Outcome::TimedOut), (2, Outcome::Done)]);
 }
 
@@ -474,7 +438,6 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         rig.poll();
         rig.control(2, ABORT);
         rig.poll();
-        assert!(rig.loaded());
         rig.bus.write16(PMAC.ascii.command_loaded.word, flag).unwrap();
         rig.bus.write16(PMAC.ascii.control_character, character).unwrap();
         rig.queue.reset(&mut rig.bus, rig.now).unwrap();
@@ -483,7 +446,7 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
             rig.poll();
-            rig.now += SETTLE;
+            rig.now += REST;
         }
         let mut ended = rig.ended();
         ended.sort_by_key(|(ticket, _)| *ticket);
@@ -504,11 +467,8 @@ fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
     rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     for _ in 0..3 {
         rig.poll();
-        // For a board that wants the flag for a character: blanks without an end.
-        let mut words = [0; 80];
-        rig.bus.read_block(PMAC.ascii.command, &mut words).unwrap();
-        assert!(!rig.loaded() || words.iter().all(|word| *word == 0x2020), "{words:X?}");
-        rig.now += SETTLE;
+        assert!(!rig.loaded());
+        rig.now += REST;
     }
     assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);
 }
@@ -562,10 +522,14 @@ fn characters_go_in_time_while_lines_always_wait() {
             rig.poll();
         }
         assert_eq!(rig.loaded(), is_line && expected != 1, "{expected}");
-        rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
         rig.bus.write16(word, 0).unwrap();
-        rig.bus.write16(PMAC.ascii.response_control, response::ACKNOWLEDGE).unwrap();
         rig.poll();
+        if is_line {
+            rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
+            rig.respond(response::ACKNOWLEDGE);
+        } else {
+            rig.answer_check();
+        }
         rig.now += Duration::from_millis(1);
         let ended: Vec<_> = rig.ended().into_iter().filter(|(ticket, _)| *ticket != 20).collect();
         assert_eq!(ended, [(expected, Outcome::Done)]);
@@ -573,14 +537,14 @@ fn characters_go_in_time_while_lines_always_wait() {
 }
 
 #[test]
-fn b3_2_a_character_that_stops_nothing_takes_no_lines_flag() {
+fn a_character_that_stops_nothing_waits_for_the_line_that_lies_there() {
     let mut rig = Rig::new();
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();
     let character = |rig: &mut Rig| rig.bus.read16(PMAC.ascii.control_character).unwrap();
     rig.control(2, b'T' - 64);
     rig.poll();
-    assert_eq!(character(&mut rig), 0, "a board that wants the flag would take the line's");
+    assert_eq!(character(&mut rig), 0, "the line goes first");
     assert_eq!(rig.take(), "P5=7");
     rig.poll();
     rig.poll();

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::letters::{asks_for_value, may_start_program};
+use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::queue::{Event, Outcome, Sender, Unsolicited};
 use crate::function::ascii::{AsciiEvent, ResponseText};
@@ -22,8 +22,8 @@ impl AsciiQueue {
             AsciiEvent::Line(text) => {
                 counters.add(Counter::AsciiReplies, 1);
                 self.line_pace.line(now);
-                if self.refused.is_some() {
-                    return self.line_behind_error(events, text, now);
+                if self.unsettled.is_some() {
+                    return self.line_to_unsettled(events, text, now);
                 }
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
@@ -39,8 +39,8 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiErrors, u64::from(result.is_err()));
                 self.state = CommandState::Answers;
                 self.answered = Some(now);
-                if self.refused.is_some() {
-                    return self.end_behind_error(events, publisher, result, now);
+                if self.unsettled.is_some() {
+                    return self.end_to_unsettled(events, publisher, result, now);
                 }
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
                     return self.end_check(result, now);
@@ -55,10 +55,7 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
             }
-            AsciiEvent::Unknown(control) => {
-                self.expire_refused(events, true, now);
-                self.end_unknown(events, control, now);
-            }
+            AsciiEvent::Taken => self.character_taken(now),
             AsciiEvent::Error(number) => {
                 counters.add(Counter::AsciiErrors, 1);
                 self.state = CommandState::Answers;
@@ -80,14 +77,10 @@ impl AsciiQueue {
         result: Result<(), u16>,
         now: Instant,
     ) {
-        let has_reply = under_way.taken;
         match under_way.command {
-            InFlight::Line(line) if result.is_ok() && !has_reply && self.is_unanswered(&line) => {
-                self.lines.push_front(WaitingLine { was_sent: true, ..line });
-                self.doubt_answer();
-            }
             InFlight::Line(line) => {
                 self.line_over(&line);
+                self.ports.line_over();
                 let outcome = self.outcome_of(&line, result);
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
             }
@@ -97,25 +90,17 @@ impl AsciiQueue {
             }
             // The board took it for a program line: its answer is still to come.
             InFlight::Identify if self.buffer.is_open() => self.identifier.not_sent(),
-            InFlight::Identify if result.is_ok() && self.identifier.repeats() => {
-                self.identifier.not_sent();
-                self.doubt_answer();
-            }
             InFlight::Identify => {
                 self.identifier.done();
                 self.scan.is_answering(now);
             }
             InFlight::Scan if self.buffer.is_open() => self.scan.not_sent(),
-            InFlight::Scan if result.is_ok() && self.scan.repeats() => {
-                self.scan.not_sent();
-                self.doubt_answer();
-            }
             InFlight::Scan => self.scan.done(result.is_err(), now),
             InFlight::Buffer => self.buffer_answered(result, now),
             InFlight::Address => self.address_answered(),
             InFlight::PutBack if result.is_ok() => self.buffer.address_is_back(),
             InFlight::PutBack => self.buffer.told_address(None),
-            InFlight::Check => {}
+            InFlight::Character | InFlight::Check => {}
         }
     }
 
@@ -124,18 +109,6 @@ impl AsciiQueue {
         if may_start_program(line.line.as_bytes()) {
             self.may_start_program();
         }
-    }
-
-    /// An answer is still to come, or the line was stored in a program.
-    fn doubt_answer(&mut self) {
-        self.ports.doubt();
-        self.buffer.disbelieve();
-    }
-
-    /// Whether the board, which has acknowledged `line` without a reply, has not answered it. Then that was a late `<ACK>` to a line
-    /// before (FACTS-TURBO 6), and the reply would be given to the line after. Once: a board may have nothing else to say.
-    fn is_unanswered(&self, line: &WaitingLine) -> bool {
-        !line.was_sent && !self.buffer.is_open() && asks_for_value(line.line.as_bytes())
     }
 
     /// A line came. A question of our own waits for the next one: a slow board takes its time for many of them.

@@ -97,12 +97,11 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// The board has answered, or refused the question. Who does not know it is believed to have none open. Where it only
-    /// acknowledged, that may have been another line's acknowledgement, and the answer is still to come.
+    /// The board has answered, or refused the question. Who does not know it is believed to have none open.
     pub(super) fn buffer_answered(&mut self, result: Result<(), u16>, now: Instant) {
         match (self.buffer_question.number.take(), result) {
             (None, Err(error)) => self.buffer_unsaid(Unsaid::Refused(error), now),
-            (None, Ok(())) => self.ports.doubt(),
+            (None, Ok(())) => self.buffer_unsaid(Unsaid::Otherwise, now),
             (size, _) => self.buffer.learn(size, now),
         }
         if self.buffer.is_open() {

@@ -1,11 +1,9 @@
-//! After a command that was given up: nobody else's line is begun before the board has answered one of our own.
+//! After a command that was given up or is [unsettled](super::unsettled): nobody else's line is begun before the board has answered one of our own.
 //!
-//! When the port is idle again the board has shown that it looks at its words and is at no line ([`hold`]). Where it does so
-//! beside a line, the line's reply is still to come, and would be taken for the next one's. PMAC answers lines in
-//! their order. So a line goes first whose reply can be known from every other's; what comes before that reply is late and dropped.
+//! The reply to the command may still be to come, and would be taken for the next line's. PMAC answers lines in their order. So a
+//! line goes first whose reply can be known from every other's; what comes before that reply is late and dropped.
 //!
-//! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them I10, the servo period, a large number. I3 says besides
-//! whether replies have an end mark at all (FACTS 7, handshake). While a program buffer is open, or nobody knows whether one is, it
+//! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them I10, the servo period, a large number. While a program buffer is open, or nobody knows whether one is, it
 //! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
 //!
 //! Nobody else's reply may look like it. The values of other lines do: of `I107I108I109I160`, asked for motor after motor, the last
@@ -14,23 +12,21 @@
 //! line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
 //!
 //! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
-//! [`KINDS`] times, and only a reply with just so many values is its own. A new daemon goes on where the last one ended: its line
+//! [`KINDS`] times, and only a reply with just so many values is its own. The next one goes when the board has taken the last. A new daemon goes on where the last one ended: its line
 //! still lies in the command buffer.
 //!
-//! [`hold`]: crate::function::ascii::hold
 //! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
 
 use std::time::{Duration, Instant};
 
-use log::{info, warn};
+use log::warn;
 
 use super::{AsciiQueue, InFlight, UnderWay};
 use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
-use crate::map::readings::ReplyEnd;
-use crate::protocol::{CommandState, answer};
+use crate::protocol::{CommandPort, CommandState, answer};
 use crate::segment::Publisher;
 
 /// Lines that can be told from each other.
@@ -88,6 +84,8 @@ pub(super) struct Check {
     tries: u8,
     /// The command that was given up.
     given_up: Option<GivenUp>,
+    /// The board answers our lines, but marks no end of its replies.
+    marks_no_end: bool,
 }
 
 impl Check {
@@ -102,6 +100,7 @@ impl Check {
             error: None,
             tries: 0,
             given_up: None,
+            marks_no_end: false,
         }
     }
 
@@ -215,6 +214,11 @@ impl Check {
         self.given_up = None;
     }
 
+    /// Whether the board answers our lines, but marks no end of its replies.
+    pub(super) const fn marks_no_end(&self) -> bool {
+        self.marks_no_end
+    }
+
     /// The command that was given up and holds the port.
     pub(super) const fn given_up(&self) -> Option<GivenUp> {
         self.given_up
@@ -231,9 +235,9 @@ impl AsciiQueue {
     ) -> Result<(), PortError> {
         let is_closed = self.buffer.is_known(now) && !self.buffer.is_open();
         let asks = if is_closed { Asks::Handshake } else { Asks::Buffer };
-        let refused = self.refused.as_ref().map(|refused| refused.under_way.command);
+        let unsettled = self.unsettled.as_ref().map(|unsettled| unsettled.under_way.command);
         let shown = self.check.given_up.map(|given_up| given_up.by.shown);
-        let before = match &refused {
+        let before = match &unsettled {
             Some(InFlight::Line(line)) => Some(line.line.as_bytes()),
             _ => shown.as_ref().map(Text::as_bytes),
         };
@@ -248,7 +252,7 @@ impl AsciiQueue {
     /// Until when our line is waited for; where a line is behind which it goes, as long as that one's caller waits.
     fn check_deadline(&self, now: Instant) -> Instant {
         let deadline = now + PATIENCE;
-        self.refused.as_ref().map_or(deadline, |refused| deadline.max(refused.under_way.deadline))
+        self.unsettled.as_ref().map_or(deadline, |unsettled| deadline.max(unsettled.under_way.deadline))
     }
 
     /// Something came; more may.
@@ -275,26 +279,34 @@ impl AsciiQueue {
             return self.see_check(now);
         };
         self.under_way = None;
-        if self.check.asks == Asks::Handshake && value >= 2 {
-            self.set_reply_end(ReplyEnd::Ack);
-        }
+        self.check.marks_no_end = false;
         self.has_answered(value, now);
     }
 
-    /// The board did not end the reply to our line in time. Where it has said that it marks no end, that is known from now on.
+    /// Whether our line lies before a board that has not taken it in time. It stays there: who waits is told, and lines that were taken
+    /// back would use up those that can be told apart (`tests/models/ascii.pml`).
+    pub(super) fn check_lies(&mut self) -> bool {
+        let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
+            && self.ports.in_use() == CommandPort::Dpram
+            && !self.ports.was_taken();
+        if lies {
+            self.state = CommandState::Silent;
+        }
+        lies
+    }
+
+    /// The board did not end the reply to our line in time.
     pub(super) fn fail_check(&mut self, now: Instant) {
-        match (self.check.asks, self.check.own_answer()) {
-            (Asks::Handshake, Some(value @ (0 | 1))) => {
-                self.set_reply_end(ReplyEnd::Silence);
-                self.state = CommandState::Answers;
-                return self.has_answered(value, now);
+        if let Some(value) = self.check.own_answer() {
+            // Its whole reply came, without an end. Who sends I3=2 must not be held up.
+            if !std::mem::replace(&mut self.check.marks_no_end, true) {
+                warn!(
+                    "the board does not mark the end of its replies: each line waits out its time and is told as one that may have been \
+                     carried out; send I3=2 (pmacctl send I3=2)"
+                );
             }
-            // Its whole reply came, without an end. The next handshake says whether there is one after all.
-            (Asks::Buffer, Some(value)) => {
-                self.set_reply_end(ReplyEnd::Silence);
-                return self.has_answered(value, now);
-            }
-            _ => {}
+            self.state = CommandState::Answers;
+            return self.has_answered(value, now);
         }
         self.check.not_before = now + AGAIN;
         self.check.tries += u8::from(self.check.is_answered);
@@ -319,7 +331,7 @@ impl AsciiQueue {
         if self.check.asks == Asks::Buffer {
             self.buffer.learn(Some(value), now);
         }
-        let is_settled = self.buffer.is_open() || self.ports.doubts_error_alone();
+        let is_settled = self.buffer.is_open() || self.ports.doubts_end_alone();
         if self.check.asks == Asks::Handshake || is_settled {
             self.end_doubt(now);
         } else {
@@ -331,20 +343,6 @@ impl AsciiQueue {
         self.check.reset();
         self.check.tries = 0;
         self.ports.end_doubt(now);
-    }
-
-    fn set_reply_end(&mut self, reply_end: ReplyEnd) {
-        if self.ports.dpram.reply_end() == reply_end {
-            return;
-        }
-        self.ports.dpram.set_reply_end(reply_end);
-        match reply_end {
-            ReplyEnd::Silence => warn!(
-                "the board does not mark the end of a reply (I3 is less than 2): replies end by a silence, each line takes 0.1 s \
-                 longer, and a slow line may be told done early; send I3=2"
-            ),
-            ReplyEnd::Ack => info!("the board marks the end of a reply"),
-        }
     }
 }
 

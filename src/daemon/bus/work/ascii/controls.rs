@@ -75,6 +75,7 @@ impl AsciiQueue {
                 publisher.counters().add(Counter::AsciiCommands, 1);
                 self.may_start_program();
                 self.control_pending = Some(first);
+                self.end_overtaken(&first);
                 let settles = self.ports.mailbox.as_ref().is_some_and(|mailbox| mailbox.port.is_settling());
                 if let Some(under_way) = self.under_way.as_mut().filter(|_| settles)
                     && self.ports.in_use() == CommandPort::Mailbox
@@ -89,8 +90,8 @@ impl AsciiQueue {
 
     /// Whether the board has a line, or had one that was given up, which may move something when it is carried out.
     fn line_may_move(&self) -> bool {
-        let refused = self.refused.as_ref().map(|refused| &refused.under_way);
-        match refused.or(self.under_way.as_ref()) {
+        let unsettled = self.unsettled.as_ref().map(|unsettled| &unsettled.under_way);
+        match unsettled.or(self.under_way.as_ref()) {
             Some(UnderWay { command: InFlight::Line(line), .. }) => may_move(line.line.as_bytes()),
             Some(UnderWay { command: InFlight::Check, .. }) | None => {
                 self.check.given_up().is_some_and(|given_up| {
@@ -113,7 +114,18 @@ impl AsciiQueue {
         }
     }
 
-    /// Ends the line under way, or given up, where `control` goes over it. What ends a sequence stays.
+    /// `control` went over one that reports, where the board had not taken that.
+    fn end_overtaken(&mut self, control: &WaitingControl) {
+        if let Some(UnderWay { command: InFlight::Control(_) | InFlight::Character, ended_by, .. }) =
+            &mut self.under_way
+            && self.ports.in_use() == CommandPort::Dpram
+        {
+            let WaitingControl { uid, character, .. } = *control;
+            *ended_by = Some(EndedBy { uid, character, unsent: false });
+        }
+    }
+
+    /// Ends the line under way where `control` goes over it. What ends a sequence stays.
     fn stop_line(
         &mut self,
         bus: &mut impl Bus,

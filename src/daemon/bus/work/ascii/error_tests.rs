@@ -14,19 +14,12 @@ fn at(line: &str) -> Rig {
     rig
 }
 
-/// The board answers our own line. Time stands.
-fn answer_check(rig: &mut Rig) {
-    assert_eq!(rig.take(), "I3 I10 I3");
-    ["2", "3713707", "2"].iter().for_each(|line| rig.say(line));
-    rig.respond(response::ACKNOWLEDGE);
-}
-
 #[test]
 fn the_next_exchange_and_no_clock_settles_that_an_error_is_the_lines() {
     let mut rig = at("LIST PROG 9");
     rig.respond(response::ERROR | 3);
     assert_eq!(rig.told(), [""; 0]);
-    answer_check(&mut rig);
+    rig.answer_check();
     assert_eq!(rig.told(), ["1 Error(3)"]);
     assert_eq!(rig.take(), "P2=1", "the next line goes at once");
     rig.respond(response::ACKNOWLEDGE);
@@ -84,7 +77,7 @@ fn of_two_errors_nobody_knows_which_is_the_lines() {
         let mut rig = at("XYZZY");
         rig.respond(response::ERROR | 3);
         rig.respond(response::ERROR | second);
-        answer_check(&mut rig);
+        rig.answer_check();
         assert_eq!(rig.told(), [told]);
     }
 }
@@ -140,7 +133,7 @@ fn our_own_line_waits_as_long_as_the_caller_of_a_slow_line_that_a_programs_error
     assert_eq!(rig.told(), [""; 0]);
     rig.respond(response::ACKNOWLEDGE);
     assert_eq!(rig.told(), ["Error ERR005", "1 Done"]);
-    answer_check(&mut rig);
+    rig.answer_check();
     assert_eq!(rig.take(), "P2=1");
 }
 

@@ -2,8 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use log::warn;
-
 use super::wait::Wait;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::bus::ports::command_port::PortError;
@@ -31,22 +29,33 @@ impl AsciiQueue {
         if let Some(under_way) = self.under_way
             && (now >= under_way.deadline || under_way.ended_by.is_some())
         {
+            if under_way.ended_by.is_none() && self.check_lies() {
+                self.expire_unsettled(events, publisher, true, now);
+                return self.expire_waiting(bus, events, publisher, now);
+            }
             self.under_way = None;
             // Whatever ended our own line, the board does not settle by it any more whose an error was.
-            self.expire_refused(events, true, now);
+            self.expire_unsettled(events, publisher, true, now);
             self.give_up(bus, events, publisher, &under_way, now)?;
         }
-        self.expire_refused(events, false, now);
+        self.expire_unsettled(events, publisher, false, now);
+        self.expire_waiting(bus, events, publisher, now)
+    }
+
+    /// Tells who waited in vain.
+    fn expire_waiting(
+        &mut self,
+        bus: &mut impl Bus,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<(), PortError> {
         while self.outbox.is_empty() {
             let dropped = self.lines.iter().position(|line| line.dropped_by.is_some());
             if let Some(line) = dropped.and_then(|index| self.lines.remove(index))
                 && let Some((uid, character)) = line.dropped_by
             {
-                let outcome = if line.was_sent {
-                    Outcome::Interrupted(stopped_by(uid, character))
-                } else {
-                    Outcome::Dropped(dropped_by(uid, character))
-                };
+                let outcome = Outcome::Dropped(dropped_by(uid, character));
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
                 continue;
             }
@@ -54,13 +63,9 @@ impl AsciiQueue {
             let late = self.lines.iter().position(|line| now >= line.wait.begin_by);
             let Some(late) = late.and_then(|index| self.lines.remove(index)) else { break };
             if self.under_way.is_none() && self.ports.is_idle() {
-                self.ports.hold_if_loaded(bus, now)?;
+                self.ports.clear_flag(bus, now)?;
             }
-            if late.was_sent {
-                self.fail(events, publisher, late.ticket, true);
-            } else {
-                self.not_begun(events, publisher, late.ticket, late.wait, now);
-            }
+            self.not_begun(events, publisher, late.ticket, late.wait, now);
         }
         Ok(())
     }
@@ -74,15 +79,26 @@ impl AsciiQueue {
         under_way: &UnderWay,
         now: Instant,
     ) -> Result<(), PortError> {
-        let UnderWay { command, since, ended_by, .. } = *under_way;
         self.ports.give_up(bus, now)?;
-        if ended_by.is_some_and(|ended| ended.character == CANCEL) {
+        if under_way.ended_by.is_some_and(|ended| ended.character == CANCEL) {
             // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
             self.ports.withdraw(bus, now)?;
         }
+        self.end_given_up(events, publisher, under_way, now);
+        Ok(())
+    }
+
+    /// Tells whose command was given up.
+    pub(super) fn end_given_up(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        under_way: &UnderWay,
+        now: Instant,
+    ) {
+        let UnderWay { command, since, ended_by, .. } = *under_way;
         let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
-            self.give_up_own(command, ended_by.is_some(), now);
-            return Ok(());
+            return self.give_up_own(command, ended_by.is_some(), now);
         };
         match ended_by {
             Some(EndedBy { uid, character, unsent }) => {
@@ -98,7 +114,6 @@ impl AsciiQueue {
                 self.fail(events, publisher, ticket, true);
             }
         }
-        Ok(())
     }
 
     /// Whose command this is that the board may have carried out; `None`: our own.
@@ -118,27 +133,9 @@ impl AsciiQueue {
             | InFlight::Buffer
             | InFlight::Address
             | InFlight::PutBack
+            | InFlight::Character
             | InFlight::Check => None,
         }
-    }
-
-    /// The board has ended the command under way by a control word that no manual has.
-    pub(super) fn end_unknown(&mut self, events: &Sender<Event>, control: u16, now: Instant) {
-        let Some(UnderWay { command, since, .. }) = self.under_way.take() else { return };
-        self.ports.doubt();
-        let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
-            // Told once, not at every question.
-            if self.state != CommandState::Silent {
-                warn!(
-                    "the board answers pmacd's questions with the control word 0x{control:04X}, which no manual has"
-                );
-            }
-            return self.give_up_own(command, false, now);
-        };
-        self.check.give_up(GivenUp { by: origin, since });
-        let reason =
-            format_args!("the board answered with the control word 0x{control:04X}, which no manual has");
-        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(Text::of(&reason))));
     }
 
     /// Ends a line of our own.
@@ -160,6 +157,8 @@ impl AsciiQueue {
             }
             InFlight::Check if !is_cancelled => self.fail_check(now),
             InFlight::Address | InFlight::PutBack => self.buffer.told_address(None),
+            InFlight::Character if is_cancelled => self.characters.not_taken(now),
+            InFlight::Character => self.characters_not_taken(now),
             InFlight::Buffer | InFlight::Check | InFlight::Line(_) | InFlight::Control(_) => {}
         }
     }
@@ -168,16 +167,16 @@ impl AsciiQueue {
     pub(super) fn cancelled_by(&mut self, uid: u32, now: Instant) {
         self.check.reset();
         self.ports.follow_cancel(now);
-        let refused = self.refused.as_mut().map(|refused| &mut refused.under_way);
-        for under_way in self.under_way.iter_mut().chain(refused) {
+        let unsettled = self.unsettled.as_mut().map(|unsettled| &mut unsettled.under_way);
+        for under_way in self.under_way.iter_mut().chain(unsettled) {
             under_way.ended_by = Some(EndedBy { uid, character: CANCEL, unsent: false });
         }
     }
 
     /// What others wait for: the command that was given up, or the line under way.
     fn holds_port(&self) -> Option<GivenUp> {
-        let refused = self.refused.as_ref().map(|refused| refused.under_way);
-        let line = match refused.or(self.under_way) {
+        let unsettled = self.unsettled.as_ref().map(|unsettled| unsettled.under_way);
+        let line = match unsettled.or(self.under_way) {
             Some(UnderWay { command: InFlight::Line(WaitingLine { origin, .. }), since, .. }) => {
                 Some(GivenUp { by: origin, since })
             }
@@ -208,7 +207,7 @@ impl AsciiQueue {
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         if let Some(holds) = self.holds_port() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
-        } else if waited && (!self.ports.in_doubt() || self.ports.doubts_error_alone()) {
+        } else if waited && (!self.ports.in_doubt() || self.ports.doubts_end_alone()) {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
             self.fail(events, publisher, ticket, false);

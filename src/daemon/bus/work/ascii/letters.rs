@@ -1,6 +1,5 @@
 //! What the letters of a line tell of it, on a thread that does not allocate.
 
-use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::tokens::{self, Kind};
 
 /// Whether a line can do more than ask for, or set, variables and say where motors are. Saving and listing take long, and move
@@ -23,28 +22,12 @@ pub(super) fn may_start_program(line: &[u8]) -> bool {
     may_move(line) && line.iter().any(|byte| b"RS>$".contains(&byte.to_ascii_uppercase()))
 }
 
-/// Whether the board has a value to answer: the line asks for variables, or ends with a question for a motor or coordinate system.
-pub(super) fn asks_for_value(line: &[u8]) -> bool {
-    let line = line.trim_ascii();
-    let ends = |letters: &[u8]| line.last().is_some_and(|byte| letters.contains(&byte.to_ascii_uppercase()));
-    let lists = line.windows(4).any(|four| four.eq_ignore_ascii_case(b"LIST"));
-    only_asks_for_variables(line) || !may_move(line) && !lists && !line.contains(&b'=') && ends(b"PVF?")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn lines_are_known_by_their_letters() {
-        for line in ["I10", "p1..5", "M1->", "Q1 P2", "#1P", "#3?", "&2?", "?", "#1P#2P"] {
-            assert!(asks_for_value(line.as_bytes()) && !may_move(line.as_bytes()), "{line}");
-        }
-        for line in
-            ["", "P1=5", "#1", "&2", "#1J+", "I10=P1", "LIST PROG 1", "SAVE", "#1J+ #1P", "OPEN PROG 5"]
-        {
-            assert!(!asks_for_value(line.as_bytes()), "{line}");
-        }
         for line in ["#1J+", "&1R", "ENABLE PLC 3", "#1HM", "#1$", "&1<", "&1>", "&1\\", "&1%100"] {
             assert!(may_move(line.as_bytes()), "{line}");
         }
@@ -53,8 +36,22 @@ mod tests {
         {
             assert_eq!(may_start_program(line.as_bytes()), starts, "{line}");
         }
-        for line in ["SAVE", "LIST PROG 1", "I10=P1", "P1=5", "M1=0", "#1", "TYPE", "SIZE", "LIST TCOMP"] {
-            assert!(!may_move(line.as_bytes()) && !asks_for_value(line.as_bytes()), "{line}");
+        for line in [
+            "SAVE",
+            "LIST PROG 1",
+            "I10=P1",
+            "P1=5",
+            "M1=0",
+            "#1",
+            "TYPE",
+            "SIZE",
+            "LIST TCOMP",
+            "I10",
+            "p1..5",
+            "M1->",
+            "#1P",
+        ] {
+            assert!(!may_move(line.as_bytes()), "{line}");
         }
     }
 

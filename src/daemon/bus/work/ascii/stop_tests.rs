@@ -1,7 +1,7 @@
 //! What the caller of a line is told that a stop has ended.
 
 use super::*;
-use crate::function::ascii::hold::ASK_AGAIN;
+use crate::function::ascii::hold::AGAIN;
 
 /// Its first part fills the buffer.
 fn long_line() -> String {
@@ -9,38 +9,18 @@ fn long_line() -> String {
 }
 
 #[test]
-fn b2_a_line_that_a_stop_ends_half_way_is_told_as_not_sent_only_where_that_is_certain() {
-    const BY_7: &str = "aborted by uid 7";
-    for is_known in [false, true] {
-        let mut rig = Rig::new();
-        if is_known {
-            rig.send(1, &long_line(), Duration::from_secs(600));
-            rig.poll();
-            rig.take();
-            rig.poll();
-            rig.now += Duration::from_millis(300);
-            rig.poll();
-            assert_eq!(rig.take().trim(), "#2J+", "no answer to the first part came");
-            rig.poll();
-            rig.respond(response::ACKNOWLEDGE);
-            assert_eq!(rig.ended(), [(1, Outcome::Done)]);
-        }
-        rig.send(2, &long_line(), Duration::from_secs(600));
-        rig.poll();
-        rig.take();
-        rig.control(3, control::ABORT);
-        rig.poll();
-        assert!(!rig.loaded());
-        let outcome = if is_known {
-            Outcome::Dropped(Text::from_bytes(format!("not sent: {BY_7}").as_bytes()))
-        } else {
-            Outcome::Interrupted(Text::from_bytes(BY_7.as_bytes()))
-        };
-        assert_eq!(rig.ended(), [(2, outcome)]);
-        rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
-        rig.poll();
-        assert_eq!(rig.ended(), [(3, Outcome::Done)]);
-    }
+fn a_line_that_a_stop_ends_half_way_is_told_as_not_sent() {
+    let mut rig = Rig::new();
+    rig.send(2, &long_line(), Duration::from_secs(600));
+    rig.poll();
+    rig.take();
+    rig.control(3, control::ABORT);
+    rig.poll();
+    assert!(!rig.loaded());
+    assert_eq!(rig.ended(), [(2, Outcome::Dropped(Text::of(&"not sent: aborted by uid 7")))]);
+    rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
+    rig.poll();
+    assert_eq!(rig.ended(), [(3, Outcome::Done)]);
 }
 
 #[test]
@@ -71,14 +51,14 @@ fn b2_a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out()
         let how = if stop == control::KILL { "killed" } else { "aborted" };
         assert_eq!(rig.ended(), [(1, Outcome::Interrupted(Text::of(&format_args!("{how} by uid 7"))))]);
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(stop));
-        assert_eq!(rig.take(), "", "a board that looks at the character first finds no line");
-        // It goes once more before the next line, which is our own.
+        assert!(!rig.loaded(), "a board that looks at the character first finds no line");
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         rig.poll();
-        rig.free_port();
         assert_eq!(rig.ended(), [(2, Outcome::Done)]);
+        // It goes once more when our own line has been answered.
+        rig.rest();
+        rig.answer_check();
         rig.poll();
-        assert!(!rig.loaded());
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(stop));
     }
 }
@@ -112,14 +92,13 @@ fn b2_of_two_stops_over_one_line_the_stronger_goes_once_more() {
         rig.poll();
         rig.stop(2, first);
         rig.stop(3, second);
-        rig.take();
-        rig.now += ASK_AGAIN;
-        rig.free_port();
-        rig.poll();
+        rig.rest();
+        assert_eq!(rig.take(), "I3 I10 I3");
+        rig.answer(&["2", "3713707", "2"]);
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(again));
         // One that comes while that lies there, too.
         rig.stop(4, control::KILL);
-        rig.now += ASK_AGAIN;
+        rig.now += AGAIN;
         rig.poll();
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(control::KILL));
     }
@@ -137,7 +116,7 @@ fn b2_a_stop_while_our_own_line_asks_after_one_given_up_goes_once_more() {
         rig.now += Duration::from_secs(1);
         rig.poll();
         assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);
-        rig.free_port();
+        rig.rest();
         assert_eq!(rig.take(), "I3 I10 I3");
         rig.stop(2, control::ABORT);
         rig.answer(&["2", "3713707", "2"]);

@@ -28,13 +28,14 @@ fn a_line_whose_time_is_over_is_never_begun() {
 
 /// A board that clears the flag some time after its reply would clear the next line's.
 #[test]
-fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late() {
+fn a_flag_that_is_cleared_late_clears_only_a_line_of_our_own() {
     let mut rig = Rig::new();
     rig.send(1, "P1=1", Duration::from_secs(60));
     rig.poll();
     rig.say("5");
     rig.respond(response::ACKNOWLEDGE);
     rig.send(2, "P2=1", Duration::from_millis(100));
+    rig.send(3, "P3=1", Duration::from_secs(60));
     rig.poll();
     rig.now += Duration::from_millis(100);
     rig.poll();
@@ -42,12 +43,8 @@ fn b3_7_a_flag_that_is_cleared_late_is_left_alone_when_another_line_is_too_late(
         rig.ended(),
         [(1, Outcome::Done), (2, Outcome::Unavailable { port: CommandPort::Dpram, page: None })]
     );
-    assert!(rig.loaded(), "it is the board's to clear");
-    rig.send(3, "P3=1", Duration::from_secs(60));
-    rig.poll();
-    rig.bus.write16(PMAC.ascii.command_loaded.word, 0).unwrap();
-    rig.poll();
-    assert!(!rig.loaded(), "nothing is begun before the board has shown that it is free");
+    rig.rest();
+    assert_eq!(rig.take(), "I3 I10 I3");
 }
 
 #[test]
@@ -61,7 +58,7 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     // It would have to be given up 5 ms later, which holds the port for everybody, and says that the board is silent.
     rig.now += Duration::from_millis(995);
     rig.respond(response::ACKNOWLEDGE);
-    rig.now += SETTLE;
+    rig.now += REST;
     rig.poll();
     assert_eq!(rig.take(), "P3=1");
     assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Busy)]);

@@ -48,8 +48,8 @@ impl AsciiQueue {
             Change::Enabled => info!("command lines: DPRAM, {enable}=1"),
         }
         self.ports.change(change.port());
-        if let Some(refused) = &mut self.refused {
-            refused.under_way.deadline = now;
+        if let Some(unsettled) = &mut self.unsettled {
+            unsettled.under_way.deadline = now;
         }
         self.state = CommandState::Unknown;
         self.poll_now(now);
@@ -59,8 +59,6 @@ impl AsciiQueue {
     fn has_untouched(&self, now: Instant) -> bool {
         match self.under_way {
             Some(under_way) => !under_way.taken && !self.ports.was_taken(),
-            // What waits does so for the board's own sake.
-            None if self.ports.dpram.awaits_mark() => false,
             None => {
                 let has_question = self.ports.in_doubt() || self.identifier.due_in(now).is_zero();
                 let asks = has_question && self.questions_barred_for(now).is_zero();
@@ -89,6 +87,7 @@ impl AsciiQueue {
             InFlight::Control(control) => self.controls.push_front(control),
             InFlight::Identify => self.identifier.not_sent(),
             InFlight::Scan => self.scan.not_sent(),
+            InFlight::Character => self.characters.not_taken(now),
             InFlight::Buffer | InFlight::Address | InFlight::PutBack | InFlight::Check => {}
         }
         Ok(true)

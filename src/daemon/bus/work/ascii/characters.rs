@@ -1,0 +1,92 @@
+//! Whether the board takes control characters by the word of their own alone: `^A` and `^K` go that way.
+//!
+//! The board is asked by `^F`, the following errors of all motors, which has no side effect, at the start and after each reset. A
+//! board that does not take it is told at once (`status`, `doctor`, `abort`); until it does, what stops goes with the flag of an empty
+//! line, too ([`crate::function::ascii::control`]).
+
+use std::time::{Duration, Instant};
+
+use log::warn;
+
+use super::{AsciiQueue, InFlight};
+use crate::daemon::bus::ports::command_port::PortError;
+use crate::device::Bus;
+use crate::protocol::{CommandPort, CommandState};
+use crate::segment::Publisher;
+
+/// `^F`.
+const QUESTION: u8 = b'F' - 64;
+/// How long the board may take for it. It takes characters within milliseconds.
+const PATIENCE: Duration = Duration::from_millis(300);
+/// How soon it is asked again when it did not take it.
+const AGAIN: Duration = Duration::from_secs(5);
+
+/// What the board has shown.
+#[derive(Debug)]
+pub(super) struct Characters {
+    not_before: Instant,
+    /// It did not take the question.
+    in_vain: bool,
+}
+
+impl Characters {
+    pub(super) const fn new(now: Instant) -> Self {
+        Self { not_before: now, in_vain: false }
+    }
+
+    /// How long it need not be asked.
+    fn due_in(&self, now: Instant) -> Duration {
+        self.not_before.saturating_duration_since(now)
+    }
+
+    /// The question was taken back, or something went over it.
+    pub(super) fn not_taken(&mut self, now: Instant) {
+        self.not_before = now + AGAIN;
+    }
+}
+
+impl AsciiQueue {
+    /// Whether the board takes control characters by their word alone; `None`: it was not asked yet.
+    #[must_use]
+    pub fn takes_characters(&self) -> Option<bool> {
+        let takes = self.ports.dpram.takes_characters();
+        (takes || self.characters.in_vain).then_some(takes)
+    }
+
+    /// How long it need not be asked; a board that does not answer lines is not.
+    pub(super) fn characters_due_in(&self, now: Instant) -> Duration {
+        let is_open = self.ports.in_use() == CommandPort::Dpram
+            && !self.ports.dpram.takes_characters()
+            && self.state == CommandState::Answers;
+        if is_open { self.characters.due_in(now) } else { Duration::MAX }
+    }
+
+    /// Asks it; false: not now.
+    pub(super) fn ask_for_characters(
+        &mut self,
+        bus: &mut impl Bus,
+        publisher: &Publisher,
+        now: Instant,
+    ) -> Result<bool, PortError> {
+        let asked = self.control_pending.is_none() && self.ports.control(bus, QUESTION, true, now)?;
+        if asked {
+            self.start(InFlight::Character, now + PATIENCE, publisher, now);
+        } else {
+            // Another one lies there.
+            self.characters.not_taken(now);
+        }
+        Ok(asked)
+    }
+
+    /// The board did not take it in time.
+    pub(super) fn characters_not_taken(&mut self, now: Instant) {
+        self.characters.not_taken(now);
+        if !self.ports.dpram.takes_characters() && !std::mem::replace(&mut self.characters.in_vain, true) {
+            let word = self.ports.dpram.character_word();
+            warn!(
+                "the board does not take control characters at {word}: ^A and ^K may not reach it; \
+                 see docs/first-board.md before you move a motor"
+            );
+        }
+    }
+}

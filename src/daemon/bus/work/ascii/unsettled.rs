@@ -1,0 +1,282 @@
+//! A command whose end the order of the board's answers settles.
+//!
+//! An error that came while a line was under way is the line's, or a program's. Where no program can report one
+//! ([`super::programs`]) it is the line's at once. A control character's reply has no end mark. In both cases a line of our own goes,
+//! whose reply is unmistakable ([`super::check`]). What comes before that reply is the command's: if it was a line, it has been
+//! answered, and the error was a program's. If nothing comes before, the error was the line's (`tests/models/whose_error.pml`).
+
+use std::time::Instant;
+
+use super::check::REPLY_LINES;
+use super::letters::may_start_program;
+use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
+use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Sender, Text, stopped_by};
+use crate::function::ascii::ResponseText;
+use crate::protocol::MessageKind;
+use crate::segment::Publisher;
+
+/// The command.
+#[derive(Clone, Copy)]
+pub(super) struct Unsettled {
+    pub under_way: UnderWay,
+    /// The error that came; `None`: it is a control character.
+    error: Option<u16>,
+    /// An error of another number came behind it: one of the two may be a program's.
+    other: Option<u16>,
+    /// Lines that came since and may be those of our own line's reply: the first `count`.
+    held: [ResponseText; REPLY_LINES],
+    count: usize,
+    /// A line came that is not: the line is being answered.
+    is_answered: bool,
+}
+
+impl AsciiQueue {
+    /// An error came to the line under way.
+    pub(super) fn refuse(&mut self, events: &Sender<Event>, publisher: &Publisher, error: u16, now: Instant) {
+        let Some(under_way) = self.under_way.take() else {
+            self.ports.settled(now);
+            return self.program_error(events, publisher, error);
+        };
+        if !self.programs_may_report(&under_way) {
+            self.ports.settled(now);
+            if error == 0 {
+                // Nor does anybody know whether that control word was the end.
+                self.ports.doubt();
+            }
+            return self.end_command(events, under_way, Err(error), now);
+        }
+        self.unsettle(under_way, Some(error), now);
+    }
+
+    /// The board has taken the control character under way.
+    pub(super) fn character_taken(&mut self, now: Instant) {
+        match self.under_way.take() {
+            Some(under_way) => self.unsettle(under_way, None, now),
+            None => self.ports.settled(now),
+        }
+    }
+
+    fn unsettle(&mut self, under_way: UnderWay, error: Option<u16>, now: Instant) {
+        self.ports.doubt_end();
+        self.check.go_at(now);
+        let held = [ResponseText::default(); REPLY_LINES];
+        self.unsettled =
+            Some(Unsettled { under_way, error, other: None, held, count: 0, is_answered: false });
+    }
+
+    /// Whether an error that came during this command may be a program's.
+    fn programs_may_report(&self, under_way: &UnderWay) -> bool {
+        let starts_one = match &under_way.command {
+            InFlight::Line(line) => may_start_program(line.line.as_bytes()),
+            _ => false,
+        };
+        let none_ran = || !starts_one && self.programs.none_ran(self.clock.ns_of(under_way.since));
+        match self.identifier.program_reports() {
+            _ if self.programs.is_replay => false,
+            [_, Some(2)] => false,
+            [Some(0), _] => !none_ran(),
+            _ => true,
+        }
+    }
+
+    /// A line of a reply came.
+    pub(super) fn line_to_unsettled(&mut self, events: &Sender<Event>, text: ResponseText, now: Instant) {
+        let checks = self.is_checking();
+        let Some(unsettled) = &mut self.unsettled else { return };
+        if unsettled.error.is_none() {
+            return self.line_to_character(events, text, now);
+        }
+        if checks && !unsettled.is_answered {
+            self.check.line(text.as_bytes());
+            if let Some(place) = unsettled.held.get_mut(unsettled.count).filter(|_| self.check.may_be_own()) {
+                (*place, unsettled.count) = (text, unsettled.count + 1);
+                return self.see_check(now);
+            }
+        }
+        unsettled.is_answered = true;
+        self.tell_held(events);
+        self.tell_unsettled(events, text);
+        self.see_check(now);
+    }
+
+    /// A line came that is a control character's, or begins the reply to our own line: which cannot be, with those before it, is the
+    /// character's.
+    fn line_to_character(&mut self, events: &Sender<Event>, text: ResponseText, now: Instant) {
+        let checks = self.is_checking();
+        let Some(unsettled) = &mut self.unsettled else { return };
+        let (mut lines, mut count) = ([ResponseText::default(); REPLY_LINES + 1], unsettled.count + 1);
+        lines[..unsettled.count].copy_from_slice(&unsettled.held[..unsettled.count]);
+        lines[unsettled.count] = text;
+        while count > 0 {
+            self.check.forget_values();
+            lines[..count].iter().for_each(|line| self.check.line(line.as_bytes()));
+            if checks && count <= REPLY_LINES && self.check.may_be_own() {
+                break;
+            }
+            self.tell_unsettled(events, lines[0]);
+            lines.rotate_left(1);
+            count -= 1;
+        }
+        if let Some(unsettled) = &mut self.unsettled {
+            unsettled.held[..count].copy_from_slice(&lines[..count]);
+            unsettled.count = count;
+        }
+        self.see_check(now);
+    }
+
+    fn is_checking(&self) -> bool {
+        matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
+    }
+
+    /// A reply has ended.
+    pub(super) fn end_to_unsettled(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        result: Result<(), u16>,
+        now: Instant,
+    ) {
+        let checks = self.is_checking();
+        let Some(unsettled) = &self.unsettled else { return };
+        let is_own = checks && !unsettled.is_answered && self.check.own_answer().is_some();
+        if let Err(error) = result {
+            return self.error_to_unsettled(events, publisher, error, is_own, now);
+        }
+        if is_own {
+            let Unsettled { under_way, error, other, .. } = *unsettled;
+            self.unsettled = None;
+            match (error, other) {
+                (None, _) => self.end_command(events, under_way, Ok(()), now),
+                (Some(error), None) => self.end_command(events, under_way, Err(error), now),
+                (Some(error), Some(_)) => self.end_doubtful(events, error, &under_way, now),
+            }
+            return self.end_check(result, now);
+        }
+        self.tell_held(events);
+        if matches!(self.unsettled, Some(Unsettled { error: None, .. })) {
+            // Some board may mark the end of its reply all the same.
+            self.check.forget_values();
+            return self.see_check(now);
+        }
+        let Some(Unsettled { under_way, error, other, .. }) = self.unsettled.take() else { return };
+        for error in [error, other].into_iter().flatten() {
+            self.program_error(events, publisher, error);
+        }
+        if checks {
+            self.end_check(result, now);
+        } else {
+            // Nothing else is to come.
+            self.ports.settled(now);
+            self.ports.end_doubt(now);
+        }
+        self.end_command(events, under_way, result, now);
+    }
+
+    /// One more error came: behind the whole reply to our own line, if `is_own`.
+    fn error_to_unsettled(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        error: u16,
+        is_own: bool,
+        now: Instant,
+    ) {
+        self.see_check(now);
+        let Some(unsettled) = &mut self.unsettled else { return };
+        let Some(before) = unsettled.error.filter(|_| !is_own) else {
+            // The line was answered before, or no board refuses a control character.
+            return self.program_error(events, publisher, error);
+        };
+        if std::mem::take(&mut unsettled.is_answered) {
+            // So the line was not refused by the error before. By this one it may be.
+            unsettled.error = Some(error);
+            self.check.forget_values();
+            self.program_error(events, publisher, before);
+        } else if error != before {
+            unsettled.other.get_or_insert(error);
+        } else if let (Some(_), InFlight::Buffer) = (&self.under_way, &unsettled.under_way.command) {
+            self.refuses_size(events, error, now);
+        }
+    }
+
+    /// The board refuses the question for a program buffer, and our own line, which asks the same. Whether one of the errors was a
+    /// program's the handshake tells.
+    fn refuses_size(&mut self, events: &Sender<Event>, error: u16, now: Instant) {
+        let Some(Unsettled { under_way, .. }) = self.unsettled.take() else { return };
+        self.under_way = None;
+        self.ports.finish(now);
+        self.end_command(events, under_way, Err(error), now);
+    }
+
+    /// Tells what was held back: it is the command's.
+    fn tell_held(&mut self, events: &Sender<Event>) {
+        let Some(unsettled) = &mut self.unsettled else { return };
+        let (held, count) = (unsettled.held, std::mem::take(&mut unsettled.count));
+        held[..count].iter().for_each(|text| self.tell_unsettled(events, *text));
+    }
+
+    fn tell_unsettled(&mut self, events: &Sender<Event>, text: ResponseText) {
+        let Some(unsettled) = &mut self.unsettled else { return };
+        unsettled.under_way.taken = true;
+        let command = unsettled.under_way.command;
+        self.tell_line(events, &command, text);
+    }
+
+    /// Ends a command that waits for the board to settle its end: its time is over, somebody has cancelled it, or `must_end`,
+    /// because the board does not settle it any more.
+    pub(super) fn expire_unsettled(
+        &mut self,
+        events: &Sender<Event>,
+        publisher: &Publisher,
+        must_end: bool,
+        now: Instant,
+    ) {
+        let is_over = |Unsettled { under_way, .. }: &mut Unsettled| {
+            must_end || now >= under_way.deadline || under_way.ended_by.is_some()
+        };
+        let Some(Unsettled { under_way, error, .. }) = self.unsettled.take_if(is_over) else { return };
+        self.ports.doubt();
+        match error {
+            Some(error) => self.end_doubtful(events, error, &under_way, now),
+            None => self.end_given_up(events, publisher, &under_way, now),
+        }
+    }
+
+    /// Ends a line of which nobody knows whether the board refused it.
+    fn end_doubtful(&mut self, events: &Sender<Event>, error: u16, under_way: &UnderWay, now: Instant) {
+        let UnderWay { command, since, ended_by, .. } = under_way;
+        let Some((ticket, origin)) = self.caller_in_doubt(command) else {
+            return self.give_up_own(*command, true, now);
+        };
+        let outcome = match ended_by {
+            Some(ended_by) => stopped_by(ended_by.uid, ended_by.character),
+            None => Text::of(&format_args!(
+                "the board reported ERR{error:03}, of the line or of a program, and has not shown which"
+            )),
+        };
+        if ended_by.is_none() {
+            self.check.give_up(GivenUp { by: origin, since: *since });
+        }
+        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(outcome)));
+    }
+
+    /// A program of the board has failed in a `CMD`.
+    pub(super) fn program_error(&mut self, events: &Sender<Event>, publisher: &Publisher, error: u16) {
+        let text = ResponseText::of(&format_args!("ERR{error:03}"));
+        self.unsolicited(events, publisher, MessageKind::Error, &text);
+    }
+
+    /// Gives a line of a reply to whom it is for.
+    pub(super) fn tell_line(&mut self, events: &Sender<Event>, command: &InFlight, text: ResponseText) {
+        match command {
+            InFlight::Line(WaitingLine { ticket, .. }) | InFlight::Control(WaitingControl { ticket, .. }) => {
+                self.outbox.tell(events, Event::Line(*ticket, text));
+            }
+            InFlight::Identify => self.identifier.line(text.as_bytes()),
+            InFlight::Scan => self.scan.line(text.as_bytes()),
+            InFlight::Buffer | InFlight::Address => self.buffer_question.line(text.as_bytes()),
+            InFlight::PutBack | InFlight::Character => {}
+            InFlight::Check => self.check.line(text.as_bytes()),
+        }
+    }
+}
