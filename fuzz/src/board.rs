@@ -321,8 +321,6 @@ impl Functions {
                 longest_sample: 48,
                 mode,
                 period: u32::from(tape.u8()),
-                size_word: Default::default(),
-                index: Default::default(),
             };
             let start = if how == 2 { GatherStart::Running } else { GatherStart::Defined };
             self.gather = GatherReader::new(buffer, start)

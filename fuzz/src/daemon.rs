@@ -281,8 +281,6 @@ impl Bench<'_> {
                     longest_sample: 48,
                     mode: if tape.u8() & 1 == 0 { GatherMode::Wrap } else { GatherMode::Stop },
                     period: u32::from(tape.u8()),
-                    size_word: Default::default(),
-                    index: Default::default(),
                 };
                 let clock = GatherClock::host(tape.u64() >> 20).unwrap_or(GatherClock::Report);
                 Job::GatherBegin { buffer, clock }

@@ -11,7 +11,7 @@ use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, in
 use pmac_dpram::gather::Source;
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
-use pmac_dpram::map::{Family, Firmware, Layout, PMAC, TURBO2, errors, status};
+use pmac_dpram::map::{Family, Firmware, Layout, PMAC, TURBO2, errors};
 use pmac_dpram::protocol::line_ends::LineEnds;
 use pmac_dpram::protocol::{LINE_MAX, check_line, control};
 use pmac_dpram::rotary::Constant;
@@ -194,9 +194,6 @@ fn texts(text: &str) {
         assert_eq!(control::parse(&control::name(byte)), Some(byte));
     }
     let _ = (number::parse(text), text.parse::<Word>(), Family::by_name(text));
-    if let Some(words) = status::parse_reply::<2>(text) {
-        assert!(words.iter().all(|word| *word <= int24::MASK));
-    }
     let constant = Constant::decimal(text.as_bytes());
     assert!(!constant.value().is_nan());
     let _ = constant.integer();

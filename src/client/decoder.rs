@@ -21,9 +21,8 @@ impl Decoder {
         let family = identity::family(identity)?;
         let motors = identity::reported(identity, family);
         Some(Self {
-            servo: ServoDecoder::new(family).with_global_words(identity.global_words),
-            background: BackgroundDecoder::new(family)
-                .with_global_words(identity.global_words.unwrap_or_default()),
+            servo: ServoDecoder::new(family),
+            background: BackgroundDecoder::new(family),
             motors,
             blocks: family.background.reported(motors),
             scales: identity::scales(identity),

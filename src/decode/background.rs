@@ -10,8 +10,6 @@ use super::quantity::{Flags, Quantity, Scales};
 use super::turbo_system::{TurboFields, TurboSystem};
 use super::{Block, TooShort, blocks, flags, global_flags, long};
 use crate::format::{Float48Layout, int24};
-use crate::map::functions::GlobalStatus;
-use crate::map::readings::GlobalWords;
 use crate::map::status::{self, StatusTable};
 use crate::map::{AXES, Family, MotionMode, NumberKind, Selection, TargetSource, block_fields};
 
@@ -143,7 +141,6 @@ impl Serialize for AxisTargets {
 pub struct BackgroundDecoder {
     family: &'static Family,
     at: Fields,
-    global_words: GlobalWords,
 }
 
 /// Where the fields of a block begin, in 16-bit words; `None` for one that the family lacks.
@@ -194,14 +191,7 @@ impl BackgroundDecoder {
     /// The decoder for boards of `family`.
     #[must_use]
     pub fn new(family: &'static Family) -> Self {
-        Self { family, at: Fields::of(family), global_words: GlobalWords::default() }
-    }
-
-    /// The same for a board whose copies of the global status are these.
-    #[must_use]
-    pub const fn with_global_words(mut self, words: GlobalWords) -> Self {
-        self.global_words = words;
-        self
+        Self { family, at: Fields::of(family) }
     }
 
     /// Decodes the report of `count` motors and coordinate systems, no more than the family has, from its words, the
@@ -225,14 +215,13 @@ impl BackgroundDecoder {
         let has_systems = report.numbers != NumberKind::Motor;
         let motors = blocks.clone().filter(|_| has_motors);
         let systems = blocks.filter(|_| has_systems);
-        let copies = |status: &GlobalStatus| status.copies(head, report.region.start);
-        let global_status = report.global_status.as_ref().and_then(copies);
+        let global_status = report.global_status.as_ref();
         Ok(BackgroundData {
             ready: report.ready.is_set(head[report.index(report.ready.word)]),
             servo_timer: report.timer.read(head, report.region.start),
             ports: Ports { control_panel, thumbwheel, machine_io },
             motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
-            global_status: global_status.map(|copies| self.global_words.in_order(copies)),
+            global_status: global_status.and_then(|status| status.words(head, report.region.start)),
             coordinate_systems: systems
                 .map(|(number, block)| self.system(number, &block, scales, float48))
                 .collect(),

@@ -10,9 +10,8 @@
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::quantity::{Flags, MotorScales, Quantity, Scales};
-use super::{Block, TooShort, blocks, global_flags, long};
-use crate::format::{int24, join32};
-use crate::map::readings::GlobalWords;
+use super::{Block, TooShort, blocks, global_flags};
+use crate::format::join32;
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
 /// What the servo report held.
@@ -197,7 +196,6 @@ pub struct ServoDecoder {
     longs: Vec<usize>,
     /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
     has: u16,
-    global_words: Option<GlobalWords>,
 }
 
 impl std::fmt::Debug for Field {
@@ -222,14 +220,7 @@ impl ServoDecoder {
             name => reports(name),
         };
         let has = (0..).zip(&FIELDS).fold(0, |all, (index, field)| all | u16::from(has(field)) << index);
-        Self { family, fields, longs, has, global_words: Some(GlobalWords::default()) }
-    }
-
-    /// The same for a board whose copies of the global status are these; without them no global status is told.
-    #[must_use]
-    pub const fn with_global_words(mut self, words: Option<GlobalWords>) -> Self {
-        self.global_words = words;
-        self
+        Self { family, fields, longs, has }
     }
 
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
@@ -261,9 +252,8 @@ impl ServoDecoder {
             servo_timer: report.timer.read(head, report.region.start),
             pmac_busy: report.busy.is_busy(flag(report.pmac_status)),
             host_busy: flag(report.host_busy),
-            global_status: self.global_words.zip(report.global_status.as_ref()).map(|(words, status)| {
-                words.in_order(status.longs).map(|word| int24::unsigned(long(head, report.index(word))))
-            }),
+            global_status: (report.global_status.as_ref())
+                .and_then(|status| status.words(head, report.region.start)),
             motors: self.filled(motors).map(|(number, block)| self.motor(number, &block, scales)).collect(),
             global: self.family.status.global,
         })

@@ -122,10 +122,10 @@ impl BackgroundReader {
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// The copies of the board's global status at the last report, as they lie; `None` where the report has none.
+    /// The words of `???` at the last report; `None` where the report has none.
     #[must_use]
     pub fn global_status(&self) -> Option<[u32; 2]> {
-        self.block.global_status.as_ref()?.copies(&self.image, self.block.region.start)
+        self.block.global_status.as_ref()?.words(&self.image, self.block.region.start)
     }
 
     /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is

@@ -259,8 +259,6 @@ fn gather() {
                 longest_sample: 48,
                 mode,
                 period: 1,
-                size_word: Default::default(),
-                index: Default::default(),
             };
             rig.put(place.size, (128 * l) as u16);
             let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();

@@ -1,9 +1,7 @@
 //! Reading of gathered samples out of the DPRAM while the board writes them (DPRAM manual p. 25-26).
 //!
 //! The board stores a sample every I19 servo cycles at its index (longs from the buffer's start), and writes the buffer's
-//! size, as `DEFINE GATHER` had it, and the index beside it. Where the board is said to write no size, the one that was
-//! defined is taken; where it moves the index before it stores the sample, the newest sample is left until another
-//! follows or none has come from one poll to the next. A sample never parts at the buffer's end: the real length
+//! size, as `DEFINE GATHER` had it, and the index beside it. A sample never parts at the buffer's end: the real length
 //! is the size rounded up to whole samples. The host only reads; nothing tells the board how far it has come. So
 //! with I45=3 the board overwrites what was not read in time, and the index alone cannot tell a whole turn from none:
 //! the reader is told the servo cycles as well, and knows from both how many samples there have been, exactly.
@@ -18,7 +16,6 @@ use super::servo;
 use crate::device::{Bus, BusError};
 use crate::function::servo_timer::ServoTimer;
 use crate::gather::GatherMode;
-use crate::map::readings::{GatherIndex, GatherSizeWord};
 use crate::map::{GatherPlace, ServoBlock};
 
 /// Longs copied in one poll at most, unless a single sample has more.
@@ -53,10 +50,6 @@ pub struct GatherBuffer {
     pub mode: GatherMode,
     /// Servo cycles from one sample to the next (I19).
     pub period: u32,
-    /// Where the board writes the size, if it does.
-    pub size_word: GatherSizeWord,
-    /// When the board moves the index.
-    pub index: GatherIndex,
 }
 
 /// A buffer that cannot be read.
@@ -162,8 +155,6 @@ pub struct GatherReader {
     stopped: bool,
     /// The clock when the index had moved further than the clock allows.
     doubted: Option<u64>,
-    /// Complete samples when the last poll had nothing to take.
-    idle_at: Option<u64>,
     /// What ended the reading.
     broken: Option<GatherPoll>,
     words: [u16; 2 * MOST_LONGS],
@@ -214,7 +205,6 @@ impl GatherReader {
             stopping: false,
             stopped: false,
             doubted: None,
-            idle_at: None,
             broken: None,
             words: [0; 2 * MOST_LONGS],
             longs: [0; MOST_LONGS],
@@ -226,7 +216,7 @@ impl GatherReader {
     pub fn restart(&mut self, start: GatherStart) {
         self.start = start;
         (self.base, self.written, self.read, self.lost, self.length) = (0, 0, 0, 0, 0);
-        (self.last, self.doubted, self.idle_at, self.broken) = (None, None, None, None);
+        (self.last, self.doubted, self.broken) = (None, None, None);
         (self.stopping, self.stopped) = (false, false);
     }
 
@@ -295,10 +285,7 @@ impl GatherReader {
         }
         let timed = self.buffer.mode == GatherMode::Wrap;
         let before = if timed { cycles(bus)? } else { 0 };
-        let size = match self.buffer.size_word {
-            GatherSizeWord::NotWritten => self.buffer.size_longs as u16,
-            GatherSizeWord::WithIndex | GatherSizeWord::AsPrinted => bus.read16(self.buffer.place.size)?,
-        };
+        let size = bus.read16(self.buffer.place.size)?;
         let index = bus.read16(self.buffer.place.index)?;
         let after = if timed { cycles(bus)? } else { 0 };
         if u64::from(size).div_ceil(self.buffer.sample_longs.into()) != self.capacity {
@@ -308,14 +295,11 @@ impl GatherReader {
             return Ok(poll);
         }
         self.skip_overwritten();
-        let whole = self.whole();
-        if self.read >= whole {
-            self.idle_at = Some(self.written);
-            let full = !timed && self.base + whole == self.capacity;
-            let ends = full || self.stopped && whole == self.written;
-            return Ok(if ends { GatherPoll::Ended } else { GatherPoll::Idle });
+        if self.read >= self.written {
+            let full = !timed && self.base + self.written == self.capacity;
+            return Ok(if full || self.stopped { GatherPoll::Ended } else { GatherPoll::Idle });
         }
-        let taken = self.copy(bus, whole)?;
+        let taken = self.copy(bus)?;
         let index = bus.read16(self.buffer.place.index)?;
         let later = if timed { cycles(bus)? } else { 0 };
         let first = self.read;
@@ -334,13 +318,6 @@ impl GatherReader {
         let first = self.read;
         self.read += count as u64;
         Ok(GatherPoll::Samples { first, count })
-    }
-
-    /// Samples that are surely whole: not the newest one, where the index moves before the data and has moved since the
-    /// last poll that had nothing to take.
-    fn whole(&self) -> u64 {
-        let half = self.buffer.index == GatherIndex::BeforeData && self.idle_at != Some(self.written);
-        self.written - u64::from(half && self.written > 0)
     }
 
     fn break_off(&mut self, poll: GatherPoll) -> GatherPoll {
@@ -424,11 +401,11 @@ impl GatherReader {
         }
     }
 
-    /// Copies the next samples before the `whole`th, as many as fit, and tells how many.
-    fn copy(&mut self, bus: &mut impl Bus, whole: u64) -> Result<usize, BusError> {
+    /// Copies the next samples, as many as fit, and tells how many.
+    fn copy(&mut self, bus: &mut impl Bus) -> Result<usize, BusError> {
         let sample_longs = self.sample_longs();
         let chunk = chunk_longs(self.buffer.longest_sample).min(MOST_LONGS);
-        let taken = (whole - self.read).min((chunk / sample_longs) as u64) as usize;
+        let taken = (self.written - self.read).min((chunk / sample_longs) as u64) as usize;
         let slot = ((self.base + self.read) % self.capacity) as usize;
         // Up to the buffer's end, then from its start.
         let until_end = taken.min(self.capacity as usize - slot);

@@ -8,7 +8,6 @@ use crate::device::{Bus, BusError, Counted, FileBoard};
 use crate::gather::GatherMode;
 use crate::map::TURBO2;
 use crate::map::pmac::SERVO_PMAC_STATUS;
-use crate::map::readings::{GatherIndex, GatherSizeWord};
 use crate::map::{HostOffset, Layout, PMAC};
 
 /// A board that gathers: each long holds its sample's number and its own place in it.
@@ -28,17 +27,7 @@ struct Board {
 
 fn buffer(size_longs: u32, sample_longs: u32, mode: GatherMode) -> GatherBuffer {
     let place = Layout::new(&PMAC, Some("1.16D".parse().unwrap())).gather();
-    GatherBuffer {
-        place,
-        room_longs: 3520,
-        size_longs,
-        sample_longs,
-        longest_sample: 48,
-        mode,
-        period: 1,
-        size_word: GatherSizeWord::WithIndex,
-        index: GatherIndex::AfterData,
-    }
+    GatherBuffer { place, room_longs: 3520, size_longs, sample_longs, longest_sample: 48, mode, period: 1 }
 }
 
 impl Board {
@@ -183,29 +172,6 @@ fn samples_come_in_order_across_the_end() {
     }
     assert_eq!(numbers, (0..340).collect::<Vec<_>>());
     assert_eq!((reader.written(), reader.lost(), reader.waiting()), (340, 0, 0));
-}
-
-#[test]
-fn b3_the_newest_sample_waits_where_the_index_moves_first() {
-    for mode in [GatherMode::Wrap, GatherMode::Stop] {
-        let (mut reader, mut board) =
-            pair(GatherBuffer { index: GatherIndex::BeforeData, ..buffer(40, 2, mode) });
-        poll(&mut reader, &mut board);
-        board.pass(5);
-        assert_eq!(drain(&mut reader, &mut board), [0, 1, 2, 3], "the last one may be half there");
-        // Nothing has moved since the poll that found nothing more: it is whole.
-        assert_eq!(drain(&mut reader, &mut board), [4]);
-        board.pass(1);
-        assert_eq!(poll(&mut reader, &mut board), GatherPoll::Idle);
-        board.pass(1);
-        assert_eq!(drain(&mut reader, &mut board), [5], "another has followed");
-        board.pass(13);
-        board.gathering = false;
-        reader.stopped();
-        assert_eq!(drain(&mut reader, &mut board), (6..19).collect::<Vec<_>>());
-        assert_eq!(drain(&mut reader, &mut board), [19]);
-        assert_eq!((poll(&mut reader, &mut board), reader.lost()), (GatherPoll::Ended, 0));
-    }
 }
 
 #[test]

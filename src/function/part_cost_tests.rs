@@ -149,8 +149,6 @@ fn the_other_data_by_32_bits() {
             longest_sample: 48,
             mode,
             period: 1,
-            size_word: Default::default(),
-            index: Default::default(),
         };
         rig.put(place.size, size_longs as u16);
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();

@@ -16,10 +16,9 @@
 //! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back
 //! by one update at that moment, so that two updates in a row have the same number.
 //!
-//! Whether a Turbo board waits until the host has taken an update before it makes the next one, no text tells for reports
-//! that come by themselves (p. 403 says it of reports on request). So the host always clears the flag, as a driver in
-//! production does: a board that waits goes on, and to one that does not it makes no difference but for an update that
-//! became ready between the last look and the write; that one counts as missed.
+//! On request (I47=0) a Turbo board waits until the host has taken an update before it makes the next one (p. 403). The host
+//! always clears the flag: to reports that come by themselves it makes no difference but for an update that became ready between
+//! the last look and the write; that one counts as missed.
 //!
 //! The mask is the host's, but any host can write it. It is read again now and then, and what another host took out of it is
 //! not read any more: PMAC leaves those blocks as they are.
@@ -223,10 +222,10 @@ impl ServoReader {
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
-    /// The copies of the board's global status at the last update, as they lie; `None` where the report has none.
+    /// The words of `???` at the last update; `None` where the report has none.
     #[must_use]
     pub fn global_status(&self) -> Option<[u32; 2]> {
-        self.block.global_status.as_ref()?.copies(&self.image, self.block.region.start)
+        self.block.global_status.as_ref()?.words(&self.image, self.block.region.start)
     }
 
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.

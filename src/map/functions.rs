@@ -148,20 +148,18 @@ pub enum ReportStart {
 /// The copies of the words of `???` in a report: PMAC's servo report, a Turbo board's background report.
 #[derive(Debug, PartialEq, Eq)]
 pub struct GlobalStatus {
-    /// Where they lie, ascending.
+    /// Where those of the first and of the second word lie.
     pub longs: [HostOffset; 2],
     /// In the second word: a motion, rotary or PLC buffer is open, so that a command line is a program line.
     pub program_buffer_open: u32,
     /// In the first word: data are gathered.
     pub gathering: u32,
-    /// The bits of the first and of the second word that change only when somebody does something.
-    pub steady: [u32; 2],
 }
 
 impl GlobalStatus {
-    /// The copies in the `image` of a report whose first word is at `start`, as they lie.
+    /// The words of `???` in the `image` of a report whose first word is at `start`.
     #[must_use]
-    pub fn copies(&self, image: &[u16], start: HostOffset) -> Option<[u32; 2]> {
+    pub fn words(&self, image: &[u16], start: HostOffset) -> Option<[u32; 2]> {
         let long = |offset: HostOffset| {
             let &[low, high] = image.get(offset.words_since(start)..)?.first_chunk()?;
             Some(int24::unsigned(join32(low, high)))

@@ -3,11 +3,7 @@
 
 use serde::Serialize;
 
-use super::readings::{GatherSizeWord, GatherWords, Readings};
-use super::{
-    Block, Confidence, Family, Firmware, GatherPlace, Generation, HostOffset, Register, SourceAt, Space,
-    Width,
-};
+use super::{Block, Confidence, Family, Firmware, GatherPlace, HostOffset, Register, SourceAt, Space, Width};
 
 /// The register map of one board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,34 +53,11 @@ impl Layout {
     /// The layout of `family`; without `firmware`, as printed.
     #[must_use]
     pub fn new(family: &'static Family, firmware: Option<Firmware>) -> Self {
-        Self::read_by(family, firmware, Readings::default())
-    }
-
-    /// As [`Layout::new`], on a board with these readings.
-    #[must_use]
-    pub fn read_by(family: &'static Family, firmware: Option<Firmware>, readings: Readings) -> Self {
         let moved = family.gather_moved_since.zip(firmware).is_some_and(|(since, version)| version >= since);
-        let printed = match (family.generation, readings.gather_words) {
-            (Generation::Turbo, GatherWords::IndexFirst) => {
-                let GatherPlace { size, index, buffer } = family.gather;
-                GatherPlace { size: index, index: size, buffer }
-            }
-            _ => family.gather,
-        };
-        let shift = |offset: HostOffset| offset.plus_words(family.gather_shift as usize / 2);
-        let gather = if moved {
-            GatherPlace {
-                size: match readings.gather_size_word {
-                    GatherSizeWord::WithIndex => shift(printed.size),
-                    GatherSizeWord::AsPrinted | GatherSizeWord::NotWritten => printed.size,
-                },
-                index: shift(printed.index),
-                buffer: shift(printed.buffer),
-            }
-        } else {
-            printed
-        };
-        Self { family, gather }
+        let GatherPlace { size, index, buffer } = family.gather;
+        let shift = if moved { family.gather_shift as usize / 2 } else { 0 };
+        let [size, index, buffer] = [size, index, buffer].map(|offset| offset.plus_words(shift));
+        Self { family, gather: GatherPlace { size, index, buffer } }
     }
 
     /// The board's family.
@@ -189,7 +162,7 @@ impl Entry {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{FAMILIES, PMAC, TURBO2};
+    use super::super::{FAMILIES, PMAC};
     use super::*;
 
     #[test]
@@ -228,39 +201,21 @@ mod tests {
 
     #[test]
     fn the_gather_buffer_lies_elsewhere_from_firmware_1_16c_on() {
-        let at = |version: Option<&str>, gather_size_word| {
-            let firmware = version.map(|text| text.parse().unwrap());
-            let readings = Readings { gather_size_word, ..Readings::default() };
-            let place = Layout::read_by(&PMAC, firmware, readings).gather();
+        let at = |version: Option<&str>| {
+            let place = Layout::new(&PMAC, version.map(|text| text.parse().unwrap())).gather();
             [place.size, place.index, place.buffer].map(HostOffset::bytes)
         };
-        let printed = [0x07FC, 0x07FE, 0x0800];
         for version in [None, Some("1.15"), Some("1.16"), Some("1.16B")] {
-            assert_eq!(at(version, GatherSizeWord::WithIndex), printed, "{version:?}");
+            assert_eq!(at(version), [0x07FC, 0x07FE, 0x0800], "{version:?}");
         }
         for version in ["1.16C", "1.16D", "1.16E", "1.16G", "1.16H", "1.17", "1.17A", "1.17C", "1.18", "2.00"]
         {
-            assert_eq!(at(Some(version), GatherSizeWord::WithIndex), [0x08FC, 0x08FE, 0x0900]);
-            assert_eq!(at(Some(version), GatherSizeWord::AsPrinted), [0x07FC, 0x08FE, 0x0900]);
+            assert_eq!(at(Some(version)), [0x08FC, 0x08FE, 0x0900]);
         }
         let layout = Layout::new(&PMAC, Some("1.16D".parse().unwrap()));
         let buffer = layout.find("gather", "buffer", None).unwrap();
         assert_eq!(buffer.record(&PMAC).pmac_address, "$D240");
         assert_eq!(lies_at(&layout, HostOffset::new(0x07FE)), None);
-    }
-
-    #[test]
-    fn c1_the_disputed_word_of_a_turbo_gather_is_a_reading() {
-        for (gather_words, size, index) in
-            [(GatherWords::SizeFirst, 0x113C, 0x113E), (GatherWords::IndexFirst, 0x113E, 0x113C)]
-        {
-            let readings = Readings { gather_words, ..Readings::default() };
-            let layout = Layout::read_by(&TURBO2, None, readings);
-            let place = layout.gather();
-            assert_eq!([place.size, place.index, place.buffer].map(HostOffset::bytes), [size, index, 0x1140]);
-            assert_eq!(layout.find("gather", "storage_index", None).unwrap().offset.bytes(), index);
-            assert_eq!(Layout::read_by(&PMAC, None, readings).gather(), PMAC.gather);
-        }
     }
 
     #[test]

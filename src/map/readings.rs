@@ -5,8 +5,6 @@
 //! what it cannot find out by itself, and `docs/readings.md` has a row for each. The first value is the one that fits
 //! the manuals best.
 
-use std::fmt;
-
 use serde::{Deserialize, Serialize};
 
 use super::functions::rotary_header;
@@ -35,8 +33,6 @@ pub static READINGS: &[Reading] = &[
     set("rotary_code2", &["bit12", "bit16"]),
     set("rotary_bit_codes", &["diagram", "table"]),
     set("rotary_header", &["size_first", "start_first"]),
-    set("gather_size_word", &["with_index", "as_printed", "not_written"]),
-    set("gather_index", &["after_data", "before_data"]),
     set("variable_write_field", &["at_bit_0", "at_offset"]),
     set("rotary_end_marker", &["two_longs", "one_long"]),
     found_out("rotary_index", &["below_size", "up_to_size"]),
@@ -45,12 +41,8 @@ pub static READINGS: &[Reading] = &[
     found_out("variable_write_count", &["at_once", "when_done"]),
     found_out("variable_read_pass", &["in_one", "in_many", "latched"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
-    found_out("global_words", &["y_first", "x_first"]),
-    found_out("background_timer", &["before_ready", "after_ready"]),
-    found_out("report_ready", &["ignored", "awaited"]),
     set("read_entry", &["unsaid", "low_bits"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
-    set("gather_words", &["size_first", "index_first"]),
     found_out("write_long", &["low_32", "halves"]),
 ];
 
@@ -107,31 +99,6 @@ impl RotaryHeader {
             Self::StartFirst => [rotary_header::SIZE, rotary_header::START],
         }
     }
-}
-
-/// Where the gather buffer's size is written (0x07FC; DPRAM manual p. 25). No text says where firmware that moves the buffer
-/// has it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GatherSizeWord {
-    /// Beside the index, as in the printed layout (0x08FC).
-    #[default]
-    WithIndex,
-    /// Where it is printed (0x07FC).
-    AsPrinted,
-    /// Nowhere: of the words "set by PMAC" only the index is. The host knows the size that it has defined.
-    NotWritten,
-}
-
-/// When the gather index moves (0x07FE, the "storage address"; DPRAM manual p. 25).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GatherIndex {
-    /// Once the sample is stored.
-    #[default]
-    AfterData,
-    /// Before: the newest sample may be half there.
-    BeforeData,
 }
 
 /// Where the data of a record that writes some bits of a register stand (DPRAM manual p. 25).
@@ -214,42 +181,6 @@ pub enum MailboxBell {
     Alone,
 }
 
-/// What the servo report's two copies of the global status are ($D00A and $D00B; DPRAM manual p. 15). The page has each copy's
-/// source, and which word of `???` it is; the Software Reference has the words of `???` the other way round. A Turbo board's
-/// background report has copies of Y:$000006 and X:$000006, likely in this order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[repr(u32)]
-pub enum GlobalWords {
-    /// Y:$0003, then X:$0003: the sources hold, and $D00A is the second word of `???`.
-    #[default]
-    YFirst = 0,
-    /// X:$0003, then Y:$0003: "first word returned on ? command" holds for $D00A.
-    XFirst = 1,
-}
-
-/// Which comes first of the words that close a background report (0x022A and 0x0228; DPRAM manual p. 17).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TimerOrder {
-    /// The servo timer: it is "updated at Data Ready time".
-    #[default]
-    BeforeReady,
-    /// Data-Ready: PMAC "sets the Data-Ready flag to 1, and sets register 0x022A".
-    AfterReady,
-}
-
-/// Whether a Turbo board makes a report that comes by itself before the host has taken the last one (Turbo User Manual p. 403).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReportReady {
-    /// It does: only reports on request are said to wait for the flag.
-    #[default]
-    Ignored,
-    /// It waits until the host has cleared the flag.
-    Awaited,
-}
-
 /// Where a Turbo board takes address bits 18-16 of a register to read (Turbo User Manual p. 410 says that the entry's X word
 /// has them, not where). A wrong guess reads another register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -289,47 +220,6 @@ pub enum WriteLong {
     Halves,
 }
 
-/// What the two words before a Turbo board's gather buffer are (0x113C and 0x113E).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GatherWords {
-    /// The size in Y:$06044F, the index in X:$06044F, as the vendor's accessory page has it.
-    #[default]
-    SizeFirst,
-    /// The other way round: a site's program calls X:$06044F the size.
-    IndexFirst,
-}
-
-impl GlobalWords {
-    /// What the two longs hold, in the order of `???`.
-    #[must_use]
-    pub const fn in_order<T: Copy>(self, [first, second]: [T; 2]) -> [T; 2] {
-        match self {
-            Self::YFirst => [second, first],
-            Self::XFirst => [first, second],
-        }
-    }
-
-    /// What the words of `???` say, of which the board has these copies. Where nobody knows which `words` they are, what they say
-    /// either way.
-    #[must_use]
-    pub fn told(words: Option<Self>, copies: [u32; 2], says: impl Fn([u32; 2]) -> bool) -> Option<bool> {
-        let possible = words.map_or([Self::YFirst, Self::XFirst], |words| [words; 2]);
-        let [one, other] = possible.map(|words| says(words.in_order(copies)));
-        (one == other).then_some(one)
-    }
-}
-
-impl fmt::Display for GatherSizeWord {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::WithIndex => "with_index",
-            Self::AsPrinted => "as_printed",
-            Self::NotWritten => "not_written",
-        })
-    }
-}
-
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -340,10 +230,6 @@ pub struct Readings {
     pub rotary_bit_codes: BitCodes,
     /// What the last two words of a rotary header are.
     pub rotary_header: RotaryHeader,
-    /// Where the size of the gather buffer is written.
-    pub gather_size_word: GatherSizeWord,
-    /// When the gather index moves.
-    pub gather_index: GatherIndex,
     /// Where the data of a record that writes some bits stand.
     pub variable_write_field: FieldData,
     /// What stands at the host's index of a rotary buffer.
@@ -360,18 +246,10 @@ pub struct Readings {
     pub variable_read_pass: ReadPass,
     /// What goes with the `<BELL>` in the mailboxes.
     pub mailbox_bell: MailboxBell,
-    /// What the two copies of the global status are.
-    pub global_words: GlobalWords,
-    /// Which comes first of the words that close a background report.
-    pub background_timer: TimerOrder,
-    /// Turbo: whether a report waits until the last one was taken.
-    pub report_ready: ReportReady,
     /// Turbo: where the high address bits of a register to read stand.
     pub read_entry: EntryAddress,
     /// Turbo: how the type word of a record to write is made up.
     pub write_record: RecordLayout,
-    /// Turbo: which of the two words before the gather buffer is which.
-    pub gather_words: GatherWords,
     /// Turbo: how a record to write has 48 bits.
     pub write_long: WriteLong,
 }

@@ -19,18 +19,4 @@ fn the_list_has_every_name_and_value_there_is() {
 }
 
 #[test]
-fn readings_that_messages_name_are_named_as_they_are_written() {
-    for word in [GatherSizeWord::WithIndex, GatherSizeWord::AsPrinted, GatherSizeWord::NotWritten] {
-        let readings = Readings::default().with(&format!("gather_size_word={word}")).unwrap();
-        assert_eq!(readings.gather_size_word, word);
-    }
-}
-
-#[test]
-fn b3_where_nobody_knows_which_word_is_which_what_both_would_say_is_known() {
-    let is_open = |copies| GlobalWords::told(None, copies, |[_, second]| second & 1 << 19 != 0);
-    assert_eq!(is_open([0x01_0000, 1]), Some(false));
-    assert_eq!(is_open([0x09_0000, 1]), None);
-    assert_eq!(is_open([0x01_0000, 0x08_0001]), None);
-    assert_eq!(is_open([0x09_0000, 0x08_0001]), Some(true));
 }

@@ -8,7 +8,6 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundPoll, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::readings::GlobalWords;
 use crate::map::{BackgroundBlock, Selection};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
@@ -48,8 +47,6 @@ pub struct BackgroundMirror {
     is_outdated: bool,
     /// What the last one tells of the whole board.
     told: Told,
-    /// Which copy of the global status is which, where that is known.
-    global_words: Option<GlobalWords>,
     /// Reports published so far.
     reports: u64,
 }
@@ -61,7 +58,7 @@ struct Told {
     time_ns: u64,
     /// When it was asked for: it was begun later.
     asked_ns: u64,
-    /// The copies of its global status, as they lie; `None` where the report has none.
+    /// The words of `???`; `None` where the report has none.
     global_status: Option<[u32; 2]>,
 }
 
@@ -96,7 +93,6 @@ impl BackgroundMirror {
             asked: None,
             is_outdated: false,
             told: Told::default(),
-            global_words: None,
             reports: 0,
         }
     }
@@ -138,30 +134,23 @@ impl BackgroundMirror {
         self.freshness.is_live()
     }
 
-    /// Takes note of which copy of the global status is which, as far as that is known.
-    pub fn set_global_words(&mut self, words: Option<GlobalWords>) {
-        self.global_words = words;
-    }
-
-    /// The copies of the board's global status, as they lie; `None` while no reports come that have them.
-    #[must_use]
-    pub fn global_status(&self) -> Option<[u32; 2]> {
+    /// The words of `???`; `None` while no reports come that have them.
+    fn global_status(&self) -> Option<[u32; 2]> {
         self.told.global_status.filter(|_| self.is_live())
     }
 
     /// Whether a program buffer is open on the board; `None` where no report tells that is at most `age_ns` old at `now`.
     #[must_use]
     pub fn program_buffer_open(&self, now: u64, age_ns: u64) -> Option<bool> {
-        let copies = self.global_status().filter(|_| self.is_new(now, age_ns))?;
-        let status = self.block.global_status.as_ref()?;
-        GlobalWords::told(self.global_words, copies, |[_, second]| second & status.program_buffer_open != 0)
+        let [_, second] = self.global_status().filter(|_| self.is_new(now, age_ns))?;
+        Some(second & self.block.global_status.as_ref()?.program_buffer_open != 0)
     }
 
     /// Whether the board gathers data; `None` where no report tells.
     #[must_use]
     pub fn gathering(&self) -> Option<bool> {
-        let (status, copies) = (self.block.global_status.as_ref()?, self.global_status()?);
-        GlobalWords::told(self.global_words, copies, |[first, _]| first & status.gathering != 0)
+        let [first, _] = self.global_status()?;
+        Some(first & self.block.global_status.as_ref()?.gathering != 0)
     }
 
     /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.

@@ -3,7 +3,6 @@
 //! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of eight longs
 //! at 2.26 kHz; a reader that comes later knows by the numbers what it missed. The region is live while a gather is followed.
 
-use std::fmt;
 use std::time::{Duration, Instant};
 
 use crate::clock::Clock;
@@ -12,8 +11,7 @@ use crate::function::gather::{
     GatherBuffer, GatherError, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
 use crate::function::servo_timer::ServoTimer;
-use crate::map::readings::{GatherSizeWord, GatherWords};
-use crate::map::{Family, GatherPlace, Generation, HostOffset, Layout, Readings, ServoBlock};
+use crate::map::{Family, GatherPlace, ServoBlock};
 use crate::segment::payload::gather::{GatherChunk, GatherPhase, payload_words};
 use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -74,24 +72,11 @@ pub enum NotFollowed {
     /// What was read says nothing.
     #[error("the daemon was held up; try again")]
     HeldUp,
-    /// The size stands elsewhere: the board reads the manual otherwise.
+    /// The board's words are not those of this buffer.
     #[error(
-        "the board keeps its gather buffer elsewhere: DEFINE GATHER {size} left {size} at {at}; under [readings] in pmacd's \
-         configuration write {fit}"
-    )]
-    Elsewhere {
-        /// The size that was defined.
-        size: u32,
-        /// Where it stands.
-        at: HostOffset,
-        /// The readings by which it stands there.
-        fit: Fitting,
-    },
-    /// The board's words are not those of this buffer, nor are any others.
-    #[error(
-        "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? A board that writes no size \
-         needs gather_size_word = \"{none}\" under [readings] in pmacd's configuration",
-        place.size, place.index, none = GatherSizeWord::NotWritten
+        "DEFINE GATHER {size} should have left {size} at {0} and 0 at {1}, where {found} and {index} stand; has somebody else defined a buffer, or is I{mode} neither 2 nor 3? \
+         If not, the board keeps these words elsewhere: see docs/evidence.md",
+        place.size, place.index
     )]
     NotTheBuffer {
         /// The size that was defined.
@@ -105,84 +90,6 @@ pub enum NotFollowed {
         /// The I-variable that says where the board gathers.
         mode: u16,
     },
-}
-
-/// A way to read where the gather buffer lies: as the configuration says it, and what it changes.
-type Place = (&'static str, fn(Readings) -> Readings);
-
-/// On a PMAC, whose firmware may move the buffer.
-static PLACES: [Place; 2] = [
-    ("gather_size_word = \"with_index\"", |readings| Readings {
-        gather_size_word: GatherSizeWord::WithIndex,
-        ..readings
-    }),
-    ("gather_size_word = \"as_printed\"", |readings| Readings {
-        gather_size_word: GatherSizeWord::AsPrinted,
-        ..readings
-    }),
-];
-/// On a Turbo board, whose buffer lies in one place.
-static PLACES_TURBO: [Place; 2] = [
-    ("gather_words = \"size_first\"", |readings| Readings {
-        gather_words: GatherWords::SizeFirst,
-        ..readings
-    }),
-    ("gather_words = \"index_first\"", |readings| Readings {
-        gather_words: GatherWords::IndexFirst,
-        ..readings
-    }),
-];
-
-fn places(generation: Generation) -> &'static [Place] {
-    match generation {
-        Generation::Pmac => &PLACES,
-        Generation::Turbo => &PLACES_TURBO,
-    }
-}
-
-/// Which of a generation's places fit what the board has written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fitting {
-    generation: Generation,
-    fits: [bool; PLACES.len()],
-}
-
-impl fmt::Display for Fitting {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let fitting = places(self.generation).iter().zip(self.fits).filter(|(_, fits)| *fits);
-        for (index, ((setting, _), _)) in fitting.enumerate() {
-            let or = if index > 0 { ", or else " } else { "" };
-            write!(f, "{or}{setting}")?;
-        }
-        Ok(())
-    }
-}
-
-/// Looks which word became the size that `DEFINE GATHER` was given, where the index that goes with it is 0.
-fn look_elsewhere(
-    bus: &mut impl Bus,
-    family: &'static Family,
-    buffer: &GatherBuffer,
-) -> Result<NotFollowed, BusError> {
-    let (size, place) = (buffer.size_longs, buffer.place);
-    let firmware = family.gather_moved_since.filter(|_| place.buffer != family.gather.buffer);
-    let (mut fit, mut at) = ([false; PLACES.len()], place.size);
-    for (fits, (_, read_by)) in fit.iter_mut().zip(places(family.generation)) {
-        let found = Layout::read_by(family, firmware, read_by(Readings::default())).gather();
-        *fits = found != place && u32::from(bus.read16(found.size)?) == size && bus.read16(found.index)? == 0;
-        if *fits {
-            at = found.size;
-        }
-    }
-    if fit.contains(&true) {
-        return Ok(NotFollowed::Elsewhere {
-            size,
-            at,
-            fit: Fitting { generation: family.generation, fits: fit },
-        });
-    }
-    let (found, index) = (bus.read16(place.size)?, bus.read16(place.index)?);
-    Ok(NotFollowed::NotTheBuffer { size, place, found, index, mode: family.i.gather_mode })
 }
 
 /// Follows one gather at a time.
@@ -247,7 +154,9 @@ impl GatherMirror {
             GatherPoll::Samples { .. } | GatherPoll::Ended => Some(NotFollowed::Runs),
             GatherPoll::Disturbed => Some(NotFollowed::HeldUp),
             GatherPoll::OutOfRange { .. } | GatherPoll::Redefined { .. } | GatherPoll::Interrupted => {
-                Some(look_elsewhere(bus, self.family, &buffer)?)
+                let (size, place, mode) = (buffer.size_longs, buffer.place, self.family.i.gather_mode);
+                let (found, index) = (bus.read16(place.size)?, bus.read16(place.index)?);
+                Some(NotFollowed::NotTheBuffer { size, place, found, index, mode })
             }
         };
         if let Some(reason) = reason {

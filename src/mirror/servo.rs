@@ -10,7 +10,6 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::readings::GlobalWords;
 use crate::map::{BusyRule, Selection, ServoBlock};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
@@ -63,8 +62,6 @@ pub struct ServoMirror {
     was_reset: bool,
     /// Updates published so far.
     updates: u64,
-    /// Which copy of the global status is which, as the board has told.
-    global_words: Option<GlobalWords>,
     /// A servo cycle and the report's period in servo cycles, as the board has told.
     cycle_ns: Option<u64>,
     cycles: Option<u32>,
@@ -106,7 +103,6 @@ impl ServoMirror {
             holds: VecDeque::with_capacity(HOLDS),
             was_reset: false,
             updates: 0,
-            global_words: None,
             cycle_ns: None,
             cycles: None,
             on_request: false,
@@ -169,34 +165,23 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
-    /// Takes note of which copy of the global status is which, as far as that is known.
-    pub fn set_global_words(&mut self, words: Option<GlobalWords>) {
-        self.global_words = words;
-    }
-
-    /// The copies of the board's global status, as they lie; `None` while no servo data come that have them.
-    #[must_use]
-    pub fn global_status(&self) -> Option<[u32; 2]> {
+    /// The words of `???`; `None` while no servo data come that have them.
+    fn global_status(&self) -> Option<[u32; 2]> {
         self.reader.global_status().filter(|_| self.is_live())
     }
 
     /// Whether a program buffer is open on the board; `None` while no servo data come that tell.
     #[must_use]
     pub fn program_buffer_open(&self) -> Option<bool> {
-        let [_, second] = self.words_in_order()?;
+        let [_, second] = self.global_status()?;
         Some(second & self.block.global_status.as_ref()?.program_buffer_open != 0)
     }
 
     /// Whether the board gathers data; `None` while no servo data come that tell.
     #[must_use]
     pub fn gathering(&self) -> Option<bool> {
-        let [first, _] = self.words_in_order()?;
+        let [first, _] = self.global_status()?;
         Some(first & self.block.global_status.as_ref()?.gathering != 0)
-    }
-
-    /// The words of `???`.
-    fn words_in_order(&self) -> Option<[u32; 2]> {
-        Some(self.global_words?.in_order(self.global_status()?))
     }
 
     /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.

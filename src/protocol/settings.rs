@@ -51,7 +51,7 @@ impl BoardSettings {
     /// The register map of a board of `family` with `firmware` and these readings.
     #[must_use]
     pub fn layout(&self, family: &'static Family, firmware: Option<Firmware>) -> Layout {
-        Layout::read_by(family, firmware, self.readings)
+        Layout::new(family, firmware)
     }
 
     /// The binary rotary format, with the readings.
@@ -83,14 +83,14 @@ pub enum VariableMode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::readings::GatherSizeWord;
+    use crate::map::readings::RotaryCode2;
 
     #[test]
     fn the_tables_are_written_by_name_and_come_back() {
-        let text = "[readings]\ngather_size_word = \"as_printed\"\n[variables]\nmode = \"multi-user\"\n\
+        let text = "[readings]\nrotary_code2 = \"bit16\"\n[variables]\nmode = \"multi-user\"\n\
                     [plan]\nrotary_start = [0xDE00, 0]\n[rotary]\nexponent_bias = 30\n";
         let settings: BoardSettings = toml::from_str(text).unwrap();
-        assert_eq!(settings.readings.gather_size_word, GatherSizeWord::AsPrinted);
+        assert_eq!(settings.readings.rotary_code2, RotaryCode2::Bit16);
         assert_eq!(settings.variables.mode, VariableMode::MultiUser);
         assert_eq!(
             (settings.plan.rotary_start.as_slice(), settings.plan.gather_longs),

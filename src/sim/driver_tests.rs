@@ -8,7 +8,7 @@
 use std::fs::OpenOptions;
 
 use crate::device::board::mapping::Mapping;
-use crate::map::readings::{MailboxBell, ReportReady};
+use crate::map::readings::MailboxBell;
 use crate::sim::board::turbo;
 use crate::sim::functions::mailbox::{LENGTH, Mailbox};
 use crate::sim::testing::Bench;
@@ -77,13 +77,8 @@ impl ByBytes<'_> {
 #[test]
 fn c4_a_driver_that_reads_byte_by_byte_gets_motors_systems_and_variables() {
     // tpmac's own settings: I47=20 and I50=40; and the same on request.
-    for (ready, periods) in [
-        (ReportReady::Ignored, "I47=20 I50=40"),
-        (ReportReady::Awaited, "I47=20 I50=40"),
-        (ReportReady::Ignored, "I47=0 I50=0"),
-    ] {
+    for periods in ["I47=20 I50=40", "I47=0 I50=0"] {
         let mut bench = board("I48=1 I49=1 I55=1 I56=1 I57=0\nI3100=1 I3200=1\n&16#32->X\n#31J/#32J/");
-        bench.world.board.identity.readings.report_ready = ready;
         bench.world.load("site", periods).unwrap();
         bench.world.load("site", "#31J=-1000#32J=1000").unwrap();
         bench.run(5000);
@@ -121,7 +116,7 @@ fn c4_a_driver_that_reads_byte_by_byte_gets_motors_systems_and_variables() {
                 host.write16(0x1044, 0);
             }
         }
-        assert_eq!((motors, systems, variables), (60, 10, 10), "{ready:?} {periods}");
+        assert_eq!((motors, systems, variables), (60, 10, 10), "{periods}");
         assert!(bench.violations().is_empty(), "{:?}", bench.violations());
     }
 }

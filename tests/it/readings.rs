@@ -1,7 +1,5 @@
 //! Where the manual can be read two ways: the page of the readings, and what users see under each.
 
-use std::io::Write;
-use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use pmac_dpram::map::READINGS;
@@ -106,62 +104,6 @@ fn b3_5_a_board_that_takes_nothing_names_the_setting_of_the_header() {
     }
 }
 
-#[test]
-fn b3_what_others_open_and_gather_is_seen_whichever_way_the_global_words_lie() {
-    for value in ["y_first", "x_first"] {
-        let site = board_that_reads("global_words", value);
-        site.wait_for_live_servo();
-        let status = || site.run(&["status", "--json"]).json();
-        site.wait_until("the global status", || !status()["global_status"].is_null());
-        let told = status();
-        assert_eq!(told["global_status"]["words"][0], format!("${}", &site.ask("???")[0][..6]), "{value}");
-        assert_eq!(told["socket"]["elsewhere"], serde_json::json!([]), "{value}");
-
-        let mut serial = UnixStream::connect(site.path("serial")).unwrap();
-        serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
-        site.run_for(Duration::from_millis(500));
-        let ran = site.run(&["send", "X9"]);
-        assert!(ran.code == Some(1) && ran.stderr.contains("opened by somebody else"), "{value}: {ran:?}");
-        assert_eq!(status()["socket"]["elsewhere"][0]["what"], "program_buffer", "{value}");
-        serial.write_all(b"CLOSE\r").unwrap();
-        site.run_for(Duration::from_millis(500));
-        assert_eq!(site.ask("LIST PROG 88"), ["X1"], "{value}");
-
-        serial.write_all(b"I20=1 I21=$80002B I45=3 DEFINE GATHER 100\rGATHER\r").unwrap();
-        site.run_for(Duration::from_millis(500));
-        assert_eq!(status()["socket"]["elsewhere"][0]["what"], "gather", "{value}");
-        // A reset may have brought another board: its words are compared anew.
-        site.control("reset");
-        site.wait_until("the board again", || site.run(&["send", "GATHER"]).code == Some(0));
-        site.wait_for_live_servo();
-        site.wait_until("the global status", || !status()["global_status"].is_null());
-        assert_eq!(status()["socket"]["elsewhere"], serde_json::json!([]), "{value}");
-        site.assert_no_violations();
-    }
-}
-
-#[test]
-fn b3_what_others_open_on_a_turbo_board_is_seen_whichever_way_the_global_words_lie() {
-    for value in ["y_first", "x_first"] {
-        let reading = format!("global_words={value}");
-        let board = ["--family", "turbo2", "--reading", &reading];
-        let site = VirtualSite::configured(&board, "family = \"turbo2\"\n");
-        site.wait_for_identity();
-        let first = || site.run(&["status", "--json"]).json()["global_status"]["words"][0].clone();
-        let told = format!("${}", &site.ask("???")[0][..6]);
-        site.wait_until("the global status", || first() == told.as_str());
-        let mut serial = UnixStream::connect(site.path("serial")).unwrap();
-        serial.write_all(b"OPEN PROG 88 CLEAR\rX1\r").unwrap();
-        site.run_for(Duration::from_millis(500));
-        let ran = site.run(&["send", "X9"]);
-        assert!(ran.code == Some(1) && ran.stderr.contains("opened by somebody else"), "{value}: {ran:?}");
-        serial.write_all(b"CLOSE\r").unwrap();
-        site.run_for(Duration::from_secs(3));
-        assert_eq!(site.ask("LIST PROG 88"), ["X1"], "{value}");
-        site.assert_no_violations();
-    }
-}
-
 /// The words of `pmacctl variable set` on a Turbo board that reads records otherwise than its daemon is told.
 #[test]
 fn b3_a_record_that_the_board_reads_otherwise_is_not_tried_for_long() {
@@ -179,32 +121,5 @@ fn b3_a_record_that_the_board_reads_otherwise_is_not_tried_for_long() {
         assert!(error.contains("nothing of these records was handed over"), "{error}");
         let cycles = site.status()["servo_cycles"].as_u64().unwrap() - before;
         assert!(cycles < 1000, "{cycles} servo cycles");
-    }
-}
-
-/// The message is whole, and names what the board's family has.
-#[test]
-fn b3_a_gather_buffer_that_lies_elsewhere_names_the_settings_of_its_family() {
-    let gather = |board: &[&str], config: &str| {
-        let site = VirtualSite::configured(board, config);
-        site.wait_for_identity();
-        site.wait_for_live_servo();
-        let (code, _, error) = site.pmacctl(&["gather", "--source", "servo_timer", "--once", "-o", "-"]);
-        assert_eq!(code, 1, "{error}");
-        error
-    };
-    let turbo = "family = \"turbo2\"\n";
-    let told = gather(&["--family", "turbo2", "--reading", "gather_words=index_first"], turbo);
-    assert!(told.contains("in pmacd's configuration write gather_words = \"index_first\""), "{told}");
-    let told = gather(&["--reading", "gather_size_word=as_printed"], "");
-    assert!(told.contains("in pmacd's configuration write gather_size_word = \"as_printed\""), "{told}");
-    for (family, mode) in [("turbo2", "I5000"), ("pmac", "I45")] {
-        let board = ["--family", family, "--reading", "gather_size_word=not_written"];
-        let told = gather(&board, &format!("family = {family:?}\n"));
-        assert!(told.contains(&format!("is {mode} neither 2 nor 3?")), "{told}");
-        assert!(
-            told.contains("gather_size_word = \"not_written\" under [readings] in pmacd's configuration"),
-            "{told}"
-        );
     }
 }

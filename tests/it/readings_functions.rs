@@ -20,7 +20,7 @@ const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 /// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 5] = ["report_ready", "read_entry", "write_record", "gather_words", "write_long"];
+const OF_TURBO: [&str; 3] = ["read_entry", "write_record", "write_long"];
 
 impl Board {
     /// That for which `reading` means something.
@@ -181,8 +181,6 @@ every_function_works_under! {
     b3_every_function_works_under_rotary_code2
     b3_every_function_works_under_rotary_bit_codes
     b3_every_function_works_under_rotary_header
-    b3_every_function_works_under_gather_size_word
-    b3_every_function_works_under_gather_index
     b3_every_function_works_under_variable_write_field
     b3_every_function_works_under_rotary_end_marker
     b3_every_function_works_under_rotary_index
@@ -191,12 +189,8 @@ every_function_works_under! {
     b3_every_function_works_under_variable_write_count
     b3_every_function_works_under_variable_read_pass
     b3_every_function_works_under_mailbox_bell
-    b3_every_function_works_under_global_words
-    b3_every_function_works_under_background_timer
-    b3_every_function_works_under_report_ready
     b3_every_function_works_under_read_entry
     b3_every_function_works_under_write_record
-    b3_every_function_works_under_gather_words
     b3_every_function_works_under_write_long
 }
 
@@ -216,7 +210,6 @@ fn b3_a_setting_that_is_missing_shows() {
             let site = board.that_reads(reading.name, value, false);
             let works = catch_unwind(AssertUnwindSafe(|| {
                 match reading.name.split_once('_').unwrap().0 {
-                    "gather" => samples_are_gathered(&site),
                     "rotary" => a_program_runs(&site, board),
                     "read" => a_high_register_is_watched(&site),
                     "variable" | "write" => variables_are_written_and_read(&site, board),

@@ -189,7 +189,7 @@ fn c1_the_lines_of_a_set_up_are_for_the_daemons_board() {
 /// I48 alone starts a Turbo board's report, so an ENDGATHER does not end it.
 #[test]
 fn c1_a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
-    let mut site = Site::new("[readings]\ngather_words = \"size_first\"\n");
+    let mut site = Site::new("");
     site.cycles(400);
     site.board().refuses = Some("DEFINE");
     let (code, _, stderr) = site.running(&["gather", "-s", "1.actual_position", "--once", "-o", "-"]);

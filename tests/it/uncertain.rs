@@ -100,35 +100,6 @@ fn the_exponent_in_a_stream_has_the_daemons_bias_unless_told_otherwise() {
     site.assert_no_violations();
 }
 
-/// A board with these words and a daemon with that configuration gather fifty samples.
-fn gather_fifty(simulator: &[&str], config: &str) -> (i32, String) {
-    let site = configured(simulator, config);
-    let gather = ["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"];
-    let (status, stdout, stderr) = site.pmacctl(&gather);
-    if status == 0 {
-        assert_eq!(stdout.lines().count(), 51, "{stdout}");
-    }
-    site.assert_no_violations();
-    (status, stderr)
-}
-
-#[test]
-fn a_size_word_that_lies_elsewhere_is_found_and_the_setting_named() {
-    for (board, other, at) in [("with_index", "as_printed", "0x08FC"), ("as_printed", "with_index", "0x07FC")]
-    {
-        let simulator = ["--reading", &format!("gather_size_word={board}")];
-        let configured = |word| format!("[readings]\ngather_size_word = {word:?}\n");
-        // The daemon says where the size stands, and what to write.
-        let (status, stderr) = gather_fifty(&simulator, &configured(other));
-        let told = format!(
-            "DEFINE GATHER 50 left 50 at {at}; under [readings] in pmacd's configuration write gather_size_word = {board:?}"
-        );
-        assert!(status == 1 && stderr.contains(&told), "{told}: {stderr}");
-        let (status, stderr) = gather_fifty(&simulator, &configured(board));
-        assert_eq!(status, 0, "{stderr}");
-    }
-}
-
 /// The simulated board has its buffer where real ones have it, by the table of a production driver.
 #[test]
 fn every_firmware_gathers_without_a_setting() {
@@ -148,4 +119,15 @@ fn every_firmware_gathers_without_a_setting() {
         assert_eq!(site.word(index), 50, "{firmware}");
         site.assert_no_violations();
     }
+}
+
+/// The daemon is told an older firmware than the board's, whose buffer and words are elsewhere.
+#[test]
+fn a_board_that_keeps_its_gather_words_elsewhere_is_refused_with_the_page() {
+    let site = configured(&["--firmware", "1.18"], "ask_board = false\nfirmware = \"1.15\"\n");
+    let gather = ["gather", "--source", "servo_timer", "--once", "--buffer", "50", "-o", "-"];
+    let (status, _, stderr) = site.pmacctl(&gather);
+    let told = "DEFINE GATHER 50 should have left 50 at 0x07FC and 0 at 0x07FE";
+    assert!(status == 1 && stderr.contains(told) && stderr.contains("see docs/evidence.md"), "{stderr}");
+    site.assert_no_violations();
 }

@@ -1,7 +1,6 @@
 /* Background fixed data: Data-Ready (0x0228), the report's servo timer (0x022A), and two words that stand for the data. On Turbo
  * (0x067A, 0x0678) the same, with a Host-Busy (0x0676), and PMAC clears Data-Ready before it copies (Turbo User Manual p. 405).
- * With I50=0 it makes a report while Data-Ready is clear, as on PMAC; else by itself (p. 403), waiting for that or not: no text
- * tells which, and the first is PMAC's case.
+ * With I50=0 it makes a report while Data-Ready is clear, as on PMAC; else by itself (p. 403).
  *
  * Pmac mirrors src/sim/background_report.rs, Host src/function/background.rs with the order of src/mirror/background.rs: a
  * report is asked for when it is due. Every access to the DPRAM is one step.

@@ -5,11 +5,9 @@
  * stands still between two of its own, nobody knows. A value is its sample's number, in both of its words.
  *
  * -D...        what changes; what FAILS is told as the counterexample goes
- * BEFORE       the index moves before the sample is stored (reading gather_index)
  * LATE         the clock counts a cycle after its sample was stored, not before
  * NO_AGAIN     the index is not read again after a copy. FAILS: the board stores a turn of samples during the copy.
  * KEEP_ALL     a full turn counts as there, with the sample that the board stores next. FAILS: it is stored while it is copied.
- * NO_HALF      the newest sample is taken as soon as the index is past it. FAILS with BEFORE: it is not stored yet.
  * NO_CLOCK     samples are numbered by the index alone. FAILS: the host sleeps for a turn, and takes a sample for an older one.
  * NO_BRACKET   an index counts however long the host stood still between the clock's readings around it. FAILS: two numbers of
  *              samples a turn apart fit it.
@@ -25,30 +23,22 @@
 byte low[CAP], high[CAP];
 byte index = 0;
 byte clock = 0;
-bool storing = false;
 
 proctype Pmac() {
   byte n = 0, slot = 0;
   do
   :: n < SAMPLES ->
-#ifdef LATE
-     storing = true;
-#else
-     atomic { storing = true; clock++ };
-#endif
-#ifdef BEFORE
-     index = (slot + 1) % CAP;
+#ifndef LATE
+     clock++;
 #endif
      low[slot] = n;
      high[slot] = n;
-#ifndef BEFORE
      index = (slot + 1) % CAP;
-#endif
      atomic {
 #ifdef LATE
        clock++;
 #endif
-       n++; slot = (slot + 1) % CAP; storing = false
+       n++; slot = (slot + 1) % CAP
      }
   :: else -> break
   od
@@ -94,10 +84,9 @@ inline learn(at, from, to) {
 }
 
 proctype Host() {
-  byte before, after, at, count, first, whole, i;
+  byte before, after, at, count, first, i;
   byte ahead, most, oldest;
   byte a[CHUNK], b[CHUNK];
-  byte idle_at = NOTHING;
   bool learned;
   do
   :: before = clock;
@@ -106,23 +95,11 @@ proctype Host() {
      learn(at, before, after);
      if :: !learned -> goto ended :: else fi;
      atomic {
-       whole = written;
-#ifdef BEFORE
-#ifndef NO_HALF
-       if :: idle_at != written && written > 0 -> whole = written - 1 :: else fi;
-#endif
-#endif
-       count = (whole > read -> whole - read : 0);
+       count = (written > read -> written - read : 0);
        if :: count > CHUNK -> count = CHUNK :: else fi;
        first = read; i = 0
      };
-     if
-     :: count == 0 ->
-        /* The next poll comes a millisecond later: what was being stored then is stored. */
-        atomic { !storing -> idle_at = written };
-        goto ended
-     :: else
-     fi;
+     if :: count == 0 -> goto ended :: else fi;
      do
      :: i < count -> a[i] = low[(first + i) % CAP]; b[i] = high[(first + i) % CAP]; i++
      :: else -> break
@@ -148,7 +125,7 @@ proctype Host() {
        od;
        assert(read <= written && lost <= read)
      };
-ended: atomic { a[0] = 0; a[1] = 0; b[0] = 0; b[1] = 0; before = 0; after = 0; at = 0; count = 0; first = 0; whole = 0; i = 0 }
+ended: atomic { a[0] = 0; a[1] = 0; b[0] = 0; b[1] = 0; before = 0; after = 0; at = 0; count = 0; first = 0; i = 0 }
   od
 }
 

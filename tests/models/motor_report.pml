@@ -6,30 +6,28 @@
  * The data carry the number of their update, and so does the timer. That a reset may lose the mask is not here.
  *
  * What the rules rest on: PMAC tests Host-Busy, clears Data-Ready, copies the masked motors, stores the timer, sets Data-Ready
- * (Turbo User Manual p. 403, facts 4 step 3). On request it makes a report only while Data-Ready is clear (step 3b). Whether one
- * that comes by itself waits for that, too, no text tells: both are played. With I57=1 PMAC makes the report with the one of the
+ * (Turbo User Manual p. 403). On request (I47=0) it makes a report only while Data-Ready is clear. With I57=1 PMAC makes the report with the one of the
  * background (p. 403), whether this one was taken or not: for its reader that is a report that comes by itself.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
- * AWAITED     PMAC makes no report before the host has taken the last one: on request, or by the reading `report_ready`
+ * ON_REQUEST  PMAC makes no report before the host has taken the last one; else reports come by themselves
  * HANDSHAKE   the host sets Host-Busy around each read; without it the reading is optimistic
- * NO_REREAD   PMAC's word and the timer are not read again after the data. FAILS unless AWAITED, with HANDSHAKE too: PMAC has
+ * NO_REREAD   PMAC's word and the timer are not read again after the data. FAILS, with HANDSHAKE too: PMAC has
  *             tested Host-Busy; the host sets it, reads Data-Ready, and the first motor; PMAC clears Data-Ready and writes both.
  * FLAG_LAST   they are, but the timer before the word with Data-Ready. FAILS: the first motor is read; PMAC clears Data-Ready and writes
  *             the second, which is read, too; the timer is read, still the old one; PMAC stores the new one and sets Data-Ready.
- * SPLIT       PMAC writes the timer's high bits, then sets Data-Ready beside them. FAILS but with AWAITED: the host takes the
+ * SPLIT       PMAC writes the timer's high bits, then sets Data-Ready beside them. FAILS: the host takes the
  *             report before by writing the word as it read it; the high bits of then meet Data-Ready of now. One update in 65536
  *             has other high bits than the one before, so this is a limit of the interface that is told and not mended.
- * NO_TAKE     the host does not clear Data-Ready. FAILS with AWAITED (liveness): PMAC makes no other report.
- * BUSY_FIRST  the host sets Host-Busy, then waits for Data-Ready, as the steps are printed. FAILS with AWAITED (liveness): where
+ * NO_TAKE     the host does not clear Data-Ready. FAILS with ON_REQUEST (liveness): PMAC makes no other report.
+ * BUSY_FIRST  the host sets Host-Busy, then waits for Data-Ready, as the steps are printed. FAILS with ON_REQUEST (liveness): where
  *             nothing is ready yet, PMAC waits for Host-Busy, and the host for PMAC.
  * CRASH       the host is killed anywhere, any number of times (LIVE: once), and started again
  * NO_RELEASE  ... and does not clear Host-Busy at its start. FAILS with HANDSHAKE: PMAC is stopped for ever.
  * RESET       the board is reset anywhere, once: Data-Ready and timer are cleared, and Host-Busy is set or as it was
- * NO_SPEAK    ... and the host does not clear Host-Busy when the data are stale. FAILS (liveness): PMAC is stopped for ever. With
- *             RESET, NO_REREAD fails with AWAITED, too: the host has read the first motor, and the board makes a new report.
- * OTHER       another host takes motor 2 out of the mask, once. PMAC leaves its word as it was (facts 4: "blocks of unmasked motors
- *             keep old data"); so may the host's copies for two updates, here, until it reads the mask again.
+ * NO_SPEAK    ... and the host does not clear Host-Busy when the data are stale. FAILS (liveness): PMAC is stopped for ever.
+ * OTHER       another host takes motor 2 out of the mask, once. PMAC leaves its word as it was ("blocks of unmasked motors keep
+ *             old data"); so may the host's copies for two updates, here, until it reads the mask again.
  * NO_MASK     the host does not read the mask again. FAILS with OTHER: an old word passes for new for ever.
  */
 #define READY 2
@@ -57,7 +55,7 @@ proctype Pmac() {
     do
     :: atomic {                                       /* one servo cycle; the update is due */
          (!copying || cycles < LIMIT) ->
-#ifdef AWAITED
+#ifdef ON_REQUEST
          !(flag & READY) ->
 #elif defined(LIVE)
          looks_ended == 2 ->

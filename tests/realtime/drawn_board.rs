@@ -32,8 +32,8 @@ const FACTORS: [&str; 5] = ["0", "0.5", "1", "2", "4"];
 
 /// Readings of what boards of one generation alone have; all others are of both.
 const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
-    (Generation::Pmac, &["gather_size_word", "panel_mask", "panel_words", "background_timer"]),
-    (Generation::Turbo, &["report_ready", "read_entry", "write_record", "gather_words", "write_long"]),
+    (Generation::Pmac, &["panel_mask", "panel_words"]),
+    (Generation::Turbo, &["read_entry", "write_record", "write_long"]),
 ];
 
 /// Whether boards of `family` differ by the reading called `name`.

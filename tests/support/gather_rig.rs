@@ -86,8 +86,6 @@ impl GatherRig {
             longest_sample: PMAC.i.longest_gather_sample(),
             mode: plan.mode,
             period: plan.period,
-            size_word: Default::default(),
-            index: Default::default(),
         };
         let mut reader = GatherReader::new(buffer, GatherStart::Defined).unwrap();
         let look = reader.poll(&mut self.bus, |bus| report_cycles(bus, &PMAC.servo, timer)).unwrap();

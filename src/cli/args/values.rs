@@ -6,23 +6,7 @@ use clap::ValueEnum;
 use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
-use crate::map::readings::{GatherSizeWord, GlobalWords};
 use crate::map::{Family, UnknownFamily};
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum GatherSize {
-    WithIndex,
-    AsPrinted,
-}
-
-impl From<GatherSize> for GatherSizeWord {
-    fn from(choice: GatherSize) -> Self {
-        match choice {
-            GatherSize::WithIndex => Self::WithIndex,
-            GatherSize::AsPrinted => Self::AsPrinted,
-        }
-    }
-}
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum Float48 {
@@ -35,22 +19,6 @@ impl From<Float48> for Float48Layout {
         match choice {
             Float48::Register => Self::Register,
             Float48::Printed => Self::Printed,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-#[value(rename_all = "snake_case")]
-pub enum GlobalCopies {
-    YFirst,
-    XFirst,
-}
-
-impl From<GlobalCopies> for GlobalWords {
-    fn from(choice: GlobalCopies) -> Self {
-        match choice {
-            GlobalCopies::YFirst => Self::YFirst,
-            GlobalCopies::XFirst => Self::XFirst,
         }
     }
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::args::values::{Float48, GlobalCopies, Order, family};
+use crate::cli::args::values::{Float48, Order, family};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::buffers;
 use crate::cli::show::coordinates::{self, Overrides};
@@ -36,10 +36,6 @@ pub struct Decode {
     /// The byte order of the image's 16-bit words
     #[arg(long, value_name = "ORDER", default_value = "little")]
     pub word_order: Order,
-    /// PMAC, PMAC2: which word of the global status $D00A holds, as the reading global_words has it; `pmacctl status` asks the
-    /// board
-    #[arg(long, value_name = "WORDS", default_value = "y_first")]
-    pub global_words: GlobalCopies,
     /// The layout of L: values
     #[arg(long, value_name = "LAYOUT", default_value = "register")]
     pub float48: Float48,
@@ -73,7 +69,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     }
     let family = image.family();
     let (scales, float48) = (Scales::default(), options.float48.into());
-    let decoder = ServoDecoder::new(family).with_global_words(Some(options.global_words.into()));
+    let decoder = ServoDecoder::new(family);
     let report = image.region(family.servo.region);
     let servo = decoder.decode(report, count, &scales, Selection::ALL).map_err(|e| fault(&e))?;
     let background =

@@ -4,10 +4,10 @@ use std::io::{self, Write as _};
 
 use clap::Args;
 
-use crate::cli::args::values::{GatherSize, family};
+use crate::cli::args::values::family;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord, Readings};
+use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord};
 
 /// The column that only a family has whose registers not all stand in its own DPRAM manual.
 const CONFIDENCE: &str = "confidence";
@@ -21,9 +21,6 @@ pub struct Map {
     /// The board's firmware, as VERSION answers; without it, and without --family, that of the board that pmacd reaches; else the map in the printed manual
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
-    /// Where a firmware with a moved gather buffer keeps its size word
-    #[arg(long, value_name = "WHERE", default_value = "with-index")]
-    pub gather_size: GatherSize,
 }
 
 pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
@@ -40,9 +37,7 @@ pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
         }
         (None, None) => (DEFAULT_FAMILY, options.firmware),
     };
-    let readings = Readings { gather_size_word: options.gather_size.into(), ..Readings::default() };
-    let layout = Layout::read_by(family, firmware, readings);
-    let records = layout.records();
+    let records = Layout::new(family, firmware).records();
     if context.output.is_json() {
         context.output.json(&records)?;
     } else {

@@ -288,8 +288,6 @@ impl BoardLoop {
     fn see_global_status(&mut self) {
         self.functions.see_buffer();
         self.functions.see_programs();
-        let copies = self.functions.global_status();
-        self.functions.ascii.queue_mut().identifier.see_global_status(copies);
     }
 
     /// Data have stopped: the board may have been reset, or be gone.
@@ -314,8 +312,6 @@ impl BoardLoop {
             identity.servo_period_ps.map(|ps| ps / 1000),
             identity.servo_report_cycles,
         );
-        self.functions.servo.set_global_words(identity.global_words);
-        self.functions.background.set_global_words(identity.global_words);
         self.functions.background.configure(motors);
         match self.configured.settings.layout_for(identity.firmware.as_deref()) {
             Ok(layout) => self.functions.set_layout(layout),

@@ -286,12 +286,6 @@ impl FunctionTable {
         self.servo.gathering().or_else(|| self.background.gathering())
     }
 
-    /// The copies of the board's global status in its reports, as they lie; `None` while none come.
-    #[must_use]
-    pub fn global_status(&self) -> Option<[u32; 2]> {
-        self.servo.global_status().or_else(|| self.background.global_status())
-    }
-
     /// Tells the command lines what the reports say of program buffers.
     pub fn see_buffer(&mut self) {
         let told = self.program_buffer_open();

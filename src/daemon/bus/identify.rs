@@ -7,12 +7,10 @@
 //! can change answers at any time, so I-variables are asked again every half minute; more often where the daemon reads no
 //! report.
 
-mod global_words;
 mod questions;
 
 use std::time::{Duration, Instant};
 
-use self::global_words::Comparison;
 use self::questions::{ERROR_REPORT, Meaning, PLC_CONTROL, Question, note_type, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
@@ -75,8 +73,6 @@ pub struct Identifier {
     has_failed: bool,
     /// When the last question was due.
     asked: Instant,
-    /// Which copy of the global status is which.
-    comparison: Option<Comparison>,
     /// The servo report has no period, but is not made in the background either: as last told, and as this round says.
     on_request: bool,
     asking_on_request: bool,
@@ -111,11 +107,6 @@ impl Identifier {
             patience: PATIENCE,
             has_failed: false,
             asked: now,
-            comparison: [&family.servo.global_status, &family.background.global_status]
-                .into_iter()
-                .find_map(Option::as_ref)
-                .filter(|_| ask)
-                .map(Comparison::new),
             on_request: false,
             asking_on_request: false,
             program_reports: [None; 2],
@@ -150,10 +141,6 @@ impl Identifier {
     pub fn begin_anew(&mut self, now: Instant) {
         self.changes.forget();
         (self.program_reports, self.asking_program_reports) = ([None; 2], [None; 2]);
-        if let Some(comparison) = &mut self.comparison {
-            comparison.forget();
-            self.tell(self.known.clone());
-        }
         self.ask_again(now);
     }
 
@@ -181,14 +168,12 @@ impl Identifier {
     /// The line was not sent after all: it is asked again.
     pub fn not_sent(&mut self) {
         self.under_way = false;
-        self.comparison.as_mut().map(Comparison::end);
         self.restart();
     }
 
     /// Tells an answer, as far as it is not in doubt.
     fn tell(&mut self, answer: Identity) {
-        let mut answer = self.doubts.leave_out(answer);
-        answer.global_words = self.comparison.as_ref().and_then(Comparison::found);
+        let answer = self.doubts.leave_out(answer);
         if answer != self.known {
             self.known = answer.clone();
             self.update = Some(answer);
@@ -198,29 +183,12 @@ impl Identifier {
     /// How long nothing needs to be asked.
     #[must_use]
     pub fn due_in(&self, now: Instant) -> Duration {
-        let compares = self.comparison.as_ref().and_then(|comparison| comparison.due(now));
-        let compares = compares.map_or(Duration::MAX, |due| due.saturating_duration_since(now));
-        let asks = self.due().map_or(Duration::MAX, |due| due.saturating_duration_since(now));
-        asks.min(compares)
-    }
-
-    /// Takes note of the copies of the global status in a report, as they lie; of nothing while none come.
-    pub fn see_global_status(&mut self, copies: Option<[u32; 2]>) {
-        if let Some(comparison) = &mut self.comparison {
-            comparison.see(copies);
-        }
+        self.due().map_or(Duration::MAX, |due| due.saturating_duration_since(now))
     }
 
     /// The line to send now, if any, and how long to wait for its reply. Scales are asked so many that the reply has at most
     /// `most_lines`, if a motor's fit in. Tell with [`Identifier::sent`] if it was.
     pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
-        if let Some(comparison) = &mut self.comparison
-            && comparison.due(now) == Some(now)
-        {
-            comparison.begin(now);
-            self.lines = 0;
-            return Some((Text::from_bytes(global_words::QUESTION), self.patience));
-        }
         if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
             // Who the board is does not change while it lives.
             let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
@@ -286,9 +254,6 @@ impl Identifier {
     pub fn line(&mut self, line: &[u8]) {
         let index = self.lines;
         self.lines += 1;
-        if let Some(comparison) = self.comparison.as_mut().filter(|comparison| comparison.is_under_way()) {
-            return comparison.answer(line);
-        }
         let Some((_, question)) = self.questions.get(self.next) else { return };
         let line = line.trim_ascii();
         let value = answer::integer(std::str::from_utf8(line).unwrap_or_default());
@@ -345,10 +310,6 @@ impl Identifier {
     pub fn done(&mut self) {
         self.under_way = false;
         self.has_failed = false;
-        if self.comparison.as_mut().is_some_and(Comparison::end) {
-            self.tell(self.known.clone());
-            return self.restart();
-        }
         self.next += 1;
         if self.next == self.questions.len() {
             self.on_request = self.asking_on_request;
@@ -363,9 +324,7 @@ impl Identifier {
     /// The board did not answer, or not all in time: it is asked for fewer scales at a time.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
-        if !self.comparison.as_mut().is_some_and(Comparison::end) {
-            self.halve();
-        }
+        self.halve();
         self.has_failed = true;
         self.again = false;
         self.changing_since = None;

@@ -43,8 +43,7 @@ pub const PANEL_STRIDE: u32 = 4;
 pub const SERVO_HOST_STATUS: HostOffset = at(0x0024);
 /// Bits 14-0 are the servo timer, bit 15 is [`PMAC_BUSY`]; PMAC's word.
 pub const SERVO_PMAC_STATUS: HostOffset = at(0x0026);
-/// Copy of Y:$0003, the second word of `???`; a long. The manual calls it the first: see
-/// [`crate::map::readings::GlobalWords`].
+/// Copy of Y:$0003, the second word of `???` (Software Reference; the DPRAM manual calls it the first); a long.
 pub const SERVO_GLOBAL_STATUS_Y: HostOffset = at(0x0028);
 /// Copy of X:$0003, the first word of `???`; a long.
 pub const SERVO_GLOBAL_STATUS_X: HostOffset = at(0x002C);
@@ -59,13 +58,10 @@ pub const SERVO_MOTOR_WORDS: usize = SERVO_MOTOR_STRIDE as usize / 2;
 
 /// The copies of the global status. The bits are those of the Software Reference, `???`.
 const GLOBAL_STATUS: GlobalStatus = GlobalStatus {
-    longs: [SERVO_GLOBAL_STATUS_Y, SERVO_GLOBAL_STATUS_X],
+    longs: [SERVO_GLOBAL_STATUS_X, SERVO_GLOBAL_STATUS_Y],
     // Y:$0003, bits 19, 18 and 17: a motion, rotary or PLC buffer is open.
     program_buffer_open: 0b111 << 17,
     gathering: 1 << 19,
-    // Of X:$0003 not those of the interrupts (23 to 21 and 9), which come and go by themselves; of Y:$0003 neither the
-    // internal ones nor the command of a PLC (16).
-    steady: [0x1F_FDFF, 0x4E_8800],
 };
 /// Where PMAC keeps the time base of coordinate system `number` (1 to 8) that the panel's override sets; the default of
 /// its Ix93.

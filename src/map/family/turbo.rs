@@ -121,15 +121,12 @@ pub const BACKGROUND_THUMBWHEEL_PORT: HostOffset = at(0x0684);
 pub const BACKGROUND_GLOBAL_STATUS_Y: HostOffset = at(0x0688);
 /// Copy of X:$000006, the first word of `???`; a long.
 pub const BACKGROUND_GLOBAL_STATUS_X: HostOffset = at(0x068C);
-/// The copies of the global status. That the second word comes first is likely, not sure (FACTS-TURBO 5): the reading
-/// [`crate::map::readings::GlobalWords`].
+/// The copies of the global status.
 const GLOBAL_STATUS: GlobalStatus = GlobalStatus {
-    longs: [BACKGROUND_GLOBAL_STATUS_Y, BACKGROUND_GLOBAL_STATUS_X],
+    longs: [BACKGROUND_GLOBAL_STATUS_X, BACKGROUND_GLOBAL_STATUS_Y],
     // Y:$000006, bits 20 to 17 (TSRM p. 290): a binary rotary, motion, rotary or PLC buffer is open.
     program_buffer_open: 0b1111 << 17,
     gathering: 1 << 19,
-    // What the board is, what is gathered and open, and errors that stay.
-    steady: [0x2A_7C83, 0xFF_0800],
 };
 /// Three longs without a documented use.
 pub const BACKGROUND_GLOBAL_SPARE: HostOffset = at(0x0690);

@@ -161,20 +161,6 @@ impl TargetSource {
     }
 }
 
-/// Reads a reply to `?`, `??` or `???` of `N` words of six hexadecimal digits; `None` when the text is anything else.
-#[must_use]
-pub fn parse_reply<const N: usize>(reply: &str) -> Option<[u32; N]> {
-    let reply = reply.trim();
-    if reply.len() != 6 * N || !reply.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
-    let mut words = [0; N];
-    for (word, digits) in words.iter_mut().zip(reply.as_bytes().chunks_exact(6)) {
-        *word = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
-    }
-    Some(words)
-}
-
 /// Whether `flag` is set in a reply to `?`, `??` or `???` whose words are those of `tables`. Text that is no such reply has
 /// no flags.
 #[must_use]
@@ -221,7 +207,7 @@ mod tests {
 
     #[test]
     fn the_software_references_motor_example_decodes() {
-        let [first, second] = parse_reply("812000804401").unwrap();
+        let [first, second] = [0x81_2000, 0x80_4401];
         assert_eq!(
             named(first, &PMAC.motor[0]),
             ["motor_activated", "integration_mode", "desired_velocity_zero"]
@@ -243,7 +229,7 @@ mod tests {
 
     #[test]
     fn the_software_references_coordinate_system_example_decodes() {
-        let [first, second] = parse_reply("A8002A020010").unwrap();
+        let [first, second] = [0xA8_002A, 0x02_0010];
         assert_eq!(
             named(first, &PMAC.coordinate_system[0]),
             [
@@ -263,12 +249,11 @@ mod tests {
     #[test]
     fn a_turbo_reply_decodes() {
         // A Brick Controller at factory defaults answers this to `?`.
-        let [first, second] = parse_reply("850000000000").unwrap();
+        let [first, second] = [0x85_0000, 0];
         assert_eq!(named(first, &TURBO.motor[0]), ["motor_activated", "open_loop", "integration_mode"]);
         assert_eq!(coordinate_system(second, &TURBO), None);
         assert_eq!(coordinate_system(0xF0_8000, &TURBO), Some(16));
         assert_eq!(field(0xF7_8000, &TURBO.motor[1], "axis"), Some(7));
-        assert_eq!(parse_reply::<3>("A8002A020010000001").map(|words| words[2]), Some(1));
     }
 
     #[test]
@@ -304,13 +289,5 @@ mod tests {
     #[test]
     fn a_sign_extension_names_no_flag() {
         assert_eq!(named(0xFF80_0000, &PMAC.motor[0]), ["motor_activated"]);
-    }
-
-    #[test]
-    fn what_is_no_reply_is_not_read() {
-        for text in ["", "81200080440", "8120008044011", "81200080440G", "+12000804401", "é1200080440"] {
-            assert_eq!(parse_reply::<2>(text), None, "{text}");
-        }
-        assert_eq!(parse_reply::<2>("812000804401\r"), Some([0x81_2000, 0x80_4401]));
     }
 }

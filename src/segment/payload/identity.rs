@@ -4,7 +4,6 @@
 //! configuration. A bit marks each known value, because a zero is a value, too.
 
 use crate::format::Text;
-use crate::map::readings::GlobalWords;
 
 /// Length of the payload in bytes.
 pub const BYTES: usize = 0x790;
@@ -22,7 +21,6 @@ const AT_SERVO_REPORT: usize = 0x020;
 const AT_BACKGROUND_REPORT: usize = 0x024;
 const AT_MOTOR_MASK: usize = 0x028;
 const AT_SCALES_KNOWN: usize = 0x02C;
-const AT_GLOBAL_WORDS: usize = 0x03C;
 const AT_FIRMWARE: usize = 0x040;
 /// Room for the answer to `VERSION`, in bytes.
 pub const FIRMWARE_BYTES: usize = 16;
@@ -38,6 +36,7 @@ pub const NAME_BYTES: usize = 16;
 const SERVO_PERIOD_BIT: u32 = 3;
 const FIRMWARE_BIT: u32 = 9;
 const BOARD_TYPE_BIT: u32 = 10;
+/// Which copy of the global status is which: 0 at 0x03C, the second word of `???` first. Always so; older clients ask for it.
 const GLOBAL_WORDS_BIT: u32 = 11;
 
 /// The unit in which the users of a motor think, as the configuration has it.
@@ -86,8 +85,6 @@ pub struct Identity {
     pub background_report: Option<u32>,
     /// The motors that are reported, bit n-1 for motor n; see [`first_motors`] and [`Identity::reported_motors`].
     pub motor_mask: Option<u32>,
-    /// Which copy of the global status in a report is which, as the board has told.
-    pub global_words: Option<GlobalWords>,
     /// Firmware version, as `1.16D`.
     pub firmware: Option<Text<FIRMWARE_BYTES>>,
     /// The board's answer to `TYPE`.
@@ -126,7 +123,7 @@ impl Identity {
     #[must_use]
     pub fn encode(&self) -> [u8; BYTES] {
         let mut bytes = [0; BYTES];
-        let mut known: u32 = 0;
+        let mut known: u32 = 1 << GLOBAL_WORDS_BIT;
         let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
         for (bit, at, value) in [
             (0, AT_FAMILY, self.family),
@@ -137,7 +134,6 @@ impl Identity {
             (6, AT_SERVO_REPORT, self.servo_report),
             (7, AT_BACKGROUND_REPORT, self.background_report),
             (8, AT_MOTOR_MASK, self.motor_mask),
-            (GLOBAL_WORDS_BIT, AT_GLOBAL_WORDS, self.global_words.map(|words| words as u32)),
         ] {
             if let Some(value) = value {
                 known |= 1 << bit;
@@ -223,11 +219,6 @@ impl Identity {
             servo_report: number(6, AT_SERVO_REPORT),
             background_report: number(7, AT_BACKGROUND_REPORT),
             motor_mask: number(8, AT_MOTOR_MASK),
-            global_words: number(GLOBAL_WORDS_BIT, AT_GLOBAL_WORDS).and_then(|words| match words {
-                0 => Some(GlobalWords::YFirst),
-                1 => Some(GlobalWords::XFirst),
-                _ => None,
-            }),
             firmware: is_known(FIRMWARE_BIT).then(|| text(&bytes[AT_FIRMWARE..])),
             board_type: is_known(BOARD_TYPE_BIT).then(|| text(&bytes[AT_BOARD_TYPE..])),
             ix07: scales(0),
@@ -255,7 +246,6 @@ mod tests {
             servo_report: Some(1),
             background_report: Some(1),
             motor_mask: Some(0x8000_00FF),
-            global_words: Some(GlobalWords::XFirst),
             firmware: Some("1.16D".into()),
             board_type: Some("PMAC1, ISA, CLK X2".into()),
             ix07: std::array::from_fn(|motor| Some(-96 - motor as i32)),
@@ -282,7 +272,7 @@ mod tests {
     fn every_field_lies_where_the_page_says() {
         let bytes = full().encode();
         let u32_at = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
-        assert_eq!((u32_at(0), u32_at(0x3C)), (0xFFF, 1));
+        assert_eq!((u32_at(0), u32_at(0x3C)), (0xFFF, 0));
         assert_eq!((u32_at(4), u32_at(8), u32_at(0xC)), (2, 8, 8));
         assert_eq!(u64::from_ne_bytes(bytes[0x10..0x18].try_into().unwrap()), 442_673_000);
         assert_eq!([0x18, 0x1C, 0x20, 0x24, 0x28].map(u32_at), [3_713_707, 0, 1, 1, 0x8000_00FF]);

@@ -6,14 +6,12 @@
 //!
 //! I20 selects the sources I21-I44 that are stored. I19 is the period. I45 says where: 2 in the DPRAM up to the buffer's
 //! end, 3 in the DPRAM round and round, 0 and 1 the same in PMAC's own memory. The firmware decides where the buffer and
-//! the two words before it are ([`crate::map::Layout`]), or a reading. Readings also say whether the size is written, and
-//! whether the index moves before a sample's data, which are there a servo cycle later then. The numbers are PMAC's; the code takes the family's.
+//! the two words before it are ([`crate::map::Layout`]). The numbers are PMAC's; the code takes the family's.
 
 use std::ops::Range;
 
 use crate::format::int24;
-use crate::map::readings::{GatherIndex, GatherSizeWord};
-use crate::map::{Family, GatherPlace, Generation, HostOffset, IVariables, Layout, Readings, ReportStart};
+use crate::map::{Family, GatherPlace, Generation, HostOffset, IVariables, Layout, ReportStart};
 use crate::sim::board::error::CommandError;
 use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
@@ -53,21 +51,17 @@ pub struct Gather {
     input: bool,
     /// Where the buffer and its words are in the DPRAM.
     place: GatherPlace,
-    readings: Readings,
-    /// Data of the newest sample that are still to be stored.
-    late: Vec<(HostOffset, u32)>,
     family: &'static Family,
     /// Gathered words, when they are kept in PMAC's own memory.
     memory: Vec<u32>,
 }
 
 impl Gather {
-    /// Nothing defined. The firmware and the readings decide where the buffer lies.
+    /// Nothing defined. The firmware decides where the buffer lies.
     #[must_use]
     pub fn new(identity: &Identity) -> Self {
-        let Identity { tables, firmware, readings, .. } = identity;
-        let family = tables.family;
-        let place = Layout::read_by(family, firmware.parse().ok(), *readings).gather();
+        let family = identity.tables.family;
+        let place = Layout::new(family, identity.firmware.parse().ok()).gather();
         Self {
             running: Vec::new(),
             size: None,
@@ -75,8 +69,6 @@ impl Gather {
             wait: 0,
             input: false,
             place,
-            readings: *readings,
-            late: Vec::new(),
             family,
             memory: Vec::new(),
         }
@@ -188,9 +180,6 @@ impl Gather {
 
     /// One servo cycle: stores a sample when one is due.
     pub fn cycle(&mut self, variables: &Variables, memory: &mut Memory) {
-        for (offset, word) in self.late.drain(..) {
-            memory.dpram.write32(offset, word);
-        }
         if self.runs(Activity::Armed) {
             let input = memory.read(memory.registers().machine_inputs) >> TRIGGER_INPUT & 1 == 1;
             if input && !std::mem::replace(&mut self.input, input) {
@@ -242,12 +231,8 @@ impl Gather {
         if self.in_dpram(variables) {
             let offset = self.place.buffer.bytes() + 4 * self.index;
             // The last sample of a buffer that fills the DPRAM has nowhere to go beyond its end.
-            let (offset, word, fits) =
-                (HostOffset::new(offset), int24::extend(word), offset + 4 <= self.family.length);
-            match self.readings.gather_index {
-                GatherIndex::AfterData if fits => memory.dpram.write32(offset, word),
-                GatherIndex::BeforeData if fits => self.late.push((offset, word)),
-                _ => {}
+            if offset + 4 <= self.family.length {
+                memory.dpram.write32(HostOffset::new(offset), int24::extend(word));
             }
         } else {
             self.memory.push(word);
@@ -259,9 +244,7 @@ impl Gather {
     fn note(&self, variables: &Variables, memory: &mut Memory) {
         if self.in_dpram(variables) {
             memory.dpram.order_writes();
-            if self.readings.gather_size_word != GatherSizeWord::NotWritten {
-                memory.dpram.write16(self.place.size, self.size.unwrap_or(0) as u16);
-            }
+            memory.dpram.write16(self.place.size, self.size.unwrap_or(0) as u16);
             memory.dpram.write16(self.place.index, self.index as u16);
         }
     }

@@ -1,18 +1,16 @@
 //! PMAC's half of the background report (DPRAM manual pp. 17-21).
 //!
 //! Each background pass, with I49=1 and I59>0 and Data-Ready clear: copy the registers of motors and coordinate
-//! systems 1 to I59, store the servo timer, set Data-Ready; or, as [`crate::map::Readings`] may say, store the timer a pass
-//! after that. Where the family has them, a count in the DPRAM stands in for
+//! systems 1 to I59, store the servo timer, set Data-Ready. Where the family has them, a count in the DPRAM stands in for
 //! I59, and a Host-Busy flag holds the report off.
 //!
 //! Turbo (User Manual p. 403): with I50 above 0 reports come by themselves, when more than I50 servo cycles have passed since
 //! the last one. With I57=1 the motors are copied in the same pass, also when no coordinate system is asked for.
 
 use crate::format::{float48, int24};
-use crate::map::readings::{ReportReady, TimerOrder};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
-use crate::sim::functions::copies::{Copies, calculated, order_global_words};
+use crate::sim::functions::copies::{Copies, calculated};
 use crate::sim::functions::servo_report::ServoReport;
 
 const FUNCTION: &str = "background";
@@ -39,8 +37,6 @@ const FEED_HOLD: u32 = 1 << 22;
 /// What the report consists of.
 #[derive(Debug)]
 pub struct BackgroundReport {
-    /// Data-Ready stands, and the servo timer is still to come.
-    timer_follows: bool,
     copies: Copies,
     /// For each number: where those of [`CALCULATED`] go that no register is documented for.
     calculated: Vec<[Option<HostOffset>; CALCULATED.len()]>,
@@ -57,7 +53,7 @@ impl BackgroundReport {
                 .map(|(name, long)| Some(calculated(family, FUNCTION, name, index)?.plus_words(2 * long)))
         });
         let copies = Copies::new(family, FUNCTION);
-        Self { timer_follows: false, copies, calculated: calculated.collect(), last: 0 }
+        Self { copies, calculated: calculated.collect(), last: 0 }
     }
 
     /// Makes the report when it is due; says whether it did.
@@ -67,9 +63,6 @@ impl BackgroundReport {
     pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 3]], motors: &mut ServoReport) -> bool {
         let family = board.family();
         let background = &family.background;
-        if std::mem::take(&mut self.timer_follows) {
-            store_timer(board);
-        }
         let count = count(board);
         let with_motors = family.i.servo_in_background.is_some_and(|number| board.enabled(number));
         let wanted = count > 0 || with_motors;
@@ -94,8 +87,6 @@ impl BackgroundReport {
         for copy in &self.copies.board {
             copy.write(copy.read(0, memory), memory);
         }
-        let global_words = board.identity.readings.global_words;
-        order_global_words(memory, background.global_status.as_ref(), global_words);
         for (index, copies) in self.copies.numbers.iter().enumerate().take(count) {
             let status = memory.read(memory.registers().program_status.of(index));
             let choice = if status & SEGMENTED != 0 && status & SEGMENTED_STOP == 0 {
@@ -116,12 +107,11 @@ impl BackgroundReport {
                 }
             }
         }
-        self.timer_follows = board.identity.readings.background_timer == TimerOrder::AfterReady;
-        if !self.timer_follows {
-            store_timer(board);
-        }
-        board.memory.dpram.order_writes();
-        board.memory.dpram.set(background.ready, true);
+        let memory = &mut board.memory;
+        let count = memory.read(memory.registers().servo_counter);
+        memory.dpram.store_timer(background.timer, count);
+        memory.dpram.order_writes();
+        memory.dpram.set(background.ready, true);
         true
     }
 
@@ -132,8 +122,7 @@ impl BackgroundReport {
         if period == 0 {
             return !ready;
         }
-        let waits = board.identity.readings.report_ready == ReportReady::Awaited;
-        board.stats.servo_cycles.saturating_sub(self.last) > period && !(waits && ready)
+        board.stats.servo_cycles.saturating_sub(self.last) > period
     }
 }
 
@@ -144,13 +133,6 @@ fn calculated_words(board: &Board, index: usize, run: [u32; 3]) -> [u32; CALCULA
     let hold = if board.is_held(index) { FEED_HOLD } else { 0 };
     let [low, high] = float48::encode(i(89));
     [run[0], run[1], run[2], lines, i(93) as u32 | hold, low, high]
-}
-
-fn store_timer(board: &mut Board) {
-    let memory = &mut board.memory;
-    let (place, count) =
-        (memory.tables().family.background.timer, memory.read(memory.registers().servo_counter));
-    memory.dpram.store_timer(place, count);
 }
 
 /// How many blocks the report has.

@@ -1,8 +1,6 @@
 //! What a report copies and where to, by the family's register table.
 
 use crate::format::int24;
-use crate::map::functions::GlobalStatus;
-use crate::map::readings::GlobalWords;
 use crate::map::{Family, HostOffset, PmacAddress, SourceAt, Space, Width};
 use crate::sim::board::memory::Memory;
 
@@ -118,11 +116,4 @@ pub fn row(family: &Family, function: &str, name: &str, index: usize) -> Option<
         let row = block.registers.iter().find(|row| row.function == function && row.name == name)?;
         Some(row.offset.plus_words(index * block.stride as usize / 2))
     })
-}
-
-/// Puts the copies of the global status of a report into the order of this reading.
-pub fn order_global_words(memory: &mut Memory, status: Option<&GlobalStatus>, words: GlobalWords) {
-    let Some(status) = status.filter(|_| words == GlobalWords::XFirst) else { return };
-    let [first, second] = status.longs.map(|long| memory.dpram.read32(long));
-    status.longs.into_iter().zip([second, first]).for_each(|(long, word)| memory.dpram.write32(long, word));
 }

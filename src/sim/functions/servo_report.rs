@@ -6,11 +6,7 @@
 //! flag round.
 //!
 //! Turbo needs no `GATHER`. With a period of 0 it makes an update whenever the host has cleared the flag; else it makes them
-//! by themselves, and the reading `report_ready` says whether it waits until the host has cleared the flag. With I57=1 they
-//! are made together with the background report.
-//!
-//! Which of $D00A and $D00B copies which word of the global status is played as the reading `global_words` says, as it is in the
-//! background report of Turbo boards.
+//! by themselves. With I57=1 they are made together with the background report.
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
@@ -21,13 +17,12 @@
 use nix::time::{ClockId, clock_gettime};
 
 use crate::format::int24;
-use crate::map::readings::ReportReady;
 use crate::map::{BusyRule, HostOffset, ReportStart};
 use crate::sim::board::Board;
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::memory::Memory;
-use crate::sim::functions::copies::{Copies, order_global_words};
+use crate::sim::functions::copies::Copies;
 
 /// The report's state.
 #[derive(Debug, Clone)]
@@ -89,7 +84,10 @@ impl ServoReport {
         let period = board.variables.i(board.family().i.servo_period.into()) as u32;
         if period == 0 {
             self.wait = 0;
-            return may_be_asked_for(board) && !is_ready(board);
+            // On request: the host has taken the last update.
+            let servo = &board.family().servo;
+            return servo.busy == BusyRule::ClearWhileWriting
+                && !board.memory.dpram.is_set(servo.pmac_status);
         }
         if self.wait > 0 {
             self.wait = self.wait.min(period) - 1;
@@ -98,8 +96,7 @@ impl ServoReport {
             }
         }
         self.wait = period;
-        let waits = may_be_asked_for(board) && board.identity.readings.report_ready == ReportReady::Awaited;
-        !(waits && is_ready(board))
+        true
     }
 
     /// Makes an update, unless the host holds it off.
@@ -110,7 +107,6 @@ impl ServoReport {
             self.wait = 0;
             return;
         }
-        let global_words = board.identity.readings.global_words;
         let memory = &mut board.memory;
         if memory.dpram.is_set(servo.host_busy) {
             self.skipped += 1;
@@ -123,7 +119,6 @@ impl ServoReport {
         memory.dpram.order_writes();
         self.updates += 1;
         self.copy(motors, memory);
-        order_global_words(memory, servo.global_status.as_ref(), global_words);
         if self.time {
             self.stamp(memory);
         }
@@ -151,16 +146,6 @@ impl ServoReport {
             copy.write(word, memory);
         }
     }
-}
-
-/// Whether the host clears PMAC's flag when it has taken an update.
-fn may_be_asked_for(board: &Board) -> bool {
-    board.family().servo.busy == BusyRule::ClearWhileWriting
-}
-
-/// Whether the host has not taken the last update yet.
-fn is_ready(board: &Board) -> bool {
-    board.memory.dpram.is_set(board.family().servo.pmac_status)
 }
 
 /// The motors that the report has, bit 0 for motor 1.

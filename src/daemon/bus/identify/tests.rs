@@ -1,7 +1,6 @@
 //! What is asked of a board that answers, refuses, changes or says nothing.
 
 use super::*;
-use crate::map::readings::GlobalWords;
 use crate::map::{FAMILIES, PMAC, TURBO2};
 
 fn answer(identifier: &mut Identifier, now: Instant, lines: &[&str]) -> String {
@@ -88,43 +87,6 @@ fn what_a_line_may_set_of_the_errors_of_programs_is_unknown_until_the_board_has_
         assert_eq!(identifier.program_reports(), [Some(0), Some(1)]);
         identifier.line_goes(line.as_bytes(), now);
         assert_eq!(identifier.program_reports(), left, "{line}");
-    }
-}
-
-#[test]
-fn b3_the_global_words_are_compared_as_soon_as_they_come_and_anew_after_a_reset() {
-    let start = Instant::now();
-    let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
-    assert_eq!(answer(&mut identifier, start, &["PMAC1"]), "TYPE", "no copies come yet");
-    identifier.see_global_status(Some([1, 0x8000]));
-    assert_eq!(answer(&mut identifier, start, &["000001008000"]), "???");
-    assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::XFirst));
-    assert_eq!(answer(&mut identifier, start, &["1.16D"]), "VERSION", "it goes on where it was");
-    identifier.begin_anew(start);
-    assert_eq!(identifier.take_update().unwrap().global_words, None);
-    assert_eq!(answer(&mut identifier, start, &["000000000000"]), "???");
-    assert_eq!(identifier.take_update(), None, "the reply fits neither way");
-    assert_eq!(identifier.next_line(u16::MAX, start), None, "it is asked again later");
-    let later = start + global_words::AGAIN;
-    identifier.see_global_status(None);
-    assert_ne!(answer(&mut identifier, later, &[]), "???");
-    identifier.see_global_status(Some([0x8000, 1]));
-    identifier.next_line(u16::MAX, later).unwrap();
-    identifier.sent();
-    identifier.failed(later);
-    assert_eq!(identifier.next_line(u16::MAX, later), None);
-    assert_eq!(answer(&mut identifier, later + global_words::AGAIN, &["000001008000"]), "???");
-    assert_eq!(identifier.take_update().unwrap().global_words, Some(GlobalWords::YFirst));
-}
-
-#[test]
-fn b3_a_turbo_boards_global_words_are_compared_too() {
-    let now = Instant::now();
-    for (copies, words) in [([0x01_0000, 1], GlobalWords::YFirst), ([1, 0x01_0000], GlobalWords::XFirst)] {
-        let mut identifier = Identifier::new(&TURBO2, Identity::default(), true, now);
-        identifier.see_global_status(Some(copies));
-        assert_eq!(answer(&mut identifier, now, &["000001010000"]), "???");
-        assert_eq!(identifier.take_update().unwrap().global_words, Some(words));
     }
 }
 

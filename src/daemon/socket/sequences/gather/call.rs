@@ -50,7 +50,6 @@ impl GatherCall {
             return Err(CallError::invalid("servo_period_ns", "a servo cycle in nanoseconds"));
         }
         let mode = if wrap.unwrap_or(true) { GatherMode::Wrap } else { GatherMode::Stop };
-        let readings = info.settings().readings;
         let codes: Vec<u32> = registers.iter().map(|register| register.gather_code()).collect();
         Ok(Self {
             lines: gather_lines(&family.i, &codes, period, mode, size_longs),
@@ -62,8 +61,6 @@ impl GatherCall {
                 longest_sample: family.i.longest_gather_sample(),
                 mode,
                 period,
-                size_word: readings.gather_size_word,
-                index: readings.gather_index,
             },
             servo_period_ns,
             uses_report: info.why_not(Function::Servo).is_none(),
