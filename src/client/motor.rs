@@ -41,6 +41,13 @@ impl<'a> Motor<'a> {
         servo.motors.iter().map(one).collect()
     }
 
+    /// Those of them that are shown.
+    #[must_use]
+    pub fn activated(mut motors: Vec<Self>) -> Vec<Self> {
+        motors.retain(|motor| motor.servo.is_activated());
+        motors
+    }
+
     /// As JSON: the keys that the family has, null where the value is not known.
     pub fn document(&self) -> Value {
         let mut document = json!(self.servo);
@@ -201,9 +208,6 @@ const SHORT_BACKGROUND: Short = Short(&[
 
 fn servo_flags(motor: &ServoMotor) -> Vec<&'static str> {
     let Some(status) = motor.status else { return vec![NOT_READ] };
-    if !status.has("motor_activated") {
-        return vec!["off"];
-    }
     let mut flags = SHORT_SERVO.short(|name| status.has(name));
     if !status.has("desired_velocity_zero") && !status.has("open_loop") {
         flags.push("moving");
@@ -224,9 +228,10 @@ mod tests {
                 assert!(flags.any(|(_, flag)| flag == name), "{name}");
             }
         }
-        for (family, name) in FAMILIES.iter().flat_map(|family| {
-            ["motor_activated", "desired_velocity_zero", "open_loop"].map(|name| (family, name))
-        }) {
+        for (family, name) in FAMILIES
+            .iter()
+            .flat_map(|family| ["desired_velocity_zero", "open_loop"].map(|name| (family, name)))
+        {
             assert!(family.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
         }
     }

@@ -170,6 +170,12 @@ impl ServoMotor {
         (0..).zip(&FIELDS).filter(move |(place, _)| fields >> *place & 1 != 0).map(|(_, field)| field.name)
     }
 
+    /// Whether it is in use (Ix00=1), as far as its status is read.
+    #[must_use]
+    pub fn is_activated(&self) -> bool {
+        self.status.is_none_or(|status| status.has("motor_activated"))
+    }
+
     /// The values of all fields.
     #[must_use]
     pub fn quantities(&self) -> [Option<Quantity>; MOTOR_FIELDS] {
@@ -192,8 +198,6 @@ pub struct ServoDecoder {
     family: &'static Family,
     /// Of [`FIELDS`] those that the family has, each with its first word in the block.
     fields: Vec<(&'static Field, usize)>,
-    /// The first word of each long of the block that has a meaning.
-    longs: Vec<usize>,
     /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
     has: u16,
 }
@@ -211,8 +215,6 @@ impl ServoDecoder {
         let known = |name: &str| FIELDS.iter().find(|field| field.name == name);
         let fields = block_fields(family, "servo").filter_map(|at| Some((known(at.name)?, at.words.start)));
         let fields: Vec<_> = fields.collect();
-        let longs = block_fields(family, "servo").filter(|at| at.name != "spare");
-        let longs = longs.flat_map(|at| at.words.step_by(2)).collect();
         let reports = |name: &str| fields.iter().any(|(field, _)| field.name == name);
         let has = |field: &Field| match field.name {
             FOLLOWING_ERROR => true,
@@ -220,17 +222,12 @@ impl ServoDecoder {
             name => reports(name),
         };
         let has = (0..).zip(&FIELDS).fold(0, |all, (index, field)| all | u16::from(has(field)) << index);
-        Self { family, fields, longs, has }
+        Self { family, fields, has }
     }
 
     /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
     /// region's first. Of the blocks only what `selection` has was read, and of the motors those in the report's mask,
     /// where it has one.
-    ///
-    /// A block that the board does not fill holds what was there before: zeros, or anything since power-on. Its motor is left
-    /// out. The DPRAM holds words of 24 bits whose sign, or 0, fills the 8 bits above (DPRAM manual p. 11, Turbo User Manual p.
-    /// 402), which garbage has in so many words by no chance. A board on which no block is so does not fill those bits: then they
-    /// tell nothing. A whole block of zeros is that of a motor which is not activated, at best.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a motor asked for are missing.
@@ -254,30 +251,9 @@ impl ServoDecoder {
             host_busy: flag(report.host_busy),
             global_status: (report.global_status.as_ref())
                 .and_then(|status| status.words(head, report.region.start)),
-            motors: self.filled(motors).map(|(number, block)| self.motor(number, &block, scales)).collect(),
+            motors: motors.map(|(number, block)| self.motor(number, &block, scales)).collect(),
             global: self.family.status.global,
         })
-    }
-
-    /// The motors whose blocks, as far as they were read, hold what a board writes there.
-    fn filled<'a>(
-        &self,
-        motors: impl Iterator<Item = (usize, Block<'a>)>,
-    ) -> impl Iterator<Item = (usize, Block<'a>)> {
-        let motors: Vec<_> = motors.filter(|(_, block)| !self.is_zero(block)).collect();
-        let tells = motors.iter().any(|(_, block)| self.is_extended(block));
-        let told = motors.into_iter().map(move |(number, block)| (self.is_extended(&block), number, block));
-        told.filter(move |(is_extended, ..)| *is_extended || !tells).map(|(_, number, block)| (number, block))
-    }
-
-    fn is_zero(&self, block: &Block) -> bool {
-        let mut longs = self.longs.iter().map(|at| block.long(*at));
-        longs.all(|long| long == Some(0))
-    }
-
-    fn is_extended(&self, block: &Block) -> bool {
-        let mut longs = self.longs.iter().filter_map(|at| block.long(*at));
-        longs.all(|long| matches!(long >> 24, 0 | 0xFF))
     }
 
     fn motor(&self, number: usize, block: &Block, board: &Scales) -> ServoMotor {

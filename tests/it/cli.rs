@@ -16,7 +16,7 @@ const MOTORS: &str = "\
 motor  target  commanded  actual  following error  velocity  flags
    #1     0.0     1000.0   999.8              0.2       0.0  homed in-position
    #2     0.0      -25.0   -24.0             -1.0   -1129.4  moving
-   #3    0raw      77raw  -77raw           154raw      5raw  off
+   #3    0raw      77raw  -77raw           154raw      5raw  open-loop
 ";
 const SYSTEMS: &str = "\
 system  mode     lines  PE  left ms  override  targets  flags
@@ -433,7 +433,7 @@ fn watch_prints_a_line_each_time_in_a_pipe() {
     let ran = rig.run("watch --count 3 --rate 100");
     let lines: Vec<_> = ran.stdout.lines().collect();
     let motors = "#1=999.8 following_error=0.2 flags=homed,in-position #2=-24.0 following_error=-1.0 flags=moving \
-                  #3=-77raw following_error=154raw flags=off";
+                  #3=-77raw following_error=154raw flags=open-loop";
     assert!(
         lines.len() == 3 && lines.iter().all(|line| *line == format!("update=1 fresh {motors}")),
         "{ran:?}"

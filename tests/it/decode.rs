@@ -46,10 +46,9 @@ fn the_servo_buffer_decodes_field_by_field() {
     let [first, second] = data.global_flags().unwrap();
     assert!(first.has("data_gathering_on") && first.has("this_card_addressed"));
     assert_eq!(second.names().collect::<Vec<_>>(), ["vme_or_dpram_response_mode"]);
-    // The blocks of the others hold nothing but zeros: the board does not fill them.
-    let filled: Vec<_> = data.motors.iter().map(|motor| motor.motor).collect();
-    assert_eq!(filled, [1, 2, 8]);
-    assert_eq!(data.motors[2].handwheel_pointer.unwrap().raw, 0x12_3456);
+    let activated: Vec<_> = data.motors.iter().map(|motor| motor.is_activated()).collect();
+    assert_eq!(activated, [true, false, false, false, false, false, false, false]);
+    assert_eq!(data.motors[7].handwheel_pointer.unwrap().raw, 0x12_3456);
 }
 
 #[test]
@@ -183,37 +182,16 @@ fn a_mirror_needs_only_the_words_of_the_motors_it_reports() {
     let words = &image.words()[0x0024 / 2..];
     for motors in 0..=8 {
         let needed = 18 + 30 * motors;
-        let filled = [1, 2, 8].iter().filter(|motor| **motor <= motors).count();
-        assert_eq!(servo(&PMAC, &words[..needed], motors, &scales()).unwrap().motors.len(), filled);
+        assert_eq!(servo(&PMAC, &words[..needed], motors, &scales()).unwrap().motors.len(), motors);
         let error = servo(&PMAC, &words[..needed - 1], motors, &scales()).unwrap_err();
         assert_eq!((error.needed, error.got), (needed, needed - 1));
     }
     // The buffer has room for 8; more are not asked of it.
-    assert_eq!(servo(&PMAC, words, 9, &scales()).unwrap().motors.len(), 3);
+    assert_eq!(servo(&PMAC, words, 9, &scales()).unwrap().motors.len(), 8);
     assert_eq!(
         background(&PMAC, &[0; 18], 1, &scales(), REGISTER).unwrap_err().to_string(),
         "the background region of 1 numbers takes 80 words; only 18 are there"
     );
-}
-
-#[test]
-fn b3_a_board_that_leaves_the_upper_bits_alone_shows_its_motors_all_the_same() {
-    let image = servo_dump().image();
-    let blocks = 18..18 + 8 * 30;
-    let decoded = |garbage: std::ops::Range<usize>| {
-        let mut words = image.words()[0x0024 / 2..][..blocks.end].to_vec();
-        // The high word of each register.
-        words[garbage].iter_mut().skip(1).step_by(2).for_each(|word| *word = *word & 0xFF | 0x7F00);
-        let motors = servo(&PMAC, &words, 8, &scales()).unwrap().motors;
-        motors.iter().map(|motor| (motor.motor, motor.actual_position.unwrap().raw)).collect::<Vec<_>>()
-    };
-    assert_eq!(decoded(0..0).len(), 3);
-    assert_eq!(
-        decoded(blocks.start..blocks.start + 30)[..],
-        decoded(0..0)[1..],
-        "motor 1 has garbage, the others tell it"
-    );
-    assert_eq!(decoded(blocks.clone())[..2], decoded(0..0)[..2], "nobody tells");
 }
 
 #[test]

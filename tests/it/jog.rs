@@ -125,7 +125,7 @@ fn b5_7_a_jog_is_refused_with_nothing_sent() {
         refused(&site, &arguments, code, why);
     }
     site.ask("I500=0");
-    site.wait_until("motor 5 off", || site.pmacctl(&["motors"]).1.contains("off"));
+    site.wait_until("motor 5 off", || !site.pmacctl(&["motors"]).1.contains("#5"));
     refused(&site, &["jog", "5", "=1000"], 1, "not sent: motor 5 is off; I500=1 activates it");
     site.ask("I49=0");
     site.wait_until("old background data", || site.pmacctl(&["coordinates"]).0 == 1);

@@ -101,14 +101,14 @@ impl Rig {
         rig
     }
 
-    /// Three motors: one in position, one that moves, one without scales that is off.
+    /// Three motors: one in position, one that moves, one without scales whose loop is open.
     fn fill(&mut self) {
         let servo = &mut self.servo;
         servo[1] = 0x1234;
         for (motor, commanded, actual, velocity, status) in [
             (0, 3072 * 1000, 3072 * 1000 - 768, 0_i32, 0x81_2000),
             (1, -3072 * 25, -3072 * 24, -1536, 0x80_0000),
-            (2, 77, -77, 5, 0),
+            (2, 77, -77, 5, 0x84_0000),
         ] {
             let block = 0x48 + 0x3C * motor;
             put_fixed(servo, SERVO_START, block, commanded);

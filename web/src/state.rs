@@ -24,7 +24,7 @@ pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
     let background = snapshot.background.as_ref().filter(|view| view.is_fresh()).map(|view| &view.data);
     let servo = snapshot.servo.as_ref();
     let motors = servo.map_or_else(Vec::new, |servo| {
-        Motor::all(&servo.data, background, identity, known.unwrap_or(DEFAULT_FAMILY))
+        Motor::activated(Motor::all(&servo.data, background, identity, known.unwrap_or(DEFAULT_FAMILY)))
     });
     let motors: Vec<Value> = motors.iter().map(motor).collect();
     let systems = snapshot.background.as_ref().map(|view| &view.data.coordinate_systems);

@@ -161,7 +161,7 @@ fn everything(report: &mut Report, context: &Context, system: &System) -> Option
         };
         let is_over = info.as_ref().is_some_and(BoardInfo::is_over);
         data(report, board, is_over, reads);
-        unfilled(report, board, &known.servo);
+        not_activated(report, board);
     }
     if let Some(info) = &info {
         functions(report, info, &known);
@@ -290,22 +290,15 @@ fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Fu
     }
 }
 
-/// Motors that the board is said to report, and whose blocks it does not fill.
-fn unfilled(report: &mut Report, board: &mut Board, read: &ServoSettings) {
-    let mask = board.identity().ok().and_then(|identity| identity.motor_mask);
+/// Motors that the board reports, and that are not shown because they are not activated.
+fn not_activated(report: &mut Report, board: &mut Board) {
     let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
-    let (Some(servo), Some(mask)) = (servo, mask) else { return };
-    let is_filled = |number: &u32| servo.data.motors.iter().any(|motor| motor.motor == *number as usize);
-    let reported =
-        (1..=u32::BITS).filter(|number| mask >> (number - 1) & 1 == 1 && read.motors.contains(number));
-    let left: Vec<_> =
-        reported.filter(|number| !is_filled(number)).map(|number| format!("#{number}")).collect();
+    let motors = servo.iter().flat_map(|servo| &servo.data.motors);
+    let left = motors.filter(|motor| !motor.is_activated()).map(|motor| format!("#{}", motor.motor));
+    let left: Vec<_> = left.collect();
     if !left.is_empty() {
-        let text = format!(
-            "the board does not fill the blocks of {}, which are not shown: motors that it has not, or that are not activated",
-            left.join(", ")
-        );
-        report.add(Level::Warn, RegionId::Servo.name(), text);
+        let text = format!("not activated (Ix00=0), and so not shown: {}", left.join(", "));
+        report.add(Level::Ok, RegionId::Servo.name(), text);
     }
 }
 

@@ -48,7 +48,7 @@ pub const TIME: usize = 1;
 const UNIX: usize = 2;
 
 impl Rows {
-    /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that the report has.
+    /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that are activated.
     ///
     /// # Errors
     /// [`Failure::Request`] names what the report does not have.
@@ -58,8 +58,9 @@ impl Rows {
         fields: &[String],
         servo_period_ns: Option<f64>,
     ) -> Result<Self, Failure> {
-        let reported: Vec<usize> = first.data.motors.iter().map(|motor| motor.motor).collect();
-        let motors = if motors.is_empty() { &reported } else { motors };
+        let activated = first.data.motors.iter().filter(|motor| motor.is_activated());
+        let activated: Vec<usize> = activated.map(|motor| motor.motor).collect();
+        let motors = if motors.is_empty() { &activated } else { motors };
         let columns = motors.iter().map(|number| columns(&first.data, *number, fields));
         let columns: Vec<Column> = columns.collect::<Result<Vec<_>, _>>()?.concat();
         let clock = SampleClock { period: 1, servo_period_ns };

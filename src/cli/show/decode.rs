@@ -79,7 +79,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
         context.output.json(&document(&servo, &background, &buffers, family))?;
     } else {
         let identity = Identity::default();
-        let motors = Motor::all(&servo, Some(&background), &identity, family);
+        let motors = Motor::activated(Motor::all(&servo, Some(&background), &identity, family));
         if motors.is_empty() {
             context.output.line("no motor is reported")?;
         } else {
@@ -121,7 +121,7 @@ fn document(
     family: &'static Family,
 ) -> Value {
     let identity = Identity::default();
-    let motors = Motor::all(servo, Some(background), &identity, family);
+    let motors = Motor::activated(Motor::all(servo, Some(background), &identity, family));
     let stamp = |timer: u32| json!({ "time": null, "servo_timer": timer, "sequence": null, "fresh": false });
     let mut document = json!({
         "servo": stamp(servo.servo_timer),

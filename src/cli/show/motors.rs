@@ -24,7 +24,7 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
 
 /// The document of `motors --json`.
 pub fn document(snapshot: &Snapshot) -> Value {
-    let motors: Vec<Value> = motors(snapshot).iter().map(Motor::document).collect();
+    let motors: Vec<Value> = shown(snapshot).iter().map(Motor::document).collect();
     json!({ "servo": stamp(snapshot.servo.as_ref(), snapshot.stale), "motors": motors })
 }
 
@@ -35,6 +35,11 @@ pub fn motors(snapshot: &Snapshot) -> Vec<Motor<'_>> {
     let background = background.map(|background| &background.data);
     let family = identity::family(&snapshot.identity).unwrap_or(DEFAULT_FAMILY);
     Motor::all(&servo.data, background, &snapshot.identity, family)
+}
+
+/// Those that are shown: the activated ones.
+pub fn shown(snapshot: &Snapshot) -> Vec<Motor<'_>> {
+    Motor::activated(motors(snapshot))
 }
 
 /// The time of a region's data, and whether they are live.
@@ -81,7 +86,10 @@ fn table_or_why(snapshot: &Snapshot, width: Option<usize>, why: impl FnOnce(Stal
         return format!("STALE: there are no servo data yet: {why}\n");
     };
     let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
-    let motors = motors(snapshot);
+    let motors = shown(snapshot);
+    if motors.is_empty() && !servo.data.motors.is_empty() {
+        return note + "no motor of the servo report is activated (Ix00=1)\n";
+    }
     if motors.is_empty() {
         return note
             + "no motor is in the servo report: the board is told to report none, or pmacd leaves that as found until it knows \

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::cli::console::output::Output;
 use crate::cli::context::Failure;
-use crate::cli::show::motors::{document, motors, text};
+use crate::cli::show::motors::{document, shown, text};
 use crate::client::number::labelled;
 use crate::client::{Snapshot, Staleness, View};
 
@@ -120,7 +120,7 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
 /// One line: the update's number, whether it is live, and of each motor the actual position, the following error and the flags.
 fn plain(snapshot: &Snapshot) -> String {
     let state = state(snapshot.servo.as_ref(), snapshot.stale);
-    let motors = motors(snapshot);
+    let motors = shown(snapshot);
     let motors = motors.iter().map(|motor| {
         let (number, position) = (motor.servo.motor, labelled(motor.servo.actual_position));
         let (error, flags) = (labelled(motor.servo.following_error), motor.flags().join(","));

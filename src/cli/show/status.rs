@@ -47,17 +47,15 @@ fn absent(context: &Context, error: &ClientError) -> Value {
 
 const ABSENT: &str = "absent";
 
-/// The board's global status, what its coordinate systems run, and the motors whose blocks the board fills, while the data that
-/// they stand in are fresh: else null and none.
-fn reported(board: &mut Board) -> (Value, Vec<Value>, Option<Vec<usize>>) {
+/// The board's global status, and what its coordinate systems run, while the data that they stand in are fresh: else null and none.
+fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     let (servo, background) =
         board.snapshot().ok().map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
     let servo = servo.flatten().filter(View::is_fresh).map(|view| view.data);
     let background = background.flatten().filter(View::is_fresh).map(|view| view.data);
     let programs = programs::documents(background.as_ref());
     let global_status = global_status::document(servo.as_ref(), background.as_ref());
-    let motors = servo.map(|servo| servo.motors.iter().map(|motor| motor.motor).collect());
-    (global_status, programs, motors)
+    (global_status, programs)
 }
 
 /// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
@@ -120,7 +118,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     if fault == Some("stale") && socket["replay"]["over"] == true {
         reason = Some(REPLAY_OVER.to_owned());
     }
-    let (global_status, programs, filled) = reported(board);
+    let (global_status, programs) = reported(board);
     let family = identity.family.and_then(Family::by_number).map(|family| family.name);
     json!({
         "name": board.name().as_str(),
@@ -139,7 +137,7 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
             "firmware": identity.firmware,
             "motors": identity.motors,
             "reported_motors": identity.reported_motors(),
-            "motors_of_reports": identity.motor_mask.map(|mask| in_mask(mask, filled.as_deref())),
+            "motors_of_reports": identity.motor_mask.map(in_mask),
             "servo_period_ns": identity.servo_period_ps.map(|ps| ps as f64 / 1e3),
             "servo_report_cycles": identity.servo_report_cycles,
             "named_motors": named_motors(identity),
@@ -152,10 +150,9 @@ fn document(context: &Context, board: &mut Board, identity: &Identity) -> Value 
     })
 }
 
-/// The motors of a mask, bit 0 for motor 1; of those the ones whose blocks are filled, where that is known.
-fn in_mask(mask: u32, filled: Option<&[usize]>) -> Vec<usize> {
-    let is_filled = |motor: &usize| filled.is_none_or(|filled| filled.contains(motor));
-    (1..=u32::BITS as usize).filter(|motor| mask >> (motor - 1) & 1 == 1).filter(is_filled).collect()
+/// The motors of a mask, bit 0 for motor 1.
+fn in_mask(mask: u32) -> Vec<usize> {
+    (1..=u32::BITS as usize).filter(|motor| mask >> (motor - 1) & 1 == 1).collect()
 }
 
 /// How many motors are reported, and which, unless they are the first ones.

@@ -33,6 +33,7 @@ use crate::cli::args::values::rate;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::output::Output;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::motors;
 use crate::client::Snapshot;
 use asker::Asker;
 use draw::{Look, Picture};
@@ -173,8 +174,8 @@ impl Screen {
             effects.extend(self.state.told(told, now));
         }
         let snapshot = self.found.as_ref().ok();
-        let servo = snapshot.and_then(|snapshot| snapshot.servo.as_ref());
-        let motors = servo.map(|servo| servo.data.motors.iter().map(|motor| motor.motor).collect());
+        let motors = snapshot.map(motors::shown);
+        let motors = motors.map(|motors| motors.iter().map(|motor| motor.servo.motor).collect());
         let background = snapshot.and_then(|snapshot| snapshot.background.as_ref());
         let systems = background.map_or(0, |background| background.data.coordinate_systems.len());
         effects.extend(self.state.saw(motors.unwrap_or_default(), systems, self.is_live()));

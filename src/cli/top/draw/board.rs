@@ -75,7 +75,7 @@ impl Picture<'_> {
 
     fn motors(&self, width: usize) -> Rows {
         let Ok(snapshot) = self.snapshot else { return Vec::new() };
-        let found = motors::motors(snapshot);
+        let found = motors::shown(snapshot);
         let mut table = motors::table(&found);
         // A board that reports no velocity tells it by its positions.
         if found.first().is_some_and(|motor| !motor.is_reported("actual_velocity")) {
@@ -95,9 +95,9 @@ impl Picture<'_> {
 
     /// Which row of the motors' table is selected, from 1; 0 is the heading.
     fn selected_row(&self) -> usize {
-        let servo = self.snapshot.ok().and_then(|snapshot| snapshot.servo.as_ref());
-        let mut motors = servo.iter().flat_map(|servo| &servo.data.motors);
-        motors.position(|motor| motor.motor == self.state.selected).map_or(0, |index| index + 1)
+        let motors = self.snapshot.map(motors::shown).unwrap_or_default();
+        let selected = motors.iter().position(|motor| motor.servo.motor == self.state.selected);
+        selected.map_or(0, |index| index + 1)
     }
 
     fn background_is_fresh(&self) -> bool {
@@ -183,7 +183,7 @@ impl Picture<'_> {
         );
         let [title, chart] =
             [Rect { height: 1, ..area }, Rect { y: area.y + 1, height: area.height - 1, ..area }];
-        let motors = self.snapshot.map(motors::motors).unwrap_or_default();
+        let motors = self.snapshot.map(motors::shown).unwrap_or_default();
         let motor = motors.iter().find(|motor| motor.servo.motor == number);
         let name = motor.and_then(|motor| motor.name()).map_or_else(String::new, |name| format!(" {name}"));
         put(frame, title, 0, &format!("following error of #{number}{name}: {unit}"), self.look.heading());
