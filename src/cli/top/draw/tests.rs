@@ -60,10 +60,11 @@ impl Board {
                 bytes[offset + 2 * index..][..2].copy_from_slice(&word.to_le_bytes());
             }
         };
-        // A block of zeros is no motor's.
-        let dac = block_fields(family, "servo").find(|field| field.name == "previous_dac").unwrap();
+        // Activated, the loop open.
+        let word = block_fields(family, "servo").find(|field| field.name == "servo_status").unwrap();
         for number in 1..=motors {
-            put(family.servo.motors.at(number).unwrap().plus_words(dac.words.start).bytes() as usize, 1);
+            let block = family.servo.motors.at(number).unwrap();
+            put(block.plus_words(word.words.start).bytes() as usize, int24::extend(0x84_2000));
         }
         if family.name == "pmac" {
             let [y, x] = fixed48::encode(3072 * 12_345);
