@@ -26,6 +26,11 @@ impl Moment {
         self.servo.data.motors.iter().find(|motor| motor.motor == number)
     }
 
+    /// The numbers of the motors that are activated.
+    fn activated(&self) -> impl Iterator<Item = usize> {
+        self.servo.data.motors.iter().filter(|motor| motor.is_activated()).map(|motor| motor.motor)
+    }
+
     fn system(&self, number: usize) -> Option<&CoordinateSystem> {
         let data = &self.background.as_ref()?.data;
         data.coordinate_systems.iter().find(|system| system.coordinate_system == number)
@@ -106,7 +111,7 @@ impl Snapshot {
         self.0.background.as_ref()?.stale.map(|why| why.to_string())
     }
 
-    /// The reported motors, by number.
+    /// The motors that are activated, by number; any reported one can be asked for.
     #[getter]
     fn motor(&self) -> Motors {
         Motors(Arc::clone(&self.0))
@@ -119,13 +124,13 @@ impl Snapshot {
     }
 
     fn __repr__(&self) -> String {
-        let Moment { servo, .. } = &*self.0;
+        let servo = &self.0.servo;
         let state = servo.stale.map_or("live".to_owned(), |why| format!("stale: {why}"));
-        format!("<Snapshot {} of {} motors, {state}>", servo.sequence, servo.data.motors.len())
+        format!("<Snapshot {} of {} motors, {state}>", servo.sequence, self.0.activated().count())
     }
 }
 
-/// The motors of a snapshot, by number.
+/// The motors of a snapshot that are activated, by number; any reported one can be asked for.
 #[pyclass(frozen, module = "pmac_dpram")]
 #[derive(Debug)]
 pub struct Motors(Arc<Moment>);
@@ -140,7 +145,7 @@ impl Motors {
     }
 
     fn __len__(&self) -> usize {
-        self.0.servo.data.motors.len()
+        self.keys().len()
     }
 
     fn __iter__(&self) -> Numbers {
@@ -149,7 +154,7 @@ impl Motors {
 
     /// The numbers.
     fn keys(&self) -> Vec<usize> {
-        self.0.servo.data.motors.iter().map(|motor| motor.motor).collect()
+        self.0.activated().collect()
     }
 }
 

@@ -75,7 +75,7 @@ pub enum Command {
     /// Record a board for somebody else to look at, or for a test: identity, variables, images of the DPRAM, what pmacd reads and
     /// writes. Only reads; role engineer
     Capture(Capture),
-    /// Show the motors' positions, velocities and status
+    /// Show positions, velocities and status of the motors that are activated (Ix00=1)
     Motors,
     /// Show the coordinate systems' targets and status
     Coordinates,
