@@ -289,7 +289,7 @@ impl ServoMotor {
     }
 }
 
-/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read, by the default reading. See
+/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read. See
 /// [`ServoDecoder::decode`].
 ///
 /// # Errors

@@ -1,7 +1,7 @@
 /* Gathering round and round (I45=3): a ring of CAP samples of two words, an index, and a clock that counts servo cycles. The host
  * numbers samples by index and clock, and tells how many were overwritten before it came.
  *
- * Pmac mirrors src/sim/functions/gather.rs, Host src/function/gather.rs. Every access to the DPRAM is one step; how long the host
+ * Pmac mirrors src/sim/board/gather.rs, Host src/function/gather.rs. Every access to the DPRAM is one step; how long the host
  * stands still between two of its own, nobody knows. A value is its sample's number, in both of its words.
  *
  * -D...        what changes; what FAILS is told as the counterexample goes

@@ -14,8 +14,8 @@ use crate::cli::show::coordinates::{self, Overrides};
 use crate::cli::show::global_status;
 use crate::cli::show::motors;
 use crate::client::motor::Motor;
-use crate::decode::{BackgroundData, Buffers, Image, ImageError, Scales, ServoData, ServoDecoder};
-use crate::map::{FAMILIES, Family, Firmware, Layout, Selection};
+use crate::decode::{BackgroundData, Buffers, Image, ImageError, Scales, ServoData};
+use crate::map::{FAMILIES, Family, Firmware, Layout};
 use crate::segment::Identity;
 
 #[derive(Debug, Args)]
@@ -69,9 +69,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
     }
     let family = image.family();
     let (scales, float48) = (Scales::default(), options.float48.into());
-    let decoder = ServoDecoder::new(family);
-    let report = image.region(family.servo.region);
-    let servo = decoder.decode(report, count, &scales, Selection::ALL).map_err(|e| fault(&e))?;
+    let servo = image.servo(count, &scales).map_err(|e| fault(&e))?;
     let background =
         image.background(family.background.reported(count), &scales, float48).map_err(|e| fault(&e))?;
     let buffers = Buffers::of(&image, &Layout::new(family, options.firmware), float48);
