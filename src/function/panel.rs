@@ -10,19 +10,22 @@
 //!
 //! PMAC looks only while the panel is enabled (I2=3); no word tells whether it is, so a request that is never taken is
 //! all that shows. PMAC clears all of `request_enable`, so the next request waits until it is 0: a bit set in between
-//! would be lost. It clears them "on taking action" (p. 13) or when it "processes the request" (p. 12), which may be later:
-//! a request that the host took back may still be at work, and the clearing that belongs to it wipes out what the host has
-//! put there meanwhile. Who took one back sends [`PanelRequest::asking_nothing`] first, or what stops, twice.
+//! would be lost. It clears them "on taking action" (p. 13): a request that the host takes back while PMAC acts on it is cleared
+//! all the same, and that wipes out what the host has put there meanwhile. Who took one back waits for [`SETTLE`], or asks
+//! twice.
 //!
 //! Motor n and coordinate system n share a request word. The manual says what two jog bits together mean (stop), and
 //! about no other pair of requests to the same motor or the same coordinate system; such pairs are refused here.
 
 use std::str::FromStr;
+use std::time::Duration;
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::panel_request as bit;
 use crate::map::{HostOffset, PanelBlock};
 
+/// How long after a request was taken back nothing but stops goes into the panel: PMAC may be acting on it.
+pub const SETTLE: Duration = Duration::from_millis(50);
 /// The bits a motor acts on.
 const MOTOR_BITS: u16 = bit::JOG_MINUS | bit::JOG_PLUS | bit::PRE_JOG | bit::HOME;
 /// The most numbers a panel can have: an enable word has a bit for each.
@@ -211,37 +214,6 @@ impl PanelRequest {
             self.words[number - 1] |= word;
         }
         self
-    }
-
-    /// What to ask while the board may still have to read the words of the request `before`. A stop repeats what that one stops by
-    /// the other bits of a word: motor n and coordinate system n have one. `None`: it has to wait, as anything but a stop has,
-    /// and a hold after an abort.
-    #[must_use]
-    pub fn beside(mut self, before: &Self) -> Option<Self> {
-        let shared = self.mask & before.mask;
-        if shared == 0 {
-            return Some(self);
-        }
-        if !self.ends_motion() {
-            return None;
-        }
-        let (stop, is_stop) = (PanelAction::Stop.bits(), before.ends_motion());
-        for (index, word) in self.words.iter_mut().enumerate().filter(|(index, _)| shared >> index & 1 != 0) {
-            let (own, last) = (*word, before.words[index]);
-            let other_kind = if own & MOTOR_BITS == 0 { MOTOR_BITS } else { !MOTOR_BITS };
-            if last & stop != 0 && own & !MOTOR_BITS & !stop != 0 {
-                return None;
-            }
-            *word |= if is_stop { last & other_kind } else { 0 };
-        }
-        Some(self)
-    }
-
-    /// For the same numbers, but "no action requested" (DPRAM manual p. 13): by it the host sees that PMAC has finished with
-    /// an earlier request.
-    #[must_use]
-    pub const fn asking_nothing(&self) -> Self {
-        Self { mask: self.mask, words: [0; MOST_NUMBERS] }
     }
 
     /// Whose words count: bit 0 is number 1.

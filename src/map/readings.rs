@@ -36,8 +36,6 @@ pub static READINGS: &[Reading] = &[
     set("variable_write_field", &["at_bit_0", "at_offset"]),
     set("rotary_end_marker", &["two_longs", "one_long"]),
     found_out("rotary_index", &["below_size", "up_to_size"]),
-    found_out("panel_mask", &["at_once", "when_done"]),
-    found_out("panel_words", &["before_clearing", "after_clearing"]),
     found_out("variable_write_count", &["at_once", "when_done"]),
     found_out("variable_read_pass", &["in_one", "in_many", "latched"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
@@ -146,17 +144,6 @@ pub enum Cleared {
     WhenDone,
 }
 
-/// When the board reads the request words of the control panel: "PMAC clears on taking action" (DPRAM manual p. 13).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WordsRead {
-    /// Before it clears the mask.
-    #[default]
-    BeforeClearing,
-    /// Background passes later, when it acts: whatever they are by then.
-    AfterClearing,
-}
-
 /// How long a cycle of the variable read takes ("each background cycle"; DPRAM manual p. 22).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -236,10 +223,6 @@ pub struct Readings {
     pub rotary_end_marker: EndMarker,
     /// PMAC's index at a rotary buffer's end.
     pub rotary_index: RotaryIndex,
-    /// When the board clears the mask of a panel request.
-    pub panel_mask: Cleared,
-    /// When the board reads the words of a panel request.
-    pub panel_words: WordsRead,
     /// When the board clears the count of records to write.
     pub variable_write_count: Cleared,
     /// How long a cycle of the variable read takes.

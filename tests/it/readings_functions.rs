@@ -184,8 +184,6 @@ every_function_works_under! {
     b3_every_function_works_under_variable_write_field
     b3_every_function_works_under_rotary_end_marker
     b3_every_function_works_under_rotary_index
-    b3_every_function_works_under_panel_mask
-    b3_every_function_works_under_panel_words
     b3_every_function_works_under_variable_write_count
     b3_every_function_works_under_variable_read_pass
     b3_every_function_works_under_mailbox_bell
@@ -249,63 +247,6 @@ fn b3_a_slow_pass_over_the_table_before_spoils_no_table() {
         }
         site.assert_no_violations();
     }
-}
-
-#[test]
-fn b3_a_request_that_was_withdrawn_and_is_at_work_hides_no_other() {
-    // The daemon waits a second for a request. The board clears the first one's mask while the second one waits, or after it.
-    for late in ["fault panel_late 4000", "fault panel_late 6000"] {
-        let site = board_that_reads("panel_mask", "when_done");
-        let mut board = site.connection();
-        done(&site, &["panel", "jog-stop", "1"]);
-        site.control(late);
-        let (status, _, told) = site.pmacctl(&["panel", "jog+", "1"]);
-        assert!(status == 1 && told.contains("may or may not have been carried out"), "{told}");
-        until(&mut board, "#1V", "it goes, though it was withdrawn", |speed| speed > 1.0);
-        let (status, _, told) = site.pmacctl(&["panel", "jog+", "2"]);
-        let goes = ask(&mut board, "#2V") > 0.1;
-        let is_true = match status {
-            0 => goes,
-            _ if told.contains("It was not carried out") => !goes,
-            _ => told.contains("may or may not have been carried out"),
-        };
-        assert!(is_true, "{late}: {goes}, but {status}: {told}");
-        site.control("fault panel_late off");
-        for (number, line) in [("3", "#3V"), ("4", "#4V")] {
-            done(&site, &["panel", "jog-", number]);
-            until(&mut board, line, "what was told as taken", |speed| speed < -1.0);
-        }
-        done(&site, &["panel", "jog-stop", "1", "2", "3", "4"]);
-        for line in ["#1V", "#2V", "#3V", "#4V"] {
-            until(&mut board, line, "it stands", |speed| speed.abs() < 0.1);
-        }
-        site.assert_no_violations();
-    }
-}
-
-#[test]
-fn b3_a_request_does_not_change_the_words_of_the_one_before() {
-    let site = board_that_reads("panel_words", "after_clearing");
-    let mut board = site.connection();
-    // Motor 1 and coordinate system 1 have one word.
-    for line in
-        ["&1 #1->X OPEN PROG 7 CLEAR", "LINEAR F9000 INC", "WHILE(1>0)", "X900", "ENDWHILE", "CLOSE &1B7"]
-    {
-        site.ask(line);
-    }
-    done(&site, &["panel", "start", "1"]);
-    until(&mut board, "#1V", "the program runs", |speed| speed.abs() > 0.1);
-    done(&site, &["panel", "stop", "1"]);
-    done(&site, &["panel", "jog-stop", "1"]);
-    until(&mut board, "#1V", "the abort has its effect", |speed| speed.abs() < 0.1);
-    let (_, told, _) = site.hurried(|| site.pmacctl(&["status"]));
-    assert!(!told.contains("runs program"), "{told}");
-    done(&site, &["panel", "jog+", "1"]);
-    done(&site, &["panel", "jog-", "1"]);
-    until(&mut board, "#1V", "the last key counts", |speed| speed < -1.0);
-    done(&site, &["panel", "jog-stop", "1"]);
-    until(&mut board, "#1V", "it stands", |speed| speed.abs() < 0.1);
-    site.assert_no_violations();
 }
 
 #[test]

@@ -444,7 +444,7 @@ impl BoardLoop {
             }
             Command::Send { .. } | Command::First { .. } | Command::Control { .. } => {
                 if let Command::Control { uid, character, .. } = command
-                    && let Err(error) = self.functions.make_way(&mut self.bus, uid, character)
+                    && let Err(error) = self.functions.make_way(&mut self.bus, uid, character, now)
                 {
                     self.bus_failed(&error);
                 }

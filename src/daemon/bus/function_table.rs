@@ -499,10 +499,16 @@ impl FunctionTable {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn make_way(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+    pub fn make_way(
+        &mut self,
+        bus: &mut impl Bus,
+        uid: u32,
+        character: u8,
+        now: Instant,
+    ) -> Result<(), BusError> {
         let stops = matches!(character, control::ABORT | control::KILL);
         match self.panel.as_mut().filter(|_| stops) {
-            Some(panel) => panel.make_way(bus, uid, character),
+            Some(panel) => panel.make_way(bus, uid, character, now),
             None => Ok(()),
         }
     }

@@ -5,9 +5,6 @@
 //! are. In every pass it copies the overrides whose bit in the override mask is set, times 256, into the coordinate
 //! system's command override register. `%` writes there too, and Ix93 decides whether it counts.
 //!
-//! When the mask is cleared is played as [`crate::map::Readings`] say: with the action, or some passes after it, in
-//! which PMAC looks at nothing else of the panel.
-//!
 //! The manual leaves open, and the simulator decides:
 //! * A jog goes on until another request or command ends it: a request is a `J+` command, not a held button.
 //! * A number whose word is 0 gets nothing to do.
@@ -19,7 +16,6 @@
 use crate::map::functions::panel_request::{
     FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,
 };
-use crate::map::readings::{Cleared, WordsRead};
 use crate::map::{HostOffset, PanelBlock};
 use crate::sim::board::jog::Jog;
 use crate::sim::board::{Board, coordinate};
@@ -28,8 +24,6 @@ use crate::sim::program::Programs;
 
 /// Bits of a request word that request nothing.
 const RESERVED: u16 = 0x00FF;
-/// Background passes that a request takes on a board that clears the mask when it is done.
-const WORK: u64 = 20;
 /// Largest override, 1/32768 ms.
 const MOST_OVERRIDE: u16 = 0x7FFF;
 
@@ -55,12 +49,8 @@ pub struct Panel {
     /// As it was at the last pass.
     seen: Option<Asked>,
     delay: Delay,
-    /// Passes until the mask of a request that was acted on is cleared.
-    work: Option<u64>,
     /// Requests still to be acted on although the mask is clear.
     rest: Vec<Request>,
-    /// Whose words are still to be read although the mask is clear, and passes until then.
-    unread: Option<(u32, u64)>,
 }
 
 impl Panel {
@@ -74,21 +64,6 @@ impl Panel {
         };
         copy_overrides(panel, board);
         act(&std::mem::take(&mut self.rest), board, programs);
-        if let Some((mask, left)) = self.unread.take() {
-            match left.checked_sub(1) {
-                None => act(&requests(panel, mask, board), board, programs),
-                left => self.unread = left.map(|left| (mask, left)),
-            }
-        }
-        let late = board.faults.panel.late;
-        if let Some(left) = self.work.take() {
-            self.work = left.min(WORK.saturating_add(late)).checked_sub(1);
-            if self.work.is_none() {
-                board.memory.dpram.write16(panel.request_enable, 0);
-            }
-            return;
-        }
-        let when_done = board.identity.readings.panel_mask == Cleared::WhenDone;
         let dpram = &board.memory.dpram;
         let mask = u32::from(dpram.read16(panel.request_enable));
         if mask == 0 {
@@ -101,7 +76,7 @@ impl Panel {
         let Some(seen) = self.seen.replace(asked.clone()) else { return };
         judge(panel, &seen, &asked, board);
         let fault = board.faults.panel.clone();
-        if fault.stuck || !when_done && !self.delay.over(fault.late) {
+        if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
         let mut requests: Vec<Request> =
@@ -110,24 +85,9 @@ impl Panel {
             self.rest = requests.split_off(requests.len() / 2);
         }
         self.seen = None;
-        if !when_done && board.identity.readings.panel_words == WordsRead::AfterClearing {
-            board.memory.dpram.write16(panel.request_enable, 0);
-            self.unread = Some((asked.mask | self.unread.map_or(0, |(mask, _)| mask), WORK));
-            return;
-        }
         act(&requests, board, programs);
-        if when_done {
-            self.work = Some(WORK.saturating_add(late));
-        } else {
-            board.memory.dpram.write16(panel.request_enable, 0);
-        }
+        board.memory.dpram.write16(panel.request_enable, 0);
     }
-}
-
-/// What is asked now of the numbers in `mask`.
-fn requests(panel: &PanelBlock, mask: u32, board: &Board) -> Vec<Request> {
-    let asked = (0..panel.numbers).filter(|n| mask >> n & 1 == 1);
-    asked.map(|n| (n, board.memory.dpram.read16(word(panel.request, panel, n)))).collect()
 }
 
 /// The word of the 0-based number `n` in the row of words that begins at `first`.

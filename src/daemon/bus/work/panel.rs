@@ -1,8 +1,8 @@
 //! Requests to the control panel: one at a time, each until the board has taken it.
 //!
-//! The board clears the panel's mask when it has taken a request. One that was withdrawn may be at work all the same, and
-//! is cleared whenever the board is done with it. So after a withdrawal, and after the start, the first clearing does not
-//! count: what stops is requested twice, anything else after a request for nothing.
+//! The board clears the panel's mask when it has taken a request, also one that was withdrawn while it did. So after a
+//! withdrawal, and after the start, the panel rests. A stop does not wait: it goes at once, and in that time once more, since its
+//! first clearing may be the withdrawn request's.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -16,16 +16,12 @@ use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::bus::work::open_loops::OpenLoops;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, dropped_by};
 use crate::device::{Bus, BusError};
-use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest};
+use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest, SETTLE};
 use crate::map::Family;
 use crate::protocol::control;
 
 /// How often to ask whether the board has taken a request.
 const POLL: Duration = Duration::from_millis(1);
-/// How long the words of a request stay as they are after the board has taken it: it may still have to read them (the reading
-/// `panel_words`).
-const REST: Duration = Duration::from_millis(50);
-
 #[derive(Debug)]
 struct Waiting {
     ticket: Ticket,
@@ -50,26 +46,10 @@ struct Pending {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
-    /// The next clearing of the mask may belong to a request that was withdrawn: the request goes after it.
-    doubtful: bool,
+    /// It was put there while the panel rests, and goes once more.
+    again: bool,
     /// It stops a jog that nobody holds any more.
     ends_hold: bool,
-}
-
-impl Pending {
-    /// What lies in the panel.
-    fn lying(&self) -> PanelRequest {
-        if self.doubtful && !self.request.ends_motion() {
-            self.request.asking_nothing()
-        } else {
-            self.request
-        }
-    }
-
-    /// The request itself has been in the panel: the board may have seen it.
-    fn was_made(&self) -> bool {
-        self.lying() == self.request
-    }
 }
 
 /// The requests that wait, and the one that lies in the panel.
@@ -81,12 +61,10 @@ pub struct PanelQueue {
     waiting: VecDeque<Waiting>,
     /// The request that lies in the panel.
     pending: Option<Pending>,
-    /// What is to be told of a request that was abandoned: whose it was, and what became of it.
-    abandoned: Option<(Ticket, Outcome)>,
-    /// A request was withdrawn, by this daemon or one before it, and the mask was not seen to be cleared since.
-    doubtful: bool,
-    /// The request that was taken last, and until when its words stay as they are.
-    taken: Option<(PanelRequest, Instant)>,
+    /// A request that was abandoned: nobody knows what became of it.
+    abandoned: Option<Ticket>,
+    /// A request was withdrawn, by this daemon or one before it: when the panel has rested.
+    rests_until: Instant,
     next_poll: Instant,
     open_loops: OpenLoops,
     kill: Kill,
@@ -102,8 +80,7 @@ impl PanelQueue {
             waiting: VecDeque::with_capacity(at_once::PANEL + at_once::STOPS),
             pending: None,
             abandoned: None,
-            doubtful: false,
-            taken: None,
+            rests_until: now,
             next_poll: now,
             open_loops: OpenLoops::default(),
             kill: Kill::default(),
@@ -127,10 +104,10 @@ impl PanelQueue {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn acquire(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.abandon();
         self.panel.acquire(bus)?;
-        self.doubtful = true;
+        self.rests_until = now + SETTLE;
         Ok(())
     }
 
@@ -146,11 +123,9 @@ impl PanelQueue {
     /// Nobody waits any more for the board to take what lies in the panel. Also where the mask is still set the board may have
     /// carried the request out: it may clear the mask only then.
     fn abandon(&mut self) {
-        let Some(pending) = self.pending.take() else { return };
-        let never_made = "the board was reset, or replaced, before the panel request was made";
-        let outcome =
-            if pending.was_made() { Outcome::TimedOut } else { Outcome::Refused(Text::of(&never_made)) };
-        self.abandoned = Some((pending.ticket, outcome));
+        if let Some(pending) = self.pending.take() {
+            self.abandoned = Some(pending.ticket);
+        }
     }
 
     /// Takes a request in.
@@ -172,19 +147,22 @@ impl PanelQueue {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn make_way(&mut self, bus: &mut impl Bus, uid: u32, character: u8) -> Result<(), BusError> {
+    pub fn make_way(
+        &mut self,
+        bus: &mut impl Bus,
+        uid: u32,
+        character: u8,
+        now: Instant,
+    ) -> Result<(), BusError> {
         let kills = character == control::KILL;
         let dropped = Outcome::Dropped(dropped_by(uid, character));
         if let Some(pending) = self.pending.filter(|pending| kills || !pending.request.is_stop()) {
             self.panel.withdraw(bus)?;
-            (self.pending, self.doubtful) = (None, true);
+            (self.pending, self.rests_until) = (None, now + SETTLE);
             let Pending { ticket, request, deadline, ends_hold, .. } = pending;
             let mut taken_back = Waiting::new(ticket, request, deadline, ends_hold);
-            if pending.was_made() {
-                let reason =
-                    "withdrawn, for somebody stopped all motion; it may have been carried out before";
-                taken_back.dropped = Some(Outcome::Interrupted(Text::of(&reason)));
-            }
+            let reason = "withdrawn, for somebody stopped all motion; it may have been carried out before";
+            taken_back.dropped = Some(Outcome::Interrupted(Text::of(&reason)));
             self.waiting.push_front(taken_back);
         }
         for waiting in &mut self.waiting {
@@ -281,17 +259,15 @@ impl PanelQueue {
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + POLL;
         if let Some(pending) = self.pending {
-            let Pending { ticket, request, deadline, doubtful, .. } = pending;
+            let Pending { ticket, request, deadline, again, .. } = pending;
             self.open_loops.doubt(request.mask());
-            if doubtful {
+            if again {
                 if self.panel.begin(bus, &request)? {
-                    self.doubtful = false;
-                    self.pending = Some(Pending { doubtful: false, ..pending });
+                    self.pending = Some(Pending { again: false, ..pending });
                     return Ok(None);
                 }
             } else if self.panel.taken(bus)? {
                 self.pending = None;
-                self.taken = Some((request, now + REST));
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
@@ -301,11 +277,11 @@ impl PanelQueue {
             // It must not be carried out by surprise, when the panel is enabled one day.
             self.panel.withdraw(bus)?;
             self.pending = None;
-            self.doubtful = true;
-            return Ok(Some(Event::Done(ticket, self.not_taken(pending.was_made()))));
+            self.rests_until = now + SETTLE;
+            return Ok(Some(Event::Done(ticket, self.not_taken(true))));
         }
-        if let Some((ticket, outcome)) = self.abandoned.take() {
-            return Ok(Some(Event::Done(ticket, outcome)));
+        if let Some(ticket) = self.abandoned.take() {
+            return Ok(Some(Event::Done(ticket, Outcome::TimedOut)));
         }
         let dropped = self.waiting.iter().position(|waiting| waiting.dropped.is_some());
         if let Some(Waiting { ticket, dropped: Some(outcome), .. }) =
@@ -314,12 +290,15 @@ impl PanelQueue {
             self.next_poll = now;
             return Ok(Some(Event::Done(ticket, outcome)));
         }
-        let Some(mut next) = self.waiting.pop_front() else { return Ok(None) };
+        let rests = now < self.rests_until;
+        let goes = |waiting: &Waiting| !rests || waiting.request.ends_motion() || now >= waiting.deadline;
+        let Some(index) = self.waiting.iter().position(goes) else { return Ok(None) };
+        let Some(mut next) = self.waiting.remove(index) else { return Ok(None) };
         if now >= next.deadline {
             return Ok(Some(Event::Done(next.ticket, self.not_taken(false))));
         }
         if self.kill.is_under_way {
-            self.waiting.push_front(next);
+            self.waiting.insert(index, next);
             return Ok(None);
         }
         if next.ends_hold {
@@ -328,17 +307,17 @@ impl PanelQueue {
                 return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
             }
         }
-        let last = self.taken.filter(|(_, until)| now < *until).map(|(last, _)| last).unwrap_or_default();
-        let Some(request) = next.request.beside(&last) else {
-            self.waiting.push_front(next);
-            return Ok(None);
-        };
-        let Waiting { ticket, deadline, ends_hold, .. } = next;
-        let pending = Pending { ticket, request, deadline, doubtful: self.doubtful, ends_hold };
-        if self.panel.begin(bus, &pending.lying())? {
-            self.pending = Some(pending);
+        let Waiting { ticket, request, deadline, ends_hold, .. } = next;
+        if self.panel.begin(bus, &request)? {
+            self.pending = Some(Pending { ticket, request, deadline, again: rests, ends_hold });
+            // What a stop has overtaken must not move a motor after it.
+            let overtaken = Text::of(
+                &"the panel request was not carried out: a stop came before the panel was free for it",
+            );
+            let overtaken = Some(Outcome::Refused(overtaken));
+            self.waiting.range_mut(..index).for_each(|waiting| waiting.dropped = overtaken);
         } else {
-            self.waiting.push_front(next);
+            self.waiting.insert(index, next);
         }
         Ok(None)
     }
@@ -369,7 +348,8 @@ impl<B: Bus> BoardFunction<B> for PanelQueue {
         Ok(Polled::default())
     }
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError> {
-        Ok(PanelQueue::acquire(self, context.bus)?)
+        let now = context.clock.now();
+        Ok(PanelQueue::acquire(self, context.bus, now)?)
     }
     /// Overrides stay: a machine's speed must not change because its daemon stops.
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
@@ -395,19 +375,14 @@ mod tests {
     #[test]
     fn one_after_the_other_and_none_by_surprise() {
         let mut bus = memory();
-        let begun = Instant::now();
-        let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
-        queue.acquire(&mut bus).unwrap();
+        let now = Instant::now();
+        let mut queue = PanelQueue::new(&PMAC, now).unwrap();
         let request = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=3 {
-            queue.submit(Ticket(number as u64), request(number), begun + POLL * 10, begun);
+            queue.submit(Ticket(number as u64), request(number), now + POLL * 10, now);
         }
-        let now = begun;
         let first =
             |bus: &mut FileBoard| [PANEL.request_enable, PANEL.request].map(|at| bus.read16(at).unwrap());
-        assert!(queue.poll(&mut bus, now).unwrap().is_none());
-        assert_eq!(first(&mut bus), [1, 0], "after it was taken over nothing is asked for first");
-        bus.write16(PANEL.request_enable, 0).unwrap();
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(first(&mut bus), [1, PanelAction::JogPlus.bits()]);
         assert!(queue.poll(&mut bus, now).unwrap().is_none(), "the board has not taken it");
@@ -425,6 +400,39 @@ mod tests {
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0, "withdrawn, or never written");
         }
         assert!(queue.due().is_none());
+    }
+
+    #[test]
+    fn after_a_withdrawal_what_moves_waits_and_a_stop_goes_at_once_and_twice() {
+        let mut bus = memory();
+        let begun = Instant::now();
+        let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
+        queue.acquire(&mut bus, begun).unwrap();
+        let request = |action, number| PanelRequest::of(PANEL, action, &[number]).unwrap();
+        let (jog, stop) = (request(PanelAction::JogPlus, 1), request(PanelAction::JogStop, 2));
+        let deadline = begun + SETTLE * 10;
+        let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
+        queue.submit(Ticket(1), jog, deadline, begun);
+        assert!(queue.poll(&mut bus, begun).unwrap().is_none());
+        assert_eq!(mask(&mut bus), 0, "the jog waits");
+        queue.submit(Ticket(2), stop, deadline, begun);
+        for _ in 0..2 {
+            assert!(queue.poll(&mut bus, begun).unwrap().is_none());
+            assert_eq!(mask(&mut bus), 0b10, "the first clearing may be that of what was withdrawn");
+            bus.write16(PANEL.request_enable, 0).unwrap();
+        }
+        let told = told(&mut queue, &mut bus, begun);
+        let [(2, Outcome::Done), (1, Outcome::Refused(why))] = told[..] else { panic!("{told:?}") };
+        assert!(why.contains("a stop came before the panel was free for it"), "{why:?}");
+        queue.submit(Ticket(3), jog, begun + POLL, begun);
+        queue.submit(Ticket(4), jog, deadline, begun);
+        let told = self::told(&mut queue, &mut bus, begun + POLL);
+        assert!(matches!(told[..], [(3, Outcome::Refused(_))]), "in its time: {told:?}");
+        assert!(queue.poll(&mut bus, begun + SETTLE).unwrap().is_none());
+        assert_eq!(mask(&mut bus), 0b01, "the panel has rested");
+        bus.write16(PANEL.request_enable, 0).unwrap();
+        let told = self::told(&mut queue, &mut bus, begun + SETTLE);
+        assert_eq!(told, [(4, Outcome::Done)]);
     }
 
     #[test]
@@ -517,8 +525,8 @@ mod tests {
             queue.submit(Ticket(2), stop, now + POLL * 50, now);
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
             assert_eq!(mask(&mut bus), 0b1);
-            queue.make_way(&mut bus, 7, control::KILL).unwrap();
-            queue.make_way(&mut bus, 7, control::ABORT).unwrap();
+            queue.make_way(&mut bus, 7, control::KILL, now).unwrap();
+            queue.make_way(&mut bus, 7, control::ABORT, now).unwrap();
             assert_eq!(mask(&mut bus), 0, "withdrawn before ^K is written");
             queue.see_kill(Kill { is_under_way: true, taken: 0 });
             assert_eq!((told(&mut queue, &mut bus, now), mask(&mut bus)), (vec![], 0));
@@ -544,7 +552,7 @@ mod tests {
                 queue.submit(Ticket(number as u64), jog(number), now + POLL * 50, now);
             }
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
-            queue.make_way(&mut bus, 7, character).unwrap();
+            queue.make_way(&mut bus, 7, character, now).unwrap();
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 0);
             let told = told(&mut queue, &mut bus, now);
             let [(1, Outcome::Interrupted(first)), (2, second)] = told[..] else { panic!("{told:?}") };
@@ -562,18 +570,14 @@ mod tests {
         let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
         // What the mask is when the board is taken over: whatever it is, the board may have seen the request.
         for (ticket, mask) in (7..).zip([1, 0, 0xFFFF]) {
-            let now = begun + (ticket as u32) * POLL;
+            let now = begun + (ticket as u32) * SETTLE;
             queue.submit(Ticket(ticket), request, now + POLL, now);
             assert!(queue.poll(&mut bus, now).unwrap().is_none());
-            while bus.read16(PANEL.request).unwrap() == 0 {
-                bus.write16(PANEL.request_enable, 0).unwrap();
-                assert!(queue.poll(&mut bus, now).unwrap().is_none());
-            }
             assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
             bus.write16(PANEL.request_enable, mask).unwrap();
             queue.leave(&mut bus).unwrap();
-            queue.acquire(&mut bus).unwrap();
-            queue.acquire(&mut bus).unwrap();
+            queue.acquire(&mut bus, now).unwrap();
+            queue.acquire(&mut bus, now).unwrap();
             let event = queue.poll(&mut bus, now).unwrap();
             assert!(
                 matches!(event, Some(Event::Done(Ticket(t), Outcome::TimedOut)) if t == ticket),
