@@ -59,7 +59,7 @@ pub struct ReadTable {
     pub servo_timer: u16,
     /// How many entries there are.
     pub count: u16,
-    /// The entries; `None` when so many cannot lie where the table begins.
+    /// The entries; `None` when so many cannot lie where the table begins, or one has a kind that is none.
     pub entries: Option<Vec<ReadEntry>>,
 }
 
@@ -229,8 +229,7 @@ impl Reader<'_> {
         for index in 0..count {
             let at = table.plus_words(index * VARIABLE_READ_ENTRY_WORDS);
             let words = [self.word(at), self.word(at.plus_words(1))];
-            let (code, address) = block.entry.parts(words);
-            let kind = VariableKind::of_code(code)?;
+            let kind = VariableKind::of_code(block.kind_code(words[1]))?;
             let longs = [self.long(value_at), self.long(value_at.plus_words(2))];
             value_at = value_at.plus_words(kind.words());
             let value = match kind {
@@ -241,7 +240,7 @@ impl Reader<'_> {
                 },
             };
             let ready = words[1] & VARIABLE_READ_ENTRY_READY != 0;
-            entries.push(ReadEntry { kind, address: self.address(address), ready, value });
+            entries.push(ReadEntry { kind, address: self.address(words[0].into()), ready, value });
         }
         (value_at <= self.family.user_area.end).then_some(entries)
     }

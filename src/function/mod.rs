@@ -44,7 +44,6 @@
 //! | background by 32 bits | 31n + 6 | 31n + 8 | n = 8: 256 |
 //! | background idle poll | 1 | 1 | 1 |
 //! | variable read set-up, e entries | 2e + 4 | 2e + 4 | e = 128: 260 |
-//! | variable read first report, dropped, and the table written again, e entries | 0 | 2e + 2 | e = 128: 258 |
 //! | variable read report, w words of values | w + 3 | w + 5 | 128 of X: 261 |
 //! | variable read by 32 bits, a report | w/2 + 3 | w/2 + 5 | 128 of X: 133 |
 //! | variable read idle poll | 1 | 1 | 1 |

@@ -11,13 +11,8 @@
 //! | table, X words | writes the kinds; clears bit 15 when it took a value (multi-user mode) | sets bit 15 |
 //! | behind the table | reads | writes the values, 2 or 4 words an entry |
 //!
-//! A table is changed in the order count 0, silence, start, table, control, count, announcement, table, control. PMAC may be
-//! in the middle of a pass when the count becomes 0, and no word tells when that pass ends. After the silence ([`SETTLE`])
-//! PMAC does not normally read half an entry. But a pass may last longer, and then writes the old table's values and kinds
-//! over the new table. So PMAC first has to announce a report of single-user mode, whichever mode is wanted. From then on
-//! it makes no pass until the host clears the ready bit (p. 22: it copies "if the data ready bit is 0"), and a pass from before
-//! is over, however long it took: PMAC makes one after the other. That report is dropped, the table is written once more, and
-//! every pass from then on goes by it.
+//! A table is changed in the order count 0, silence, start, table, control, count. PMAC may be in the middle of a pass when the
+//! count becomes 0, and no word tells when that pass ends: it is over after the silence ([`SETTLE`]).
 //!
 //! A report of single-user mode is read in many polls, in which the board may be reset or lose its power. So the servo
 //! timer is read before and after its words, and the control word once more after them: unless both are as they were,
@@ -34,10 +29,8 @@ use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VA
 use crate::map::{HostOffset, Region, StartRule, VariableKind, VariableName, VariableRead};
 pub use crate::protocol::VariableMode;
 
-/// How long after the count became 0 the table is left alone: longer than most passes last.
+/// How long after the count became 0 the table is left alone: longer than a pass lasts.
 pub const SETTLE: Duration = Duration::from_millis(50);
-/// The control word while PMAC is to announce a report that is dropped: single-user mode.
-const FENCING: u16 = 0;
 /// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
 pub const POLL_WORDS: usize = 32;
 
@@ -113,13 +106,10 @@ enum State {
     Silent {
         until: Instant,
     },
-    /// Entries before `next` are written; `is_last`: while PMAC makes no pass.
+    /// Entries before `next` are written.
     Writing {
         next: usize,
-        is_last: bool,
     },
-    /// A pass from before may still write over the table: waits until PMAC announces a report.
-    Fencing,
     /// Single-user mode waits for the ready bit; multi-user mode looks at entry `next` next.
     Running {
         next: usize,
@@ -182,7 +172,7 @@ impl VariableReader {
     }
 
     /// Replaces the table by `entries`; none stops the function. From here on there are no values until polls bring
-    /// them. 1 write; the polls that follow write 4 words an entry and 4 more.
+    /// them. 1 write; the polls that follow write 2 words an entry and 3 more.
     ///
     /// # Errors
     /// A table that cannot be, or a bus out of reach.
@@ -265,12 +255,11 @@ impl VariableReader {
             State::Silent { until } => {
                 if now >= until {
                     bus.write16(self.read.start, self.start.start_word(self.place.start))?;
-                    self.state = State::Writing { next: 0, is_last: false };
+                    self.state = State::Writing { next: 0 };
                 }
                 Ok(VariablePoll::SettingUp)
             }
-            State::Writing { next, is_last } => self.write_table(bus, next, is_last),
-            State::Fencing => self.await_fence(bus),
+            State::Writing { next } => self.write_table(bus, next),
             State::Running { next } => self.poll_control(bus, next),
             State::Reading { next } => self.read_report(bus, next),
         }
@@ -287,15 +276,10 @@ impl VariableReader {
     /// An entry as the table holds it: the Y word, and what the host writes of the X word.
     const fn words(&self, index: usize) -> [u16; 2] {
         let VariableEntry { address, kind } = self.entries[index];
-        self.read.entry.words(kind, address)
+        [address as u16, self.read.kind_word(kind)]
     }
 
-    fn write_table(
-        &mut self,
-        bus: &mut impl Bus,
-        next: usize,
-        is_last: bool,
-    ) -> Result<VariablePoll, BusError> {
+    fn write_table(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
         let end = self.count.min(next + POLL_WORDS / VARIABLE_READ_ENTRY_WORDS);
         for index in next..end {
             let [address, kind] = self.words(index);
@@ -303,35 +287,14 @@ impl VariableReader {
             bus.write16(self.kind_word(index), kind)?;
         }
         if end < self.count {
-            self.state = State::Writing { next: end, is_last };
+            self.state = State::Writing { next: end };
             return Ok(VariablePoll::SettingUp);
         }
-        if is_last {
-            bus.order_writes();
-            self.write_control(bus, self.control())?;
-            self.state = State::Running { next: 0 };
-        } else {
-            self.write_control(bus, FENCING)?;
-            bus.write16(self.read.count, self.count as u16)?;
-            bus.order_writes();
-            self.state = State::Fencing;
-        }
+        self.write_control(bus, self.control())?;
+        bus.write16(self.read.count, self.count as u16)?;
+        bus.order_writes();
+        self.state = State::Running { next: 0 };
         Ok(VariablePoll::SettingUp)
-    }
-
-    /// Waits for the announcement after which PMAC makes no pass.
-    fn await_fence(&mut self, bus: &mut impl Bus) -> Result<VariablePoll, BusError> {
-        let control = bus.read16(self.read.ready.word)?;
-        let VariableRead { ready, multi_user, .. } = self.read;
-        // All ones is an absent board.
-        if control != u16::MAX && multi_user.is_set(control) {
-            self.repairs += 1;
-            self.write_control(bus, FENCING)?;
-        } else if control != u16::MAX && ready.is_set(control) {
-            self.state = State::Writing { next: 0, is_last: true };
-            return Ok(VariablePoll::SettingUp);
-        }
-        Ok(VariablePoll::Nothing)
     }
 
     fn poll_control(&mut self, bus: &mut impl Bus, next: usize) -> Result<VariablePoll, BusError> {
@@ -435,7 +398,7 @@ impl VariableReader {
     /// Takes the value PMAC announced with the X word `word`, unless that is not as set, and asks for the next.
     fn take_entry(&mut self, bus: &mut impl Bus, index: usize, word: u16) -> Result<bool, BusError> {
         let [_, kind] = self.words(index);
-        let as_set = word & self.read.entry.mask() == kind;
+        let as_set = self.read.of_host(word) == kind;
         if as_set {
             bus.order_reads();
             let words = self.read_value(bus, index)?;

@@ -42,9 +42,9 @@ pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};
 pub use function::{Function, UnknownFunction};
 pub use functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, EntryBits, Flag, GatherPlace, IVariables,
-    PanelBlock, RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind,
-    VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, Flag, GatherPlace, IVariables, PanelBlock,
+    RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
+    VariableWrite,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
 pub use readings::{READINGS, Readings};

@@ -37,9 +37,7 @@ pub static READINGS: &[Reading] = &[
     set("rotary_end_marker", &["two_longs", "one_long"]),
     found_out("rotary_index", &["below_size", "up_to_size"]),
     found_out("variable_write_count", &["at_once", "when_done"]),
-    found_out("variable_read_pass", &["in_one", "in_many", "latched"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
-    set("read_entry", &["unsaid", "low_bits"]),
     set("write_record", &["unsaid", "as_read", "as_pmac"]),
     found_out("write_long", &["low_32", "halves"]),
 ];
@@ -144,19 +142,6 @@ pub enum Cleared {
     WhenDone,
 }
 
-/// How long a cycle of the variable read takes ("each background cycle"; DPRAM manual p. 22).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReadPass {
-    /// One background pass for the whole table.
-    #[default]
-    InOne,
-    /// One background pass an entry, which is read only then; the size is read at the cycle's begin.
-    InMany,
-    /// Many passes: size, addresses and kinds are read at the cycle's begin, values and kinds written at its end.
-    Latched,
-}
-
 /// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 267).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -166,18 +151,6 @@ pub enum MailboxBell {
     WithText,
     /// Nothing: it ends a group, as `<CR>` and `<ACK>` do ("looking for `<CR>`, `<ACK>`, or `<BELL>`").
     Alone,
-}
-
-/// Where a Turbo board takes address bits 18-16 of a register to read (Turbo User Manual p. 410 says that the entry's X word
-/// has them, not where). A wrong guess reads another register.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EntryAddress {
-    /// Nobody has said it: registers from $010000 on are not read.
-    #[default]
-    Unsaid,
-    /// In bits 2-0, which the kinds leave free.
-    LowBits,
 }
 
 /// How a Turbo board reads the type word of a record of the background variable write (Turbo User Manual p. 410 names its
@@ -225,12 +198,8 @@ pub struct Readings {
     pub rotary_index: RotaryIndex,
     /// When the board clears the count of records to write.
     pub variable_write_count: Cleared,
-    /// How long a cycle of the variable read takes.
-    pub variable_read_pass: ReadPass,
     /// What goes with the `<BELL>` in the mailboxes.
     pub mailbox_bell: MailboxBell,
-    /// Turbo: where the high address bits of a register to read stand.
-    pub read_entry: EntryAddress,
     /// Turbo: how the type word of a record to write is made up.
     pub write_record: RecordLayout,
     /// Turbo: how a record to write has 48 bits.

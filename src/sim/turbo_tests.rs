@@ -220,18 +220,18 @@ fn lines_go_through_the_ascii_port() {
 fn variables_are_read_and_written_by_offset_and_19_bits() {
     let mut bench = bench();
     bench.set(55, 1.0);
-    send(&mut bench, "WX$78205,$7FFFFE");
-    // One record at 0x1140 + 4 * $40: X (kind 2), all 24 bits, to X:$78206.
-    let record = [0x8206, 2 << 4 | 0x7, 0x1234, 0x0056, 0, 0];
+    send(&mut bench, "WX$8205,$7FFFFE");
+    // One record at 0x1140 + 4 * $40: X (kind 2), all 24 bits, to X:$8206.
+    let record = [0x8206, 2 << 4, 0x1234, 0x0056, 0, 0];
     for (value, word) in record.into_iter().zip(0..) {
         bench.write(0x1240 + 2 * word, value);
     }
     bench.write(0x104E, 0x40);
     bench.write(0x104C, 1);
-    // Two entries at 0x1140: X:$78205 and X:$78206.
+    // Two entries at 0x1140: X:$8205 and X:$8206.
     for (address, at) in [(0x8205, 0x1140), (0x8206, 0x1144)] {
         bench.write(at, address);
-        bench.write(at + 2, 2 << 4 | 0x7);
+        bench.write(at + 2, 2 << 4);
     }
     bench.write(0x104A, 0);
     bench.write(0x1048, 2);

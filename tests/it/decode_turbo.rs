@@ -128,7 +128,7 @@ fn with_buffers(mut dump: Dump) -> Dump {
     dump.word(0x1044, 0x0001).word(0x1046, 0x4321).word(0x1048, 3).word(0x104A, 0x00F0);
     // X:$078000 is $8000 and $0027, with the ready bit of multi-user mode.
     let table = 4 * 0x540;
-    dump.word(table, 0x8000).word(table + 2, 0x8027);
+    dump.word(table, 0x8000).word(table + 2, 0x8020);
     dump.word(table + 4, 0x002B).word(table + 6, 0x0010);
     dump.word(table + 8, 0x0700).word(table + 10, 0x0000);
     dump.short(table + 12, -5).pair(table + 16, 0x40_0000, 0x00_0800).short(table + 24, 7);
@@ -150,7 +150,7 @@ fn c1_decode_shows_gathering_tables_and_rotary_buffers() {
     assert_eq!(
         buffers["variable_read"],
         json!({"multi_user": false, "ready": true, "servo_timer": 0x4321, "count": 3, "entries": [
-            {"kind": "x", "address": "$078000", "ready": true, "value": -5},
+            {"kind": "x", "address": "$008000", "ready": true, "value": -5},
             {"kind": "long", "address": "$00002B", "ready": false, "fixed": (0x40_0000_i64 << 24) + 0x800, "float": 1.0},
             {"kind": "y", "address": "$000700", "ready": false, "value": 7},
         ]})
@@ -187,10 +187,12 @@ fn tables_that_cannot_be_are_not_shown() {
     dump.word(0x104E, 0x0BAE).word(0x1048, 0);
     let buffers = read(&dump.image());
     assert_eq!((buffers.variable_read.entries, buffers.variable_write.records), (Some(Vec::new()), None));
-    // A kind that is none.
-    let mut dump = with_buffers(self::dump(LENGTH_8K));
-    dump.word(4 * 0x540 + 2, 0x0030);
-    assert_eq!(read(&dump.image()).variable_read.entries, None);
+    // A kind that is none, and one with bits below it, which may belong to the address.
+    for kind in [0x0030, 0x0027] {
+        let mut dump = with_buffers(self::dump(LENGTH_8K));
+        dump.word(4 * 0x540 + 2, kind);
+        assert_eq!(read(&dump.image()).variable_read.entries, None);
+    }
 }
 
 #[test]

@@ -20,7 +20,7 @@ const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 /// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 3] = ["read_entry", "write_record", "write_long"];
+const OF_TURBO: [&str; 2] = ["write_record", "write_long"];
 
 impl Board {
     /// That for which `reading` means something.
@@ -123,12 +123,6 @@ fn variables_are_written_and_read(site: &VirtualSite, kind: &Board) {
     }
 }
 
-fn a_high_register_is_watched(site: &VirtualSite) {
-    site.connection().send("WY$7A205,5", PATIENCE).unwrap();
-    let shown = done(site, &["variable", "watch", "Y:$7A205", "--count", "1"]);
-    assert!(shown.ends_with("=5\n"), "{shown}");
-}
-
 fn samples_are_gathered(site: &VirtualSite) {
     let (status, gathered, stderr) =
         site.pmacctl(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
@@ -185,9 +179,7 @@ every_function_works_under! {
     b3_every_function_works_under_rotary_end_marker
     b3_every_function_works_under_rotary_index
     b3_every_function_works_under_variable_write_count
-    b3_every_function_works_under_variable_read_pass
     b3_every_function_works_under_mailbox_bell
-    b3_every_function_works_under_read_entry
     b3_every_function_works_under_write_record
     b3_every_function_works_under_write_long
 }
@@ -209,7 +201,6 @@ fn b3_a_setting_that_is_missing_shows() {
             let works = catch_unwind(AssertUnwindSafe(|| {
                 match reading.name.split_once('_').unwrap().0 {
                     "rotary" => a_program_runs(&site, board),
-                    "read" => a_high_register_is_watched(&site),
                     "variable" | "write" => variables_are_written_and_read(&site, board),
                     other => unreachable!("{other}"),
                 }
@@ -217,35 +208,6 @@ fn b3_a_setting_that_is_missing_shows() {
             }));
             assert!(works.is_err(), "{} = {value} need not be set", reading.name);
         }
-    }
-}
-
-#[test]
-fn b3_a_slow_pass_over_the_table_before_spoils_no_table() {
-    // The board goes by the table before for 133 ms, and then writes two words where the new one has its second entry.
-    for mode in ["single-user", "multi-user"] {
-        let config = format!("[variables]\nmode = {mode:?}\n");
-        let site = VirtualSite::configured(&["--reading", "variable_read_pass=latched"], &config);
-        site.wait_for_identity();
-        let mut board = site.connection();
-        for number in 0..10 {
-            board.send(&format!("WY$70{number},{}", 100 + number), PATIENCE).unwrap();
-        }
-        let names: Vec<_> = (0..10).map(|number| format!("Y:$070{number}")).collect();
-        let expected: String = (0..10).map(|number| format!(" Y:$070{number}={}", 100 + number)).collect();
-        for _ in 0..10 {
-            done(&site, &["variable", "watch", "L:$0720", "--count", "2"]);
-            let all: Vec<_> = ["variable", "watch", "--count", "3"]
-                .into_iter()
-                .chain(names.iter().map(String::as_str))
-                .collect();
-            let shown = done(&site, &all);
-            assert!(
-                shown.lines().count() >= 3 && shown.lines().all(|line| line.ends_with(&expected)),
-                "{mode}: {shown}"
-            );
-        }
-        site.assert_no_violations();
     }
 }
 

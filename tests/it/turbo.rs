@@ -294,9 +294,9 @@ fn c1_background_variables_of_a_turbo_board_are_read() {
         shown["values"].as_array().unwrap().iter().map(|value| value["value"].clone()).collect();
     // The played board answers with the entry itself: the kinds are $00, $20 and $10.
     assert_eq!(values, [json!(0xC0), json!(0x20_009D), json!(0x10_008B)], "{shown}");
-    // Section 7.1: that address bits 18-16 stand in the X word is worked out, not written.
+    // No text says where address bits 18-16 stand in an entry, nor where the parts of a record to write.
     let (code, _, stderr) = site.running(&["variable", "watch", "X:$78000", "--count", "1"]);
-    assert!(code != 0 && stderr.contains("registers below $010000 can be watched"), "{code} {stderr}");
+    assert!(code == 1 && stderr.contains("send `RX$078000` instead"), "{code} {stderr}");
     let (code, _, stderr) = site.running(&["variable", "set", "Y:$700=1"]);
     assert!(code != 0 && stderr.contains("write_record under [readings]"), "{code} {stderr}");
 }

@@ -6,20 +6,12 @@
  * is one step. A value tells which register it is and which pass read it, in both of its halves.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
- * TURBO       the words are those of a Turbo board (0x1044, 0x1048), where who sets and who clears is the same; but the upper bits
- *             of an entry's address lie in its X word, beside kind and ready bit, and PMAC reads the two words one after the other.
- *             It must read no register that nobody has asked for: that is asserted. With NO_SILENCE it FAILS: PMAC, at a pass
- *             of the old table, reads the Y word of an entry that the host is changing, and the X word after that.
  * PASSES      passes are counted modulo this
  * MULTI       multi-user mode: a ready bit an entry; MULTI=2: the host changes the mode with the table
  * CRASH       the host is killed anywhere, any number of times, and started again
- * NO_SILENCE  the host does not wait, after it has set the count to 0, until a pass under way has ended (50 ms). Holds: the
- *             silence only keeps PMAC from reading half an entry, which is not asserted here.
- * NO_REWRITE  the table is not written once more after the report that is dropped. FAILS with NO_SILENCE: a pass begun with
- *             the short table writes its value where the long one has its second entry by now: that entry names another
- *             register for ever, and nobody reads it back. Only between tables of the same length (SAME) it need not be.
- * NO_FENCE    the first value announced after a change is taken. FAILS with NO_SILENCE and SAME: a pass begun with the
- *             old table announces its values when the new one is set up.
+ * NO_SILENCE  the host does not wait, after it has set the count to 0, until a pass under way has ended (50 ms). FAILS: a pass
+ *             begun with the old table announces its values when the new one is set up; or it writes its value where the new one
+ *             has its second entry by now, which names another register for ever.
  * RESET       the board is reset anywhere while the function runs, once, in single-user mode: it clears the control word,
  *             and perhaps table and values; its timer goes on by one meanwhile (that a new report has the very timer of the old one is
  *             not modelled: 1 in 65536).
@@ -34,19 +26,10 @@
 #ifndef PASSES
 #define PASSES 4
 #endif
-#ifndef SAME
-#define SAME 0
-#endif
 #ifndef MULTI
 #define MULTI 0
 #endif
 #define LONGS 4
-#ifdef TURBO
-#define UPPER(t) (t)                                  /* the part of the address that lies in the X word */
-#else
-#define UPPER(t) 0
-#endif
-
 byte control;                                         /* bit 0 Data-Ready, bit 1 stands for bit 8, multi-user mode */
 byte count, start;
 byte y[LONGS], x[LONGS];                              /* the halves of the longs; of an entry: address, kind */
@@ -62,9 +45,6 @@ bool updated = false, taken = false;
 
 proctype Pmac() {
   byte c, n, s, i, value;
-#ifdef TURBO
-  byte address;
-#endif
   do
   :: {
   do
@@ -77,12 +57,7 @@ proctype Pmac() {
         :: (c & MULTI_USER) && (x[s + i] & READY) -> goto next
         :: else
         fi;
-#ifdef TURBO
-        address = y[s + i];
-        atomic { assert((x[s + i] & 3) == address / 2); value = (address * PASSES + pass_number) & 127; address = 0 };
-#else
         atomic { value = (y[s + i] * PASSES + pass_number) & 127 };
-#endif
         y[s + n + i] = value;
         x[s + n + i] = value;
         if
@@ -106,9 +81,6 @@ ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updat
   } unless { atomic { resetting && running ->
     resetting = false; in_pass = false; pass_number = (pass_number + 1) % PASSES; control = 0; timer = 0;
     c = 0; n = 0; i = 0; s = 0; value = 0;
-#ifdef TURBO
-    address = 0;
-#endif
     if
     :: count = 0; start = 0; y[0] = 0; y[1] = 0; y[2] = 0; y[3] = 0; x[0] = 0; x[1] = 0; x[2] = 0; x[3] = 0
     :: skip
@@ -123,7 +95,6 @@ ended: atomic { in_pass = false; pass_number = (pass_number + 1) % PASSES; updat
 
 proctype Host() {
   byte n, table, mode, i, word, a, b, p;
-  bool fenced = false;
   bool is_mixed = false;
 #ifdef RESET
   byte stamp;
@@ -133,7 +104,7 @@ proctype Host() {
     count = 0;                                        /* VariableReader::release, at the start */
     control = 0;
     do
-    :: atomic { i = 0; if :: table = 1 :: table = 2 fi; n = (SAME -> 2 : table);
+    :: atomic { i = 0; if :: table = 1 :: table = 2 fi; n = table;
 #if MULTI == 0
          mode = 0
 #elif MULTI == 1
@@ -148,47 +119,15 @@ proctype Host() {
 #endif
        start = 0;
        do
-       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = UPPER(table); i++ }
+       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = 0; i++ }
        :: else -> break
        od;
-#ifdef NO_FENCE
        control = mode;
-#else
-       control = 0;                                   /* State::Fencing: single-user mode */
-#endif
        atomic { count = n; i = 0;
 #ifdef RESET
          running = true
 #endif
        };
-#ifndef NO_FENCE
-       do
-       :: atomic { word = control; fenced = (word & 1) && !(word & MULTI_USER) };
-          if
-          :: word & MULTI_USER -> control = 0
-          :: fenced -> break
-          :: else
-          fi
-#ifdef RESET
-       :: atomic { running = false; break }
-#else
-       :: break                                       /* another table is wanted */
-#endif
-       od;
-       atomic { word = 0; i = 0 };
-       if
-       :: !fenced -> goto changed
-       :: else
-       fi;
-       fenced = false;
-#ifndef NO_REWRITE
-       do
-       :: i < n -> y[start + i] = ADDRESS(i); atomic { x[start + i] = UPPER(table); i++ }
-       :: else -> break
-       od;
-#endif
-       atomic { control = mode; i = 0 };
-#endif
        do                                             /* VariableReader::look */
        ::
 #ifdef RESET
@@ -206,12 +145,12 @@ proctype Host() {
                    word = x[start + i];
                    if
                    :: !(word & READY) -> goto unready
-                   :: word == (READY | UPPER(table)) ->
+                   :: word == READY ->
                       a = y[start + n + i];
                       atomic { b = x[start + n + i]; assert(a == b && a / PASSES == ADDRESS(i)); a = 0; b = 0; taken = true }
                    :: else
                    fi;
-                   x[start + i] = UPPER(table);
+                   x[start + i] = 0;
 unready:           i++
                 :: else -> break
                 od
@@ -253,9 +192,8 @@ gone:           atomic { is_mixed = false; p = 0
           fi;
           atomic { i = 0; word = 0 }
        od;
-changed: skip
     od
-  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; fenced = false; n = 0; table = 0; mode = 0; is_mixed = false
+  } unless { atomic { killed -> killed = false; i = 0; word = 0; a = 0; b = 0; p = 0; n = 0; table = 0; mode = 0; is_mixed = false
 #ifdef RESET
     ; stamp = 0; running = false
 #endif

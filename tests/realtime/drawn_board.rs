@@ -32,7 +32,7 @@ const FACTORS: [&str; 5] = ["0", "0.5", "1", "2", "4"];
 
 /// Readings of what boards of one generation alone have; all others are of both.
 const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
-    (Generation::Turbo, &["read_entry", "write_record", "write_long"]),
+    (Generation::Turbo, &["write_record", "write_long"]),
 ];
 
 /// Whether boards of `family` differ by the reading called `name`.

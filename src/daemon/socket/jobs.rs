@@ -12,8 +12,7 @@ use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::readings::EntryAddress;
-use crate::map::{Family, Firmware, HostOffset, PmacAddress, VariableName};
+use crate::map::{Family, Firmware, HostOffset, PmacAddress, VariableKind, VariableName, VariableRead};
 use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
 
@@ -401,19 +400,23 @@ pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Resul
     }
 }
 
-/// Refuses a register whose address goes where no text tells for sure, unless the configuration does: a wrong guess reads
-/// another register, and nothing shows it.
+/// Refuses a register whose high address bits no text gives a place: a wrong guess reads another register, and nothing shows
+/// it.
 fn is_told(text: &str, entry: VariableEntry, info: &Info) -> Result<(), CallError> {
-    let family = info.family();
-    let told = family.variable_read.entry.told;
-    if entry.address >> told == 0 || info.settings().readings.read_entry == EntryAddress::LowBits {
+    if entry.address < VariableRead::ADDRESSES {
         return Ok(());
     }
+    let family = info.family();
+    let number = family.print_number(entry.address);
+    let letter = match entry.kind {
+        VariableKind::X => 'X',
+        VariableKind::Y => 'Y',
+        VariableKind::Long | VariableKind::Special => 'L',
+    };
     Err(refused(format!(
-        "{text}: no text tells for sure where a {} takes address bits {told} and above of a register to read; registers below {} \
-         can be watched, and all of them with read_entry under [readings] in pmacd's configuration",
+        "{text}: no text tells how a {} takes the address of a register to watch from {} on; send `R{letter}{number}` instead",
         family.title,
-        family.print_number(1 << told)
+        family.print_number(VariableRead::ADDRESSES)
     )))
 }
 

@@ -5,8 +5,8 @@
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, GlobalStatus, IVariables, PanelBlock,
-    RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, PanelBlock, RecordBits,
+    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::readings::WriteLong;
 use crate::map::{Firmware, GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
@@ -326,7 +326,7 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
     timer: VARIABLE_READ_SERVO_TIMER,
     count: VARIABLE_READ_COUNT,
     start: VARIABLE_READ_START,
-    entry: EntryBits { kind: 0, address: 16, told: 16 },
+    kind_bit: 0,
 };
 
 /// Background variable write (DPRAM manual p. 24): bits 2-0 of the type word are the kind, 7-3 the width, 12-8 the

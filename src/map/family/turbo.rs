@@ -5,8 +5,8 @@
 //! public drivers or their headers tell, the line says so; what no text tells is as on PMAC, and says that.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, EntryBits, Flag, GlobalStatus, IVariables, RecordBits,
-    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, RecordBits, ReportStart,
+    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::{Function, GatherPlace, HostOffset, NumberKind, Region};
 
@@ -306,15 +306,15 @@ pub const ASCII: AsciiPort = AsciiPort {
 /// The start words of tables count from $060450 (TUM p. 410; a driver in production writes $F0 for $060540).
 pub const START: StartRule = StartRule { from: USER_START, word: 0 };
 
-/// Background variable read: the kind in bits 5-4 of the X word (a driver in production), address bits 18-16 in bits 2-0
-/// (TUM p. 410 says they stand in this word, and the kinds leave these bits free).
+/// Background variable read: the kind in bits 5-4 of the X word (a driver in production). TUM p. 410 says that address bits
+/// 18-16 stand in this word, not where.
 pub const VARIABLE_READ: VariableRead = VariableRead {
     ready: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_READY },
     multi_user: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_MULTI_USER },
     timer: VARIABLE_READ_TIMER,
     count: VARIABLE_READ_COUNT,
     start: VARIABLE_READ_START,
-    entry: EntryBits { kind: 4, address: 19, told: 16 },
+    kind_bit: 4,
 };
 
 /// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits, not

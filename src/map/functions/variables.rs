@@ -20,7 +20,7 @@ pub enum VariableKind {
 }
 
 impl VariableKind {
-    /// Its code: in the table (see [`EntryBits`]) and in the segment.
+    /// Its code: in the table (see [`VariableRead::kind_word`]) and in the segment.
     #[must_use]
     pub const fn code(self) -> u16 {
         match self {
@@ -53,39 +53,6 @@ impl VariableKind {
     }
 }
 
-/// How an entry of the variable-read table is written: the Y word holds address bits 15-0, the X word the kind and,
-/// from bit 0, the address bits above.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EntryBits {
-    /// The lowest bit of the kind in the X word.
-    pub kind: u32,
-    /// Bits of an address, 16 to 19.
-    pub address: u32,
-    /// Of those, the bits from the lowest on whose place in the entry a text tells.
-    pub told: u32,
-}
-
-impl EntryBits {
-    /// The bits of the X word that the host writes.
-    #[must_use]
-    pub const fn mask(self) -> u16 {
-        0b111 << self.kind | ((1_u32 << (self.address - 16)) - 1) as u16
-    }
-
-    /// The Y and the X word.
-    #[must_use]
-    pub const fn words(self, kind: VariableKind, address: u32) -> [u16; 2] {
-        [address as u16, kind.code() << self.kind | (address >> 16) as u16]
-    }
-
-    /// The kind's code and the address out of the Y and the X word.
-    #[must_use]
-    pub const fn parts(self, [y, x]: [u16; 2]) -> (u16, u32) {
-        let above = x as u32 & ((1 << (self.address - 16)) - 1);
-        (x >> self.kind & 0b111, y as u32 | above << 16)
-    }
-}
-
 /// Background variable read: registers of the host's choice.
 #[derive(Debug, PartialEq, Eq)]
 pub struct VariableRead {
@@ -99,8 +66,32 @@ pub struct VariableRead {
     pub count: HostOffset,
     /// Where the table lies, by the [`StartRule`](super::StartRule).
     pub start: HostOffset,
-    /// How an entry is written.
-    pub entry: EntryBits,
+    /// The lowest bit of the kind in the X word of an entry, whose Y word is the address.
+    pub kind_bit: u32,
+}
+
+impl VariableRead {
+    /// The registers below this address can be read: an entry has 16 bits for it that a text gives a place.
+    pub const ADDRESSES: u32 = 1 << 16;
+
+    /// What the host writes into the X word of an entry of this kind.
+    #[must_use]
+    pub const fn kind_word(&self, kind: VariableKind) -> u16 {
+        kind.code() << self.kind_bit
+    }
+
+    /// What is the host's of an X word. The bits below the kind, which a Turbo board has for higher address bits (Turbo User
+    /// Manual p. 410), are 0.
+    #[must_use]
+    pub const fn of_host(&self, word: u16) -> u16 {
+        word & ((0b1000 << self.kind_bit) - 1)
+    }
+
+    /// The kind's code in an X word; with bits below it, a code that is none.
+    #[must_use]
+    pub const fn kind_code(&self, word: u16) -> u16 {
+        self.of_host(word).rotate_right(self.kind_bit)
+    }
 }
 
 /// Entries of a variable-read table at most, in every family.

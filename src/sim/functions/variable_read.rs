@@ -7,9 +7,6 @@
 //! PMAC copies every entry whose own ready bit is clear and sets that; it stores the timer in every pass and only reads
 //! the control word.
 //!
-//! How long a cycle takes is played as [`crate::map::Readings`] say: a pass; a pass an entry, which PMAC reads only then; or
-//! 300 passes, with the table as it was at the begin and the values as they are at the end.
-//!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 128, or on a table that does not fit into the user area.
 //! * A function block is one long register. The block's number counts from the base address that PMAC keeps.
@@ -22,7 +19,6 @@ use crate::map::HostOffset;
 use crate::map::functions::{
     Timer, VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VariableKind,
 };
-use crate::map::readings::ReadPass;
 use crate::sim::board::Board;
 use crate::sim::board::memory::Memory;
 use crate::sim::fault::Delay;
@@ -48,42 +44,9 @@ impl Entry {
     }
 }
 
-/// Background passes of a cycle that latches its table: 133 ms at the default rate.
-const LATCHED_PASSES: u32 = 300;
-
-/// A cycle that takes more than a pass.
-#[derive(Debug, Clone)]
-enum Cycle {
-    ByEntry(LongCycle),
-    Latched(LatchedCycle),
-}
-
-/// A cycle that goes by what it read at its begin.
-#[derive(Debug, Clone)]
-struct LatchedCycle {
-    multi_user: bool,
-    /// The entries that are due, each with its type word.
-    due: Vec<(Entry, u16)>,
-    passes_left: u32,
-}
-
-/// A cycle of a pass an entry.
-#[derive(Debug, Clone, Copy)]
-struct LongCycle {
-    /// As the header had it when the cycle began.
-    multi_user: bool,
-    first: HostOffset,
-    count: usize,
-    /// The next entry, and where its data go.
-    index: usize,
-    data: HostOffset,
-}
-
 /// What the function remembers.
 #[derive(Debug, Clone, Default)]
 pub struct VariableRead {
-    /// The cycle under way, where it takes more than a pass.
-    cycle: Option<Cycle>,
     /// Where the table lies.
     first: Option<HostOffset>,
     table: Vec<Entry>,
@@ -113,11 +76,6 @@ impl VariableRead {
             *self = Self::default();
             return;
         }
-        match self.cycle.take() {
-            Some(Cycle::ByEntry(cycle)) => return self.go_on(cycle, board),
-            Some(Cycle::Latched(cycle)) => return self.go_on_latched(cycle, board),
-            None => {}
-        }
         let control = board.memory.dpram.read16(function.ready.word);
         let multi_user = function.multi_user.is_set(control);
         let (first, table) = match table(board) {
@@ -144,15 +102,6 @@ impl VariableRead {
         if fault.stuck {
             return;
         }
-        let reading = board.identity.readings.variable_read_pass;
-        if let (ReadPass::InMany, Some(first)) = (reading, self.first) {
-            let count = self.table.len();
-            if multi_user || !function.ready.is_set(control) {
-                let data = first.plus_words(VARIABLE_READ_ENTRY_WORDS * count);
-                self.cycle = Some(Cycle::ByEntry(LongCycle { multi_user, first, count, index: 0, data }));
-            }
-            return;
-        }
         let due: Vec<usize> = (0..self.table.len())
             .filter(|&index| {
                 if multi_user {
@@ -162,15 +111,6 @@ impl VariableRead {
                 }
             })
             .collect();
-        if reading == ReadPass::Latched {
-            let flagged = due.iter().map(|&index| {
-                let entry = self.table[index];
-                (entry, board.memory.dpram.read16(entry.flag))
-            });
-            let cycle = LatchedCycle { multi_user, due: flagged.collect(), passes_left: LATCHED_PASSES };
-            self.cycle = (!due.is_empty()).then_some(Cycle::Latched(cycle));
-            return;
-        }
         if !due.is_empty() && self.delay.over(fault.late) {
             board.memory.dpram.order_reads();
             let now = if fault.torn { due.len() / 2 } else { due.len() };
@@ -182,51 +122,6 @@ impl VariableRead {
             self.announce(&due, multi_user, board);
         } else if multi_user {
             self.store_timer(board);
-        }
-    }
-
-    /// One entry of a long cycle, as it stands in the table now, and after the last one timer and ready bit.
-    fn go_on(&mut self, cycle: LongCycle, board: &mut Board) {
-        let LongCycle { multi_user, first, count, index, data } = cycle;
-        let family = board.family();
-        let entry = entry(board, first, index, data);
-        let next = LongCycle { index: index + 1, data: data.plus_words(entry.words()), ..cycle };
-        let flag = board.memory.dpram.read16(entry.flag);
-        let wanted = !multi_user || flag & VARIABLE_READ_ENTRY_READY == 0;
-        if wanted && user_area::has_room(family, data, entry.words()) {
-            store(entry, &mut board.memory);
-            board.memory.dpram.order_writes();
-            if multi_user {
-                board.memory.dpram.write16(entry.flag, flag | VARIABLE_READ_ENTRY_READY);
-            }
-        }
-        if next.index < count {
-            self.cycle = Some(Cycle::ByEntry(next));
-        } else if multi_user {
-            self.store_timer(board);
-        } else {
-            self.announce(&[], false, board);
-        }
-    }
-
-    /// A pass of a latched cycle: nothing, but at its end values and announcement, over whatever lies there by then.
-    fn go_on_latched(&mut self, mut cycle: LatchedCycle, board: &mut Board) {
-        cycle.passes_left -= 1;
-        if cycle.passes_left > 0 {
-            self.cycle = Some(Cycle::Latched(cycle));
-            return;
-        }
-        for &(entry, _) in &cycle.due {
-            store(entry, &mut board.memory);
-        }
-        board.memory.dpram.order_writes();
-        if cycle.multi_user {
-            for (entry, flag) in cycle.due {
-                board.memory.dpram.write16(entry.flag, flag | VARIABLE_READ_ENTRY_READY);
-            }
-            self.store_timer(board);
-        } else {
-            self.announce(&[], false, board);
         }
     }
 
@@ -328,8 +223,8 @@ fn table(board: &Board) -> Result<(Option<HostOffset>, Vec<Entry>), String> {
 fn entry(board: &Board, first: HostOffset, index: usize, data: HostOffset) -> Entry {
     let [at, flag] = [0, 1].map(|word| first.plus_words(VARIABLE_READ_ENTRY_WORDS * index + word));
     let words = [at, flag].map(|word| board.memory.dpram.read16(word));
-    let (code, address) = board.family().variable_read.entry.parts(words);
-    Entry { address, kind: VariableKind::of_code(code), code, flag, data }
+    let code = board.family().variable_read.kind_code(words[1]);
+    Entry { address: words[0].into(), kind: VariableKind::of_code(code), code, flag, data }
 }
 
 fn store(entry: Entry, memory: &mut Memory) {
