@@ -9,7 +9,7 @@ use crate::map::functions::{
     VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VARIABLE_READ_ENTRY_WORDS, VARIABLE_WRITE_RECORD_WORDS,
     VARIABLE_WRITE_RECORDS, rotary_header,
 };
-use crate::map::{Family, HostOffset, Layout, PanelBlock, Readings, VariableKind};
+use crate::map::{Family, HostOffset, Layout, PanelBlock, VariableKind};
 
 /// These functions' words.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -20,8 +20,8 @@ pub struct Buffers {
     pub gather: Gather,
     /// Background variable read.
     pub variable_read: ReadTable,
-    /// Background variable write.
-    pub variable_write: WriteTable,
+    /// Background variable write, where a text describes its records.
+    pub variable_write: Option<WriteTable>,
     /// The rotary buffers, in the order of their headers.
     pub rotary: Vec<Rotary>,
 }
@@ -107,11 +107,8 @@ pub struct WriteTable {
 /// A record of that table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct WriteRecord {
-    /// The register's PMAC address, with `$`; `None` where no text tells which bits of the type word belong to it.
-    pub address: Option<String>,
-    /// The low 16 bits of the address.
-    #[serde(serialize_with = "hexadecimal")]
-    pub low_address: u16,
+    /// The register's PMAC address, with `$`.
+    pub address: String,
     /// The word with the register's kind, and the width and place of its bits.
     #[serde(serialize_with = "hexadecimal")]
     pub type_word: u16,
@@ -245,10 +242,11 @@ impl Reader<'_> {
         (value_at <= self.family.user_area.end).then_some(entries)
     }
 
-    fn variable_write(&self) -> WriteTable {
+    fn variable_write(&self) -> Option<WriteTable> {
         let block = &self.family.variable_write;
+        block.since?;
         let count = self.word(block.count);
-        WriteTable { count, records: self.write_records(self.word(block.start), count.into()) }
+        Some(WriteTable { count, records: self.write_records(self.word(block.start), count.into()) })
     }
 
     fn write_records(&self, start: u16, count: usize) -> Option<Vec<WriteRecord>> {
@@ -263,12 +261,9 @@ impl Reader<'_> {
     }
 
     fn write_record(&self, at: HostOffset) -> WriteRecord {
-        let (low_address, type_word) = (self.word(at), self.word(at.plus_words(1)));
-        let bits = self.family.variable_write.record_by(Readings::default().write_record);
         WriteRecord {
-            address: bits.map(|bits| self.address(bits.address(low_address, type_word))),
-            low_address,
-            type_word,
+            address: self.address(self.word(at).into()),
+            type_word: self.word(at.plus_words(1)),
             data: [self.long(at.plus_words(2)), self.long(at.plus_words(4))],
         }
     }

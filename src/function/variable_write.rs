@@ -9,30 +9,30 @@
 //!
 //! A record: the register's address; bits 2-0 its kind, 7-3 the width, 12-8 the offset, 15-13 the sort of special
 //! register (0); the data, two longs. Kinds 4 and 6 (firmware 1.16) are the Y and X word of a compiled PLC's function
-//! block, whose number stands for the address. The manual prints 0x07E6 and 0x07E8 for the first two words, which are the
-//! variable-read function's. More than 32 records go in several cycles, in their order; each cycle is done in one
-//! background pass, the whole is not.
+//! block, whose number stands for the address. The data begin at bit 0, whatever the offset. The manual prints 0x07E6 and
+//! 0x07E8 for the first two words, which are the variable-read function's. More than 32 records go in several cycles, in their
+//! order; each cycle is done in one background pass, the whole is not.
+//!
+//! A Turbo board has the function, too (Turbo User Manual p. 410), but no text tells how its records are made up: it is given
+//! none.
 //!
 //! Needs I55 = 1. Nothing tells that a record was refused; PMAC writes where it is told to. Address 0 is the servo
 //! clock: writing it trips the watchdog, so it is refused.
 
-mod question;
-
 use std::time::{Duration, Instant};
-
-use question::Asks;
 
 use crate::device::{Bus, BusError};
 use crate::format::{fixed48, float48, int24, split32, write48};
-use crate::map::functions::{VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS};
-use crate::map::readings::{FieldData, WriteLong};
+use crate::map::functions::{
+    RECORD_OFFSET, RECORD_WIDTH, VARIABLE_WRITE_RECORD_WORDS, VARIABLE_WRITE_RECORDS,
+};
 use crate::map::{
-    Family, HostOffset, PmacAddress, PmacRegister, RecordBits, Region, Space, VariableKind, VariableName,
-    VariableWrite,
+    Family, PmacAddress, PmacRegister, Region, Space, VariableKind, VariableName, VariableWrite,
 };
 use crate::protocol::board::VariableRecord;
 
-/// How long after the count was taken back the records are left alone: PMAC may be about to read them.
+/// How long after the count was taken back the records are left alone: PMAC may be at work on them, and clears the count when it is
+/// done.
 pub const SETTLE: Duration = Duration::from_millis(50);
 /// Records that one poll writes at most, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
@@ -91,7 +91,7 @@ pub struct WriteRecord {
     /// As in the record: 0 is the whole word.
     width: u16,
     offset: u16,
-    /// As in the record; 48 bits as [`WriteLong::Low32`] has them.
+    /// As in the record.
     data: [u32; 2],
 }
 
@@ -213,37 +213,14 @@ impl WriteRecord {
         Ok(Self { register, block: false, width, offset, data })
     }
 
-    /// Whether it writes a register of 48 bits.
-    fn is_long(&self) -> bool {
-        self.register.kind() == VariableKind::Long
-    }
-
-    /// The record as it lies in the DPRAM of a board whose type word has its parts at `bits`, first word first. `field` says
-    /// where some bits' data stand ("starting offset for the read", p. 25, may be the register's offset or the data's, too), `long`
-    /// how 48 bits do.
+    /// The record as it lies in the DPRAM, first word first.
     #[must_use]
-    pub fn words(
-        &self,
-        bits: RecordBits,
-        field: FieldData,
-        long: WriteLong,
-    ) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
-        let address = self.register.address().number;
+    pub fn words(&self) -> [u16; VARIABLE_WRITE_RECORD_WORDS] {
         let block = if self.block { VariableKind::Special.code() } else { 0 };
-        let type_word = (self.register.kind().code() | block) << bits.kind
-            | self.width << bits.width
-            | self.offset << bits.offset
-            | ((address >> 16) as u16) << bits.address_high;
-        let [data_1, data_2] = match long {
-            WriteLong::Halves if self.is_long() => write48::unpack(self.data).map(int24::unsigned),
-            _ => self.data,
-        };
-        let data_1 = match field {
-            FieldData::AtBit0 => data_1,
-            FieldData::AtOffset => data_1 << self.offset,
-        };
-        let [[low_1, high_1], [low_2, high_2]] = [data_1, data_2].map(split32);
-        [address as u16, type_word, low_1, high_1, low_2, high_2]
+        let type_word =
+            self.register.kind().code() | block | self.width << RECORD_WIDTH | self.offset << RECORD_OFFSET;
+        let [[low_1, high_1], [low_2, high_2]] = self.data.map(split32);
+        [self.register.address().number as u16, type_word, low_1, high_1, low_2, high_2]
     }
 }
 
@@ -258,10 +235,6 @@ pub enum WritePoll {
     Progress(usize),
     /// PMAC has done them all; the job is over.
     Done,
-    /// PMAC says that it has written and has not: it reads a record otherwise. The job is over; nothing of it was handed over.
-    Misread,
-    /// The same of a record of 48 bits.
-    LongMisread,
 }
 
 /// What became of a job that was given up.
@@ -280,11 +253,6 @@ enum State {
     Loading {
         next: usize,
     },
-    /// The count is set; PMAC has a record that asks, and has had it so often before.
-    Asking {
-        what: Asks,
-        before: u8,
-    },
     /// The count is set; PMAC has the cycle's records.
     Handed,
     /// A count was taken back at this moment.
@@ -298,17 +266,7 @@ pub struct VariableWriter {
     family: &'static Family,
     write: &'static VariableWrite,
     place: Region,
-    /// Where the data of some bits stand.
-    field: FieldData,
-    /// How a record's type word is made up.
-    bits: RecordBits,
-    /// How a record has 48 bits, as far as known.
-    long: Option<WriteLong>,
     state: State,
-    /// PMAC may be at work on records whose count was taken back.
-    doubtful: bool,
-    /// The number that the last question has PMAC write.
-    asked: u16,
     records: Vec<WriteRecord>,
     /// Records of cycles that are done.
     done: usize,
@@ -323,27 +281,10 @@ impl VariableWriter {
             family,
             write: &family.variable_write,
             place,
-            field: FieldData::default(),
-            bits: family.variable_write.record,
-            long: family.variable_write.long,
             state: State::Idle,
-            doubtful: false,
-            asked: 0,
             records: Vec::new(),
             done: 0,
         }
-    }
-
-    /// The writer, on a board whose records' type words are made up so.
-    #[must_use]
-    pub fn with_record(self, bits: RecordBits) -> Self {
-        Self { bits, ..self }
-    }
-
-    /// The writer, on a board that reads some bits' data so.
-    #[must_use]
-    pub fn with_field(self, field: FieldData) -> Self {
-        Self { field, ..self }
     }
 
     /// Takes back records a host, this one or a dead one, left for PMAC. To be called at the start and on every way
@@ -371,9 +312,7 @@ impl VariableWriter {
 
     /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
     /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
-    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait. The first job after one that
-    /// was given up, or after the start, costs a cycle of one record more, and 1 read; so does the first one with a register of 48 bits
-    /// where no text says how a record has it, with 1 read and 1 write more.
+    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -402,24 +341,9 @@ impl VariableWriter {
                 self.state = State::Idle;
                 Ok(WritePoll::Done)
             }
-            State::Loading { .. } if self.doubtful => {
-                self.ask(bus, Asks::Finished)?;
-                Ok(WritePoll::Waiting)
-            }
-            State::Loading { .. } if self.long.is_none() && self.records.iter().any(WriteRecord::is_long) => {
-                self.ask(bus, Asks::Long)?;
-                Ok(WritePoll::Waiting)
-            }
             State::Loading { next } => {
                 self.load(bus, next)?;
                 Ok(WritePoll::Waiting)
-            }
-            State::Asking { what, before } => {
-                if bus.read16(self.write.count)? != 0 {
-                    return Ok(WritePoll::Waiting);
-                }
-                bus.order_reads();
-                self.hear(bus, what, before)
             }
             State::Handed => {
                 if bus.read16(self.write.count)? != 0 {
@@ -455,12 +379,9 @@ impl VariableWriter {
                 self.state = State::Idle;
                 0
             }
-            State::Asking { .. } => {
-                self.take_back(bus, now)?;
-                0
-            }
             State::Handed => {
-                self.take_back(bus, now)?;
+                self.release(bus)?;
+                self.state = State::Settling { since: now };
                 self.cycle()
             }
         };
@@ -472,17 +393,7 @@ impl VariableWriter {
     pub fn acquire(&mut self, now: Instant) -> GivenUp {
         let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
         self.state = State::Settling { since: now };
-        self.doubtful = true;
-        // It may be another board.
-        self.long = self.write.long;
         GivenUp { done: self.done, uncertain }
-    }
-
-    fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
-        self.release(bus)?;
-        self.state = State::Settling { since: now };
-        self.doubtful = true;
-        Ok(())
     }
 
     /// Records of the present cycle.
@@ -495,34 +406,20 @@ impl VariableWriter {
         let cycle = self.cycle();
         let end = cycle.min(next + POLL_RECORDS);
         for index in next..end {
-            self.put(bus, index, &self.records[self.done + index])?;
+            let first = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
+            for (word, value) in self.records[self.done + index].words().into_iter().enumerate() {
+                bus.write16(first.plus_words(word), value)?;
+            }
         }
         if end < cycle {
             self.state = State::Loading { next: end };
             return Ok(());
         }
-        self.hand_over(bus, cycle as u16)?;
-        self.state = State::Handed;
-        Ok(())
-    }
-
-    /// Writes a record to the `index`th place.
-    fn put(&self, bus: &mut impl Bus, index: usize, record: &WriteRecord) -> Result<(), BusError> {
-        let first: HostOffset = self.place.start.plus_words(index * VARIABLE_WRITE_RECORD_WORDS);
-        for (word, value) in
-            record.words(self.bits, self.field, self.long.unwrap_or_default()).into_iter().enumerate()
-        {
-            bus.write16(first.plus_words(word), value)?;
-        }
-        Ok(())
-    }
-
-    /// Gives PMAC the first `count` records.
-    fn hand_over(&self, bus: &mut impl Bus, count: u16) -> Result<(), BusError> {
         bus.write16(self.write.start, self.family.start.start_word(self.place.start))?;
         bus.order_writes();
-        bus.write16(self.write.count, count)?;
+        bus.write16(self.write.count, cycle as u16)?;
         bus.order_writes();
+        self.state = State::Handed;
         Ok(())
     }
 }

@@ -44,7 +44,7 @@ pub struct BufferSettings {
     pub gather_longs: u32,
     /// Entries the variable-read table has room for, 0-128.
     pub variable_read_entries: u32,
-    /// Records the variable-write table has room for, 0-32.
+    /// Records the variable-write table has room for, 0-32; none where the family's are not written.
     pub variable_write_records: u32,
     /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the list
     /// have none. Without a list they have what the family keeps for them.
@@ -258,8 +258,8 @@ impl BufferLayout {
         }
         let read_longs = read_longs(settings.variable_read_entries);
         let variable_read = place("variable_read", read_longs, settings.variable_read_start)?;
-        let write_longs = write_longs(settings.variable_write_records);
-        let variable_write = place("variable_write", write_longs, settings.variable_write_start)?;
+        let records = family.variable_write.since.map_or(0, |_| settings.variable_write_records);
+        let variable_write = place("variable_write", write_longs(records), settings.variable_write_start)?;
         let gather = region_at("gather", gather_start.bytes(), settings.gather_longs, area)
             .ok_or_else(|| outside("gather", family, area))?;
         let firmware = Region::new("firmware", area.start, gather_start);

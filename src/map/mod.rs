@@ -43,8 +43,7 @@ pub use firmware::{BadFirmware, Firmware};
 pub use function::{Function, UnknownFunction};
 pub use functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, Flag, GatherPlace, IVariables, PanelBlock,
-    RecordBits, ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead,
-    VariableWrite,
+    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
 pub use readings::{READINGS, Readings};

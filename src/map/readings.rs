@@ -33,13 +33,9 @@ pub static READINGS: &[Reading] = &[
     set("rotary_code2", &["bit12", "bit16"]),
     set("rotary_bit_codes", &["diagram", "table"]),
     set("rotary_header", &["size_first", "start_first"]),
-    set("variable_write_field", &["at_bit_0", "at_offset"]),
     set("rotary_end_marker", &["two_longs", "one_long"]),
     found_out("rotary_index", &["below_size", "up_to_size"]),
-    found_out("variable_write_count", &["at_once", "when_done"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
-    set("write_record", &["unsaid", "as_read", "as_pmac"]),
-    found_out("write_long", &["low_32", "halves"]),
 ];
 
 /// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
@@ -97,18 +93,6 @@ impl RotaryHeader {
     }
 }
 
-/// Where the data of a record that writes some bits of a register stand (DPRAM manual p. 25).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FieldData {
-    /// From bit 0 of "data 1" on, whatever the offset.
-    #[default]
-    #[serde(rename = "at_bit_0")]
-    AtBit0,
-    /// Where the register has them: from the offset on.
-    AtOffset,
-}
-
 /// What stands at the host's index of a rotary buffer (DPRAM manual p. 30, rule 5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -131,17 +115,6 @@ pub enum RotaryIndex {
     UpToSize,
 }
 
-/// When the board clears the word by which the host has asked for something.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Cleared {
-    /// In the background pass that takes what was asked for.
-    #[default]
-    AtOnce,
-    /// Background passes later, whatever the host has put there meanwhile.
-    WhenDone,
-}
-
 /// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 267).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -153,31 +126,6 @@ pub enum MailboxBell {
     Alone,
 }
 
-/// How a Turbo board reads the type word of a record of the background variable write (Turbo User Manual p. 410 names its
-/// parts, not their places). A wrong guess writes another register.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RecordLayout {
-    /// Nobody has said it: nothing is written.
-    #[default]
-    Unsaid,
-    /// Kind and high address bits where the table of the variable read has them.
-    AsRead,
-    /// Kind, width and offset where PMAC has them, the high address bits above.
-    AsPmac,
-}
-
-/// How a record of the background variable write has the 48 bits of a `D:` or `L:` register in its two longs. The DPRAM manual says
-/// it of PMAC ("the lower 32 bits of the total 48 bits in the long 32-bit data 1 word", p. 25); no text at hand does of Turbo boards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WriteLong {
-    /// The low 32 bits, then the high 16.
-    #[default]
-    #[serde(rename = "low_32")]
-    Low32,
-    /// The Y half, then the X half, as the variable read has them.
-    Halves,
 }
 
 /// One value of each reading.
@@ -190,20 +138,12 @@ pub struct Readings {
     pub rotary_bit_codes: BitCodes,
     /// What the last two words of a rotary header are.
     pub rotary_header: RotaryHeader,
-    /// Where the data of a record that writes some bits stand.
-    pub variable_write_field: FieldData,
     /// What stands at the host's index of a rotary buffer.
     pub rotary_end_marker: EndMarker,
     /// PMAC's index at a rotary buffer's end.
     pub rotary_index: RotaryIndex,
-    /// When the board clears the count of records to write.
-    pub variable_write_count: Cleared,
     /// What goes with the `<BELL>` in the mailboxes.
     pub mailbox_bell: MailboxBell,
-    /// Turbo: how the type word of a record to write is made up.
-    pub write_record: RecordLayout,
-    /// Turbo: how a record to write has 48 bits.
-    pub write_long: WriteLong,
 }
 
 /// A name or value that is none.

@@ -376,17 +376,15 @@ fn background(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfR
 
 fn variable(family: &Family) -> FunctionPlan {
     let enable = family.i.variables_enable;
-    let left_over = if family.variable_write.zero_ends {
-        "no records to write: PMAC would carry left-over ones out at once"
-    } else {
-        "no records to write: PMAC would carry left-over ones out at once, and one with address 0 trips its watchdog"
-    };
     FunctionPlan::new(Function::Variables)
         .set(
             clear(family, family.variable_read.count),
             "no entries to read: power-on leaves anything in this count",
         )
-        .set(clear(family, family.variable_write.count), left_over)
+        .set(
+            clear(family, family.variable_write.count),
+            "no records to write: PMAC would carry left-over ones out at once, and one with address 0 may trip its watchdog",
+        )
         .set(format!("I{enable}=1"), "both the variable read and the variable write buffer")
         .note(format!(
             "where I{enable} is 1 already and tables are in use, this ends them; nothing needs to be sent then"

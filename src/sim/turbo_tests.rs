@@ -1,6 +1,5 @@
 //! Turbo PMAC and Turbo PMAC2: a DPRAM of 16 or 64 KiB with 32 motors, addresses of 19 bits, masks and 24-bit timers.
 
-use crate::map::readings::RecordLayout;
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::turbo;
 use crate::sim::testing::Bench;
@@ -217,52 +216,29 @@ fn lines_go_through_the_ascii_port() {
 }
 
 #[test]
-fn variables_are_read_and_written_by_offset_and_19_bits() {
+fn variables_are_read_by_offset_and_none_are_written() {
     let mut bench = bench();
     bench.set(55, 1.0);
     send(&mut bench, "WX$8205,$7FFFFE");
-    // One record at 0x1140 + 4 * $40: X (kind 2), all 24 bits, to X:$8206.
-    let record = [0x8206, 2 << 4, 0x1234, 0x0056, 0, 0];
-    for (value, word) in record.into_iter().zip(0..) {
+    // One record at 0x1140 + 4 * $40, as PMAC has them: X, all 24 bits, to X:$8205.
+    for (value, word) in [0x8205, 2, 0x1234, 0x0056, 0, 0].into_iter().zip(0..) {
         bench.write(0x1240 + 2 * word, value);
     }
     bench.write(0x104E, 0x40);
     bench.write(0x104C, 1);
-    // Two entries at 0x1140: X:$8205 and X:$8206.
-    for (address, at) in [(0x8205, 0x1140), (0x8206, 0x1144)] {
-        bench.write(at, address);
-        bench.write(at + 2, 2 << 4);
-    }
+    // An entry at 0x1140: X:$8205.
+    bench.write(0x1140, 0x8205);
+    bench.write(0x1142, 2 << 4);
     bench.write(0x104A, 0);
-    bench.write(0x1048, 2);
+    bench.write(0x1048, 1);
     bench.run(3);
-    assert_eq!((bench.read(0x104C), bench.read(0x1044)), (0, 1));
-    assert_eq!(bench.read32(0x1148), 0x7F_FFFE);
-    bench.write(0x1044, 0);
-    bench.run(1);
-    assert_eq!(bench.read32(0x114C), 0x56_1234);
+    assert_eq!((bench.read(0x104C), bench.read(0x1044)), (1, 1));
+    assert_eq!(bench.read32(0x1144), 0x7F_FFFE);
     assert!(bench.violations().is_empty(), "{:?}", bench.violations());
-}
-
-#[test]
-fn c1_records_are_read_as_the_reading_says_and_end_at_address_0() {
-    for (reading, type_word) in [(RecordLayout::AsRead, 2 << 4 | 0x7), (RecordLayout::AsPmac, 2 | 0x7 << 13)]
-    {
-        let mut bench = bench();
-        bench.world.board.identity.readings.write_record = reading;
-        bench.set(55, 1.0);
-        // To X:$78206; then an end, and a record behind it.
-        let records = [[0x8206, type_word, 5, 0, 0, 0], [0; 6], [0x8207, type_word, 6, 0, 0, 0]];
-        for (value, word) in records.into_iter().flatten().zip(0..) {
-            bench.write(0x1240 + 2 * word, value);
-        }
-        bench.write(0x104E, 0x40);
-        bench.write(0x104C, 3);
-        bench.run(3);
-        assert_eq!(send(&mut bench, "RX$78206,2"), ["5 0"], "{reading:?}");
-        assert_eq!(bench.read(0x104C), 0);
-        assert!(bench.violations().is_empty(), "{:?}", bench.violations());
-    }
+    // Bits below the kind: no text has a place for the higher address bits.
+    bench.write(0x1142, 2 << 4 | 0x7);
+    bench.run(1);
+    assert!(bench.violations()[0].contains("a variable read entry has type"), "{:?}", bench.violations());
 }
 
 #[test]

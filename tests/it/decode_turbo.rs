@@ -132,9 +132,6 @@ fn with_buffers(mut dump: Dump) -> Dump {
     dump.word(table + 4, 0x002B).word(table + 6, 0x0010);
     dump.word(table + 8, 0x0700).word(table + 10, 0x0000);
     dump.short(table + 12, -5).pair(table + 16, 0x40_0000, 0x00_0800).short(table + 24, 7);
-    dump.word(0x104C, 1).word(0x104E, 0x0200);
-    let record = 4 * 0x650;
-    dump.word(record, 0xA205).word(record + 2, 0x2227).word(record + 4, 5);
     // The header of coordinate system 16.
     dump.word(0x1104, 0xC003).word(0x1106, 16).word(0x1108, 12).word(0x110A, 8);
     dump.word(0x110C, 512).word(0x110E, 0x0400);
@@ -155,8 +152,7 @@ fn c1_decode_shows_gathering_tables_and_rotary_buffers() {
             {"kind": "y", "address": "$000700", "ready": false, "value": 7},
         ]})
     );
-    let record = json!({"address": null, "low_address": "$A205", "type_word": "$2227", "data": [5, 0]});
-    assert_eq!(buffers["variable_write"], json!({"count": 1, "records": [record]}));
+    assert_eq!(buffers["variable_write"], json!(null));
     let rotary = buffers["rotary"].as_array().unwrap();
     assert_eq!(rotary.len(), 16);
     assert_eq!(
@@ -173,20 +169,14 @@ fn c1_decode_shows_gathering_tables_and_rotary_buffers() {
 fn tables_that_cannot_be_are_not_shown() {
     let read = |image: &Image| Buffers::of(image, &Layout::new(image.family(), None), REGISTER);
     let mut dump = with_buffers(dump(LENGTH_8K));
-    dump.word(0x1048, 129).word(0x104C, 33);
+    dump.word(0x1048, 129);
     let buffers = read(&dump.image());
     assert_eq!((buffers.variable_read.count, &buffers.variable_read.entries), (129, &None));
-    assert_eq!((buffers.variable_write.count, &buffers.variable_write.records), (33, &None));
     // $060FFF is the last location of 8K x 16: the entry fits, its value does not.
-    dump.word(0x1048, 1).word(0x104A, 0x0BAF).word(0x104C, 1).word(0x104E, 0x0BAD);
-    let buffers = read(&dump.image());
-    assert_eq!(
-        (buffers.variable_read.entries, buffers.variable_write.records.map(|all| all.len())),
-        (None, Some(1))
-    );
-    dump.word(0x104E, 0x0BAE).word(0x1048, 0);
-    let buffers = read(&dump.image());
-    assert_eq!((buffers.variable_read.entries, buffers.variable_write.records), (Some(Vec::new()), None));
+    dump.word(0x1048, 1).word(0x104A, 0x0BAF);
+    assert_eq!(read(&dump.image()).variable_read.entries, None);
+    dump.word(0x1048, 0);
+    assert_eq!(read(&dump.image()).variable_read.entries, Some(Vec::new()));
     // A kind that is none, and one with bits below it, which may belong to the address.
     for kind in [0x0030, 0x0027] {
         let mut dump = with_buffers(self::dump(LENGTH_8K));
@@ -219,7 +209,6 @@ system  mode  lines        PE  left ms  feed  override  targets    flags
 ports: JPAN $111111  JTHW $333333  JOPTO $FFFFFF
 gather: 300 longs, the next item goes to 12
 variable read: a table of 3, ready
-variable write: 1 still to write
 rotary 16: 512 longs at $060850, host at 12, PMAC at 8, PMAC's own buffer is full, error 3
 global status: $080001 $400000: data_gathering_on this_card_addressed vme_board
 ";

@@ -104,22 +104,3 @@ fn b3_5_a_board_that_takes_nothing_names_the_setting_of_the_header() {
     }
 }
 
-/// The words of `pmacctl variable set` on a Turbo board that reads records otherwise than its daemon is told.
-#[test]
-fn b3_a_record_that_the_board_reads_otherwise_is_not_tried_for_long() {
-    let config = "family = \"turbo2\"\n[readings]\nwrite_record = \"as_pmac\"\n";
-    let board = ["--family", "turbo2", "--reading", "write_record=as_read"];
-    let site = VirtualSite::configured(&board, config);
-    site.wait_for_identity();
-    for _ in 0..2 {
-        let before = site.status()["servo_cycles"].as_u64().unwrap();
-        let (code, _, error) = site.pmacctl(&["variable", "set", "Y:$700=1"]);
-        assert!(
-            code == 1 && error.contains("otherwise than write_record under [readings]"),
-            "{code} {error}"
-        );
-        assert!(error.contains("nothing of these records was handed over"), "{error}");
-        let cycles = site.status()["servo_cycles"].as_u64().unwrap() - before;
-        assert!(cycles < 1000, "{cycles} servo cycles");
-    }
-}

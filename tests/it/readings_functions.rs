@@ -20,7 +20,7 @@ const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 /// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 2] = ["write_record", "write_long"];
+const OF_TURBO: [&str; 0] = [];
 
 impl Board {
     /// That for which `reading` means something.
@@ -31,19 +31,10 @@ impl Board {
     /// It reads `name` as `value` says. Its daemon is told so, or nothing.
     fn that_reads(&self, name: &str, value: &str, is_told: bool) -> VirtualSite {
         let Self { family, .. } = self;
-        let mut config = format!("family = {family:?}\n[readings]\n");
-        let mut options = vec!["--family".to_owned(), (*family).to_owned()];
-        let mut read = |name: &str, value: &str, is_told: bool| {
-            options.extend(["--reading".to_owned(), format!("{name}={value}")]);
-            config += &if is_told { format!("{name} = {value:?}\n") } else { String::new() };
-        };
-        read(name, value, is_told);
-        if self.family == TURBO.family && name != "write_record" {
-            // Without it no variable is written.
-            read("write_record", "as_read", true);
-        }
-        let options: Vec<&str> = options.iter().map(String::as_str).collect();
-        let site = VirtualSite::configured(&options, &config);
+        let told = if is_told { format!("{name} = {value:?}\n") } else { String::new() };
+        let config = format!("family = {family:?}\n[readings]\n{told}");
+        let reading = format!("{name}={value}");
+        let site = VirtualSite::configured(&["--family", family, "--reading", &reading], &config);
         site.wait_for_identity();
         site.wait_for_live_servo();
         if self.has_panel {
@@ -106,8 +97,15 @@ fn variables_are_written_and_read(site: &VirtualSite, kind: &Board) {
     let mut board = site.connection();
     let free = kind.free;
     let [first, bits, long] = [format!("Y:${free}0"), format!("X:${free}1"), format!("D:${free}8")];
-    let [some_bits, values] = [format!("{bits},4,8=-2"), format!("{long}=-3")];
-    done(site, &["variable", "set", &format!("{first}=5"), &some_bits, &values]);
+    if kind.has_panel {
+        let [some_bits, values] = [format!("{bits},4,8=-2"), format!("{long}=-3")];
+        done(site, &["variable", "set", &format!("{first}=5"), &some_bits, &values]);
+    } else {
+        let lines = [("WY", "0", "5"), ("WX", "1", "$FE0"), ("WL", "8", "-3")];
+        for (command, digit, value) in lines {
+            board.send(&format!("{command}${free}{digit},{value}"), PATIENCE).unwrap();
+        }
+    }
     for (line, word) in [("RHY", "0", "000005"), ("RHX", "1", "000FE0"), ("RHX", "8", "FFFFFF")]
         .map(|(command, digit, word)| (format!("{command}${free}{digit}"), word))
     {
@@ -175,13 +173,9 @@ every_function_works_under! {
     b3_every_function_works_under_rotary_code2
     b3_every_function_works_under_rotary_bit_codes
     b3_every_function_works_under_rotary_header
-    b3_every_function_works_under_variable_write_field
     b3_every_function_works_under_rotary_end_marker
     b3_every_function_works_under_rotary_index
-    b3_every_function_works_under_variable_write_count
     b3_every_function_works_under_mailbox_bell
-    b3_every_function_works_under_write_record
-    b3_every_function_works_under_write_long
 }
 
 #[test]
@@ -201,7 +195,6 @@ fn b3_a_setting_that_is_missing_shows() {
             let works = catch_unwind(AssertUnwindSafe(|| {
                 match reading.name.split_once('_').unwrap().0 {
                     "rotary" => a_program_runs(&site, board),
-                    "variable" | "write" => variables_are_written_and_read(&site, board),
                     other => unreachable!("{other}"),
                 }
                 site.assert_no_violations();
@@ -209,27 +202,6 @@ fn b3_a_setting_that_is_missing_shows() {
             assert!(works.is_err(), "{} = {value} need not be set", reading.name);
         }
     }
-}
-
-#[test]
-fn b3_records_that_were_given_up_and_are_at_work_hide_no_others() {
-    let site = board_that_reads("variable_write_count", "when_done");
-    let mut board = site.connection();
-    done(&site, &["variable", "set", "Y:$0700=4"]);
-    site.control("fault variable_write_late 20000");
-    let (status, _, told) = site.pmacctl(&["variable", "set", "Y:$0700=5"]);
-    assert!(status == 1 && told.contains("0 records are written, 1 may be"), "{told}");
-    assert_eq!(ask(&mut board, "RY$700"), 5.0);
-    // The board clears the count for the first records while the second ones wait.
-    let second = std::thread::scope(|scope| {
-        let second = scope.spawn(|| site.pmacctl(&["variable", "set", "Y:$0701=6"]));
-        site.run_for(Duration::from_millis(500));
-        site.control("fault variable_write_late off");
-        second.join().unwrap()
-    });
-    assert_eq!((second.0, second.2.as_str()), (0, ""));
-    assert_eq!(ask(&mut board, "RY$701"), 6.0, "what was told as written");
-    site.assert_no_violations();
 }
 
 #[test]

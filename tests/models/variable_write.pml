@@ -4,39 +4,33 @@
  *
  * Pmac mirrors src/sim/functions/variable_write.rs (panel.rs), word by word; Host src/function/variable_write.rs and
  * src/daemon/bus/work/write.rs (src/function/panel.rs and src/daemon/bus/work/panel.rs). Every access to the DPRAM is one step;
- * so is the deed itself. Jobs are numbered, and both words of a job carry its number. PMAC may take any time between the deed
- * and its 0, whatever the host has written meanwhile.
- *
- * A question is a job that does nothing but leave its number where the host reads it (variable write), or nothing at all
- * (a panel request for nothing, told from its mask's being cleared once: PMAC clears at most once for what it was at).
+ * so is the deed itself. Jobs are numbered, and both words of a job carry its number. A host that gives a job up takes the count
+ * back, and lets the words rest until a pass that may have seen it is over.
  *
  * What holds: a job told to be done was done exactly once and as asked; a job given up was done once or not at all.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
- * PANEL       the question is the panel's: its number is not read
+ * STOP        after a job that was given up, and after the start, a stop (of the panel) may come, which does not wait for the rest:
+ *             it goes at once, and then once more. What holds: once it is told to be done, it is what both motors did last.
  * CRASH       the host is killed anywhere, any number of times, and started again
- * NO_QUESTION the next job after one given up goes without a question. FAILS: PMAC has done the job; the host, at its
- *             deadline, takes the count back, and writes the next job with its count; PMAC writes the 0 of the first one,
- *             which the host takes for the next job done.
- * NO_START_QUESTION the new host asks no question either. FAILS with CRASH: the same, across a restart.
- * NO_REST     what lies in the words is written over before a pass that may have seen it has read it. FAILS: PMAC does half of
- *             the one and half of the other. (The rest is SETTLE; a panel request of one word each needs none.)
+ * NO_REST     the next job after one given up goes at once. FAILS: PMAC does half of the one and half of the other, or its 0 for
+ *             the first one is taken for the next one done.
+ * NO_START_REST the new host does not wait either. FAILS with CRASH: the same, across a restart.
+ * ONCE        the stop goes once. FAILS with STOP: PMAC's 0 for what was withdrawn is taken for the stop done.
  * RESET       the board is reset anywhere, once, and clears the count. FAILS: the host takes it for done. From the word
  *             alone nobody could tell; the host learns of a reset from the servo timer, too late for this.
- * NO_RELEASE  the host does not clear the count at its start. FAILS with CRASH: PMAC begins with what a dead host left while the
- *             question is written over it.
  */
 #define JOBS 4
-#define QUESTION 4                                    /* the words of a question; 5 is the other number it may have */
+#define A_STOP 4                                      /* the words of a stop; 5 is the other number it may have */
 
 byte count;
 byte word[2];
-byte answer;
 
 byte done[JOBS];                                      /* how often; 2 is too often */
+byte last[2];                                         /* what each motor did last */
 byte job = 0;                                         /* the one that the host is at */
-byte asked = QUESTION;
-bool reading = false;                                 /* PMAC has seen the count and not read all words */
+byte stop = A_STOP;
+bool in_pass = false;                                 /* PMAC has seen the count and not cleared it */
 bool killed = false, resetting = false;
 
 proctype Pmac() {
@@ -44,70 +38,63 @@ proctype Pmac() {
   do
   :: {
     do
-    :: atomic { count != 0 -> reading = true };            /* one background pass */
+    :: atomic { count != 0 -> in_pass = true };            /* one background pass */
        a = word[0];
        atomic {
          b = word[1];
-         reading = false;
-         assert(a == b);                              /* never half of one and half of another */
          if
-         :: a >= QUESTION -> answer = a
-         :: else -> assert(done[a] == 0); done[a]++
+         :: a >= A_STOP || b >= A_STOP                /* a stop may lie over half of what was withdrawn */
+         :: else -> assert(a == b && done[a] == 0); done[a]++
          fi;
+         last[0] = a; last[1] = b;
          a = 0; b = 0
        };
-       count = 0
+       count = 0;
+       in_pass = false
     od
-  } unless { atomic { resetting -> resetting = false; reading = false; count = 0; a = 0; b = 0 } }
+  } unless { atomic { resetting -> resetting = false; in_pass = false; count = 0; a = 0; b = 0 } }
   od
 }
 
-/* Asks until PMAC has shown that it is at nothing else. */
-inline ask() {
-#ifndef NO_REST
-  !reading;                                           /* SETTLE */
+inline put(number) {
+  word[0] = number;
+  word[1] = number;
+  count = 1
+}
+
+/* What a host does before its next job, once it has taken a count back. */
+inline rest() {
+#ifdef STOP
+  if
+  :: stop = (A_STOP + A_STOP + 1) - stop;
+     put(stop);
+     count == 0;
+#ifndef ONCE
+     put(stop);
+     count == 0;
 #endif
-  asked = (asked == QUESTION -> QUESTION + 1 : QUESTION);
-  word[0] = asked;
-  word[1] = asked;
-#ifndef PANEL
-  answer = 0;
+     assert(last[0] == stop && last[1] == stop)
+  :: skip
+  fi;
 #endif
-  count = 1;
-  do
-  :: atomic { count == 0 ->
-#ifdef PANEL
-       break
-#else
-       if
-       :: answer == asked -> break
-       :: else
-       fi
-#endif
-     };
-     count = 1
-  od
+  !in_pass                                            /* SETTLE */
 }
 
 proctype Host() {
   do
   :: {
-#ifndef NO_RELEASE
     count = 0;                                        /* VariableWriter::release, Panel::withdraw */
-#endif
-#ifndef NO_START_QUESTION
-    ask();
+#ifndef NO_START_REST
+    rest();
 #endif
     do
     :: atomic { count == 0 -> job = (job + 1) % JOBS; done[job] = 0 };
-       word[0] = job;
-       word[1] = job;
-       count = 1;
+       put(job);
        if
        :: atomic { count == 0 -> assert(done[job] == 1) }                 /* told: done */
        :: count = 0;                                                      /* told: given up, perhaps done */
-#ifndef NO_QUESTION
-          ask()
+#ifndef NO_REST
+          rest()
 #endif
        fi
     od

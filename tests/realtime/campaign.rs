@@ -163,7 +163,7 @@ impl<'a> Campaign<'a> {
         bystander::prepare(&site);
         let dpram = File::open(site.path("dpram")).unwrap();
         let mut campaign = Self {
-            uses: uses(board.family(), board.records_are_told()),
+            uses: uses(board.family()),
             misbehaviours: misbehaviours(board.family()),
             board,
             asked,

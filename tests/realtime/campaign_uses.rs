@@ -82,13 +82,13 @@ const USES: &[Use] = &[
     Use::Gather,
 ];
 
-/// What a host can be about on a board of `family`, whose daemon is told how records of variables are written, or is not.
-pub fn uses(family: &Family, records_are_told: bool) -> Vec<Use> {
+/// What a host can be about on a board of `family`.
+pub fn uses(family: &Family) -> Vec<Use> {
     let is_used = |function| family.functions.contains(&function);
     let can_be = |used: &Use| match used {
         Use::Panel | Use::Feed => is_used(Function::Panel),
         Use::Rotary => is_used(Function::Rotary),
-        Use::SetVariable => records_are_told,
+        Use::SetVariable => family.variable_write.since.is_some(),
         Use::Count | Use::Ask | Use::Control | Use::Variables | Use::Words | Use::Gather => true,
     };
     USES.iter().copied().filter(can_be).collect()

@@ -32,7 +32,6 @@ const FACTORS: [&str; 5] = ["0", "0.5", "1", "2", "4"];
 
 /// Readings of what boards of one generation alone have; all others are of both.
 const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
-    (Generation::Turbo, &["write_record", "write_long"]),
 ];
 
 /// Whether boards of `family` differ by the reading called `name`.
@@ -45,8 +44,6 @@ fn has_reading(family: &Family, name: &str) -> bool {
 pub struct DrawnBoard {
     seed: u64,
     family: &'static Family,
-    /// The daemon is told how a record of the variable write is made up, or knows it.
-    records_are_told: bool,
     /// Options of the simulator.
     options: Vec<String>,
     /// The daemon's configuration: the readings that it cannot find out by itself.
@@ -69,10 +66,8 @@ impl DrawnBoard {
             options.push("--saved-enables".to_owned());
         }
         let mut settings = "[readings]\n".to_owned();
-        let mut records_are_told = true;
         for reading in READINGS.iter().filter(|reading| has_reading(family, reading.name)) {
             let (name, value) = (reading.name, random.one_of(reading.values));
-            records_are_told &= (name, value) != ("write_record", "unsaid");
             options.extend(["--reading".to_owned(), format!("{name}={value}")]);
             if !reading.found_out {
                 settings += &format!("{name} = {value:?}\n");
@@ -82,16 +77,11 @@ impl DrawnBoard {
             Generation::Pmac => include_str!("../../src/sim/dpram-startup.pmc"),
             Generation::Turbo => include_str!("../../src/sim/dpram-startup-turbo.pmc"),
         };
-        Self { seed, family, records_are_told, options, settings, startup }
+        Self { seed, family, options, settings, startup }
     }
 
     pub fn family(&self) -> &'static Family {
         self.family
-    }
-
-    /// Whether its daemon writes variables.
-    pub fn records_are_told(&self) -> bool {
-        self.records_are_told
     }
 
     /// The options of its simulator, and `more`.

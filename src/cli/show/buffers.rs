@@ -19,7 +19,7 @@ pub fn text(buffers: &Buffers, family: &Family) -> String {
     say("panel", panel.as_ref().and_then(panel_text));
     say("gather", gather_text(*gather));
     say("variable read", read_text(variable_read));
-    say("variable write", write_text(variable_write));
+    say("variable write", variable_write.as_ref().and_then(write_text));
     for buffer in rotary.iter().filter(|buffer| buffer.size_longs > 0) {
         say(&format!("rotary {}", buffer.buffer), Some(rotary_text(buffer, family)));
     }

@@ -90,7 +90,7 @@ impl FunctionTable {
             ascii,
             panel: PanelQueue::new(layout.family(), now),
             gather: GatherMirror::new(layout.family(), clock.clone()),
-            variables: Variables { read: variables, write: WriteQueue::new(&layout, settings.readings, now) },
+            variables: Variables { read: variables, write: WriteQueue::new(&layout, now) },
             rotary: RotaryQueue::new(layout.family(), settings.readings, now),
             layout,
             clock,

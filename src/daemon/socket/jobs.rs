@@ -385,14 +385,21 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
         .collect()
 }
 
-/// Whether the firmware of `board` writes variables, as far as it is known ("available starting with firmware version
-/// 1.15G", DPRAM manual p. 24).
+/// Whether the board writes variables, as far as its firmware is known ("available starting with firmware version 1.15G", DPRAM
+/// manual p. 24).
 ///
 /// # Errors
-/// It is older.
-pub(super) fn check_firmware_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
-    let known = |text: Option<&str>| text.and_then(|text| text.parse::<Firmware>().ok());
-    match known(board.firmware.as_deref()).zip(known(family.variable_write.since)) {
+/// Its family does not, or it is older.
+pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
+    let Some(since) = family.variable_write.since else {
+        return Err(refused(format!(
+            "no text tells how a {} reads the records to write, and a wrong guess writes another register; send a line instead: \
+             `WX$ADDRESS,VALUE`, `WY$ADDRESS,VALUE`, `WL$ADDRESS,VALUE` for 48 bits, or `M...=VALUE`",
+            family.title
+        )));
+    };
+    let known = |text: &str| text.parse::<Firmware>().ok();
+    match board.firmware.as_deref().and_then(known).zip(known(since)) {
         Some((firmware, since)) if firmware < since => Err(refused(format!(
             "the board's firmware is {firmware}, and PMAC writes variables from {since} on; send a line instead"
         ))),
@@ -446,14 +453,6 @@ pub(super) fn write_variables(call: calls::WriteVariables, info: &Info) -> Resul
     let calls::WriteVariables { records, timeout_ms } = call;
     if records.is_empty() || records.len() > RECORDS_MAX {
         return Err(CallError::invalid("records", format_args!("1 to {RECORDS_MAX} records")));
-    }
-    let write = &info.family().variable_write;
-    if write.record_by(info.settings().readings.write_record).is_none() {
-        return Err(refused(format!(
-            "no text tells how a {} reads the records to write, and a wrong guess writes another register: say it by \
-             write_record under [readings] in pmacd's configuration, or send a command",
-            info.family().title
-        )));
     }
     let mut audit = String::from("variable write");
     for VariableRecord { register, value, .. } in &records {

@@ -252,7 +252,7 @@ const METHODS: [Method; 26] = {
             streams(call, Action::Watch(jobs::watched(parameters(call)?, info)?))
         }),
         method("WriteVariables", Engineer, Some(Variables), |call, info| {
-            jobs::check_firmware_writes(info.board(), info.family())?;
+            jobs::check_writes(info.board(), info.family())?;
             jobs::write_variables(parameters(call)?, info).map(|call| Action::Ask(Ask::Job(call)))
         }),
         method("GatherStart", Engineer, Some(Gather), |call, info| {

@@ -5,10 +5,9 @@
 //! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, PanelBlock, RecordBits,
-    ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, PanelBlock, ReportStart,
+    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
-use crate::map::readings::WriteLong;
 use crate::map::{Firmware, GatherPlace, HostOffset, NumberKind, PmacAddress, Region, Space};
 
 /// The PMAC address of the first DPRAM location.
@@ -329,17 +328,9 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
     kind_bit: 0,
 };
 
-/// Background variable write (DPRAM manual p. 24): bits 2-0 of the type word are the kind, 7-3 the width, 12-8 the
-/// offset. 48 bits go as 32 and 16 (p. 25).
-pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
-    count: VARIABLE_WRITE_COUNT,
-    start: VARIABLE_WRITE_START,
-    record: RecordBits { kind: 0, width: 3, offset: 8, address: 16, address_high: 0 },
-    other_record: None,
-    long: Some(WriteLong::Low32),
-    zero_ends: false,
-    since: Some("1.15G"),
-};
+/// Background variable write (DPRAM manual p. 24).
+pub const VARIABLE_WRITE: VariableWrite =
+    VariableWrite { count: VARIABLE_WRITE_COUNT, start: VARIABLE_WRITE_START, since: Some("1.15G") };
 
 /// The binary rotary buffers.
 pub const ROTARY: RotaryHeaders = RotaryHeaders {

@@ -5,8 +5,8 @@
 //! public drivers or their headers tell, the line says so; what no text tells is as on PMAC, and says that.
 
 use crate::map::functions::{
-    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, RecordBits, ReportStart,
-    RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
+    AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, ReportStart, RotaryHeaders,
+    Run, ServoBlock, StartRule, Timer, VariableRead, VariableWrite,
 };
 use crate::map::{Function, GatherPlace, HostOffset, NumberKind, Region};
 
@@ -318,17 +318,9 @@ pub const VARIABLE_READ: VariableRead = VariableRead {
 };
 
 /// Background variable write. TUM p. 410 says that the type word holds kind, width, offset and the high address bits, not
-/// where. The first split is the only one that keeps the kinds of [`VARIABLE_READ`] and leaves room for all; the other is
-/// PMAC's with the address bits in what that leaves free.
-pub const VARIABLE_WRITE: VariableWrite = VariableWrite {
-    count: VARIABLE_WRITE_COUNT,
-    start: VARIABLE_WRITE_START,
-    record: RecordBits { kind: 4, width: 6, offset: 11, address: 19, address_high: 0 },
-    other_record: Some(RecordBits { kind: 0, width: 3, offset: 8, address: 19, address_high: 13 }),
-    long: None,
-    zero_ends: true,
-    since: None,
-};
+/// where.
+pub const VARIABLE_WRITE: VariableWrite =
+    VariableWrite { count: VARIABLE_WRITE_COUNT, start: VARIABLE_WRITE_START, since: None };
 
 const HEADERS: [HostOffset; SYSTEMS] = {
     let mut headers = [ROTARY; SYSTEMS];

@@ -2,7 +2,6 @@
 
 use super::Flag;
 use crate::map::HostOffset;
-use crate::map::readings::{RecordLayout, WriteLong};
 
 /// What an entry of the variable tables says of its register. It is not a [`Space`](crate::map::Space): the tables do not tell
 /// `D:` from `L:`, and know function blocks, which are no registers.
@@ -101,30 +100,6 @@ pub const VARIABLE_READ_ENTRY_WORDS: usize = 2;
 /// In an entry's X word, in multi-user mode: PMAC sets it after an update, the host clears it to have another.
 pub const VARIABLE_READ_ENTRY_READY: u16 = 1 << 15;
 
-/// Where the parts of a write record's type word begin, each by its lowest bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RecordBits {
-    /// The kind.
-    pub kind: u32,
-    /// The width in bits; 0 is the whole word.
-    pub width: u32,
-    /// The lowest bit written.
-    pub offset: u32,
-    /// Bits of an address.
-    pub address: u32,
-    /// Where those of its bits begin that lie above bit 15.
-    pub address_high: u32,
-}
-
-impl RecordBits {
-    /// The address of a record that begins with the words `low` and `kind_word`.
-    #[must_use]
-    pub const fn address(self, low: u16, kind_word: u16) -> u32 {
-        let high = kind_word as u32 >> self.address_high & ((1 << (self.address - 16)) - 1);
-        low as u32 | high << 16
-    }
-}
-
 /// Background variable write.
 #[derive(Debug, PartialEq, Eq)]
 pub struct VariableWrite {
@@ -132,15 +107,7 @@ pub struct VariableWrite {
     pub count: HostOffset,
     /// Where the records lie, by the [`StartRule`](super::StartRule).
     pub start: HostOffset,
-    /// How a record's type word is made up.
-    pub record: RecordBits,
-    /// How it may be made up instead, where no text decides: the reading `write_record`.
-    pub other_record: Option<RecordBits>,
-    /// How a record has 48 bits, where a text says.
-    pub long: Option<WriteLong>,
-    /// A record with the address 0 ends the list; otherwise it is written, and trips the watchdog.
-    pub zero_ends: bool,
-    /// The first firmware that has the function, where a text says.
+    /// The first firmware that has the function as a text describes it; `None` where no text does: nothing is written.
     pub since: Option<&'static str>,
 }
 
@@ -148,15 +115,9 @@ pub struct VariableWrite {
 pub const VARIABLE_WRITE_RECORDS: usize = 32;
 /// 16-bit words of a record.
 pub const VARIABLE_WRITE_RECORD_WORDS: usize = 6;
-
-impl VariableWrite {
-    /// How a record's type word is made up on a board with this reading; `None` where that has to be said and is not.
-    #[must_use]
-    pub const fn record_by(&self, reading: RecordLayout) -> Option<RecordBits> {
-        match (self.other_record, reading) {
-            (None, _) | (_, RecordLayout::AsRead) => Some(self.record),
-            (other, RecordLayout::AsPmac) => other,
-            (_, RecordLayout::Unsaid) => None,
-        }
-    }
-}
+/// The lowest bit of the width in a record's type word: below is the kind (DPRAM manual p. 24).
+pub const RECORD_WIDTH: u32 = 3;
+/// The lowest bit of the offset in a record's type word.
+pub const RECORD_OFFSET: u32 = 8;
+/// The lowest bit of the sort of special register in a record's type word.
+pub const RECORD_SPECIAL: u32 = 13;

@@ -4,14 +4,12 @@
 //! the count in one background pass and acts in the next, so that it finds out a host that goes on writing after it.
 //!
 //! A record is six 16-bit words: address, type, data 1 low and high, data 2 low and high. The type word holds kind,
-//! width (0 is 24) and offset ([`RecordBits`]); the bits left over are a special type. An X or Y word takes the low bits
-//! of data 1 (or those at the offset: a reading) at the offset and keeps its other bits. A long register takes 48 bits, 32 from data 1 and 16 from data 2,
-//! whatever width and offset say.
+//! width (0 is 24), offset and special type. An X or Y word takes the low bits of data 1 at the offset and keeps its other
+//! bits. A long register takes 48 bits, 32 from data 1 and 16 from data 2, whatever width and offset say.
 //!
 //! The register at address 0 is the servo clock: a write there trips the watchdog, and the board is dead until a reset.
 //!
-//! When the count is cleared is played as [`crate::map::Readings`] say: with the records, or some passes after them, in
-//! which PMAC looks at no others.
+//! A board of a family whose records no text describes does nothing.
 //!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 32, or on records that do not fit into the user area.
@@ -21,9 +19,10 @@
 
 use std::ops::Range;
 
-use crate::format::{int24, join32, write48};
-use crate::map::functions::{RecordBits, VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS};
-use crate::map::readings::{Cleared, FieldData, WriteLong};
+use crate::format::{join32, write48};
+use crate::map::functions::{
+    RECORD_OFFSET, RECORD_SPECIAL, RECORD_WIDTH, VARIABLE_WRITE_RECORD_WORDS as WORDS, VARIABLE_WRITE_RECORDS,
+};
 use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::fault::Delay;
@@ -34,44 +33,34 @@ const WIDTHS: [u16; 7] = [0, 1, 4, 8, 12, 16, 20];
 /// Bits of a register.
 const REGISTER: u16 = 24;
 
-/// Background passes that records take on a board that clears the count when it is done.
-const WORK: u64 = 20;
-
 const Y: u16 = 0;
 const LONG: u16 = 1;
 const X: u16 = 2;
 const SPECIAL_Y: u16 = 4;
 const SPECIAL_X: u16 = 6;
-/// Bits of an offset in the type word. A kind ends where the width begins, a width where the offset does.
-const OFFSET_BITS: u32 = 5;
 
 /// One record, as the host wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Record {
-    address: u32,
+    address: u16,
     kind: u16,
     /// As it stands in the type word: 0 is 24.
     width: u16,
     offset: u16,
-    /// The bits of the type word without a meaning, moved to bit 0.
     special: u16,
     data: [u32; 2],
 }
 
 impl Record {
-    fn new(bits: &RecordBits, words: [u16; WORDS]) -> Self {
+    fn new(words: [u16; WORDS]) -> Self {
         let [address, word, data @ ..] = words;
-        let above = (((1_u32 << (bits.address - 16)) - 1) as u16) << bits.address_high;
-        let kind = (1 << (bits.width - bits.kind)) - 1;
-        let width = (1 << (bits.offset - bits.width)) - 1;
-        let offset = (1 << OFFSET_BITS) - 1;
-        let known = kind << bits.kind | width << bits.width | offset << bits.offset | above;
+        let field = |from: u32, end: u32| word >> from & ((1 << (end - from)) - 1);
         Self {
-            address: bits.address(address, word),
-            kind: word >> bits.kind & kind,
-            width: word >> bits.width & width,
-            offset: word >> bits.offset & offset,
-            special: (word & !known).checked_shr((!known).trailing_zeros()).unwrap_or(0),
+            address,
+            kind: field(0, RECORD_WIDTH),
+            width: field(RECORD_WIDTH, RECORD_OFFSET),
+            offset: field(RECORD_OFFSET, RECORD_SPECIAL),
+            special: word >> RECORD_SPECIAL,
             data: [join32(data[0], data[1]), join32(data[2], data[3])],
         }
     }
@@ -107,8 +96,6 @@ pub struct VariableWrite {
     /// The request as it was at the last pass.
     seen: Option<Request>,
     delay: Delay,
-    /// Passes until the count of records that are written is cleared.
-    work: Option<u64>,
     /// Records still to be written although the count is 0.
     rest: Vec<Record>,
 }
@@ -125,21 +112,12 @@ impl VariableWrite {
     pub fn poll(&mut self, board: &mut Board) {
         let cycle = board.stats.servo_cycles;
         let family = board.family();
-        let too_old = family.variable_write.since.is_some_and(|since| board.is_older_than(since));
-        if !board.enabled(family.i.variables_enable) || too_old {
+        let plays = family.variable_write.since.is_some_and(|since| !board.is_older_than(since));
+        if !board.enabled(family.i.variables_enable) || !plays {
             *self = Self::default();
             return;
         }
         write_all(&std::mem::take(&mut self.rest), board);
-        let late = board.faults.variable_write.late;
-        if let Some(left) = self.work.take() {
-            self.work = left.min(WORK.saturating_add(late)).checked_sub(1);
-            if self.work.is_none() {
-                board.memory.dpram.write16(family.variable_write.count, 0);
-            }
-            return;
-        }
-        let when_done = board.identity.readings.variable_write_count == Cleared::WhenDone;
         let request = match request(family, board) {
             Ok(Some(request)) => request,
             Ok(None) => {
@@ -158,7 +136,7 @@ impl VariableWrite {
             board.judge.record(cycle, "the records of a variable write changed after their count was set");
         }
         let fault = board.faults.variable_write.clone();
-        if fault.stuck || !when_done && !self.delay.over(fault.late) {
+        if fault.stuck || !self.delay.over(fault.late) {
             return;
         }
         let (_, mut records) = request;
@@ -171,11 +149,7 @@ impl VariableWrite {
         }
         self.seen = None;
         board.memory.dpram.order_writes();
-        if when_done {
-            self.work = Some(WORK.saturating_add(late));
-        } else {
-            board.memory.dpram.write16(family.variable_write.count, 0);
-        }
+        board.memory.dpram.write16(family.variable_write.count, 0);
     }
 }
 
@@ -199,12 +173,10 @@ fn request(family: &Family, board: &Board) -> Result<Option<Request>, String> {
     if !user_area::has_room(family, first, WORDS * count) {
         return Err(format!("{count} variable write records at ${start:04X} go beyond the DPRAM's end"));
     }
-    let bits = function.record_by(board.identity.readings.write_record).unwrap_or(function.record);
     let records = (0..count).map(|index| {
         let words = std::array::from_fn(|word| dpram.read16(first.plus_words(WORDS * index + word)));
-        Record::new(&bits, words)
+        Record::new(words)
     });
-    let records = records.take_while(|record| !(function.zero_ends && record.address == 0));
     Ok(Some((first, records.collect())))
 }
 
@@ -229,14 +201,11 @@ fn write(record: Record, board: &mut Board) {
     }
     let memory = &mut board.memory;
     let registers = memory.registers();
+    let address = u32::from(address);
     let block = memory.read(registers.function_blocks) + address;
-    let shift = match board.identity.readings.variable_write_field {
-        FieldData::AtBit0 => offset,
-        FieldData::AtOffset => 0,
-    };
     let field = |old: u32| {
         let mask = (((1u64 << record.width()) - 1) << offset) as u32;
-        old & !mask | (u64::from(data[0]) << shift) as u32 & mask
+        old & !mask | (u64::from(data[0]) << offset) as u32 & mask
     };
     match kind {
         Y => memory.write_y(address, field(memory.read_y(address))),
@@ -244,11 +213,7 @@ fn write(record: Record, board: &mut Board) {
         SPECIAL_Y => memory.write_y(block, field(memory.read_y(block))),
         SPECIAL_X => memory.write_x(block, field(memory.read_x(block))),
         LONG => {
-            let long = board.identity.tables.family.variable_write.long;
-            let [y, x] = match long.unwrap_or(board.identity.readings.write_long) {
-                WriteLong::Low32 => write48::unpack(data),
-                WriteLong::Halves => data.map(int24::extend),
-            };
+            let [y, x] = write48::unpack(data);
             memory.write_y(address, y);
             memory.write_x(address, x);
         }

@@ -7,22 +7,10 @@ use std::time::{Duration, Instant};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
-use crate::map::readings::RecordLayout;
-use crate::map::{BufferLayout, Readings};
+use crate::map::BufferLayout;
 
 /// How often to poll whether PMAC is done.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
-
-/// What is told of a board that says that it has written a record, and has not.
-const OTHERWISE: &str = "the board says that it has written a record and has not: it reads records otherwise than the manual has them, or another \
-    host uses the same words; nothing of these records was handed over; send a command line instead";
-/// As [`OTHERWISE`], where a setting says how the board reads them.
-const MISREAD: &str = "the board says that it has written a record and has not: it reads records otherwise than write_record under [readings] in \
-    pmacd's configuration says; nothing of these records was handed over, but a number that asked may be in another register; \
-    try the other value, or send a command line instead";
-/// What is told of a board that has done so with a register of 48 bits.
-const LONG_MISREAD: &str = "the board reads the 48 bits of a D: or L: register in a way that pmacd does not know; nothing of these records was \
-    handed over; write its X: and Y: words, or send a command line instead";
 
 struct Batch {
     ticket: Ticket,
@@ -38,31 +26,18 @@ pub struct WriteQueue {
     /// What was under way when the board was taken over, and what became of it.
     interrupted: Option<(Ticket, GivenUp)>,
     next_poll: Instant,
-    /// What is told of a board that reads records otherwise.
-    misread: &'static str,
 }
 
 impl WriteQueue {
-    /// No records yet; they lie where the layout keeps room for them. `readings` is how the board reads a record.
+    /// No records yet; they lie where the layout keeps room for them.
     #[must_use]
-    pub fn new(layout: &BufferLayout, readings: Readings, now: Instant) -> Self {
-        let family = layout.family();
-        // Where the reading has to be said and is not, the socket takes no records.
-        let record = family.variable_write.record_by(readings.write_record);
-        let writer = VariableWriter::new(family, layout.variable_write())
-            .with_field(readings.variable_write_field)
-            .with_record(record.unwrap_or(family.variable_write.record));
+    pub fn new(layout: &BufferLayout, now: Instant) -> Self {
         Self {
-            writer,
+            writer: VariableWriter::new(layout.family(), layout.variable_write()),
             waiting: VecDeque::with_capacity(at_once::WRITES),
             under_way: None,
             interrupted: None,
             next_poll: now,
-            misread: if family.variable_write.record_by(RecordLayout::Unsaid).is_some() {
-                OTHERWISE
-            } else {
-                MISREAD
-            },
         }
     }
 
@@ -123,15 +98,6 @@ impl WriteQueue {
                 self.next_poll = now;
                 return Ok(Some(Event::Done(ticket, Outcome::Done)));
             }
-            let misread = match poll {
-                WritePoll::Misread => Some(self.misread),
-                WritePoll::LongMisread => Some(LONG_MISREAD),
-                _ => None,
-            };
-            if let Some(misread) = misread {
-                self.under_way = None;
-                return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&misread)))));
-            }
             if now >= deadline {
                 self.under_way = None;
                 let given_up = self.writer.give_up(bus, now)?;
@@ -178,7 +144,7 @@ mod tests {
             file.set_len(family.length.into()).unwrap();
             let mut bus = FileBoard::from_file(&file, family.length as usize).unwrap();
             let now = Instant::now();
-            let mut queue = WriteQueue::new(&plan, Readings::default(), now);
+            let mut queue = WriteQueue::new(&plan, now);
             queue.submit(Ticket(1), Vec::new(), now, now);
             let Some(Event::Done(Ticket(1), Outcome::Refused(text))) = queue.poll(&mut bus, now).unwrap()
             else {
