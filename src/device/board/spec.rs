@@ -429,9 +429,9 @@ mod tests {
                 }),
             ),
             (
-                "sim,reading=line_flag=done,reading=panel_mask=when_done",
+                "sim,reading=rotary_code2=bit16,reading=mailbox_bell=alone",
                 BoardSpec::Simulator(SimulatorSpec {
-                    readings: vec!["line_flag=done".to_owned(), "panel_mask=when_done".to_owned()],
+                    readings: vec!["rotary_code2=bit16".to_owned(), "mailbox_bell=alone".to_owned()],
                     ..SimulatorSpec::default()
                 }),
             ),
