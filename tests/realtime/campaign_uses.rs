@@ -25,15 +25,15 @@ struct Registers {
     watched: &'static str,
     /// It is watched beside that one.
     beside: &'static str,
-    /// Where [`Use::SetVariable`] writes.
-    set: u64,
 }
 
-const PMAC: Registers = Registers { watched: "Y:$0740", beside: "D:$0028", set: 0x700 };
+const PMAC: Registers = Registers { watched: "Y:$0740", beside: "D:$0028" };
 /// Above the motors' registers, which end at $107F, and below the coordinate systems', which begin at $2000 (Turbo Software
 /// Reference p. 284-290).
-const TURBO: Registers = Registers { watched: "Y:$1240", beside: "D:$00008B", set: 0x1200 };
-/// How many [`Use::SetVariable`] writes: more than one table of the board's holds.
+const TURBO: Registers = Registers { watched: "Y:$1240", beside: "D:$00008B" };
+/// Where [`Use::SetVariable`] writes, on PMAC.
+const FIRST_SET: u64 = 0x700;
+/// How many it writes: more than one table of the board's holds.
 const SET: u64 = 40;
 
 fn registers(family: &Family) -> &'static Registers {
@@ -162,7 +162,7 @@ pub fn use_it(
             connection.feed_override(1, None).map(drop)
         }
         Use::Variables => variables(site, registers(family), &mut connection, run, keeps),
-        Use::SetVariable => set_variables(registers(family), &mut connection, run, keeps),
+        Use::SetVariable => set_variables(&mut connection, run, keeps),
         Use::Words => {
             let first = user_area(family);
             let words: Vec<u16> = (0..WORDS).map(|word| run as u16 ^ word).collect();
@@ -217,17 +217,12 @@ fn variables(
 }
 
 /// Has the board write registers in the background, and asks it what they hold.
-fn set_variables(
-    &Registers { set: first, .. }: &Registers,
-    connection: &mut Connection,
-    run: u64,
-    keeps: bool,
-) -> Result<(), CommandError> {
+fn set_variables(connection: &mut Connection, run: u64, keeps: bool) -> Result<(), CommandError> {
     let count = SET;
     // Other values in each run: what the run before has left is not taken for what this one wrote.
     let value = |index: u64| (run * count + index) % 0x80_0000;
     let record = |index: u64| VariableRecord {
-        register: format!("Y:${:04X}", first + index),
+        register: format!("Y:${:04X}", FIRST_SET + index),
         offset: None,
         width: None,
         value: value(index) as f64,
@@ -235,7 +230,7 @@ fn set_variables(
     let records: Vec<VariableRecord> = (0..count).map(record).collect();
     connection.write_variables(&records, TIMEOUT)?;
     for part in (0..count).step_by(8) {
-        let line = format!("RY${:04X},8", first + part);
+        let line = format!("RY${:04X},8", FIRST_SET + part);
         let reply = connection.send(&line, TIMEOUT)?.join(" ");
         let expected: Vec<String> = (part..part + 8).map(|index| value(index).to_string()).collect();
         assert!(!keeps || reply == expected.join(" "), "{line}: {reply}, written {expected:?}");
