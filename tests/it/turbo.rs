@@ -298,5 +298,5 @@ fn c1_background_variables_of_a_turbo_board_are_read() {
     let (code, _, stderr) = site.running(&["variable", "watch", "X:$78000", "--count", "1"]);
     assert!(code == 1 && stderr.contains("send `RX$078000` instead"), "{code} {stderr}");
     let (code, _, stderr) = site.running(&["variable", "set", "Y:$700=1"]);
-    assert!(code == 1 && stderr.contains("send a line instead: `WX$ADDRESS,VALUE`"), "{code} {stderr}");
+    assert!(code == 1 && stderr.contains("send a line instead (`WX$ADDRESS,VALUE`"), "{code} {stderr}");
 }

@@ -393,8 +393,8 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
 pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
     let Some(since) = family.variable_write.since else {
         return Err(refused(format!(
-            "no text tells how a {} reads the records to write, and a wrong guess writes another register; send a line instead: \
-             `WX$ADDRESS,VALUE`, `WY$ADDRESS,VALUE`, `WL$ADDRESS,VALUE` for 48 bits, or `M...=VALUE`",
+            "no text tells how a {} reads the records to write, and a wrong guess writes another register: send a line instead \
+             (`WX$ADDRESS,VALUE`, `WY$ADDRESS,VALUE`, `WL$ADDRESS,VALUE` for 48 bits, or `M...=VALUE`)",
             family.title
         )));
     };
