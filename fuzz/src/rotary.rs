@@ -2,8 +2,7 @@
 //! decompiled without a remark compiles to the words it came as.
 
 use pmac_dpram::cli::rotary_words;
-use pmac_dpram::map::Readings;
-use pmac_dpram::map::readings::BitCodes;
+use pmac_dpram::map::readings::RotaryCode2;
 use pmac_dpram::rotary::{END_MARKER, Line, Program, START_OF_LINE, Settings, compile, decompile};
 
 /// First byte: how the rest is read (program text, pairs of words, a file of words), and settings.
@@ -25,15 +24,11 @@ pub fn body(data: &[u8]) {
 }
 
 fn settings(choice: u8) -> Settings {
-    let normal = Settings::default();
+    let normal = Settings { rotary_code2: Some(RotaryCode2::Bit16), ..Settings::default() };
     match choice {
         0..48 => normal,
         48..51 => Settings { exponent_bias: 63, zero_exponent: 63, ..normal },
-        51..54 => Settings {
-            exponent_bias: 0,
-            readings: Readings { rotary_bit_codes: BitCodes::Table, ..Readings::default() },
-            ..normal
-        },
+        51..54 => Settings { exponent_bias: 0, rotary_code2: Some(RotaryCode2::Bit12), ..normal },
         54..57 => Settings { mode_code_bit: 12, abs_inc_axis_bit: 0, frax_axis_bit: 0, ..normal },
         57..60 => Settings { mode_code_bit: 19, abs_inc_vector_bit: 23, ..normal },
         _ => Settings { buffer_words: 6, coordinate_system_base: 0, ..normal },

@@ -7,7 +7,7 @@ use pmac_dpram::client::{CommandError, Connection, RotaryFeed, RotaryLine, Rotar
 use pmac_dpram::map::Family;
 use pmac_dpram::protocol::board::{RotaryStateReply, RotaryStopReply};
 use pmac_dpram::protocol::calls::LeftLines;
-use pmac_dpram::rotary::{Program, Report, Settings, compile};
+use pmac_dpram::rotary::{Program, Report, Settings, compile_stream};
 use pyo3::prelude::*;
 
 use crate::errors::{of_command, of_command_saying, refused};
@@ -99,7 +99,7 @@ pub fn stream(
     wish: &Wish,
 ) -> PyResult<Streamed> {
     let (settings, buffer) = py.detach(|| prepare(&mut board, wish))?;
-    let (program, mut warnings) = compiled(name, text, &settings)?;
+    let (program, modes, mut warnings) = compiled(name, text, &settings)?;
     let circle = |command: &pmac_dpram::rotary::Command| circles::is_circle(&command.text);
     if let Some((line, _)) = program.commands().find(|(_, command)| circle(command)) {
         warnings.extend(py.detach(|| {
@@ -119,6 +119,7 @@ pub fn stream(
         left: wish.left,
         run: wish.run,
         may_stand: program.commands().any(|(_, command)| command.text.eq_ignore_ascii_case("STOP")),
+        modes,
         ..RotaryPlace::default()
     };
     let found_lines = py.detach(|| owner.rotary_start(place)).map_err(of_command)?.found_lines;
@@ -153,14 +154,14 @@ fn prepare(board: &mut Connection, wish: &Wish) -> PyResult<(Settings, u8)> {
     Ok((settings, buffer))
 }
 
-/// The program in `text`, and what its compiler warns of.
-fn compiled(name: &str, text: &[u8], settings: &Settings) -> PyResult<(Program, Vec<String>)> {
-    let compiled =
-        compile(text, settings).map_err(|found| refused(&listing(name, &found.errors).join("\n")))?;
+/// The program in `text`, the modes that go before it, and what its compiler warns of.
+fn compiled(name: &str, text: &[u8], settings: &Settings) -> PyResult<(Program, Vec<String>, Vec<String>)> {
+    let (compiled, modes) =
+        compile_stream(text, settings).map_err(|found| refused(&listing(name, &found.errors).join("\n")))?;
     if compiled.program.lines.is_empty() {
         return Err(refused(&format!("{name}: no program lines")));
     }
-    Ok((compiled.program, listing(name, &compiled.warnings)))
+    Ok((compiled.program, modes, listing(name, &compiled.warnings)))
 }
 
 /// Each finding with its place.

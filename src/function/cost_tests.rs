@@ -286,8 +286,8 @@ fn rotary() {
         };
         let mut stream = RotaryStream::of_family(family).remove(0);
         let ((), cost) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
-        // Two more where no I-variable keeps PMAC out.
-        let set_up = documented("rotary set-up") + if family.i.rotary_enable.is_none() { 2 } else { 0 };
+        // One more where no I-variable keeps PMAC out.
+        let set_up = documented("rotary set-up") + usize::from(family.i.rotary_enable.is_none());
         assert_eq!(cost, set_up);
         let line: Vec<_> =
             (0..c).map(|command| (if command == 0 { START_OF_LINE } else { 0 } | 0x40, 0x80_0000)).collect();

@@ -15,8 +15,7 @@
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::rotary_header;
-use crate::map::readings::{EndMarker, RotaryHeader};
-use crate::map::{Family, HostOffset, Readings};
+use crate::map::{Family, HostOffset};
 use crate::rotary::{END_MARKER, START_OF_LINE};
 
 /// Longs before PMAC's index that are never filled (manual p. 30, rule 3); the end marker takes two of them.
@@ -158,10 +157,6 @@ pub struct RotaryStream {
     start: HostOffset,
     /// The ring's length in longs; 0 as long as the buffer has not been set up.
     size: u32,
-    /// What the header's last two words are.
-    order: RotaryHeader,
-    /// What stands at the host's index.
-    end_marker: (u32, u32),
     /// The host's index, as the board has it.
     host: u32,
     /// Longs that PMAC had not taken at the last look.
@@ -191,8 +186,6 @@ impl RotaryStream {
             header,
             start: family.user_area.start,
             size: 0,
-            order: RotaryHeader::default(),
-            end_marker: END_MARKER,
             host: 0,
             ahead: 0,
             sent_longs: 0,
@@ -207,19 +200,9 @@ impl RotaryStream {
         family.rotary.headers.iter().map(stream).collect()
     }
 
-    /// The stream, on a board that reads header and end marker so.
-    #[must_use]
-    pub fn reading(self, readings: Readings) -> Self {
-        let end_marker = match readings.rotary_end_marker {
-            EndMarker::TwoLongs => END_MARKER,
-            EndMarker::OneLong => (END_MARKER.1 << 16 | END_MARKER.0, 0),
-        };
-        Self { order: readings.rotary_header, end_marker, ..self }
-    }
-
     /// Sets the buffer up, empty. Where an I-variable enables the transfer, it must be 0 until this has returned.
     ///
-    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it), two more
+    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it), one more
     /// where no I-variable enables the transfer.
     ///
     /// # Errors
@@ -248,11 +231,10 @@ impl RotaryStream {
             self.clear_unused(bus)?;
         }
         let header = self.header;
-        put(bus, start, self.end_marker)?;
+        put(bus, start, END_MARKER)?;
         let word = u16::from(coordinate_system) + u16::from(base) - 1;
         bus.write16(header.plus_words(rotary_header::COORDINATE_SYSTEM), word)?;
-        let [start_at, size_at] = self.order.start_and_size();
-        bus.write16(header.plus_words(start_at), self.family.start.start_word(start))?;
+        bus.write16(header.plus_words(rotary_header::START), self.family.start.start_word(start))?;
         let status = header.plus_words(rotary_header::STATUS);
         if bus.read16(status)? != 0 {
             bus.write16(status, 0)?;
@@ -261,22 +243,20 @@ impl RotaryStream {
         bus.write16(header.plus_words(rotary_header::PMAC_INDEX), 0)?;
         bus.write16(header.plus_words(rotary_header::HOST_INDEX), 0)?;
         bus.order_writes();
-        bus.write16(header.plus_words(size_at), size as u16)?;
+        bus.write16(header.plus_words(rotary_header::SIZE), size as u16)?;
         bus.order_writes();
         (self.start, self.size) = (start, size);
         Ok(())
     }
 
-    /// Marks a buffer that has not been set up as not in use, whatever power-on left in its header: its size is 0, by
-    /// either reading. To be called before a transfer is enabled: that is for all buffers.
+    /// Marks a buffer that has not been set up as not in use, whatever power-on left in its header: its size is 0. To be called before
+    /// a transfer is enabled: that is for all buffers.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn clear_unused(&self, bus: &mut impl Bus) -> Result<(), BusError> {
         if !self.is_set_up() {
-            for word in [rotary_header::SIZE, rotary_header::START] {
-                bus.write16(self.header.plus_words(word), 0)?;
-            }
+            bus.write16(self.header.plus_words(rotary_header::SIZE), 0)?;
             bus.order_writes();
         }
         Ok(())
@@ -354,7 +334,7 @@ impl RotaryStream {
         }
         let Some((first, others)) = line.split_first() else { return Err(RotaryError::Empty) };
         let next = (self.host + longs) % self.size;
-        put(bus, self.place(next), self.end_marker)?;
+        put(bus, self.place(next), END_MARKER)?;
         for (number, command) in (1..).zip(others) {
             put(bus, self.place((self.host + 2 * number) % self.size), *command)?;
         }
@@ -411,7 +391,7 @@ impl RotaryStream {
         bus.read_block(self.header.plus_words(rotary_header::HOST_INDEX), &mut words)?;
         let [host, pmac] = words;
         let error = RotaryError::Header { header: self.header, host, expected: self.host, pmac };
-        // At the ring's end PMAC's index may be the size: rule 3 (p. 30) takes the remainder of the host's index only.
+        // At the ring's end PMAC's index may be the size: rule 3 (p. 30) takes the remainder of the host's alone.
         if u32::from(host) != self.host || u32::from(pmac) > self.size || !pmac.is_multiple_of(2) {
             return Err(error);
         }

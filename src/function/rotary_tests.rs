@@ -72,7 +72,7 @@ fn the_header_says_where_the_ring_lies() {
             let mut stream = RotaryStream::of_family(family).remove(index);
             stream.set_up(&mut bus, &setup(family, 100)).unwrap();
             // Where no I-variable keeps PMAC out, the header is taken out of use first.
-            let more = if family.i.rotary_enable.is_none() { 2 } else { 0 };
+            let more = u64::from(family.i.rotary_enable.is_none());
             assert_eq!(bus.accesses() - before, 11 + more);
             let mut words = [0; 6];
             bus.read_block(header, &mut words).unwrap();

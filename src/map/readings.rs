@@ -7,8 +7,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::functions::rotary_header;
-
 /// A name of [`Readings`] and the values it takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reading {
@@ -30,20 +28,16 @@ const fn set(name: &'static str, values: &'static [&'static str]) -> Reading {
 
 /// Every reading.
 pub static READINGS: &[Reading] = &[
-    set("rotary_code2", &["bit12", "bit16"]),
-    set("rotary_bit_codes", &["diagram", "table"]),
-    set("rotary_header", &["size_first", "start_first"]),
-    set("rotary_end_marker", &["two_longs", "one_long"]),
-    found_out("rotary_index", &["below_size", "up_to_size"]),
+    set("rotary_code2", &["bit16", "bit12"]),
     found_out("mailbox_bell", &["with_text", "alone"]),
 ];
 
 /// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+/// A wrong guess takes an INC for an ABS: the machine moves elsewhere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RotaryCode2 {
     /// In bits 13-12, beside the start-of-line bit, as in the other commands with a sub-code.
-    #[default]
     Bit12,
     /// From bit 16 on, above the unused field that the diagrams draw between it and the start-of-line bit.
     Bit16,
@@ -60,59 +54,6 @@ impl RotaryCode2 {
     }
 }
 
-/// Which of two printed code assignments applies to the bit-wise assignments of M-variables (DPRAM manual p. 31 and 35).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BitCodes {
-    /// 1 is `^=`, 2 is `&=`: the field diagram and its note (two places out of three).
-    #[default]
-    Diagram,
-    /// 1 is `&=`, 2 is `^=`: the summary table of type 2.
-    Table,
-}
-
-/// What stands in Y:$D1FE and X:$D1FE, the last two words of a rotary header (DPRAM manual p. 30).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RotaryHeader {
-    /// The size, then the start: the vendor's own headers.
-    #[default]
-    SizeFirst,
-    /// The start, then the size: "the start and size … in 0x07F8 and 0x07FA".
-    StartFirst,
-}
-
-impl RotaryHeader {
-    /// Which words of the header hold start and size.
-    #[must_use]
-    pub const fn start_and_size(self) -> [usize; 2] {
-        match self {
-            Self::SizeFirst => [rotary_header::START, rotary_header::SIZE],
-            Self::StartFirst => [rotary_header::SIZE, rotary_header::START],
-        }
-    }
-}
-
-/// What stands at the host's index of a rotary buffer (DPRAM manual p. 30, rule 5).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EndMarker {
-    /// $800 in one 32-bit long and $FFFF in the next, as the two words of a command.
-    #[default]
-    TwoLongs,
-    /// $800 and $FFFF in the two 16-bit words of one long.
-    OneLong,
-}
-
-/// PMAC's index once it has read a rotary buffer up to its end (0x07F6; DPRAM manual p. 30).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RotaryIndex {
-    /// 0, as rule 3 has it for the host's: "% buffer_size".
-    #[default]
-    BelowSize,
-    /// The size, until the next line is read.
-    UpToSize,
 }
 
 /// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 267).
@@ -132,16 +73,8 @@ pub enum MailboxBell {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Readings {
-    /// Where CODE2 of ABS, INC and FRAX stands.
-    pub rotary_code2: RotaryCode2,
-    /// The codes of `^=` and `&=`.
-    pub rotary_bit_codes: BitCodes,
-    /// What the last two words of a rotary header are.
-    pub rotary_header: RotaryHeader,
-    /// What stands at the host's index of a rotary buffer.
-    pub rotary_end_marker: EndMarker,
-    /// PMAC's index at a rotary buffer's end.
-    pub rotary_index: RotaryIndex,
+    /// Where CODE2 of ABS, INC and FRAX stands; nobody has said it unless the configuration does.
+    pub rotary_code2: Option<RotaryCode2>,
     /// What goes with the `<BELL>` in the mailboxes.
     pub mailbox_bell: MailboxBell,
 }

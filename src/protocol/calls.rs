@@ -265,6 +265,9 @@ parameters! {
         /// Whether the program has commands that stop it until somebody starts it again; not when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         may_stand: Option<bool>,
+        /// ABS, INC and FRAX, each with its axes, for the coordinate system before the program.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        modes: Vec<String>,
     }
 
     /// The commands of a line of a rotary program, two words a command.

@@ -54,10 +54,10 @@ impl BoardSettings {
         Layout::new(family, firmware)
     }
 
-    /// The binary rotary format, with the readings.
+    /// The binary rotary format, with its reading.
     #[must_use]
     pub fn rotary_format(&self) -> rotary::Settings {
-        rotary::Settings { readings: self.readings, ..self.rotary.clone() }
+        rotary::Settings { rotary_code2: self.readings.rotary_code2, ..self.rotary.clone() }
     }
 }
 

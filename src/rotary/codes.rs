@@ -87,9 +87,9 @@ pub enum Operator {
     AssignLater,
     /// `|=`, at the start of the next move.
     Or,
-    /// `^=`, at the start of the next move.
+    /// `^=`, at the start of the next move. It has no code that is sure.
     Xor,
-    /// `&=`, at the start of the next move.
+    /// `&=`, at the start of the next move. It has no code that is sure.
     And,
 }
 
@@ -179,6 +179,16 @@ impl Code {
         let own = !matches!(self.shape, Shape::Assignment { .. } | Shape::Mark { .. });
         let short = (self.short != self.name).then_some(self.short);
         [Some(self.name), short, self.also].into_iter().flatten().filter(move |_| own)
+    }
+
+    /// Whether it moves or stops the motors, or calls a program that may: ABS, INC or FRAX before it and behind it are not the same.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        match self.shape {
+            Shape::Letter { .. } => self.name != "F",
+            Shape::Motors { .. } => true,
+            _ => self.name == "STOP",
+        }
     }
 
     /// Its letter's role; [`Role::Other`] if it is no letter.
@@ -322,8 +332,7 @@ pub static CODES: &[Code] = &[
     assignment("P=", ASSIGN, 2, Operator::Assign),
     assignment("Q=", ASSIGN, 3, Operator::Assign),
     assignment("M|=", LATER, 0, Operator::Or),
-    assignment("M^=", LATER, 1, Operator::Xor),
-    assignment("M&=", LATER, 2, Operator::And),
+    // 1 and 2 are `^=` and `&=`: which is which the manual says in two ways (pp. 31 and 35).
     assignment("M==", LATER, 3, Operator::AssignLater),
 ];
 
@@ -367,8 +376,7 @@ mod tests {
         assert_eq!(letters, (1..=13).chain(16..=27).collect::<Vec<u8>>());
         assert_eq!(data, [0, 1, 2, 67, 68, 69, 70, 71, 72]);
         assert_eq!(modes, [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15, 16]);
-        let all = [14, 15].iter().flat_map(|&c| (0..4).map(move |k| (c, k))).collect::<Vec<_>>();
-        assert_eq!(assignments, all);
+        assert_eq!(assignments, [(14, 0), (14, 1), (14, 2), (14, 3), (15, 0), (15, 3)]);
     }
 
     #[test]
@@ -383,8 +391,9 @@ mod tests {
 
     #[test]
     fn assignments_are_found_by_letter_and_operator() {
-        assert_eq!(find_assignment(b'm', Operator::Xor).map(|code| code.name), Some("M^="));
-        assert_eq!(find_assignment(b'P', Operator::Xor), None);
+        assert_eq!(find_assignment(b'm', Operator::Or).map(|code| code.name), Some("M|="));
+        assert_eq!(find_assignment(b'M', Operator::Xor), None);
+        assert_eq!(find_assignment(b'P', Operator::Or), None);
         assert_eq!(find_assignment(b'X', Operator::Assign), None);
     }
 }

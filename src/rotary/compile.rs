@@ -1,6 +1,6 @@
 //! Motion-program text to binary rotary commands.
 
-use super::parse::parse;
+use super::parse::{Modes, parse};
 use super::program::Program;
 use super::reason::{Reason, Report, Warning};
 use super::scan::scan;
@@ -28,12 +28,29 @@ pub struct Refused {
 
 /// Compiles `text`, as [`file_text`] reads it.
 ///
+/// Refuses ABS, INC and FRAX while nobody has said where their code stands.
+///
 /// Changes only the numbers: rounds each to the mantissa of its command, to nearest, ties to even. Drops comments (`;`
 /// and `//`) and lines without commands. `settings` must be valid ([`Settings::check`]).
 ///
 /// # Errors
 /// When any part of it cannot be sent: every reason with its place.
 pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
+    compile_with(text, settings, &mut Modes { are_over: true, ..Modes::default() })
+}
+
+/// As [`compile`], for a stream: ABS, INC and FRAX before the first move come as on-line lines for the coordinate system, which they
+/// are modal in, while nobody has said where their code stands.
+///
+/// # Errors
+/// As [`compile`].
+pub fn compile_stream(text: &[u8], settings: &Settings) -> Result<(Compiled, Vec<String>), Refused> {
+    let mut modes = Modes::default();
+    let compiled = compile_with(text, settings, &mut modes)?;
+    Ok((compiled, modes.lines))
+}
+
+fn compile_with(text: &[u8], settings: &Settings, modes: &mut Modes) -> Result<Compiled, Refused> {
     let mut compiled = Compiled::default();
     let mut errors = Report::default();
     let text = file_text::read(text).unwrap_or_else(|reason| {
@@ -45,7 +62,7 @@ pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
         if tokens.is_empty() {
             continue;
         }
-        let parsed = parse(line, &tokens, number, settings);
+        let parsed = parse(line, &tokens, number, settings, modes);
         errors.append(parsed.errors);
         compiled.warnings.append(parsed.warnings);
         // Keeps no commands after an error: a hostile file costs no more memory than its errors.

@@ -3,11 +3,10 @@
 //! Word 1: bits 5-0 exponent or sub-code, bits 10-6 CODE1, bit 11 start of line (set by the line, not the command),
 //! bits 23-12 the low mantissa bits, CODE2, a variable's number or PLCs 0-7. Word 2: mantissa or data.
 
-use super::codes::{self, AXES, CODES, Code, DATA, LATER, MODES, Shape};
+use super::codes::{self, AXES, CODES, Code, DATA, MODES, Shape};
 use super::float::{Float, Width};
 use super::program::START_OF_LINE;
 use super::settings::Settings;
-use crate::map::readings::BitCodes;
 
 /// A command's operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,6 +50,11 @@ pub enum NoCommand {
         /// CODE1.
         code1: u8,
     },
+    /// ABS, INC or FRAX, while nobody has said where their code stands.
+    #[error(
+        "it is ABS, INC or FRAX, and which one depends on rotary_code2; set that to bit12 or bit16 (pmacctl rotary check finds out)"
+    )]
+    Untold,
     /// WAIT.
     #[error("WAIT is not implemented in PMAC")]
     Wait,
@@ -67,11 +71,12 @@ pub enum NoCommand {
 const WORD: u32 = 0x00FF_FFFF;
 
 impl Item {
-    /// The two words, without the start-of-line bit.
+    /// The two words, without the start-of-line bit. `None` for ABS, INC and FRAX while nobody has said where their code stands, and for
+    /// an operand of another shape than the code's.
     #[must_use]
-    pub fn words(&self, settings: &Settings) -> (u32, u32) {
+    pub fn words(&self, settings: &Settings) -> Option<(u32, u32)> {
         let first = |code1: u8, low: u8| u32::from(code1) << 6 | u32::from(low);
-        match (self.code.shape, self.argument) {
+        Some(match (self.code.shape, self.argument) {
             (Shape::Letter { code1, .. }, Argument::Number(float)) => (
                 (float.mantissa as u32 & 0xFFF) << 12 | first(code1, float.exponent),
                 (float.mantissa >> 12) as u32 & WORD,
@@ -79,27 +84,24 @@ impl Item {
             (Shape::Data { code2 } | Shape::Mark { code2 }, Argument::Number(float)) => {
                 (u32::from(code2) << 16 | first(DATA, float.exponent), float.mantissa as u32 & WORD)
             }
-            (Shape::Assignment { code1, code2, .. }, Argument::Assignment(number, float)) => {
-                let code2 = bit_code(code1, code2, settings);
-                (
-                    u32::from(number & 0x3FF) << 14 | u32::from(code2) << 12 | first(code1, float.exponent),
-                    float.mantissa as u32 & WORD,
-                )
-            }
+            (Shape::Assignment { code1, code2, .. }, Argument::Assignment(number, float)) => (
+                u32::from(number & 0x3FF) << 14 | u32::from(code2) << 12 | first(code1, float.exponent),
+                float.mantissa as u32 & WORD,
+            ),
             (Shape::Count { code2 }, Argument::Count(count)) => {
                 (mode_code(code2, settings) | first(MODES, 0), if count == 0 { 1024 } else { count.into() })
             }
             (Shape::Bare { code2 }, _) => (mode_code(code2, settings) | first(MODES, 0), 0),
             (Shape::Axes { code2, .. }, Argument::Axes(axes)) => {
-                (axes_code(code2, settings) | first(MODES, 2), axis_mask(code2, axes, settings))
+                let code = u32::from(code2) << settings.rotary_code2?.lowest_bit();
+                (code | first(MODES, 2), axis_mask(code2, axes, settings))
             }
             (Shape::Motors { subcode }, Argument::Motors(motors)) => (first(MODES, subcode), motors),
             (Shape::Plcs { code2 }, Argument::Plcs(plcs)) => {
                 ((plcs & 0xFF) << 16 | u32::from(code2) << 12 | first(MODES, 1), plcs >> 8)
             }
-            // Nothing builds a code with an argument of another shape; keep at least its code.
-            (shape, _) => (first(shape_code1(shape), 0), 0),
-        }
+            _ => return None,
+        })
     }
 
     /// The command of two words, of which the low 24 bits count. Ignores the start-of-line bit and unused bits.
@@ -112,21 +114,24 @@ impl Item {
         let low = (word1 & 0x3F) as u8;
         let high = (word1 >> 16) as u8;
         let two_bits = (word1 >> 12 & 3) as u8;
-        let axes = (word1 >> settings.readings.rotary_code2.lowest_bit() & 3) as u8;
+        let is_axes = code1 == MODES && low == 2;
+        let axes = settings.rotary_code2.map(|place| (word1 >> place.lowest_bit() & 3) as u8);
         let mode = (word1 >> settings.mode_code_bit & 0x1F) as u8;
         let is_wait = code1 == MODES && low == 0 && mode == 8;
         let code = CODES.iter().find(|code| match code.shape {
             Shape::Letter { code1: own, .. } => code1 == own,
             Shape::Data { code2 } | Shape::Mark { code2 } => code1 == DATA && high == code2,
-            Shape::Assignment { code1: own, code2, .. } => {
-                code1 == own && two_bits == bit_code(own, code2, settings)
-            }
+            Shape::Assignment { code1: own, code2, .. } => code1 == own && two_bits == code2,
             Shape::Count { code2 } | Shape::Bare { code2 } => code1 == MODES && low == 0 && mode == code2,
-            Shape::Axes { code2, .. } => code1 == MODES && low == 2 && axes == code2,
+            Shape::Axes { code2, .. } => is_axes && axes == Some(code2),
             Shape::Motors { subcode } => code1 == MODES && low == subcode,
             Shape::Plcs { code2 } => code1 == MODES && low == 1 && two_bits & 1 == code2,
         });
-        let code = code.ok_or(if is_wait { NoCommand::Wait } else { NoCommand::Code { code1 } })?;
+        let code = code.ok_or(match () {
+            () if is_axes && axes.is_none() => NoCommand::Untold,
+            () if is_wait => NoCommand::Wait,
+            () => NoCommand::Code { code1 },
+        })?;
         let short = Float { mantissa: sign_extend(word2, 24), exponent: low, width: Width::Short };
         let nothing = NoCommand::Data { name: code.name, data: word2 };
         let argument = match code.shape {
@@ -165,30 +170,8 @@ impl Item {
     }
 }
 
-/// CODE1 of a shape.
-const fn shape_code1(shape: Shape) -> u8 {
-    match shape {
-        Shape::Letter { code1, .. } | Shape::Assignment { code1, .. } => code1,
-        Shape::Data { .. } | Shape::Mark { .. } => DATA,
-        _ => MODES,
-    }
-}
-
-/// CODE2 of an assignment, with the codes of `^=` and `&=` from the settings.
-const fn bit_code(code1: u8, code2: u8, settings: &Settings) -> u8 {
-    match (settings.readings.rotary_bit_codes, code1, code2) {
-        (BitCodes::Table, LATER, 1) => 2,
-        (BitCodes::Table, LATER, 2) => 1,
-        _ => code2,
-    }
-}
-
 const fn mode_code(code2: u8, settings: &Settings) -> u32 {
     (code2 as u32) << settings.mode_code_bit & WORD
-}
-
-fn axes_code(code2: u8, settings: &Settings) -> u32 {
-    u32::from(code2) << settings.readings.rotary_code2.lowest_bit()
 }
 
 /// The bits of `axes` (see [`Argument::Axes`]) in word 2 of ABS, INC (`code2` 0, 1) or FRAX (2).
@@ -220,17 +203,16 @@ pub(super) fn axis_bit(code: &codes::Code) -> Option<u16> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::Readings;
     use crate::map::readings::RotaryCode2;
     use proptest::prelude::*;
 
-    fn with(readings: Readings) -> Settings {
-        Settings { readings, ..Settings::default() }
+    fn with(place: RotaryCode2) -> Settings {
+        Settings { rotary_code2: Some(place), ..Settings::default() }
     }
 
     #[test]
     fn words_of_no_command_are_refused() {
-        let settings = Settings::default();
+        let settings = with(RotaryCode2::Bit12);
         let read = |word1, word2| Item::from_words(word1, word2, &settings);
         assert_eq!(read(0x000800, 0x00FFFF), Err(NoCommand::Code { code1: 0 }));
         assert_eq!(read(29 << 6, 0), Err(NoCommand::Code { code1: 29 }));
@@ -248,31 +230,27 @@ mod tests {
 
     #[test]
     fn the_settings_move_their_fields() {
-        let abs = |axes, settings: &Settings| {
-            Item { code: codes::find("ABS").unwrap(), argument: Argument::Axes(axes) }.words(settings)
-        };
-        let moved = Settings { abs_inc_axis_bit: 2, abs_inc_vector_bit: 1, ..Settings::default() };
-        assert_eq!(abs(1 | VECTORS, &moved), (0x000782, 0x000006));
+        let abs = Item { code: codes::find("ABS").unwrap(), argument: Argument::Axes(1 | VECTORS) };
+        let moved = Settings { abs_inc_axis_bit: 2, abs_inc_vector_bit: 1, ..with(RotaryCode2::Bit12) };
+        assert_eq!(abs.words(&moved), Some((0x000782, 0x000006)));
         let linear = Item { code: codes::find("LINEAR").unwrap(), argument: Argument::None };
-        assert_eq!(linear.words(&Settings { mode_code_bit: 19, ..Settings::default() }), (0x080780, 0));
-        let table = with(Readings { rotary_bit_codes: BitCodes::Table, ..Readings::default() });
-        let xor = Item::from_words(0x05_23C7, 0x7F8000, &table).unwrap();
-        assert_eq!(xor.code.name, "M^=");
-        assert_eq!(Item::from_words(0x05_13C7, 0x7F8000, &table).unwrap().code.name, "M&=");
+        assert_eq!(linear.words(&Settings { mode_code_bit: 19, ..Settings::default() }), Some((0x080780, 0)));
     }
 
     #[test]
-    fn b3_4_code2_of_the_axis_lists_stands_where_the_reading_has_it() {
+    fn code2_of_the_axis_lists_stands_where_it_was_told_and_nowhere_before() {
         for (rotary_code2, words) in [
             (RotaryCode2::Bit12, [0x000782, 0x001782, 0x002782]),
             (RotaryCode2::Bit16, [0x000782, 0x010782, 0x020782]),
         ] {
-            let settings = with(Readings { rotary_code2, ..Readings::default() });
+            let settings = with(rotary_code2);
             for (name, word1) in ["ABS", "INC", "FRAX"].into_iter().zip(words) {
                 let item = Item { code: codes::find(name).unwrap(), argument: Argument::Axes(1 << 6) };
-                let (first, second) = item.words(&settings);
+                let (first, second) = item.words(&settings).unwrap();
                 assert_eq!(first, word1, "{rotary_code2:?} {name}");
                 assert_eq!(Item::from_words(first, second, &settings), Ok(item));
+                assert_eq!(item.words(&Settings::default()), None);
+                assert_eq!(Item::from_words(first, second, &Settings::default()), Err(NoCommand::Untold));
             }
         }
     }
@@ -280,7 +258,7 @@ mod tests {
     #[test]
     fn codes_fit_what_they_are_called_by() {
         assert_eq!(codes::ASSIGN, b'N' - b'A' + 1);
-        assert_eq!(LATER, b'O' - b'A' + 1);
+        assert_eq!(codes::LATER, b'O' - b'A' + 1);
         assert_eq!(axis_bit(codes::find("Z").unwrap()), Some(1 << 8));
         assert_eq!(axis_bit(codes::find("R").unwrap()), Some(VECTORS));
         assert_eq!(axis_bit(codes::find("F").unwrap()), None);
@@ -289,9 +267,9 @@ mod tests {
     proptest! {
         #[test]
         fn what_words_mean_is_what_its_words_mean(word1 in any::<u32>(), word2 in any::<u32>()) {
-            let settings = Settings::default();
+            let settings = with(RotaryCode2::Bit16);
             if let Ok(item) = Item::from_words(word1, word2, &settings) {
-                let (a, b) = item.words(&settings);
+                let (a, b) = item.words(&settings).unwrap();
                 prop_assert!(a & !WORD == 0 && b & !WORD == 0 && a & START_OF_LINE == 0);
                 prop_assert_eq!(Item::from_words(a, b, &settings), Ok(item));
             }

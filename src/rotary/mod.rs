@@ -26,7 +26,7 @@ mod spelling;
 mod tests;
 
 pub use codes::Code;
-pub use compile::{Compiled, Refused, compile};
+pub use compile::{Compiled, Refused, compile, compile_stream};
 pub use constant::Constant;
 pub use decompile::{DecodeError, Decompiled, Note, decompile};
 pub use item::{Argument, Item};

@@ -23,13 +23,23 @@ pub struct Parsed {
     pub warnings: Report<Warning>,
 }
 
+/// ABS, INC and FRAX that go as on-line lines, because nobody has said where their code stands.
+#[derive(Debug, Default)]
+pub struct Modes {
+    /// Their texts, in order.
+    pub lines: Vec<String>,
+    /// A command has come before which and behind which they are not the same: no more of them can go.
+    pub are_over: bool,
+}
+
 /// Parses the `tokens` of line `number`.
-pub fn parse(source: &[u8], tokens: &[Token], number: u32, settings: &Settings) -> Parsed {
+pub fn parse(source: &[u8], tokens: &[Token], number: u32, settings: &Settings, modes: &mut Modes) -> Parsed {
     let mut parser = Parser {
         source,
         tokens,
         number,
         settings,
+        modes,
         at: 0,
         commands: Vec::new(),
         errors: Report::default(),
@@ -57,6 +67,7 @@ struct Parser<'a> {
     tokens: &'a [Token],
     number: u32,
     settings: &'a Settings,
+    modes: &'a mut Modes,
     at: usize,
     commands: Vec<Command>,
     errors: Report<Reason>,
@@ -121,7 +132,16 @@ impl Parser<'_> {
     }
 
     fn emit(&mut self, first: usize, item: &Item) {
-        let (word1, word2) = item.words(self.settings);
+        let Some((word1, word2)) = item.words(self.settings) else {
+            if self.modes.are_over {
+                self.error(first, Reason::Untold(item.code.name));
+            } else {
+                let text = self.text(first).to_ascii_uppercase();
+                self.modes.lines.push(text.split_whitespace().collect());
+            }
+            return;
+        };
+        self.modes.are_over |= item.code.moves();
         let start = if self.commands.is_empty() { START_OF_LINE } else { 0 };
         let (column, text) = (self.column(first), self.text(first));
         self.commands.push(Command { column, text, word1: word1 | start, word2 });
@@ -266,7 +286,9 @@ impl Parser<'_> {
         }
         let code = codes::find_assignment(letter.name.as_bytes()[0], operator);
         if code.is_none() {
-            self.error(self.at, Reason::Operator(operator.text()));
+            let is_m = letter.name == "M";
+            let reason = if is_m { Reason::BitCode } else { Reason::Operator };
+            self.error(self.at, reason(operator.text()));
         }
         self.at += 1;
         if self.peek_kind() == Some(Kind::Symbol(b'*')) {

@@ -114,6 +114,18 @@ pub enum Reason {
     /// An operator that only M-variables have.
     #[error("{0} is for M-variables only")]
     Operator(&'static str),
+    /// `^=` and `&=` of M-variables.
+    #[error(
+        "{0} cannot be sent: the manual gives its binary code in two ways; send it as an on-line command, or the program as text \
+         (OPEN ROT)"
+    )]
+    BitCode(&'static str),
+    /// ABS, INC and FRAX where nobody has said where their code stands.
+    #[error(
+        "{0} cannot be sent: the manual's drawing has its code in two places, and a board of the other one would move elsewhere \
+         (docs/evidence.md); rotary check finds out: tell rotary_code2 then, or give it before the first move of a stream"
+    )]
+    Untold(&'static str),
     /// A command without its number.
     #[error("{0} needs a constant")]
     NeedsNumber(&'static str),

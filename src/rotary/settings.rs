@@ -1,12 +1,13 @@
 //! What the documents leave open about the binary rotary format, one named setting each.
 //!
-//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks; and
-//! it can be read two ways ([`crate::map::readings`]). The defaults are the readings that agree best with the rest; none has been confirmed on
-//! a board.
+//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks. The defaults agree
+//! best with the rest; none has been confirmed on a board. Where CODE2 of ABS, INC and FRAX stands has no default: a wrong one would
+//! move the machine elsewhere.
 
 use serde::{Deserialize, Serialize};
 
-use crate::map::{DEFAULT_FAMILY, Family, Readings};
+use crate::map::readings::RotaryCode2;
+use crate::map::{DEFAULT_FAMILY, Family};
 
 /// The open points of the format, for both directions.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,9 +18,9 @@ pub struct Settings {
     pub exponent_bias: u8,
     /// The exponent field of zero, 0 to 63.
     pub zero_exponent: u8,
-    /// What the manual says of the format in two ways. It has a table of its own in the daemon's configuration.
+    /// Where CODE2 of ABS, INC and FRAX stands, if somebody has said it. It stands elsewhere in the daemon's configuration.
     #[serde(skip)]
-    pub readings: Readings,
+    pub rotary_code2: Option<RotaryCode2>,
     /// HOME and HOMEZ can name motors 1 to this one. It is the board's family that says it.
     #[serde(skip)]
     pub home_motors: u16,
@@ -49,7 +50,7 @@ impl Default for Settings {
         Self {
             exponent_bias: 31,
             zero_exponent: 0,
-            readings: Readings::default(),
+            rotary_code2: None,
             home_motors: DEFAULT_FAMILY.rotary.home_motors,
             mode_code_bit: 16,
             abs_inc_axis_bit: 6,

@@ -4,8 +4,7 @@ use proptest::prelude::*;
 use serde::Deserialize;
 
 use super::*;
-use crate::map::Readings;
-use crate::map::readings::BitCodes;
+use crate::map::readings::RotaryCode2;
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -30,8 +29,13 @@ fn vectors() -> Vectors {
     serde_json::from_str(include_str!("../../tests/data/replies.json")).unwrap()
 }
 
+/// Where the code of ABS, INC and FRAX is told.
+fn told() -> Settings {
+    Settings { rotary_code2: Some(RotaryCode2::Bit12), ..Settings::default() }
+}
+
 fn words(text: &str) -> Vec<(u32, u32)> {
-    match compile(text.as_bytes(), &Settings::default()) {
+    match compile(text.as_bytes(), &told()) {
         Ok(compiled) => compiled.program.words().collect(),
         Err(refused) => panic!("{text}: {:?}", refused.errors.listed),
     }
@@ -39,25 +43,25 @@ fn words(text: &str) -> Vec<(u32, u32)> {
 
 /// The errors of a text as `line:column: reason`.
 fn errors(text: &str) -> Vec<String> {
-    let refused = compile(text.as_bytes(), &Settings::default()).unwrap_err();
+    let refused = compile(text.as_bytes(), &told()).unwrap_err();
     refused.errors.listed.iter().map(ToString::to_string).collect()
 }
 
 fn text(words: &[(u32, u32)]) -> String {
-    let lines = decompile(words, &Settings::default()).unwrap().program.lines;
+    let lines = decompile(words, &told()).unwrap().program.lines;
     lines.iter().map(|line| line.text() + "\n").collect()
 }
 
 #[test]
 fn every_known_vector_compiles_to_its_words_and_back() {
     let vectors = vectors().compile;
-    assert!(vectors.len() >= 56);
+    assert!(vectors.len() >= 54);
     for vector in vectors {
         let number = |digits: &String| u32::from_str_radix(digits, 16).unwrap();
         let expected: Vec<(u32, u32)> = vector.words.iter().map(|(a, b)| (number(a), number(b))).collect();
         assert_eq!(words(&vector.line), expected, "{}", vector.line);
         assert_eq!(words(&text(&expected)), expected, "{}", vector.line);
-        assert!(decompile(&expected, &Settings::default()).unwrap().notes.is_empty());
+        assert!(decompile(&expected, &told()).unwrap().notes.is_empty());
     }
 }
 
@@ -125,7 +129,7 @@ fn canonical_text_is_short() {
         ("X1000:50 Y+5^-0.5", "X1000:50 Y5^-0.5"),
         ("INC(Z,A,R) FRAX(X,Y,Z,U,V,W,A,B,C)", "INC(A,Z,R) FRAX"),
         ("HOME8,1..3 ENABLE PLC 31,30", "HM1..3,8 ENA PLC 30,31"),
-        ("CC0 TSELECT0 P100=.5 M20&=$FE", "CC0 TSEL0 P100=0.5 M20&=254"),
+        ("CC0 TSELECT0 P100=.5 M20|=$FE", "CC0 TSEL0 P100=0.5 M20|=254"),
         ("CALL20.15 G01 DWELL250.5", "CALL20.15 G1 DWE250.5"),
     ] {
         assert_eq!(canonical(source), expected);
@@ -135,7 +139,7 @@ fn canonical_text_is_short() {
 #[test]
 fn lines_and_places_are_those_of_the_text() {
     let source = "; a comment\n\n  LINEAR F5 // modes\r\n\tX10Y20:5\n";
-    let program = compile(source.as_bytes(), &Settings::default()).unwrap().program;
+    let program = compile(source.as_bytes(), &told()).unwrap().program;
     let places: Vec<(u32, u32, &str)> =
         program.commands().map(|(line, command)| (line, command.column, command.text.as_str())).collect();
     assert_eq!(places, [(3, 3, "LINEAR"), (3, 10, "F5"), (4, 2, "X10"), (4, 5, "Y20"), (4, 8, ":5")]);
@@ -227,7 +231,7 @@ fn one_run_tells_all_errors() {
 #[test]
 fn lost_digits_are_warned_of_where_a_mantissa_is_short() {
     let warnings = |text: &str| {
-        let warnings = compile(text.as_bytes(), &Settings::default()).unwrap().warnings.listed;
+        let warnings = compile(text.as_bytes(), &told()).unwrap().warnings.listed;
         warnings.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     let expected = "2:4: 123456789 loses precision: P= has a 24-bit mantissa, 123456784 is sent";
@@ -250,7 +254,7 @@ fn a_number_has_to_be_in_range_as_it_is_sent_too() {
     }
     // Where the range includes 0, 0 is sent with a warning.
     for text in ["X0.0000000001", "F0.000000001", "CALL32767.9999"] {
-        assert!(compile(text.as_bytes(), &Settings::default()).is_ok(), "{text}");
+        assert!(compile(text.as_bytes(), &told()).is_ok(), "{text}");
     }
 }
 
@@ -265,18 +269,53 @@ fn a_line_longer_than_the_buffer_is_refused() {
     );
 }
 
-fn read_by(rotary_bit_codes: BitCodes) -> Settings {
-    Settings { readings: Readings { rotary_bit_codes, ..Readings::default() }, ..Settings::default() }
+#[test]
+fn abs_inc_and_frax_go_before_the_first_move_of_a_stream_or_their_code_is_told() {
+    let untold = Settings::default();
+    for (text, modes, words) in [
+        ("LINEAR INC F5 P1=3\nABS(X,R) X10 Y5\nX5", &["INC", "ABS(X,R)"][..], 6),
+        ("INC\nFRAX (X , Y)", &["INC", "FRAX(X,Y)"], 0),
+        ("DWELL5 X1", &[], 2),
+    ] {
+        let (compiled, before) = compile_stream(text.as_bytes(), &untold).unwrap();
+        assert_eq!(
+            (before, compiled.program.words().count()),
+            (modes.iter().map(ToString::to_string).collect(), words)
+        );
+        let starts = compiled.program.lines.iter().map(|line| line.commands[0].word1 & START_OF_LINE != 0);
+        assert!(starts.into_iter().all(|starts| starts), "{text}");
+        let refused = compile(text.as_bytes(), &untold);
+        assert_eq!(refused.is_err(), !modes.is_empty(), "without a stream there is no line before it");
+    }
+    for (text, place) in [
+        ("X10 ABS", "1:5"),
+        ("G91\n\nABS", "3:1"),
+        ("CALL5 INC", "1:7"),
+        ("HOME1 INC", "1:7"),
+        ("STOP FRAX", "1:6"),
+        ("PSET X0 ABS", "1:9"),
+        ("NORMAL K-1 INC(R)", "1:12"),
+    ] {
+        let error = compile_stream(text.as_bytes(), &untold).unwrap_err().errors.listed[0].to_string();
+        assert!(error.starts_with(place) && error.contains("rotary_code2"), "{error}");
+        let (compiled, before) = compile_stream(text.as_bytes(), &told()).unwrap();
+        assert!(
+            before.is_empty() && compiled.program.words().next().is_some(),
+            "where it is told the stream has them"
+        );
+    }
 }
 
 #[test]
-fn the_uncertain_codes_follow_their_setting() {
-    let settings = read_by(BitCodes::Table);
-    let program = compile(b"M20^=$FF\nM20&=$FE", &settings).unwrap().program;
-    let words: Vec<(u32, u32)> = program.words().collect();
-    assert_eq!(words, [(0x052BE7, 0x7F8000), (0x051BE7, 0x7F0000)]);
-    let lines = decompile(&words, &settings).unwrap().program.lines;
-    assert_eq!(lines.iter().map(Line::text).collect::<Vec<_>>(), ["M20^=255", "M20&=254"]);
+fn the_bit_wise_assignments_whose_codes_are_not_sure_are_refused() {
+    for text in ["M20^=$FF", "M20 &= $FE"] {
+        let error = &errors(text)[0];
+        assert!(
+            error.contains("the manual gives its binary code in two ways; send it as an on-line command"),
+            "{error}"
+        );
+    }
+    assert_eq!(errors("P1^=3"), ["1:3: ^= is for M-variables only"]);
 }
 
 fn number() -> impl Strategy<Value = String> {
@@ -310,7 +349,7 @@ fn statement() -> impl Strategy<Value = String> {
         2 => (of(&["TA", "ts", "TM", "PVT", "DWELL", "DWE", "DLY", "DELAY", "CCR"]), positive())
             .prop_map(|(name, n)| format!("{name}{n}")),
         2 => ("[IMPQ]", 0..1024u32, number()).prop_map(|(letter, n, value)| format!("{letter}{n}={value}")),
-        1 => (0..1024u32, of(&["|=", "^=", "&=", "=="]), number()).prop_map(|(n, o, v)| format!("M{n} {o} {v}")),
+        1 => (0..1024u32, of(&["|=", "=="]), number()).prop_map(|(n, o, v)| format!("M{n} {o} {v}")),
         1 => (of(&["CIRCLE", "CIR", "SPLINE"]), 1..3u32).prop_map(|(name, n)| format!("{name} {n}")),
         1 => (of(&["TSEL", "TSELECT", "ADIS", "AROT", "IDIS", "IROT"]), 0..1024u32)
             .prop_map(|(name, n)| format!("{name}{n}")),
@@ -337,10 +376,11 @@ fn program() -> impl Strategy<Value = String> {
 }
 
 fn settings() -> impl Strategy<Value = Settings> {
-    (20..50u8, 16..20u8, any::<bool>()).prop_map(|(exponent_bias, mode_code_bit, table)| Settings {
+    (20..50u8, 16..20u8, any::<bool>()).prop_map(|(exponent_bias, mode_code_bit, high)| Settings {
         exponent_bias,
         mode_code_bit,
-        ..read_by(if table { BitCodes::Table } else { BitCodes::Diagram })
+        rotary_code2: Some(if high { RotaryCode2::Bit16 } else { RotaryCode2::Bit12 }),
+        ..Settings::default()
     })
 }
 
@@ -370,7 +410,7 @@ proptest! {
 
     #[test]
     fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
-        let _ = compile(&bytes, &Settings::default());
+        let _ = compile(&bytes, &told());
     }
 
     #[test]
@@ -382,9 +422,9 @@ proptest! {
         ][..]), 0..40),
     ) {
         let text = parts.concat();
-        if let Ok(compiled) = compile(text.as_bytes(), &Settings::default()) {
+        if let Ok(compiled) = compile(text.as_bytes(), &told()) {
             let words: Vec<(u32, u32)> = compiled.program.words().collect();
-            prop_assert!(decompile(&words, &Settings::default()).is_ok());
+            prop_assert!(decompile(&words, &told()).is_ok());
         }
     }
 
@@ -395,12 +435,12 @@ proptest! {
         let words: Vec<(u32, u32)> = words.into_iter().map(|(a, b)| (a & 0xFF_FFFF, b & 0xFF_FFFF)).collect();
         let sendable: Vec<(u32, u32)> = words
             .into_iter()
-            .filter(|&(a, b)| Item::from_words(a, b, &Settings::default()).is_ok())
+            .filter(|&(a, b)| Item::from_words(a, b, &told()).is_ok())
             .collect();
-        let back = decompile(&sendable, &Settings::default()).unwrap();
+        let back = decompile(&sendable, &told()).unwrap();
         if back.notes.is_empty() {
             let text: String = back.program.lines.iter().map(|line| line.text() + "\n").collect();
-            let again = compile(text.as_bytes(), &Settings::default()).unwrap().program;
+            let again = compile(text.as_bytes(), &told()).unwrap().program;
             prop_assert_eq!(again.words().collect::<Vec<_>>(), sendable);
         }
     }

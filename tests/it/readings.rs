@@ -57,50 +57,41 @@ fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
 }
 
 #[test]
-fn b3_4_an_inc_that_the_board_takes_for_an_abs_is_found_out_before_it_moves() {
+fn an_inc_that_the_board_takes_for_an_abs_is_found_out_before_it_moves() {
     let check = ["rotary", "check", "--define", "200"];
-    for (name, other, line) in [
-        ("rotary_code2", "bit16", "sample:2: sent INC(X,Y), the board lists ABS("),
-        ("rotary_bit_codes", "table", "sample:4: sent M1^=3, the board lists M1&=3"),
-    ] {
-        let site = configured(name, other, "");
+    for (is, told) in [("bit16", "bit12"), ("bit12", "bit16")] {
+        let found = format!(
+            "the board reads ABS, INC and FRAX by rotary_code2 = {is:?}: write it under [readings] in pmacd's configuration"
+        );
+        // The other one is told, then none, then the right one.
+        let site = configured("rotary_code2", is, &format!("[readings]\nrotary_code2 = {told:?}\n"));
         let (status, _, stderr) = site.pmacctl(&check);
-        assert!(status == 1 && stderr.contains(line), "{stderr}");
-        let advice = format!("the board reads the manual by {name} = {other:?}: write it under [readings]");
-        assert!(stderr.contains(&advice), "{stderr}");
+        assert!(status == 1 && stderr.contains("sample:2: sent INC(X,Y), the board lists "), "{stderr}");
+        assert!(stderr.contains(&found), "{stderr}");
         assert_eq!(site.connection().send("&1PR", PATIENCE).unwrap(), ["0"], "nothing is left to run");
         drop(site);
-        let site = configured(name, other, &format!("[readings]\n{name} = {other:?}\n"));
+        let site = configured("rotary_code2", is, "");
         let (status, stdout, stderr) = site.pmacctl(&check);
-        assert!(status == 0 && stdout == "the board lists 9 lines as they were sent\n", "{stdout}{stderr}");
+        assert!(format!("{stdout}{stderr}").contains(&found), "{status} {stdout} {stderr}");
+        // ABS goes before the stream, INC between moves not before that is told.
+        let program = site.file("program.pmc", "RAPID ABS X20\nX10\n");
+        let between = site.file("between.pmc", "RAPID ABS X20\nINC X10\n");
+        let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &between, "--run"]);
+        assert!(status == 1 && stderr.contains("between.pmc:2:1: INC cannot be sent"), "{stderr}");
+        assert_eq!(site.pmacctl(&["rotary", "stream", &program, "--run"]).0, 0);
+        assert!(site.log().contains("(rotary stream) sends \"&1ABS\""), "{}", site.log());
+        site.wait_until("motor 1 at 10", || site.connection().send("#1P", PATIENCE).unwrap() == ["10"]);
+        site.assert_no_violations();
+        drop(site);
+        let site = configured("rotary_code2", is, &format!("[readings]\nrotary_code2 = {is:?}\n"));
+        let (status, stdout, stderr) = site.pmacctl(&check);
+        assert!(status == 0 && stdout == "the board lists 7 lines as they were sent\n", "{stdout}{stderr}");
         // The program runs as meant: 10 on, not to 10.
-        let program = site.file("program.pmc", "RAPID ABS X20\nINC X10\n");
-        let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &program, "--run"]);
-        assert_eq!(status, 0, "{stderr}");
+        let between = site.file("between.pmc", "RAPID ABS X20\nINC X10\n");
+        assert_eq!(site.pmacctl(&["rotary", "stream", &between, "--run"]).0, 0);
         site.wait_until("motor 1 at 30", || site.connection().send("#1P", PATIENCE).unwrap() == ["30"]);
         site.assert_no_violations();
     }
 }
 
 #[test]
-fn b3_5_a_board_that_takes_nothing_names_the_setting_of_the_header() {
-    let stream = |site: &VirtualSite| {
-        let program = site.file("program.pmc", "RAPID X20\n");
-        site.pmacctl(&["rotary", "stream", &program, "--define", "200", "--run", "--timeout", "2"])
-    };
-    let site = configured("rotary_header", "start_first", "");
-    let (status, _, stderr) = stream(&site);
-    assert!(
-        status == 1 && stderr.contains("try rotary_header = \"start_first\" under [readings]"),
-        "{stderr}"
-    );
-    drop(site);
-    for value in ["size_first", "start_first"] {
-        let site = configured("rotary_header", value, &format!("[readings]\nrotary_header = {value:?}\n"));
-        let (status, _, stderr) = stream(&site);
-        assert_eq!(status, 0, "{stderr}");
-        site.wait_until("motor 1 at 20", || site.connection().send("#1P", PATIENCE).unwrap() == ["20"]);
-        site.assert_no_violations();
-    }
-}
-

@@ -20,8 +20,15 @@ fn file(text: &str) -> (tempfile::TempDir, String) {
 #[test]
 fn a_program_is_encoded_to_words_and_decoded_to_text() {
     let (_directory, program) = file("; start\nLINEAR ABS(X,Y)\n\tX10 Y-3.25 ; there\nDWELL250\n");
-    let encoded = rotary(&["encode", &program, "--json"]);
+    let told = ["--set", "rotary_code2=bit16"];
+    let encoded = rotary(&[&["encode", &program, "--json"], &told[..]].concat());
     assert_eq!((encoded.code, encoded.stderr.as_str()), (Some(0), ""));
+    let untold = rotary(&["encode", &program]);
+    assert_eq!((untold.code, untold.stdout.as_str()), (Some(1), ""));
+    assert!(
+        untold.stderr.contains(":2:8: ABS cannot be sent") && untold.stderr.contains("rotary check"),
+        "{untold:?}"
+    );
     let command = |line, column, text, word1, word2| json!({"line": line, "column": column, "text": text, "word1": word1, "word2": word2});
     let expected = json!([
         command(2, 1, "LINEAR", "010F80", "000000"),
@@ -32,11 +39,11 @@ fn a_program_is_encoded_to_words_and_decoded_to_text() {
     ]);
     assert_eq!(encoded.json(), expected);
 
-    let plain = rotary(&["encode", &program]);
+    let plain = rotary(&[&["encode", &program], &told[..]].concat());
     let text = "LIN ABS(X,Y)\nX10 Y-3.25\nDWE250\n";
     for words in [&encoded.stdout, &plain.stdout] {
         let (_directory, words) = file(words);
-        let decoded = rotary(&["decode", &words]);
+        let decoded = rotary(&[&["decode", &words], &told[..]].concat());
         assert_eq!((decoded.code, decoded.stdout.as_str(), decoded.stderr.as_str()), (Some(0), text, ""));
     }
     let decoded = rotary(&["decode", "000E23", "500000", "000661", "980000"]);
@@ -92,19 +99,10 @@ fn words_that_are_no_command_are_refused() {
 
 #[test]
 fn the_uncertain_points_are_settings() {
-    let (_directory, program) = file("X10 M1^=1 LINEAR");
-    let ran = rotary(&[
-        "encode",
-        &program,
-        "--set",
-        "exponent_bias=32",
-        "--set",
-        "rotary_bit_codes=table",
-        "--set",
-        "mode_code_bit=18",
-    ]);
+    let (_directory, program) = file("X10 M1|=1 LINEAR");
+    let ran = rotary(&["encode", &program, "--set", "exponent_bias=32", "--set", "mode_code_bit=18"]);
     assert_eq!(
         ran.stdout,
-        "000E24 500000  ; 1:1 X10\n0063E1 400000  ; 1:5 M1^=1\n040780 000000  ; 1:11 LINEAR\n"
+        "000E24 500000  ; 1:1 X10\n0043E1 400000  ; 1:5 M1|=1\n040780 000000  ; 1:11 LINEAR\n"
     );
 }

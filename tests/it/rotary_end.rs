@@ -24,6 +24,7 @@ const PLACE: RotaryPlace = RotaryPlace {
     left: None,
     run: true,
     may_stand: false,
+    modes: Vec::new(),
 };
 
 /// What this test's own connections sent, as others are told.
@@ -303,7 +304,14 @@ fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
     assert_eq!(site.pmacctl(&["rotary", "stream", &file, "--define", "100"]).0, 0);
     assert_eq!(site.ask("&1PR"), ["2"]);
     let file = site.file("second.pmc", "INC\nX30\n");
-    let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run", "--continue"]);
+    let stream = ["rotary", "stream", &file, "--run", "--continue"];
+    let (status, _, stderr) = site.pmacctl(&stream);
+    assert!(
+        status == 1 && stderr.contains("are to run first, but INC would be in force for them already"),
+        "{stderr}"
+    );
+    let told = ["--set", "rotary_code2=bit16"];
+    let (status, _, stderr) = site.pmacctl(&[&stream[..], &told].concat());
     assert!(status == 0 && stderr.contains("2 lines were left"), "{stderr}");
     site.wait_until("both moves", || (position(&site) - 80.0).abs() < 0.6);
     site.assert_no_violations();

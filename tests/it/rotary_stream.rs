@@ -313,7 +313,7 @@ fn the_motors_go_where_the_text_says() {
     let (status, stdout, stderr) =
         stream(&site, &[path.to_str().unwrap(), "--define", "60", "--size", "20", "--run"]);
     assert_eq!(status, 0, "{stderr}");
-    assert!(stdout.starts_with("lines=103 commands=208 underruns="), "{stdout}");
+    assert!(stdout.starts_with("lines=103 commands=207 underruns="), "{stdout}");
     let mut position = |motor: &str| board.send(motor, PATIENCE).unwrap()[0].parse::<f64>().unwrap();
     site.wait_until("the last move", || {
         (position("#1P") + 125.0).abs() < 1.0 && (position("#2P") - 40.5).abs() < 1.0
@@ -383,7 +383,7 @@ fn b3_lines_that_the_board_puts_elsewhere_are_noticed_before_r() {
     let file = path.to_str().unwrap();
     let (status, stdout, stderr) = stream(&site, &[file, "--define", "100", "--run"]);
     assert_eq!(status, 1, "{stderr}");
-    assert!(stdout.starts_with("lines=21 commands=23 "), "{stdout}");
+    assert!(stdout.starts_with("lines=21 commands=22 "), "{stdout}");
     assert!(stderr.contains("the board counts 0 lines of the 21 that were put in (&1PR)"), "{stderr}");
     assert!(stderr.contains("coordinate_system_base") && stderr.contains("R was not sent"), "{stderr}");
     assert!(!site.log().contains("&1R\""), "{}", site.log());

@@ -5,7 +5,7 @@
 use pmac_dpram::daemon::socket::policy::Role;
 use pmac_dpram::function::panel::PanelAction;
 use pmac_dpram::gather::Source;
-use pmac_dpram::map::{FAMILIES, Layout, PMAC, READINGS, TURBO2};
+use pmac_dpram::map::{FAMILIES, Layout, PMAC, TURBO2};
 use pmac_dpram::protocol::{BackgroundSettings, Function, ServoSettings};
 use pmac_dpram::rotary::Settings;
 use pmac_dpram::sim::control::COMMANDS;
@@ -71,10 +71,8 @@ fn rotary_settings() -> Names {
     let defaults = serde_json::to_value(Settings::default()).unwrap_or_default();
     let defaults = defaults.as_object().into_iter().flatten();
     let defaults = defaults.map(|(name, value)| format!("{name}={}", value.to_string().replace('"', "")));
-    let formats = ["rotary_code2", "rotary_bit_codes"];
-    let readings = READINGS.iter().filter(|reading| formats.contains(&reading.name));
-    let readings = readings.map(|reading| format!("{}={}", reading.name, reading.values[0]));
-    list("SETTINGS", "What --set takes, with the values that hold without it:", defaults.chain(readings))
+    let about = "What --set takes, with the values that hold without it, and rotary_code2 (bit12 or bit16), which has none:";
+    list("SETTINGS", about, defaults)
 }
 
 /// What may be typed, with what each of it does.

@@ -1,8 +1,7 @@
 //! `pmacctl rotary check`: sends a few program lines as binary commands, has the board list them, and compares.
 //!
-//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual says in two ways where some codes
-//! stand, and a board of the other reading would take an INC for an ABS and move elsewhere. What it lists is what it
-//! would do.
+//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual's drawing has the code of ABS, INC and FRAX in two
+//! places, and a board of the other one would take an INC for an ABS and move elsewhere. What it lists is what it would do.
 
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
@@ -15,11 +14,14 @@ use super::stream::own_buffer;
 use crate::cli::args::values::number;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
-use crate::map::{DEFAULT_FAMILY, READINGS, Readings};
-use crate::rotary::{Line, Program, Settings, compile, decompile};
+use crate::map::DEFAULT_FAMILY;
+use crate::map::readings::RotaryCode2;
+use crate::rotary::{Item, Line, Program, Settings, compile, decompile};
 
-/// One of each command whose place in a word or whose number can be read in two ways.
-const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1^=3\nM1&=5\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
+/// The commands whose code may stand in two places, and others of each kind.
+const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
+/// Where CODE2 of ABS, INC and FRAX may stand, in the words of the configuration.
+const CODE2: [(RotaryCode2, &str); 2] = [(RotaryCode2::Bit16, "bit16"), (RotaryCode2::Bit12, "bit12")];
 /// Where HOME can name more motors than PMAC has, that is worked out.
 const MORE_MOTORS: &[u8] = b"HOME9,24\n";
 /// Time limit of a command line.
@@ -32,7 +34,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// `rotary check`.
 #[derive(Debug, Args)]
 pub struct Check {
-    /// The program's text, constants only; - is stdin. Without it, one of each command that can be read in two ways
+    /// The program's text, constants only; - is stdin. Without it, the commands whose code may stand in two places, and some others
     #[arg(value_name = "FILE")]
     pub file: Option<String>,
     /// The coordinate system whose rotary buffer takes the lines. It must not run
@@ -52,7 +54,9 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
         let text = format!("--cs {}: the board has 1 to {}", options.cs, family.coordinate_systems);
         return Err(Failure::Request(text));
     }
-    let settings = options.format.over(&board.settings()?.rotary_format().of(family))?;
+    let told = options.format.over(&board.settings()?.rotary_format().of(family))?;
+    // What nobody has told is tried.
+    let settings = Settings { rotary_code2: told.rotary_code2.or(Some(CODE2[0].0)), ..told.clone() };
     let (name, mut program) = match &options.file {
         Some(file) => (shown(file), compiled(file, &settings)?),
         None => {
@@ -93,6 +97,14 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
         context.output.json(&json!({ "lines": listing }))?;
     } else {
         context.output.line(format_args!("the board lists {} lines as they were sent", listing.len()))?;
+        // ABS has the same words by both.
+        let read = |(place, _)| {
+            let by = Settings { rotary_code2: Some(place), ..settings.clone() };
+            program.words().map(|words| Item::from_words(words.0, words.1, &by).ok()).collect::<Vec<_>>()
+        };
+        if told.rotary_code2.is_none() && read(CODE2[0]) != read(CODE2[1]) {
+            context.output.line(found(CODE2[0].1))?;
+        }
     }
     Ok(Verdict::Yes)
 }
@@ -182,36 +194,26 @@ fn differences(name: &str, program: &Program, listing: &[String], settings: &Set
     differs.collect()
 }
 
-/// Which readings would make the board list what it lists.
+/// What would make the board list what it lists.
 fn advice(program: &Program, listing: &[String], settings: &Settings) -> String {
     let listed = words(&listing.join("\n"), settings);
     let sent: Vec<_> = program.words().collect();
-    let fits = |readings: &Readings| {
-        let other = Settings { readings: *readings, ..settings.clone() };
-        let text = decompile(&sent, &other).ok().map(|decompiled| decompiled.program.lines);
-        let text = text.map(|lines| lines.iter().map(|line| line.text() + "\n").collect::<String>());
-        listed.is_some() && text.is_some_and(|text| words(&text, settings) == listed)
+    let fits = |place: RotaryCode2| {
+        let other = Settings { rotary_code2: Some(place), ..settings.clone() };
+        let lines = decompile(&sent, &other).ok()?.program.lines;
+        let text: String = lines.iter().map(|line| line.text() + "\n").collect();
+        (listed.is_some() && words(&text, settings) == listed).then_some(())
     };
-    let mut candidates = vec![settings.readings];
-    for reading in READINGS.iter().filter(|reading| !reading.found_out) {
-        let with = |value: &&str| {
-            let each = |readings: &Readings| readings.with(&format!("{}={value}", reading.name)).ok();
-            candidates.iter().filter_map(each).collect::<Vec<_>>()
-        };
-        candidates = reading.values.iter().flat_map(with).collect();
-    }
-    // Of those that fit, the one that changes least.
-    let changed = |readings: &Readings| {
-        let differs = |name| readings.value(name) != settings.readings.value(name);
-        READINGS.iter().map(|reading| reading.name).filter(|name| differs(name)).collect::<Vec<_>>()
-    };
-    match candidates.iter().filter(|readings| fits(readings)).min_by_key(|readings| changed(readings).len()) {
-        Some(readings) => {
-            let set = changed(readings).into_iter().filter_map(|name| Some(format!("{name} = {:?}", readings.value(name)?)));
-            let set: Vec<_> = set.collect();
-            format!("the board reads the manual by {}: write it under [readings] in pmacd's configuration", set.join(", "))
-        }
-        None => "no reading explains it; compare the numbers of [rotary] in pmacd's configuration, exponent_bias first"
+    match CODE2.into_iter().find(|(place, _)| fits(*place).is_some()) {
+        Some((_, name)) => found(name),
+        None => "that is not explained by rotary_code2; compare the numbers of [rotary] in pmacd's configuration, exponent_bias first"
             .to_owned(),
     }
+}
+
+/// What the board has shown.
+fn found(name: &str) -> String {
+    format!(
+        "the board reads ABS, INC and FRAX by rotary_code2 = {name:?}: write it under [readings] in pmacd's configuration"
+    )
 }

@@ -10,22 +10,22 @@ use serde::Deserialize;
 
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};
-use crate::map::READINGS;
-use crate::rotary::{Line, Program, Report, Settings, compile};
+use crate::map::readings::RotaryCode2;
+use crate::rotary::{Compiled, Line, Program, Refused, Report, Settings, compile, compile_stream};
 
 /// Largest file. It is above any machine's program and below the memory.
 const LARGEST: u64 = 256 << 20;
 
 /// What to try with a board that has never taken a line.
 pub const NOTHING_TAKEN: &str = "; a board that has never taken a line may have start and size the other way round in the \
-    buffer's header: try rotary_header = \"start_first\" under [readings] in pmacd's configuration";
+    buffer's header (docs/evidence.md)";
 
 #[derive(Debug, Args)]
 pub struct Format {
     /// Choices where the manual is unclear about the format, and the buffer's size: exponent_bias, zero_exponent,
-    /// rotary_code2 (bit12, bit16), rotary_bit_codes (diagram, table), mode_code_bit, abs_inc_axis_bit,
-    /// abs_inc_vector_bit, frax_axis_bit, coordinate_system_base, buffer_words. Defaults: the likeliest reading; for
-    /// stream and check, the daemon's settings
+    /// rotary_code2 (bit12, bit16), mode_code_bit, abs_inc_axis_bit, abs_inc_vector_bit, frax_axis_bit,
+    /// coordinate_system_base, buffer_words. Defaults: the likeliest reading, but none for rotary_code2; for stream and
+    /// check, the daemon's settings
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = setting)]
     pub settings: Vec<(String, toml::Value)>,
 }
@@ -34,20 +34,17 @@ impl Format {
     /// The settings of `base`, changed by `--set`.
     pub fn over(&self, base: &Settings) -> Result<Settings, Failure> {
         let mut table = toml::Table::try_from(base).map_err(Failure::request)?;
-        let mut readings = base.readings;
+        let mut rotary_code2 = base.rotary_code2;
+        let wrong = |error: toml::de::Error| Failure::Request(format!("--set: {}", error.to_string().trim()));
         for (name, value) in &self.settings {
-            match value.as_str().filter(|_| READINGS.iter().any(|reading| reading.name == name)) {
-                Some(value) => {
-                    readings = readings
-                        .with(&format!("{name}={value}"))
-                        .map_err(|error| Failure::Request(format!("--set: {error}")))?;
-                }
-                None => drop(table.insert(name.clone(), value.clone())),
+            if name == "rotary_code2" {
+                rotary_code2 = Some(RotaryCode2::deserialize(value.clone()).map_err(wrong)?);
+            } else {
+                table.insert(name.clone(), value.clone());
             }
         }
-        let settings = Settings::deserialize(table)
-            .map_err(|error| Failure::Request(format!("--set: {}", error.to_string().trim())))?;
-        let settings = Settings { readings, home_motors: base.home_motors, ..settings };
+        let settings = Settings::deserialize(table).map_err(wrong)?;
+        let settings = Settings { rotary_code2, home_motors: base.home_motors, ..settings };
         settings.check().map_err(|error| Failure::Request(format!("--set {error}")))?;
         Ok(settings)
     }
@@ -67,11 +64,24 @@ fn setting(text: &str) -> Result<(String, toml::Value), String> {
 /// # Errors
 /// Each error on a line: `FILE:LINE:COLUMN: reason`.
 pub fn compiled(file: &str, settings: &Settings) -> Result<Program, Failure> {
+    let (program, ()) = reported(file, compile(&read(file)?, settings).map(|compiled| (compiled, ())))?;
+    Ok(program)
+}
+
+/// As [`compiled`], and the ABS, INC and FRAX that go before the stream.
+///
+/// # Errors
+/// As [`compiled`].
+pub fn compiled_stream(file: &str, settings: &Settings) -> Result<(Program, Vec<String>), Failure> {
+    reported(file, compile_stream(&read(file)?, settings))
+}
+
+fn reported<T>(file: &str, outcome: Result<(Compiled, T), Refused>) -> Result<(Program, T), Failure> {
     let name = shown(file);
-    match compile(&read(file)?, settings) {
-        Ok(compiled) => {
+    match outcome {
+        Ok((compiled, rest)) => {
             warn(name, &compiled.warnings);
-            Ok(compiled.program)
+            Ok((compiled.program, rest))
         }
         Err(refused) => {
             warn(name, &refused.warnings);
@@ -131,7 +141,6 @@ pub fn warn<T: Display>(name: &str, report: &Report<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::readings::BitCodes;
 
     #[test]
     fn settings_are_set_by_name() {
@@ -140,15 +149,20 @@ mod tests {
             Format { settings }.over(&Settings::default())
         };
         assert_eq!(settings(&[]).unwrap(), Settings::default());
-        let set = settings(&["exponent_bias=30", "rotary_bit_codes=table"]).unwrap();
-        assert_eq!((set.exponent_bias, set.readings.rotary_bit_codes), (30, BitCodes::Table));
+        let set = settings(&["exponent_bias=30", "rotary_code2=bit16"]).unwrap();
+        assert_eq!((set.exponent_bias, set.rotary_code2), (30, Some(RotaryCode2::Bit16)));
         let of_the_daemon = Settings { exponent_bias: 29, frax_axis_bit: 6, ..Settings::default() };
         let over =
             Format { settings: vec![setting("exponent_bias=30").unwrap()] }.over(&of_the_daemon).unwrap();
         assert_eq!((over.exponent_bias, over.frax_axis_bit), (30, 6));
-        for wrong in
-            ["bias=1", "exponent_bias=64", "exponent_bias=-1", "rotary_bit_codes=other", "exponent_bias="]
-        {
+        for wrong in [
+            "bias=1",
+            "exponent_bias=64",
+            "exponent_bias=-1",
+            "rotary_code2=other",
+            "rotary_code2=1",
+            "exponent_bias=",
+        ] {
             assert!(matches!(settings(&[wrong]), Err(Failure::Request(_))), "{wrong}");
         }
         assert!(setting("exponent_bias").is_err());

@@ -9,7 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::progress::Progress;
-use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
+use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream, shown};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -101,7 +101,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     }
     settings.buffer_words = options.size.unwrap_or_else(|| kept.min(settings.buffer_words));
     settings.check().map_err(|error| Failure::Request(format!("--size: {error}")))?;
-    let program = compiled(&options.file, &settings)?;
+    let (program, modes) = compiled_stream(&options.file, &settings)?;
     if program.lines.is_empty() {
         return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
     }
@@ -123,6 +123,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         },
         run: options.run,
         may_stand: program.commands().any(|(_, command)| command.text.eq_ignore_ascii_case("STOP")),
+        modes,
     };
     let mut streaming = Streaming {
         options,

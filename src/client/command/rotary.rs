@@ -12,7 +12,7 @@ const LINES: Duration = Duration::from_secs(60);
 
 /// Where a binary rotary buffer lies, what it feeds, and how the stream goes. Without start or size it takes the room that
 /// the daemon keeps for it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RotaryPlace {
     /// Which buffer, from 1.
     pub buffer: u8,
@@ -32,6 +32,8 @@ pub struct RotaryPlace {
     pub run: bool,
     /// The program has commands that stop it until somebody starts it again.
     pub may_stand: bool,
+    /// ABS, INC and FRAX for the coordinate system before the program, as [`crate::rotary::compile_stream`] gives them.
+    pub modes: Vec<String>,
 }
 
 impl Connection {
@@ -52,6 +54,7 @@ impl Connection {
             left: place.left,
             run: Some(place.run),
             may_stand: Some(place.may_stand),
+            modes: place.modes,
         };
         self.call_used("RotaryStart", &parameters, LINES)
     }

@@ -91,7 +91,7 @@ impl FunctionTable {
             panel: PanelQueue::new(layout.family(), now),
             gather: GatherMirror::new(layout.family(), clock.clone()),
             variables: Variables { read: variables, write: WriteQueue::new(&layout, now) },
-            rotary: RotaryQueue::new(layout.family(), settings.readings, now),
+            rotary: RotaryQueue::new(layout.family(), now),
             layout,
             clock,
         };

@@ -22,8 +22,7 @@ use std::ops::Range;
 
 use crate::format::int24;
 use crate::map::functions::rotary_header;
-use crate::map::readings::{EndMarker, RotaryIndex};
-use crate::map::{Family, HostOffset, Readings};
+use crate::map::{Family, HostOffset};
 use crate::sim::board::Board;
 use crate::sim::fault::Delay;
 use crate::sim::functions::user_area;
@@ -32,7 +31,7 @@ use crate::sim::program::binary::{Command, START_OF_LINE};
 use crate::sim::program::rotary::AppendError;
 use crate::sim::program::store::Open;
 
-/// What has to stand at the host's index. Where it is one long, PMAC sees $FF0800 there.
+/// What has to stand at the host's index.
 const END_MARKER: Command = (0x00_0800, 0x00_FFFF);
 /// 32-bit words of a command.
 const COMMAND: u16 = 2;
@@ -189,26 +188,17 @@ impl RotaryTransfer {
     }
 
     fn move_index(&self, to: u16, board: &mut Board) {
-        let to = match board.identity.readings {
-            Readings { rotary_index: RotaryIndex::UpToSize, rotary_header, .. } if to == 0 => {
-                board.memory.dpram.read16(self.header.plus_words(rotary_header.start_and_size()[1]))
-            }
-            _ => to,
-        };
         board.memory.dpram.write16(self.header.plus_words(rotary_header::PMAC_INDEX), to);
     }
 
     fn read_header(&self, board: &Board) -> Header {
         let read = |word| board.memory.dpram.read16(self.header.plus_words(word));
-        let [start, size] = board.identity.readings.rotary_header.start_and_size().map(read);
-        // At the buffer's end the index may be the size.
-        let pmac = read(rotary_header::PMAC_INDEX);
-        let at_end = board.identity.readings.rotary_index == RotaryIndex::UpToSize && pmac == size;
+        let start = read(rotary_header::START);
         let header = Header {
             cs: read(rotary_header::COORDINATE_SYSTEM),
             host: read(rotary_header::HOST_INDEX),
-            pmac: if at_end { 0 } else { pmac },
-            size,
+            pmac: read(rotary_header::PMAC_INDEX),
+            size: read(rotary_header::SIZE),
             start,
             buffer: user_area::place(board.family(), start),
         };
@@ -233,10 +223,7 @@ impl RotaryTransfer {
         }
         // A host that is quick has begun to write the next line over the marker; that has the same bit.
         let marker = command(header, host, board);
-        let is_marker = match board.identity.readings.rotary_end_marker {
-            EndMarker::TwoLongs => marker.0 != END_MARKER.0 || marker == END_MARKER,
-            EndMarker::OneLong => marker.0 != END_MARKER.0,
-        };
+        let is_marker = marker.0 != END_MARKER.0 || marker == END_MARKER;
         if marker.0 & START_OF_LINE == 0 || !is_marker {
             board.judge.record(cycle, &format!("there is no end marker at the rotary host index {host}"));
         }

@@ -1,6 +1,5 @@
 //! The binary rotary transfer against the rules of the manual, p. 30.
 
-use crate::map::Readings;
 use crate::sim::program::binary::{self, Command};
 use crate::sim::program::store::Open;
 use crate::sim::testing::Bench;
@@ -89,9 +88,8 @@ fn take(bench: &mut Bench, cs: usize) -> Option<Vec<Command>> {
     let rotary = bench.world.programs.store.rotary_mut(cs)?;
     let items = rotary.line(rotary.first())?.items.clone();
     rotary.free_before(rotary.first() + 1);
-    let known = [ONE, TWO, FOUR]
-        .into_iter()
-        .find(|line| binary::line(line, Readings::default(), 8) == Ok(items.clone()));
+    let known =
+        [ONE, TWO, FOUR].into_iter().find(|line| binary::line(line, binary::CODE2, 8) == Ok(items.clone()));
     Some(known.expect("a line of these").to_vec())
 }
 

@@ -130,7 +130,8 @@ impl Programs {
         cs: usize,
         commands: &[Command],
     ) -> Result<(), AppendError> {
-        let items = binary::line(commands, board.identity.readings, board.family().rotary.home_motors)?;
+        let code2 = board.identity.readings.rotary_code2.unwrap_or(binary::CODE2);
+        let items = binary::line(commands, code2, board.family().rotary.home_motors)?;
         let rotary = self.store.rotary_mut(cs).ok_or(AppendError::Undefined)?;
         if items.is_empty() {
             return Ok(());

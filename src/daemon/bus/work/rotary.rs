@@ -9,7 +9,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
-use crate::map::{Family, Readings};
+use crate::map::Family;
 
 /// Commands written in one poll: four words each, so that the servo data never wait long.
 const COMMANDS_A_POLL: usize = 16;
@@ -39,12 +39,11 @@ pub struct RotaryQueue {
 }
 
 impl RotaryQueue {
-    /// No lines, and no buffer of the family's set up, on a board that takes the manual as `readings` say.
+    /// No lines, and no buffer of the family's set up.
     #[must_use]
-    pub fn new(family: &'static Family, readings: Readings, now: Instant) -> Self {
-        let streams = RotaryStream::of_family(family).into_iter();
+    pub fn new(family: &'static Family, now: Instant) -> Self {
         Self {
-            streams: streams.map(|stream| stream.reading(readings)).collect(),
+            streams: RotaryStream::of_family(family),
             waiting: VecDeque::with_capacity(at_once::ROTARY),
             next_poll: now,
         }
@@ -243,7 +242,7 @@ mod tests {
         file.set_len(PMAC.length.into()).unwrap();
         let mut bus = FileBoard::from_file(&file, PMAC.length as usize).unwrap();
         let now = Instant::now();
-        let mut queue = RotaryQueue::new(&PMAC, Readings::default(), now);
+        let mut queue = RotaryQueue::new(&PMAC, now);
         let buffer = 0;
         let setup = RotarySetup {
             start: HostOffset::new(0x3000),

@@ -272,6 +272,7 @@ fn stream(left: Option<calls::LeftLines>) -> Rotary {
         left,
         run: Some(true),
         may_stand: None,
+        modes: Vec::new(),
     };
     Rotary::new(RotaryCall::of(call, &info()).unwrap())
 }

@@ -6,6 +6,9 @@
 //! move after OPEN ROT. After `CLOSE` the board takes nothing from the DPRAM any more. Turbo boards have no I57: `OPEN BINARY
 //! ROTARY` lets the lines in.
 //!
+//! ABS, INC and FRAX before the first move go as on-line lines behind B0, which the board refuses while a program runs. They are modal
+//! in the coordinate system: nothing puts them back.
+//!
 //! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next stream:
 //! `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the coordinate system
 //! addressed. What has not left the DPRAM never runs: the set-up makes that buffer empty.
@@ -195,7 +198,11 @@ impl Rotary {
                         "; does a program run in the coordinate system (one that waits for more lines ends by: pmacctl send '&{cs}Q')?"
                     ),
                 )?;
-                Phase::SetUp
+                self.mode(0)
+            }
+            Phase::Mode(number) => {
+                told(done, &self.mode_line(number), "")?;
+                self.mode(number + 1)
             }
             Phase::SetUp => {
                 self.set_up = !unsent;
@@ -290,6 +297,15 @@ impl Rotary {
         if clears { Phase::OpenToClear } else { Phase::Point }
     }
 
+    /// The phase that sends the mode of this `number`, if there is one.
+    fn mode(&self, number: usize) -> Phase {
+        if number < self.call.modes.len() { Phase::Mode(number) } else { Phase::SetUp }
+    }
+
+    fn mode_line(&self, number: usize) -> String {
+        format!("&{}{}", self.call.coordinate_system, self.call.modes[number])
+    }
+
     /// Takes what the board tells of its program buffers, if it does.
     ///
     /// # Errors
@@ -313,7 +329,8 @@ impl Rotary {
         let word = |index: usize| header.get(index).copied().unwrap_or_default();
         let (host, pmac, size) =
             (word(rotary_header::HOST_INDEX), word(rotary_header::PMAC_INDEX), word(rotary_header::SIZE));
-        let is_ring = host < size && pmac < size;
+        // At the ring's end PMAC's index may be the size.
+        let is_ring = host < size && pmac <= size;
         // Two longs a command.
         let waiting = if is_ring {
             (u32::from(host) + u32::from(size) - u32::from(pmac)) % u32::from(size) / 2
@@ -321,6 +338,11 @@ impl Rotary {
             0
         };
         match (self.call.left, waiting) {
+            (Some(LeftLines::Continue), 0) if !self.call.modes.is_empty() => Err(refused(format!(
+                "{found} lines are left in &{cs}'s rotary buffer and are to run first, but {} would be in force for them already: no \
+                 board takes it behind them before rotary_code2 is told (docs/evidence.md); --clear takes them away; nothing was sent",
+                self.call.modes.join(", ")
+            ))),
             (Some(LeftLines::Clear), _) | (Some(LeftLines::Continue), 0) => Ok(()),
             (Some(LeftLines::Continue), _) => Err(refused(format!(
                 "{found} lines are left in &{cs}'s rotary buffer, and the {waiting} commands that came after them are still in the \
@@ -393,6 +415,7 @@ impl Rotary {
             Phase::Disable | Phase::EndTransfer => switch(0),
             Phase::Enable => switch(1),
             Phase::OpenToClear => line("OPEN ROT", timeout),
+            Phase::Mode(number) => line(self.mode_line(number), timeout),
             Phase::Open => line(self.call.family.rotary.open, timeout),
             Phase::Clear => line(format_args!("&{cs}CLEAR"), timeout),
             Phase::CloseCleared | Phase::Close => line("CLOSE", timeout),

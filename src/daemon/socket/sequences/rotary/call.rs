@@ -6,6 +6,7 @@ use crate::daemon::socket::jobs;
 use crate::map::{Family, HostOffset};
 use crate::protocol::CallError;
 use crate::protocol::calls::{self, LeftLines};
+use crate::rotary;
 
 /// A stream as it was called for.
 #[derive(Debug)]
@@ -20,7 +21,12 @@ pub struct RotaryCall {
     pub(super) left: Option<LeftLines>,
     pub(super) run: bool,
     pub(super) may_stand: bool,
+    /// ABS, INC and FRAX, which go before the buffers are opened.
+    pub(super) modes: Vec<String>,
 }
+
+/// The most modes of a stream.
+const MODES: usize = 16;
 
 impl RotaryCall {
     /// What `call` asks for.
@@ -45,6 +51,20 @@ impl RotaryCall {
             run: call.run.unwrap_or(false),
             may_stand: call.may_stand.unwrap_or(false),
             setup: jobs::rotary_set_up(&call, buffer, family)?,
+            modes: modes(&call.modes)?,
         })
     }
+}
+
+/// The lines of these modes.
+fn modes(given: &[String]) -> Result<Vec<String>, CallError> {
+    let line = |mode: &String| {
+        let (compiled, mut modes) =
+            rotary::compile_stream(mode.as_bytes(), &rotary::Settings::default()).ok()?;
+        modes.pop().filter(|_| modes.is_empty() && compiled.program.lines.is_empty())
+    };
+    let lines: Option<Vec<_>> = given.iter().map(line).collect();
+    lines
+        .filter(|lines| lines.len() <= MODES)
+        .ok_or_else(|| CallError::invalid("modes", format_args!("ABS, INC or FRAX each, {MODES} at most")))
 }

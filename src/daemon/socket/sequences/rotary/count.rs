@@ -71,7 +71,7 @@ impl Count {
         format!(
             "the board counts {told} lines of the {put_in} that were put in (&{cs}PR): it may read the coordinate system's number \
              in the buffer's header, or the header's place, otherwise than they are written; look for the lines in other \
-             coordinate systems (&nPR), and see --set coordinate_system_base and, under [readings], rotary_header"
+             coordinate systems (&nPR), and see --set coordinate_system_base"
         )
     }
 }
@@ -126,6 +126,6 @@ mod tests {
         count.told = Some(0);
         let doubt = count.doubt(count, 1).unwrap();
         assert!(doubt.starts_with("the board reports rotary error 3 (0x8003"), "{doubt}");
-        assert!(!doubt.contains("rotary_header"), "{doubt}");
+        assert!(!doubt.contains("coordinate_system_base"), "{doubt}");
     }
 }

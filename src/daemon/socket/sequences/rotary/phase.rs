@@ -13,6 +13,8 @@ pub(super) enum Phase {
     CloseCleared,
     AskCleared,
     Point,
+    /// The mode of this number is sent.
+    Mode(usize),
     SetUp,
     Enable,
     Open,
