@@ -49,11 +49,11 @@ struct Kept<'a> {
 fn may_move(line: &str) -> bool {
     /// `ENABLEPLC` begins `ENABLEPLCC`, too.
     const STARTS: [&str; 3] = ["ENABLEPLC", "ENAPLC", "RESUMEPLC"];
-    /// Names of rotary buffers, of lines and of binary words.
-    const ROTARY: [&[u8]; 2] = [b"ROT", b"BINARY"];
     let plain = plain(line);
-    let opens_rotary = matches!(effect(line.as_bytes()), Some(Effect::Opens(name))
-        if ROTARY.iter().any(|rotary| name.as_bytes().starts_with(rotary)));
+    let opens_rotary = match effect(line.as_bytes()) {
+        Some(Effect::Opens(name)) => name.starts_with("ROT"),
+        effect => effect == Some(Effect::OpensBinary),
+    };
     motors_moved(line) != 0 || STARTS.iter().any(|start| plain.contains(start)) || opens_rotary
 }
 

@@ -62,7 +62,7 @@ impl OwnBuffer {
                 self.is_open &=
                     !sent.as_ref().map_or_else(|error| is_refusal(error) || error.is_uncertain(), |_| true);
             }
-            None => {}
+            Some(Effect::OpensBinary) | None => {}
         }
         match sent {
             Err(CommandError::Refused(CallError::Refused { reason })) if self.is_open && effect.is_none() => {

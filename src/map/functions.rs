@@ -151,7 +151,7 @@ pub enum ReportStart {
 pub struct GlobalStatus {
     /// Where those of the first and of the second word lie.
     pub longs: [HostOffset; 2],
-    /// In the second word: a motion, rotary or PLC buffer is open, so that a command line is a program line.
+    /// In the second word: a motion, rotary or PLC buffer is open for text, so that a command line is a program line.
     pub program_buffer_open: u32,
     /// In the first word: data are gathered.
     pub gathering: u32,
@@ -345,6 +345,12 @@ impl StartRule {
     }
 }
 
+/// Opens the rotary buffers for binary lines and for no text: an on-line line is executed at once, any other is an error (Software
+/// Reference p. 271). An old board answers it with an error; [`OPEN_TEXT`] lets binary lines in there, too.
+pub const OPEN_BINARY: &str = "OPEN BINARY ROTARY";
+/// Opens the rotary buffers for text, and on a PMAC for binary lines (Software Reference p. 273).
+pub const OPEN_TEXT: &str = "OPEN ROT";
+
 /// The headers of the binary rotary buffers, the first buffer's first.
 #[derive(Debug, PartialEq, Eq)]
 pub struct RotaryHeaders {
@@ -352,10 +358,8 @@ pub struct RotaryHeaders {
     pub headers: &'static [HostOffset],
     /// The first header is coordinate system 1's, and so on; otherwise each is for the one that its word names.
     pub one_a_system: bool,
-    /// The on-line command that lets binary lines in.
-    pub open: &'static str,
-    /// The name of the bit of `???` that says that it does.
-    pub open_flag: &'static str,
+    /// The bit of the second word of `???` that says that [`OPEN_BINARY`] is in force.
+    pub binary_open: u32,
     /// HOME and HOMEZ have a bit for each of the motors 1 to this one.
     pub home_motors: u16,
     /// Longs of the DPRAM that are kept for each buffer unless the settings say otherwise.

@@ -11,13 +11,17 @@ pub const NAME_MAX: usize = 16;
 const OPEN: &str = "OPEN";
 const CLOSES: [&str; 2] = ["CLOSE", "CLS"];
 const CLEARS: [&str; 2] = ["CLEAR", "CLR"];
-const BUFFERS: [&str; 8] = ["PROG", "PLCC", "PLC", "BINARY", "ROTARY", "ROT", "FORWARD", "INVERSE"];
+const BUFFERS: [&str; 9] = ["PROG", "PLCC", "PLC", "BINARY", "BIN", "ROTARY", "ROT", "FORWARD", "INVERSE"];
+/// What stands between `OPEN` and `ROTARY`.
+const BINARY: [&str; 2] = ["BINARY", "BIN"];
 
 /// What a line does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
     /// It opens the buffer of this name: `PROG 77`.
     Opens(Text<NAME_MAX>),
+    /// It opens the rotary buffers for binary lines, and so for no text (Software Reference p. 271).
+    OpensBinary,
     /// It closes what is open.
     Closes,
 }
@@ -270,7 +274,8 @@ pub fn effect(line: &[u8]) -> Option<Effect> {
             if CLOSES.iter().any(|close| word.eq_ignore_ascii_case(close.as_bytes())) {
                 effect = Some(Effect::Closes);
             } else if let Some(name) = opened_by(word, behind) {
-                effect = Some(Effect::Opens(name));
+                effect =
+                    Some(if BINARY.contains(&&*name) { Effect::OpensBinary } else { Effect::Opens(name) });
             }
             rest = behind;
         }

@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use crate::map::functions::rotary_header;
+use crate::map::functions::{OPEN_BINARY, OPEN_TEXT, rotary_header};
 use crate::map::{Family, Flag, Function, HostOffset, IVariables, PmacRegister, ReportStart};
 
 /// How the functions are to work. The defaults fit most boards.
@@ -409,9 +409,7 @@ fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableErro
         None => plan,
     };
     let others = rotary.headers.iter().enumerate().filter(|(index, _)| *index != own);
-    let unused = others.flat_map(|(_, header)| {
-        [rotary_header::SIZE, rotary_header::START].map(|word| clear(family, header.plus_words(word)))
-    });
+    let unused = others.map(|(_, header)| clear(family, header.plus_words(rotary_header::SIZE)));
     let plan = unused.fold(plan, |plan, line| {
         plan.set(line, "another buffer is not in use: PMAC would take whatever power-on left for commands")
     });
@@ -430,29 +428,22 @@ fn rotary(options: &Options, family: &Family) -> Result<FunctionPlan, EnableErro
         .line(
             Phase::Define,
             format!("&{system} B0"),
-            format!("points the coordinate system at it; before {}", rotary.open),
+            format!("points the coordinate system at it; before {OPEN_BINARY}"),
         );
     let plan = match family.i.rotary_enable {
-        Some(enable) => plan
-            .line(
-                Phase::Open,
-                format!("I{enable}=1"),
-                "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
-            )
-            .line(
-                Phase::Open,
-                rotary.open,
-                format!(
-                    "lets program lines in until CLOSE, text ones through any port as well: I{enable}=1 would be one by now"
-                ),
-            ),
-        None => plan.line(
+        Some(enable) => plan.line(
             Phase::Open,
-            rotary.open,
-            "lets binary lines in until CLOSE; the host has filled in size and start before",
+            format!("I{enable}=1"),
+            "transfers from the DPRAM; the host has filled in coordinate system, size and start before",
         ),
+        None => plan,
     };
     Ok(plan
+        .line(
+            Phase::Open,
+            OPEN_BINARY,
+            format!("lets binary lines in until CLOSE; a board that answers it with an error takes {OPEN_TEXT}, which lets text in too"),
+        )
         .note("with several coordinate systems define from the highest to the lowest")
         .note("no rotary buffer can be defined while a gather buffer exists: DELETE GATHER first")
         .note(format!("&{system} R starts the program; I16 and I17 say when the buffer asks for more")))

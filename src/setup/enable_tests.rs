@@ -30,13 +30,12 @@ fn each_function_by_itself() {
             &[
                 "I57=0",
                 "WY$D1F9,0",
-                "WX$D1F9,0",
                 "WY$D1FD,0",
                 "WX$D1FD,0",
                 "&1 DEFINE ROT 100",
                 "&1 B0",
                 "I57=1",
-                "OPEN ROT",
+                "OPEN BINARY ROTARY",
             ],
         ),
         (Function::Gather, &["I19=1", "I45=3", "DEFINE GATHER 1024", "GATHER"]),
@@ -73,7 +72,6 @@ fn together_they_share_settings_and_keep_to_an_order() {
             "I49=1",
             "I57=0",
             "WY$D1F9,0",
-            "WX$D1F9,0",
             "WY$D1FD,0",
             "WX$D1FD,0",
             "I45=3",
@@ -84,7 +82,7 @@ fn together_they_share_settings_and_keep_to_an_order() {
             "GATHER",
             "GATHER",
             "I57=1",
-            "OPEN ROT"
+            "OPEN BINARY ROTARY"
         ]
     );
 }
@@ -161,12 +159,12 @@ fn the_numbers_are_the_familys() {
     let gather = lines(Function::Gather);
     assert_eq!(gather[..5], ["I5049=1", "I5000=3", "I5050=$FFFFFF", "I5051=$000001", "I5001=$07A205"]);
     assert_eq!(gather[28..30], ["I5025=$07A205", "DEFINE GATHER 1024"]);
-    // Section 8: the header of coordinate system 16 is the last; binary entry is opened by a command of its own.
+    // Section 8: the header of coordinate system 16 is the last.
     let sixteen = Options { coordinate_system: 16, ..Options::default() };
     let rotary = enable::plan(&[Function::Rotary], &sixteen, &TURBO2).unwrap().commands;
-    assert_eq!(rotary[..2], ["WY$060416,0", "WX$060416,0"]);
-    assert_eq!(rotary[28..32], ["WY$060440,0", "WX$060440,0", "WY$060442,0", "WX$060442,0"]);
-    assert_eq!(rotary[32..], ["&16 DEFINE ROT 100", "&16 B0", "OPEN BINARY ROTARY"]);
+    assert_eq!(rotary[..2], ["WY$060416,0", "WY$060419,0"]);
+    assert_eq!(rotary[14..17], ["WY$060440,0", "WY$060442,0", "WX$060442,0"]);
+    assert_eq!(rotary[17..], ["&16 DEFINE ROT 100", "&16 B0", "OPEN BINARY ROTARY"]);
     let error = enable::plan(&[Function::Panel], &options, &TURBO2).unwrap_err();
     assert_eq!(error, EnableError::Missing { function: Function::Panel, family: "Turbo PMAC2" });
 }

@@ -59,6 +59,8 @@ pub struct Faults {
     pub ascii_late_cancel: u64,
     /// `SIZE` is refused.
     pub ascii_no_size: bool,
+    /// `OPEN BINARY ROTARY` is refused, as by a board that does not know it.
+    pub no_binary_rotary: bool,
     /// `J/` is refused.
     pub jog_stop_refused: bool,
     /// Interrupts still to be swallowed; `u64::MAX` is all of them.
@@ -237,6 +239,9 @@ static FAULTS: &[&[Fault]] = &[
             place: Place::Cycles(|f| &mut f.ascii_late_cancel),
         },
         switch("ascii_no_size", "SIZE is answered with an error", |f| &mut f.ascii_no_size),
+        switch("no_binary_rotary", "OPEN BINARY ROTARY is answered with an error", |f| {
+            &mut f.no_binary_rotary
+        }),
         switch("jog_stop_refused", "J/ is answered with an error", |f| &mut f.jog_stop_refused),
         switch("ascii_torn", "a response's control word comes before the second half of its text", |f| {
             &mut f.ascii_torn

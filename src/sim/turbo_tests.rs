@@ -252,7 +252,7 @@ fn each_of_sixteen_rotary_buffers_is_watched() {
     send(&mut bench, "OPEN ROT");
     bench.run(1);
     assert_eq!(bench.read(0x1050 + 12 * 15), 0, "text is");
-    send(&mut bench, "CLOSE OPEN BINARY ROTARY");
+    send(&mut bench, "CLOSE OPEN BIN ROT");
     bench.run(1);
     assert_eq!(bench.read(0x1050 + 12 * 15), 0x8003);
     assert!(bench.violations()[0].contains("rotary buffer 16: its size is 7"), "{:?}", bench.violations());

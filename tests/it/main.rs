@@ -52,6 +52,7 @@ mod readme;
 mod replay;
 mod replies;
 mod rotary;
+mod rotary_beside;
 mod rotary_end;
 mod rotary_stream;
 mod segment;

@@ -192,7 +192,6 @@ impl BoardLoop {
     fn tell_clients(&mut self, with_counts: bool, now: Instant) {
         let FunctionTable { servo, background, ascii, .. } = &self.functions;
         let queue = ascii.queue();
-        let program_buffer = self.functions.program_buffer_open().map(|(open, _)| open);
         let replay = self.bus.replay();
         let mut enabled = Enabled::empty();
         enabled.set(Enabled::SERVO, servo.is_live());
@@ -211,7 +210,6 @@ impl BoardLoop {
             status.loops_left_open = self.functions.loops_left_open();
             status.loops_untold = self.functions.loops_untold();
             status.motion = servo.motion();
-            status.program_buffer = program_buffer;
             status.gathers = self.functions.gathers();
             status.uses = *self.functions.uses_of_all();
             status.replay = replay;

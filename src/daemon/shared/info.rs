@@ -50,15 +50,6 @@ impl InfoReport {
     }
 }
 
-/// What the board's reports tell by themselves; `None` where none tells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Reported {
-    /// Whether a program buffer is open.
-    pub program_buffer: Option<bool>,
-    /// Whether the board gathers.
-    pub gathers: Option<bool>,
-}
-
 /// The socket's side: the daemon's present knowledge of its board, and its settings.
 #[derive(Debug)]
 pub struct Info {
@@ -178,10 +169,10 @@ impl Info {
         self.status.motion
     }
 
-    /// What the board's reports tell.
+    /// Whether the board gathers; `None` while no report tells.
     #[must_use]
-    pub fn reported(&self) -> Reported {
-        Reported { program_buffer: self.status.program_buffer, gathers: self.status.gathers }
+    pub fn gathers(&self) -> Option<bool> {
+        self.status.gathers
     }
 
     /// What somebody else does on the board, or has changed there, by `now`; `gathers`: a gather of our own runs.
@@ -201,7 +192,7 @@ impl Info {
         if self.status.buffer.is_open && self.status.buffer.opened.is_none() {
             all.push(plain("program_buffer"));
         }
-        if self.reported().gathers == Some(true) && !gathers {
+        if self.gathers() == Some(true) && !gathers {
             all.push(plain("gather"));
         }
         let silent = self.status.silent_since.filter(|since| now >= *since + SILENT);

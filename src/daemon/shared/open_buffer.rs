@@ -6,9 +6,12 @@
 //!
 //! The lines tell what they open, the board's status tells the rest: bits 19, 18 and 17 of the second word of `???` are a
 //! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it. On Turbo boards
-//! the background report copies that word (`Y:$000006`), and bit 20 is a binary rotary buffer (Turbo Software Reference p. 290).
-//! Where no such report comes, the board is asked by [`QUESTION`]. No bit is a kinematic program's: of one that a line has opened
-//! the lines and the answer tell, and of one that another host opens the answer alone.
+//! the background report copies that word (`Y:$000006`). Where no such report comes, the board is asked by [`QUESTION`]. No bit is a
+//! kinematic program's: of one that a line has opened the lines and the answer tell, and of one that another host opens the answer
+//! alone.
+//!
+//! `OPEN BINARY ROTARY` lets no text in: "no ASCII text commands can be entered into the internal rotary buffers" (Software Reference
+//! p. 271). So it shuts nobody out; but as one buffer is open at a time, who would open another one or close this is told whose it is.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -114,6 +117,8 @@ pub struct OpenBuffer {
     opened: Option<Opened>,
     /// What they had opened before the last line that opens one.
     opened_before: Option<Opened>,
+    /// They have opened the rotary buffers for binary lines, and for no text.
+    binary: Option<Opened>,
     /// The board says that one is open, whoever opened it.
     seen: bool,
     /// Reports come, and tell.
@@ -184,9 +189,15 @@ impl OpenBuffer {
         !is_sure && !closes && !passes
     }
 
+    /// Whether the lines so far have opened the rotary buffers for binary lines and have not closed them.
+    #[must_use]
+    pub const fn has_binary(&self) -> bool {
+        self.binary.is_some()
+    }
+
     /// Whether `writer` has opened what is open.
     fn is_own(&self, writer: Writer) -> bool {
-        match (self.opened.map(|opened| opened.by), writer) {
+        match (self.opened.or(self.binary).map(|opened| opened.by), writer) {
             (Some(Writer::Hand(opener) | Writer::IntoBuffer(opener)), Writer::Hand(writer)) => {
                 opener.uid == writer.uid
             }
@@ -218,7 +229,10 @@ impl OpenBuffer {
             {
                 Some(Barred::Closed)
             }
-            _ if own || passes || !self.is_open() => None,
+            _ if own || passes => None,
+            _ if !self.is_open() => {
+                self.binary.filter(|_| while_open.changes).map(|by| Barred::Changes(Some(by)))
+            }
             _ if while_open.enters => Some(Barred::Open(self.opened)),
             _ if while_open.changes => Some(Barred::Changes(self.opened)),
             _ => Some(Barred::Sequence(self.opened)),
@@ -274,7 +288,8 @@ impl OpenBuffer {
         self.believed_until = Some(now + ANSWER_AGE);
         self.unsaid = self.unsaid.filter(|_| size.is_none());
         match size {
-            Some(size) if size != 0 => self.settle(size < 0),
+            // One buffer is open at a time, and no manual says whether that for binary lines makes the sign.
+            Some(size) if size != 0 => self.settle(size < 0 && self.binary.is_none()),
             _ => (self.seen, self.in_doubt) = (false, false),
         }
     }
@@ -288,7 +303,9 @@ impl OpenBuffer {
 
     fn settle(&mut self, open: bool) {
         (self.seen, self.in_doubt) = (open, false);
-        if !open {
+        if open {
+            self.binary = None;
+        } else {
             self.opened = None;
         }
     }
@@ -313,11 +330,17 @@ impl OpenBuffer {
         if let Some(opener) = self.rotary_opener() {
             self.address.goes(line, by, opener);
         }
-        if let Some(Effect::Opens(name)) = effect(line) {
-            self.address = RotaryAddress::default();
-            self.opened_before = self.opened.replace(Opened { name, by, at: now });
-            self.opens_now = true;
-            self.distrust();
+        match effect(line) {
+            Some(Effect::Opens(name)) => {
+                self.address = RotaryAddress::default();
+                self.opened_before = self.opened.replace(Opened { name, by, at: now });
+                self.opens_now = true;
+                self.distrust();
+            }
+            Some(Effect::OpensBinary) => {
+                self.binary = Some(Opened { name: Text::from_bytes(b"BINARY ROTARY"), by, at: now });
+            }
+            _ => {}
         }
     }
 
@@ -327,14 +350,18 @@ impl OpenBuffer {
         match effect(line) {
             Some(Effect::Closes) => self.close(),
             Some(Effect::Opens(_)) => self.distrust(),
-            None => {}
+            Some(Effect::OpensBinary) | None => {}
         }
     }
 
     /// Takes note of a line that the board has refused with this error. One was open before, if that says so, and is still.
     pub fn refused(&mut self, line: &[u8], error: u16) {
         self.doubt(line);
-        if error == IN_USE && matches!(effect(line), Some(Effect::Opens(_))) {
+        let effect = effect(line);
+        if effect == Some(Effect::OpensBinary) {
+            self.binary = None;
+        }
+        if error == IN_USE && matches!(effect, Some(Effect::Opens(_))) {
             self.opened = self.opened_before;
             self.settle(true);
         }
@@ -355,7 +382,7 @@ impl OpenBuffer {
         if self.seen && self.opened.is_none() {
             (self.in_doubt, self.believed_until) = (true, None);
         }
-        self.opened = None;
+        (self.opened, self.binary) = (None, None);
         self.seen = false;
         self.distrust();
     }

@@ -230,7 +230,7 @@ fn lines_open_and_close() {
         ("OPEN", Some("")),
         ("OPENPROG 123456789012345678", Some("PROG 12345678901")),
         ("OPENED CLS", None),
-        ("OPEN BINARY ROTARY", Some("BINARY")),
+        ("OPEN BINARY ROTARY", None),
         ("CLOSE ALL", None),
     ] {
         sent(&mut buffer, line, ANNE);
@@ -280,5 +280,63 @@ fn b1_2_behind_a_question_that_was_only_acknowledged_the_board_is_asked_again() 
         }
         buffer.learn(Some(-31_000), now);
         assert!(buffer.is_known(now) && buffer.is_open());
+    }
+}
+
+#[test]
+fn rotary_buffers_open_for_binary_lines_shut_nobody_out() {
+    let now = Instant::now();
+    let stream = sequence(1, false);
+    let mut buffer = OpenBuffer::default();
+    buffer.see(false, 1);
+    sent(&mut buffer, "OPEN BINARY ROTARY", stream);
+    assert!(!buffer.is_open() && buffer.standing().info().is_none());
+    let others = [ANNE, BOB, sequence(2, false), Writer::Question, Writer::Beside];
+    for (line, writer) in
+        ["I100=5", "P1", "X10", "#1J+", "GATHER"].into_iter().flat_map(|l| others.map(|w| (l, w)))
+    {
+        assert_eq!(
+            buffer.bars(line.as_bytes(), writer),
+            None,
+            "{line}: the board carries it out, or refuses it"
+        );
+        assert!(!buffer.must_ask(line.as_bytes(), writer, now));
+    }
+    // One is open at a time.
+    for line in [&b"OPEN PROG 1 CLEAR"[..], b"OPEN ROT", b"CLEAR", b"LEARN"] {
+        let Some(Barred::Changes(Some(opened))) = buffer.bars(line, BOB) else { panic!("{line:?}") };
+        assert_eq!((&*opened.name, opened.by), ("BINARY ROTARY", stream));
+        assert_eq!(buffer.bars(line, stream), None);
+    }
+    assert!(buffer.bars(b"CLOSE", sequence(2, false)).is_some() && buffer.bars(b"CLOSE", BOB).is_none());
+    // Without reports: no manual says what sign the board's answer has then.
+    buffer.unsee();
+    for size in [-41301, 41301] {
+        buffer.learn(Some(size), now);
+        assert_eq!(buffer.bars(b"P1=5", BOB), None);
+    }
+    // Another host has closed them and opened a program.
+    buffer.see(true, 60);
+    assert_eq!(buffer.bars(b"P1=5", BOB), Some(Barred::Open(None)));
+    assert!(buffer.bars(b"CLOSE", stream).is_some(), "that is not the stream's");
+    buffer.see(false, 61);
+    assert_eq!(buffer.bars(b"OPEN PROG 1", BOB), None);
+}
+
+#[test]
+fn whoever_closes_them_or_could_not_open_them_has_no_rotary_buffers_open_for_binary_lines() {
+    for end in ["CLOSE", "$$$"] {
+        let mut buffer = OpenBuffer::default();
+        sent(&mut buffer, "OPEN BIN ROT", sequence(1, false));
+        assert!(buffer.has_binary());
+        sent(&mut buffer, end, BOB);
+        assert!(!buffer.has_binary() && buffer.bars(b"OPEN PROG 1", ANNE).is_none(), "{end}");
+    }
+    for error in [3, IN_USE] {
+        let mut buffer = OpenBuffer::default();
+        buffer.begin(b"OPEN BINARY ROTARY", sequence(1, false), Instant::now());
+        buffer.refused(b"OPEN BINARY ROTARY", error);
+        assert!(!buffer.has_binary());
+        assert!(buffer.must_ask(b"OPEN ROT", sequence(1, false), Instant::now()), "something may be open");
     }
 }

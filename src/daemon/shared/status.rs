@@ -72,8 +72,6 @@ pub struct BoardStatus {
     pub loops_untold: u32,
     /// Which motors move.
     pub motion: Motion,
-    /// Whether a program buffer is open, as a report tells; `None` while no report tells.
-    pub program_buffer: Option<bool>,
     /// Whether the board gathers, as the servo report tells; `None` while no report tells.
     pub gathers: Option<bool>,
     /// Which functions are used.
@@ -108,7 +106,6 @@ impl BoardStatus {
         loops_left_open: 0,
         loops_untold: 0,
         motion: Motion { moving: 0, standing: 0 },
-        program_buffer: None,
         gathers: None,
         uses: FunctionUse::UNKNOWN,
         definitions: DefinitionsRead { read: 0, of: 0, seconds_left: None },

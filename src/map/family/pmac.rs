@@ -336,8 +336,8 @@ pub const VARIABLE_WRITE: VariableWrite =
 pub const ROTARY: RotaryHeaders = RotaryHeaders {
     headers: &[ROTARY_1, ROTARY_2],
     one_a_system: false,
-    open: "OPEN ROT",
-    open_flag: "rotary_buffer_open",
+    // "A new status bit" (Software Reference p. 271).
+    binary_open: 1 << 6,
     home_motors: MOTORS as u16,
     kept_longs: &[0x200; 2],
 };

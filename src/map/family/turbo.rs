@@ -124,8 +124,8 @@ pub const BACKGROUND_GLOBAL_STATUS_X: HostOffset = at(0x068C);
 /// The copies of the global status.
 const GLOBAL_STATUS: GlobalStatus = GlobalStatus {
     longs: [BACKGROUND_GLOBAL_STATUS_X, BACKGROUND_GLOBAL_STATUS_Y],
-    // Y:$000006, bits 20 to 17 (TSRM p. 290): a binary rotary, motion, rotary or PLC buffer is open.
-    program_buffer_open: 0b1111 << 17,
+    // Y:$000006, bits 19 to 17 (TSRM p. 290): a motion, rotary or PLC buffer is open. Bit 20 lets no text in.
+    program_buffer_open: 0b111 << 17,
     gathering: 1 << 19,
 };
 /// Three longs without a documented use.
@@ -333,17 +333,10 @@ const HEADERS: [HostOffset; SYSTEMS] = {
 };
 
 /// The binary rotary buffers, one a coordinate system, each with `kept_longs` unless the settings say otherwise. `???` tells binary
-/// entry from text entry (TSRM p. 290), so that they are opened apart; the command's name is common knowledge, no page seen has it.
-/// No difference of the commands' words from PMAC's is told; a word has a bit for 24 motors, so HOME can name no other.
+/// entry from text entry (TSRM p. 290). No difference of the commands' words from PMAC's is told; a word has a bit for 24 motors, so
+/// HOME can name no other.
 const fn rotary_buffers(kept_longs: &'static [u32]) -> RotaryHeaders {
-    RotaryHeaders {
-        headers: &HEADERS,
-        one_a_system: true,
-        open: "OPEN BINARY ROTARY",
-        open_flag: "binary_rotary_buffer_open",
-        home_motors: 24,
-        kept_longs,
-    }
+    RotaryHeaders { headers: &HEADERS, one_a_system: true, binary_open: 1 << 20, home_motors: 24, kept_longs }
 }
 
 /// The binary rotary buffers where the DPRAM has 8K x 16 bits.

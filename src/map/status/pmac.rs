@@ -160,7 +160,8 @@ const GLOBAL_Y: StatusTable = StatusTable {
         (16, "plc_command"),
         (15, "vme_or_dpram_response_mode"),
         (11, "fixed_buffer_full"),
+        (6, "binary_rotary_buffer_open"),
     ],
     fields: &[],
-    reserved: 0x80_0000 | 0x30_0000 | 0x7000 | 0x07FF,
+    reserved: 0x80_0000 | 0x30_0000 | 0x7000 | 0x07BF,
 };

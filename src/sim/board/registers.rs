@@ -10,7 +10,7 @@ use crate::sim::board::output::Port;
 use crate::sim::board::{Board, coordinate};
 
 /// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
-const BUFFER_BITS: u32 = 0b1111 << 17 | 1 << 11;
+const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
 
 impl Board {
     /// Units of a position register per count.
@@ -93,12 +93,12 @@ impl Board {
         self.memory.write(at.program_status.of(cs), others | own);
     }
 
-    /// `???`. `buffers` are the bits of the Y word that program buffers set, `BUFFER_BITS` of them.
+    /// `???`. `buffers` are the bits of the Y word that program buffers set: of `BUFFER_BITS`, and that of binary entry.
     pub fn write_global_status(&mut self, buffers: u32) {
         let x = bit(19, self.gather.runs(Activity::Gathering)) | bit(17, self.gather.runs(Activity::Armed));
         let host = self.response_port() != Port::Serial;
         let bits = &self.identity.tables.status_bits;
-        let own = BUFFER_BITS | bits.host_port | bits.vme_board;
+        let own = BUFFER_BITS | self.family().rotary.binary_open | bits.host_port | bits.vme_board;
         let at = self.memory.registers();
         let y = self.memory.read(at.global_buffers) & !own | buffers;
         let others = self.memory.read(at.global_status) & !(1 << 19 | 1 << 17);

@@ -1,6 +1,7 @@
 //! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30, which has the first buffer's header only).
 //!
-//! With I57=1, or while a Turbo board is open for binary lines, each background pass copies the lines between PMAC's index and the host's into the coordinate system's
+//! With I57=1, or while `OPEN BINARY ROTARY` is in force on a Turbo board, each background pass copies the lines between PMAC's index and
+//! the host's into the coordinate system's
 //! internal rotary buffer while there is room. PMAC's index follows line by line. A line begins with a command whose
 //! start-of-line bit is set and ends before the next such command. The end marker at the host's index has that bit too.
 //! PMAC sees what the host's index has passed in one pass and takes it in the next, so that it finds out a host that
@@ -14,8 +15,7 @@
 //!   that does not exist, 5 without an internal buffer. The error stays as long as its reason, and no index moves.
 //! * A header whose size is 0 is not in use. PMAC owns its index and the status while it transfers and the size is not 0;
 //!   the host sets the index up before.
-//! * A Turbo board has no I57. It looks at the headers while `OPEN BINARY ROTARY` is in force (Turbo Software Reference p. 290:
-//!   binary entry is open or not). Each header is its coordinate system's (FACTS-TURBO 8), so that another number in it is an error.
+//! * A Turbo board has no I57. Each header is its coordinate system's (FACTS-TURBO 8), so that another number in it is an error.
 //! * The number of coordinate system 1 in the header is a setting.
 
 use std::ops::Range;

@@ -1,7 +1,7 @@
 //! The internal rotary program buffers, one per coordinate system: lines come in, executed lines go out (User Manual p.
 //! 213).
 //!
-//! Lines come as text while `OPEN ROT` is in force, or in binary from the DPRAM: the transfer calls
+//! Lines come as text while `OPEN ROT` is in force, or in binary from the DPRAM while that or `OPEN BINARY ROTARY` is: the transfer calls
 //! [`room`](Programs::rotary_room) and [`append`](Programs::rotary_append). An executed line is freed at once.
 
 use std::collections::VecDeque;
@@ -113,7 +113,7 @@ pub enum AppendError {
 
 impl Programs {
     /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when it is
-    /// not defined or not open (`OPEN ROT`, on Turbo boards `OPEN BINARY ROTARY`).
+    /// not defined or not open.
     #[must_use]
     pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
         self.store.rotary_is_open()

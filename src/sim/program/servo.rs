@@ -67,12 +67,12 @@ impl Programs {
         let full = self.free_memory(board) < board.variables.i(18) as i64;
         let bits = [
             (19, matches!(open, Some(Open::Program(_)))),
-            (20, open == Some(Open::BinaryRotary)),
             (18, open == Some(Open::Rotary)),
             (17, matches!(open, Some(Open::Plc(_)))),
             (11, full),
         ];
-        board.write_global_status(bits.iter().map(|&(bit, set)| u32::from(set) << bit).sum());
+        let binary = if open == Some(Open::BinaryRotary) { board.family().rotary.binary_open } else { 0 };
+        board.write_global_status(bits.iter().map(|&(bit, set)| u32::from(set) << bit).sum::<u32>() | binary);
     }
 
     fn on_events(&mut self, board: &mut Board, motor: usize, events: Events) {

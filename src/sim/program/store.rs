@@ -64,7 +64,7 @@ pub enum Open {
     Program(u32),
     /// All rotary buffers, for text; on PMAC for binary lines, too.
     Rotary,
-    /// All rotary buffers of a Turbo board, for binary lines.
+    /// All rotary buffers, for binary lines.
     BinaryRotary,
     /// A PLC program.
     Plc(usize),

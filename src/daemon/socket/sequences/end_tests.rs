@@ -9,6 +9,7 @@ use crate::daemon::shared::info::Info;
 use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::Text;
 use crate::map::PMAC;
+use crate::map::functions::OPEN_BINARY;
 use crate::protocol::{BoardInfo, BoardSettings, CommandPort, calls};
 
 const OWNER: Peer = Peer { uid: Uid::from_raw(1000), gid: Gid::from_raw(1000), pid: 7 };
@@ -76,7 +77,7 @@ impl Board {
             "I48" => return Some(u8::from(self.reports).to_string()),
             "I19" => return Some(self.period.clone()),
             "???" => {
-                let (first, second) = (u32::from(self.gathers) << 19, u32::from(self.open) << 18);
+                let (first, second) = (u32::from(self.gathers) << 19, u32::from(self.open) << 6);
                 return Some(format!("{first:06X}{second:06X}"));
             }
             "GATHER" if self.reports && !self.report_runs => self.report_runs = true,
@@ -88,7 +89,7 @@ impl Board {
                 return Some((self.left + taken).to_string());
             }
             "&1??" => return Some(running(self.runs).to_owned()),
-            "OPEN ROT" => self.open = true,
+            OPEN_BINARY => self.open = true,
             "CLOSE" => self.open = false,
             "&1CLEAR" => self.left = 0,
             "&1R" => self.runs = true,
@@ -130,10 +131,7 @@ impl Board {
     /// Does a step as `outcome` says: what is not known to be undone is done.
     fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
         let is_done = !outcome.is_unsent();
-        let reported = Reported {
-            program_buffer: self.report_runs.then_some(self.open),
-            gathers: self.report_runs.then_some(self.gathers),
-        };
+        let gathers = self.report_runs.then_some(self.gathers);
         let (result, words) = (Ok(Vec::new()), Vec::new());
         let mut done = Done {
             outcome,
@@ -142,7 +140,7 @@ impl Board {
             doubts: 0,
             rotary: None,
             words,
-            reported,
+            gathers,
             ended_by: None,
         };
         match step {

@@ -256,7 +256,7 @@ impl Gather {
                 done.result?;
                 self.phase = Phase::Gathering;
             }
-            Phase::Look => match done.reported.gathers {
+            Phase::Look => match done.gathers {
                 Some(true) => {
                     self.was_seen = true;
                     self.goes_on(now);

@@ -279,7 +279,7 @@ impl Lines {
 
     /// What comes when no line is sent any more: `CLOSE`, if a buffer is open, then the end.
     fn close(&mut self, tries: u32, now: Instant) -> Step {
-        if self.buffer.is_open() && tries < CLOSE_TRIES {
+        if (self.buffer.is_open() || self.buffer.has_binary()) && tries < CLOSE_TRIES {
             self.phase = Phase::Closing(tries + 1);
             return Step::Line { line: Text::from_bytes(b"CLOSE"), timeout: END_STEP };
         }

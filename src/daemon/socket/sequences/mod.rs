@@ -40,7 +40,6 @@ pub(super) use rotary::lines_left;
 pub(super) use table::{Running, Sequences, Waits};
 
 use super::policy::Peer;
-use crate::daemon::shared::info::Reported;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::function::rotary::RotaryState;
@@ -52,7 +51,7 @@ pub(super) const LEASE: Duration = Duration::from_secs(5);
 /// How long each step of an end may take.
 pub(super) const END_STEP: Duration = Duration::from_secs(2);
 
-/// What a sequence has of the board. Two sequences never have the same.
+/// What a sequence has of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Resource {
     /// The board's variables and program buffers, as far as lines one after the other change or list them.
@@ -63,12 +62,20 @@ pub(super) enum Resource {
     Rotary(usize),
 }
 
+impl Resource {
+    /// Whether a sequence with `other` cannot run beside one with this. The set-up of a stream switches the transfer of every rotary
+    /// buffer off, and its end closes all of them.
+    pub(super) fn excludes(self, other: Self) -> bool {
+        self == other || matches!((self, other), (Self::Rotary(_), Self::Rotary(_)))
+    }
+}
+
 impl fmt::Display for Resource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Lines => f.write_str("one sequence of lines runs at a time"),
             Self::Gather => f.write_str("the board has one gather at a time"),
-            Self::Rotary(index) => write!(f, "one stream at a time goes into rotary buffer {}", index + 1),
+            Self::Rotary(_) => f.write_str("the board has one rotary stream at a time"),
         }
     }
 }
@@ -142,8 +149,8 @@ pub(super) struct Done {
     pub rotary: Option<RotaryState>,
     /// The words of a [`Step::Read`].
     pub words: Vec<u16>,
-    /// What the board's reports tell at that moment.
-    pub reported: Reported,
+    /// Whether the board gathers at that moment; `None` where no report tells.
+    pub gathers: Option<bool>,
     /// Who has ended what the sequence does, if a client did since it began: `uid 0 (pid 7) sent ENDGATHER`.
     pub ended_by: Option<String>,
 }

@@ -53,7 +53,6 @@ impl ReportWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::shared::info::Reported;
     use crate::daemon::shared::queue::Outcome;
 
     #[test]
@@ -67,7 +66,7 @@ mod tests {
                 doubts: 0,
                 rotary: None,
                 words: vec![word],
-                reported: Reported::default(),
+                gathers: None,
                 ended_by: None,
             };
             watch.see(&done, began + Duration::from_millis(ms))

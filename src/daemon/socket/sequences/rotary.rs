@@ -1,10 +1,10 @@
 //! A rotary stream: what lies in the board's rotary buffer is known first; then the set-up, and an end that leaves no
 //! half-fed program running.
 //!
-//! The order of the set-up matters. While `OPEN ROT` is in force every line such as `I57=1` is a program statement, so it
-//! comes last; the header of the buffer must not change under a transfer, so I57 is 0 meanwhile; and B0 would be an axis
-//! move after OPEN ROT. After `CLOSE` the board takes nothing from the DPRAM any more. Turbo boards have no I57: `OPEN BINARY
-//! ROTARY` lets the lines in.
+//! `OPEN BINARY ROTARY` lets the lines in and no text, so that others go on meanwhile (Software Reference p. 271). A board that answers
+//! it with an error gets `OPEN ROT`. While that is in force every line such as `I57=1` is a program statement, and B0 an axis move, so it
+//! comes last. The header of the buffer must not change under a transfer, so I57 is 0 meanwhile; Turbo boards have no I57, so that the
+//! rotary buffers must be closed then. After `CLOSE` the board takes nothing from the DPRAM any more.
 //!
 //! ABS, INC and FRAX before the first move go as on-line lines behind B0, which the board refuses while a program runs. They are modal
 //! in the coordinate system: nothing puts them back.
@@ -19,9 +19,8 @@
 //! with them: so the board is asked whether it has ended. What is said then is right too for a board whose `Q` ends a held
 //! program.
 //!
-//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). Bit 18
-//! of the second word of `???` is the open rotary buffer, on Turbo boards bit 20 if it is open for binary lines (Turbo Software
-//! Reference p. 290). A report has it; where none comes, the board is asked.
+//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). `???` tells of
+//! them: open for text, or for binary lines (Software Reference p. 271, Turbo Software Reference p. 290).
 
 mod call;
 mod count;
@@ -35,11 +34,11 @@ use self::count::Count;
 pub(in crate::daemon::socket) use self::count::lines_left;
 use self::phase::Phase;
 use super::end_retry::EndRetry;
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, line};
+use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::function::rotary::RotaryState;
-use crate::map::functions::rotary_header;
+use crate::map::functions::{OPEN_BINARY, OPEN_TEXT, rotary_header};
 use crate::map::status::reply_has;
 use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
@@ -73,7 +72,9 @@ pub(in crate::daemon::socket) struct Rotary {
     switched: bool,
     opened: bool,
     set_up: bool,
-    /// The board has told that a program buffer is open.
+    /// The board takes `OPEN ROT` alone.
+    opens_text: bool,
+    /// The board has told that the rotary buffers are open.
     seen_open: bool,
     /// The owner has heard that lines can come.
     started: bool,
@@ -109,6 +110,7 @@ impl Rotary {
             switched: false,
             opened: false,
             set_up: false,
+            opens_text: false,
             seen_open: false,
             started: false,
             runs: false,
@@ -160,12 +162,18 @@ impl Rotary {
             }
             Phase::Disable => {
                 self.switched |= !unsent;
-                done.result?;
+                let lines = done.result?;
+                if !self.has_switch() && self.is_open(&lines) == Some(true) {
+                    return Err(refused(
+                        "the rotary buffers are open for binary lines, by another host or by a pmacd that was killed: the board would \
+                         read the buffer while it is set up; CLOSE by an engineer closes them",
+                    ));
+                }
                 self.after_disable()
             }
             Phase::OpenToClear => {
                 self.opened = !unsent;
-                told(done, "OPEN ROT", "")?;
+                told(done, OPEN_TEXT, "")?;
                 Phase::Clear
             }
             Phase::Clear => {
@@ -215,12 +223,25 @@ impl Rotary {
             }
             Phase::Open => {
                 self.opened = !unsent;
-                told(done, self.call.family.rotary.open, "; is another program buffer open?")?;
+                self.opens_text = matches!(done.outcome, Outcome::Error(_));
+                if self.opens_text {
+                    Phase::OpenText
+                } else {
+                    told(done, OPEN_BINARY, "")?;
+                    Phase::Feeding
+                }
+            }
+            Phase::OpenText => {
+                self.opened = !unsent;
+                told(
+                    done,
+                    OPEN_TEXT,
+                    "; is a program buffer open, or are the rotary buffers (CLOSE closes them)?",
+                )?;
                 Phase::Feeding
             }
             Phase::SeeFed => {
                 done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
-                self.see_open(done.reported.program_buffer)?;
                 self.see(done.rotary);
                 match (self.call.run && !self.runs, self.count.has_lines()) {
                     (true, true) => Phase::Count,
@@ -262,16 +283,12 @@ impl Rotary {
                     }
                     self.runs |= runs;
                 }
-                let is_told = done.reported.program_buffer.is_some();
-                self.rest_before(if is_told { Phase::Feeding } else { Phase::AskOpen }, now + LOOK)
+                Phase::AskOpen
             }
             Phase::AskOpen => {
-                let family = self.call.family;
-                let status = done.result.ok().and_then(|lines| lines.into_iter().next());
-                let is_open =
-                    |status: String| reply_has(&status, family.status.global, family.rotary.open_flag);
-                self.see_open(status.map(is_open))?;
-                Phase::Feeding
+                let open = done.result.ok().and_then(|lines| self.is_open(&lines));
+                self.see_open(open)?;
+                self.rest_before(Phase::Feeding, now + LOOK)
             }
             Phase::Finish => {
                 done.result?;
@@ -306,7 +323,18 @@ impl Rotary {
         format!("&{}{}", self.call.coordinate_system, self.call.modes[number])
     }
 
-    /// Takes what the board tells of its program buffers, if it does.
+    /// Whether an I-variable switches the transfer.
+    fn has_switch(&self) -> bool {
+        self.call.family.i.rotary_enable.is_some()
+    }
+
+    /// Whether the rotary buffers are open, as the board's reply to `???` says.
+    fn is_open(&self, reply: &[String]) -> Option<bool> {
+        let flag = if self.opens_text { "rotary_buffer_open" } else { "binary_rotary_buffer_open" };
+        reply.first().map(|status| reply_has(status, self.call.family.status.global, flag))
+    }
+
+    /// Takes what the board tells of its rotary buffers, if it does.
     ///
     /// # Errors
     /// The rotary buffers are not open any more: the board takes no more lines.
@@ -383,9 +411,8 @@ impl Rotary {
 
     /// Whether the phase is to be left out.
     fn skips(&self) -> Option<Phase> {
-        let has_switch = self.call.family.i.rotary_enable.is_some();
+        let has_switch = self.has_switch();
         match self.phase {
-            Phase::Disable if !has_switch => Some(self.after_disable()),
             Phase::Enable if !has_switch => Some(Phase::Open),
             Phase::Close if !self.opened => Some(Phase::EndTransfer),
             Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
@@ -412,11 +439,12 @@ impl Rotary {
                 line(format_args!("&{cs}PR"), timeout)
             }
             Phase::SeeHeader => Step::Read { first: self.call.header, count: HEADER_WORDS, timeout },
+            Phase::Disable if !self.has_switch() => ask("???", timeout),
             Phase::Disable | Phase::EndTransfer => switch(0),
             Phase::Enable => switch(1),
-            Phase::OpenToClear => line("OPEN ROT", timeout),
+            Phase::OpenToClear | Phase::OpenText => line(OPEN_TEXT, timeout),
+            Phase::Open => line(OPEN_BINARY, timeout),
             Phase::Mode(number) => line(self.mode_line(number), timeout),
-            Phase::Open => line(self.call.family.rotary.open, timeout),
             Phase::Clear => line(format_args!("&{cs}CLEAR"), timeout),
             Phase::CloseCleared | Phase::Close => line("CLOSE", timeout),
             Phase::Point => line(format_args!("&{cs}B0"), timeout),
@@ -440,7 +468,7 @@ impl Rotary {
             Phase::SeeFed | Phase::SeeCounted | Phase::SeeAhead => job(Job::RotaryState(buffer)),
             Phase::Run => line(format_args!("&{cs}R"), timeout),
             Phase::SeeRuns if self.asks_all() => Step::Control { character: ALL_STATUS, timeout },
-            Phase::AskOpen => line("???", timeout),
+            Phase::AskOpen => ask("???", timeout),
             Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
             Phase::SeeRuns | Phase::AskRuns | Phase::AskEnded(_) => line(format_args!("&{cs}??"), timeout),
             Phase::Quit => line(format_args!("&{cs}Q"), timeout),

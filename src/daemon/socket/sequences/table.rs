@@ -120,7 +120,7 @@ impl Sequences {
         now: Instant,
     ) -> Result<u64, CallError> {
         let resource = machine.resource();
-        if let Some(other) = self.running.values().find(|other| other.machine.resource() == resource) {
+        if let Some(other) = self.running.values().find(|other| other.machine.resource().excludes(resource)) {
             let reason = format!("{}; nothing was sent, try again when it is over", InUse(other, now));
             return Err(CallError::Refused { reason });
         }

@@ -410,7 +410,7 @@ impl Service {
         let running = self.sequences.get(number);
         let ended_by =
             running.and_then(|running| self.sent_stops.that_ended(number, running, self.info.family()));
-        Done { outcome, result, resets, doubts, rotary, words, reported: self.info.reported(), ended_by }
+        Done { outcome, result, resets, doubts, rotary, words, gathers: self.info.gathers(), ended_by }
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.

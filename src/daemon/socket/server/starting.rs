@@ -124,5 +124,5 @@ impl Service {
 
 /// Whether the open buffer of this name is the rotary ones.
 fn is_rotary(name: &str) -> bool {
-    name.starts_with("ROT") || name.starts_with("BINARY")
+    name.starts_with("ROT")
 }

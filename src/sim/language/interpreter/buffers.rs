@@ -28,14 +28,13 @@ const OPENED: &[(&str, Opened)] = &[
     ("ROT", Opened::Rotary),
     ("ROTARY", Opened::Rotary),
     ("PLC", Opened::Plc),
+    ("BINARY", Opened::Binary),
+    ("BIN", Opened::Binary),
 ];
 
-/// What Turbo opens besides: the kinematic programs of the addressed coordinate system, and the rotary buffers for binary lines.
-const OPENED_BY_TURBO: &[(&str, Opened)] = &[
-    ("FORWARD", Opened::Kinematics(false)),
-    ("INVERSE", Opened::Kinematics(true)),
-    ("BINARY", Opened::Binary),
-];
+/// What Turbo opens besides: the kinematic programs of the addressed coordinate system.
+const OPENED_BY_TURBO: &[(&str, Opened)] =
+    &[("FORWARD", Opened::Kinematics(false)), ("INVERSE", Opened::Kinematics(true))];
 
 #[derive(Debug, Clone, Copy)]
 enum Kind {
@@ -123,6 +122,7 @@ impl Line<'_, '_> {
         let which = self.scanner.keyword(&[OPENED, turbo]).ok_or(CommandError::SYNTAX)?;
         let open = match which {
             Opened::Rotary => Open::Rotary,
+            Opened::Binary if self.board.faults.no_binary_rotary => return Err(CommandError::SYNTAX),
             Opened::Binary => match self.scanner.keyword(&[&[("ROT", ()), ("ROTARY", ())]]) {
                 Some(()) => Open::BinaryRotary,
                 None => return Err(CommandError::SYNTAX),

@@ -13,8 +13,7 @@ impl Line<'_, '_> {
     /// Takes a program statement if a buffer is open for it; returns whether there was one.
     pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
         let kind = match self.programs.store.open() {
-            // While binary lines come in, text is for the board itself: `???` tells the two entries apart (Turbo Software Reference
-            // p. 290).
+            // While binary lines come in, no text enters (Software Reference p. 271).
             None | Some(Open::BinaryRotary) => return Ok(false),
             Some(Open::Program(_)) => Kind::Motion,
             Some(Open::Rotary) => Kind::Rotary,

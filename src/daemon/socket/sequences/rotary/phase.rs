@@ -6,7 +6,8 @@ pub(super) enum Phase {
     Define,
     AskLeft,
     SeeHeader,
-    /// The transfer ends; then what is left is cleared, or the buffer set up.
+    /// The transfer ends, or, where no I-variable ends it, the rotary buffers must be closed; then what is left is cleared, or the
+    /// buffer set up.
     Disable,
     OpenToClear,
     Clear,
@@ -18,6 +19,8 @@ pub(super) enum Phase {
     SetUp,
     Enable,
     Open,
+    /// The board has answered `OPEN BINARY ROTARY` with an error.
+    OpenText,
     /// Lines come; looks whether the program is to begin, and whether it still runs.
     Feeding,
     SeeFed,
@@ -26,7 +29,7 @@ pub(super) enum Phase {
     SeeCounted,
     Run,
     SeeRuns,
-    /// No report tells whether the rotary buffers are open: the board does.
+    /// The board tells whether the rotary buffers are open.
     AskOpen,
     /// The owner says that the program is whole.
     Finish,
