@@ -14,8 +14,9 @@
 //! who remembers whether mailbox 1 has been written since the last group: writing it while a group lies unread would
 //! let PMAC put the next one over it.
 //!
-//! The `<BELL>` of an error may end a group, as `<CR>` and `<ACK>` do (p. 267: "looking for `<CR>`, `<ACK>`, or `<BELL>`"), or have
-//! its text behind it. What stands behind it tells: an older group never has just what I6 asks for there.
+//! The `<BELL>` of an error ends a group for one driver in production, on Turbo boards (epics-modules/tpmac); for another, on PMAC
+//! boards, its text is in the same group (Gemini pmaclib). What stands behind it tells: an older group never has just what I6 asks
+//! for there.
 //!
 //! Needs I3 = 2 (or 3): without `<ACK>` a reply has no end. The text of a program's `CMD"..."` or `SEND"..."` looks
 //! like a line of a reply; what comes while no reply is awaited is given as a program's message.

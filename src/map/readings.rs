@@ -29,7 +29,6 @@ const fn set(name: &'static str, values: &'static [&'static str]) -> Reading {
 /// Every reading.
 pub static READINGS: &[Reading] = &[
     set("rotary_code2", &["bit16", "bit12"]),
-    found_out("mailbox_bell", &["with_text", "alone"]),
 ];
 
 /// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
@@ -56,17 +55,6 @@ impl RotaryCode2 {
 
 }
 
-/// What goes with the `<BELL>` of an error in the VME mailboxes (User Manual p. 267).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MailboxBell {
-    /// What I6 has after it, up to the next `<CR>`.
-    #[default]
-    WithText,
-    /// Nothing: it ends a group, as `<CR>` and `<ACK>` do ("looking for `<CR>`, `<ACK>`, or `<BELL>`").
-    Alone,
-}
-
 }
 
 /// One value of each reading.
@@ -75,8 +63,6 @@ pub enum MailboxBell {
 pub struct Readings {
     /// Where CODE2 of ABS, INC and FRAX stands; nobody has said it unless the configuration does.
     pub rotary_code2: Option<RotaryCode2>,
-    /// What goes with the `<BELL>` in the mailboxes.
-    pub mailbox_bell: MailboxBell,
 }
 
 /// A name or value that is none.

@@ -97,19 +97,21 @@ fn all_command_lines_go_through_the_mailboxes() {
 }
 
 #[test]
-fn b3_8_an_error_has_its_number_whether_its_bell_stands_alone_or_not() {
-    for reading in ["mailbox_bell=with_text", "mailbox_bell=alone"] {
-        let site = vme(&shipped("I58=0"), &["--reading", reading], "use = \"always\"\n");
+fn an_error_has_its_number_whether_its_bell_stands_alone_or_not() {
+    let turbo = concat!(include_str!("../../src/sim/dpram-startup-turbo.pmc"), "\nI58=0\n");
+    for (family, startup) in [("pmac", shipped("I58=0")), ("turbo2", turbo.to_owned())] {
+        let config = format!("family = {family:?}\n");
+        let site = vme_with(&config, &startup, &["--family", family], "use = \"always\"\n");
         identified(&site);
         let mut connection = site.connection();
         for (line, number) in [("UUU", 3), ("X10", 5), ("P1 UUU", 3)] {
             match connection.send(line, PATIENCE) {
                 Err(CommandError::Refused(CallError::Board { code, .. })) => {
-                    assert_eq!(code, number, "{reading}: {line}")
+                    assert_eq!(code, number, "{family}: {line}")
                 }
-                other => panic!("{reading}: {line}: {other:?}"),
+                other => panic!("{family}: {line}: {other:?}"),
             }
-            assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["0"], "{reading}");
+            assert_eq!(connection.send("I58", PATIENCE).unwrap(), ["0"], "{family}");
         }
         site.assert_no_violations();
     }

@@ -171,7 +171,6 @@ macro_rules! every_function_works_under {
 
 every_function_works_under! {
     b3_every_function_works_under_rotary_code2
-    b3_every_function_works_under_mailbox_bell
 }
 
 #[test]

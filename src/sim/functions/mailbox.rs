@@ -8,7 +8,8 @@
 //!
 //! From PMAC: when the host writes 0 to mailbox 1, PMAC fills mailboxes 0 to 15 once, with up to 16 characters, and
 //! interrupts with vector v. It says what the serial port would say under I3, I4 and I6. A `<CR>` ends a group, `<ACK>`
-//! has its own group, and so has `<BELL>` by one reading. Mailboxes that it does not fill keep what was in them, but for 0 and 1 (see below).
+//! has its own group. What follows the `<BELL>` of an error is in its group, but on Turbo boards in the next. Mailboxes that it does
+//! not fill keep what was in them, but for 0 and 1 (see below).
 //!
 //! base+0x121 takes the DPRAM's page, A19-A14 of its address, and forgets it at a reset. With a page given to
 //! [`Mailbox::open`], the DPRAM is out of reach until the host writes that page.
@@ -26,8 +27,7 @@ use std::path::Path;
 use nix::fcntl::Flock;
 
 use crate::device::board::mapping::Mapping;
-use crate::map;
-use crate::map::readings::MailboxBell;
+use crate::map::{self, Generation};
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{DpramError, open_shared};
 use crate::sim::fault::Delay;
@@ -222,7 +222,7 @@ impl Mailbox {
             }
             board.output.mailbox.pop_front();
             group.push(character);
-            let bell_ends = board.identity.readings.mailbox_bell == MailboxBell::Alone;
+            let bell_ends = board.family().generation == Generation::Turbo;
             if matches!(character, CR | ACK) || character == BELL && bell_ends {
                 break;
             }
