@@ -59,7 +59,7 @@ impl RotaryCode2 {
 
 /// One value of each reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default)]
 pub struct Readings {
     /// Where CODE2 of ABS, INC and FRAX stands; nobody has said it unless the configuration does.
     pub rotary_code2: Option<RotaryCode2>,

@@ -99,6 +99,6 @@ mod tests {
         assert_eq!(settings.rotary.exponent_bias, 30);
         let json = serde_json::to_string(&settings).unwrap();
         assert_eq!(serde_json::from_str::<BoardSettings>(&json).unwrap(), settings);
-        assert!(toml::from_str::<BoardSettings>("[readings]\nplace = 1\n").is_err());
+        assert!(toml::from_str::<BoardSettings>("[plan]\nplace = 1\n").is_err());
     }
 }

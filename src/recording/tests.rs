@@ -223,3 +223,19 @@ fn e6_an_image_is_named_once() {
     fs::write(&path, format!("{first}\n{first}\n")).unwrap();
     assert!(fault(place.path()).contains("an image that is there already"), "{}", fault(place.path()));
 }
+
+#[test]
+fn a_recording_of_an_earlier_version_has_readings_that_are_no_more() {
+    let directory = tempfile::tempdir().unwrap();
+    write(directory.path());
+    let path = directory.path().join(files::ABOUT);
+    let mut old: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    old["settings"]["readings"] = json!({
+        "reply_count": "with_nul", "control_flag": "line", "rotary_code2": "bit16", "gather_size_word": "not_written",
+        "panel_mask": "when_done", "write_record": "as_pmac", "mailbox_bell": "alone"
+    });
+    fs::write(&path, old.to_string()).unwrap();
+    let readings = About::read(directory.path()).unwrap().settings.readings;
+    assert_eq!(serde_json::to_value(readings).unwrap()["rotary_code2"], "bit16");
+    assert!(Recording::read(directory.path()).is_ok());
+}

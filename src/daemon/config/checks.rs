@@ -1,8 +1,10 @@
 //! Checks settings beyond their types. Each refusal says what to write instead.
 
+use serde::Deserialize;
+
 use super::span::Refusal;
 use crate::daemon::socket::policy::{PolicyError, group_id};
-use crate::map::{Family, READINGS, Readings};
+use crate::map::{Family, Readings};
 use crate::protocol::{Function, Functions, ServoSettings};
 
 /// Parses an octal file mode. A number is refused: 660 and 0o660 would mean different modes.
@@ -58,17 +60,17 @@ pub(super) fn limited(key: &str, value: Option<u32>, least: u32, most: u32) -> R
     }
 }
 
-/// The readings, of which a setting is needed for those only that the daemon cannot find out.
-pub(super) fn needed(readings: Readings) -> Result<Readings, Refusal> {
-    let needless = |name| readings.value(name) != Readings::default().value(name);
-    match READINGS.iter().find(|reading| reading.found_out && needless(reading.name)) {
-        Some(reading) => {
-            let key = format!("readings.{}", reading.name);
-            let text = format!("{key}: pmacd finds out by itself which way the board takes; leave it out");
-            Err(Refusal::of(key, text))
-        }
-        None => Ok(readings),
+/// The table of the readings. A recording of an earlier version may have others; a configuration may not.
+pub(super) fn readings(table: toml::Table) -> Result<Readings, Refusal> {
+    let only = "rotary_code2";
+    if let Some(name) = table.keys().find(|name| *name != only) {
+        let text = format!(
+            "[readings] takes {only} alone, and has {name}; docs/evidence.md, \"What became of the settings\", tells what is done \
+             without it: leave it out"
+        );
+        return Err(Refusal::of(format!("readings.{name}"), text));
     }
+    Readings::deserialize(table).map_err(|error| Refusal::of(format!("readings.{only}"), error.message()))
 }
 
 /// The period of background reports, in nanoseconds.

@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use super::board_settings::CheckedSettings;
 use super::checks::{
-    functions, groups, limited, needed, period_ns, segment_mode, shared_functions, socket_mode,
+    functions, groups, limited, period_ns, readings, segment_mode, shared_functions, socket_mode,
     something_to_do,
 };
 use super::family::{self, FamilyKnown, Recognised};
@@ -26,7 +26,7 @@ use crate::device::board::spec::SpecError;
 use crate::device::{Access, BoardSpec};
 use crate::format::{TextOrder, WordOrder};
 use crate::function::servo::ServoReading;
-use crate::map::{BufferSettings, Family, Readings};
+use crate::map::{BufferSettings, Family};
 use crate::protocol::{BoardSettings, Function, Functions, VariablesSettings};
 use crate::rotary;
 use crate::segment::SegmentName;
@@ -95,7 +95,7 @@ pub struct ConfigFile {
     #[serde(default)]
     variables: VariablesSettings,
     #[serde(default)]
-    readings: Readings,
+    readings: toml::Table,
     #[serde(default)]
     rotary: rotary::Settings,
 }
@@ -296,7 +296,7 @@ impl Settings {
             background,
             plan: file.plan,
             variables: file.variables,
-            readings: needed(file.readings)?,
+            readings: readings(file.readings)?,
             rotary: file.rotary,
         };
         let recorded = board.recording().map(super::replay::settings).transpose();
@@ -549,16 +549,12 @@ mod tests {
                 "FILE:3:1: functions leaves \"ascii\" out, but [host_port] serves only its responses",
             ),
             (
-                "board = \"sim\"\n[readings]\nline_flg = \"done\"\n",
-                "FILE:3:1: unknown field `line_flg`, expected one of `reply_count`",
+                "board = \"sim\"\n[readings]\nold = \"done\"\n",
+                "FILE:3:7: [readings] takes rotary_code2 alone, and has old; docs/evidence.md, \"What became of the settings\"",
             ),
             (
-                "board = \"sim\"\n[readings]\nline_flag = \"later\"\n",
-                "FILE:3:13: unknown variant `later`, expected `taken` or `done`",
-            ),
-            (
-                "board = \"sim\"\n[readings]\nline_flag = \"done\"\n",
-                "FILE:3:13: readings.line_flag: pmacd finds out by itself which way the board takes; leave it out",
+                "board = \"sim\"\n[readings]\nrotary_code2 = \"bit13\"\n",
+                "FILE:3:16: unknown variant `bit13`, expected `bit12` or `bit16`",
             ),
             ("board = \"sim\"\n[plan]\nplace = 3\n", "FILE:3:1: unknown field `place`"),
             ("board = \"sim\"\nfirmware = \"new\"\n", "FILE:2:12: "),
