@@ -220,7 +220,7 @@ impl<'a> Taking<'a> {
                     image = None;
                 }
             } else if let Some(line) = questions.next() {
-                self.ask(line)?;
+                self.ask(&line)?;
             } else if now_ns >= end_ns {
                 break;
             } else if now_ns >= next_image_ns && self.writer.images() < MOST_IMAGES as u64 {
@@ -370,13 +370,14 @@ impl<'a> Taking<'a> {
     }
 }
 
-/// What is asked while the bus accesses are traced.
-fn questions(family: &Family) -> Vec<&'static str> {
-    // Those of the processor and of the board's number are a Turbo's (GRAMMAR 2.7).
+/// What is asked while the bus accesses are traced. The last three show how the board answers a control character, an error, and a
+/// line in two parts.
+fn questions(family: &Family) -> Vec<String> {
+    // Those of the processor and of the board's number are a Turbo's.
     let is_of_turbo = |line: &str| matches!(line, "CPU" | "CID" | "VID");
     let is_turbo = family.generation == Generation::Turbo;
-    // The daemon asks the last one at its start.
-    IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F"]).collect()
+    let asked = IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F", "XYZZY"]);
+    asked.map(str::to_owned).chain([["I122"; 40].join(" ")]).collect()
 }
 
 /// What the daemon asks at its start besides who the board is: how a reply ends, what is reported, which programs may report
