@@ -18,6 +18,7 @@ mod dirty;
 mod doctor;
 mod download;
 mod errors;
+mod evidence;
 mod family;
 mod fields;
 mod forked;

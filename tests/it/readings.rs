@@ -13,41 +13,6 @@ fn board_that_reads(name: &str, value: &str) -> VirtualSite {
     site
 }
 
-/// The cells of each row of the page's table.
-fn rows() -> Vec<Vec<String>> {
-    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/readings.md");
-    let page = std::fs::read_to_string(page).unwrap();
-    let rows = page.lines().filter(|line| line.starts_with("| `"));
-    rows.map(|row| row.trim_matches('|').split(" | ").map(|cell| cell.trim().to_owned()).collect()).collect()
-}
-
-#[test]
-fn the_page_has_every_reading_of_the_list_and_no_other() {
-    let rows = rows();
-    let names: Vec<_> = rows.iter().map(|row| row[0].trim_matches('`')).collect();
-    assert_eq!(names, READINGS.iter().map(|reading| reading.name).collect::<Vec<_>>());
-    for (row, reading) in rows.iter().zip(READINGS) {
-        assert_eq!(
-            row.len(),
-            7,
-            "{}: name, sentence, reading, other, effect, found out, setting",
-            reading.name
-        );
-        let shown: Vec<_> = row[2..4].iter().flat_map(|cell| values(cell)).collect();
-        assert_eq!(shown, reading.values, "{}", reading.name);
-        let setting =
-            if reading.found_out { "none needed".to_owned() } else { format!("`{}`", reading.name) };
-        assert_eq!(row[6], setting, "{}", reading.name);
-    }
-}
-
-/// The values that a cell names, each as `VALUE`:
-fn values(cell: &str) -> Vec<&str> {
-    let parts: Vec<_> = cell.split('`').collect();
-    let named = parts.windows(2).skip(1).step_by(2).filter(|part| part[1].starts_with(':'));
-    named.map(|part| part[0]).collect()
-}
-
 /// The same, with `config` for the daemon.
 fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
     let site = VirtualSite::configured(&["--reading", &format!("{name}={value}")], config);
