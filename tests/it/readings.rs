@@ -1,4 +1,4 @@
-//! Where the manual can be read two ways: the page of the readings, and what users see under each.
+//! Where the manual can be read two ways: what users see.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ fn board_that_reads(name: &str, value: &str) -> VirtualSite {
 
 /// The same, with `config` for the daemon.
 fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
-    let site = VirtualSite::configured(&["--reading", &format!("{name}={value}")], config);
+    let site = VirtualSite::configured(&[&format!("--{}", name.replace('_', "-")), value], config);
     site.wait_for_identity();
     assert_eq!(site.pmacctl(&["send", "&1 #1->X #2->Y"]).0, 0);
     site

@@ -1,9 +1,9 @@
-//! A simulated board drawn from a seed: its family and its DPRAM, how it reads the manual, how slow it is, what it powers up
-//! with.
+//! A simulated board drawn from a seed: its family and its DPRAM, how slow it is, what it powers up with, and what no text
+//! decides.
 
 use std::fmt;
 
-use pmac_dpram::map::{FAMILIES, Family, Generation, READINGS};
+use pmac_dpram::map::{FAMILIES, Family};
 
 use crate::support::Site;
 
@@ -30,30 +30,18 @@ impl Random {
 /// How many times as long as usual SAVE, $$$, DEFINE, DELETE and LIST may take.
 const FACTORS: [&str; 5] = ["0", "0.5", "1", "2", "4"];
 
-/// Readings of what boards of one generation alone have; all others are of both.
-const READINGS_OF_ONE: &[(Generation, &[&str])] = &[
-];
-
-/// Whether boards of `family` differ by the reading called `name`.
-fn has_reading(family: &Family, name: &str) -> bool {
-    let mut others = READINGS_OF_ONE.iter().filter(|(generation, _)| *generation != family.generation);
-    !others.any(|(_, names)| names.contains(&name))
-}
-
 /// A board, and what its daemon has to be told of it.
 pub struct DrawnBoard {
     seed: u64,
     family: &'static Family,
     /// Options of the simulator.
     options: Vec<String>,
-    /// The daemon's configuration: the readings that it cannot find out by itself.
-    settings: String,
-    /// What the board does at power-up.
-    startup: &'static str,
+    /// Where its CODE2 stands, which its daemon is told.
+    rotary_code2: &'static str,
 }
 
 impl DrawnBoard {
-    /// A board of the family asked for, or of any. Of every reading that its family has, a value.
+    /// A board of the family asked for, or of any.
     pub fn new(seed: u64, family: Option<&'static Family>) -> Self {
         // Far from the seeds of the campaign's runs.
         let mut random = Random(!seed);
@@ -65,19 +53,9 @@ impl DrawnBoard {
         if random.below(2) == 0 {
             options.push("--saved-enables".to_owned());
         }
-        let mut settings = "[readings]\n".to_owned();
-        for reading in READINGS.iter().filter(|reading| has_reading(family, reading.name)) {
-            let (name, value) = (reading.name, random.one_of(reading.values));
-            options.extend(["--reading".to_owned(), format!("{name}={value}")]);
-            if !reading.found_out {
-                settings += &format!("{name} = {value:?}\n");
-            }
-        }
-        let startup = match family.generation {
-            Generation::Pmac => include_str!("../../src/sim/dpram-startup.pmc"),
-            Generation::Turbo => include_str!("../../src/sim/dpram-startup-turbo.pmc"),
-        };
-        Self { seed, family, options, settings, startup }
+        let rotary_code2 = random.one_of(&["bit12", "bit16"]);
+        options.extend(["--rotary-code2", rotary_code2].map(str::to_owned));
+        Self { seed, family, options, rotary_code2 }
     }
 
     pub fn family(&self) -> &'static Family {
@@ -91,14 +69,14 @@ impl DrawnBoard {
 
     /// Powers it up at `site` with all functions enabled, and `more` options.
     pub fn power_up(&self, site: &mut Site, more: &[&str]) {
-        let startup = site.file("startup.pmc", self.startup);
-        site.start_simulator(&self.simulator(&[&["--startup", &startup], more].concat()));
+        site.start_simulator(&self.simulator(&[&["--dpram-startup"], more].concat()));
     }
 
-    /// Starts the daemon that is told of it what it cannot find out, and `more` of the configuration.
+    /// Starts the daemon that is told of it what no text decides, and `more` of the configuration.
     pub fn start_daemon(&self, site: &mut Site, more: &str) {
         // Its tables stand behind what belongs to none.
-        let text = format!("family = {:?}\n{more}{}", self.family.name, self.settings);
+        let Self { family, rotary_code2, .. } = self;
+        let text = format!("family = {:?}\n{more}[readings]\nrotary_code2 = {rotary_code2:?}\n", family.name);
         let config = site.file("config.toml", &text);
         site.start_daemon(&["--config", &config]);
     }
@@ -131,11 +109,8 @@ fn boards_differ_by_their_seed_and_by_nothing_else() {
     assert_eq!(text(7), text(7));
     let drawn: Vec<String> = (0..200).map(text).collect();
     let is_drawn = |option: &str| drawn.iter().any(|board| board.contains(option));
-    for reading in READINGS {
-        for value in reading.values {
-            let option = format!("--reading {}={value}", reading.name);
-            assert!(is_drawn(&option), "{option} is never drawn");
-        }
+    for value in ["bit12", "bit16"] {
+        assert!(is_drawn(&format!("--rotary-code2 {value}")), "{value}");
     }
     for factor in FACTORS {
         assert!(is_drawn(&format!("--slow {factor} ")), "{factor}");
@@ -144,19 +119,5 @@ fn boards_differ_by_their_seed_and_by_nothing_else() {
         // The DPRAM that it comes with: a board that is a file has no setting for another.
         let option = format!("--family {} --dpram {} ", family.name, family.dpram());
         assert!(is_drawn(&option), "{option}");
-    }
-}
-
-#[test]
-fn c6_a_board_is_told_no_reading_of_another_family() {
-    for (generation, names) in READINGS_OF_ONE {
-        for family in FAMILIES.iter().filter(|family| family.generation != *generation) {
-            let boards = (0..32).map(|seed| DrawnBoard::new(seed, Some(family)).to_string());
-            for (board, name) in boards.flat_map(|board| names.iter().map(move |name| (board.clone(), name)))
-            {
-                assert!(!board.contains(&format!(" {name}=")), "{board}");
-                assert!(READINGS.iter().any(|reading| reading.name == *name), "{name}");
-            }
-        }
     }
 }

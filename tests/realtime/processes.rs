@@ -125,18 +125,3 @@ fn nothing_is_live_in_the_status_of_a_daemon_that_is_gone() {
     );
     assert!(text.contains(", gone after "), "{text}");
 }
-
-#[test]
-fn b3_the_simulator_that_a_daemon_starts_reads_the_manual_as_the_board_is_named() {
-    for (board, code2) in [("sim", "bit16"), ("sim,reading=rotary_code2=bit12", "bit12")] {
-        let site = Site::new();
-        let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"));
-        daemon.args(["--board", board, "--name", &site.name]).arg("--socket").arg(site.socket());
-        let mut site = site.adopt(daemon.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
-        wait_until("a board that takes commands", || site.pmacctl(&["send", "&1 #1->X #2->Y"]).0 == 0);
-        let (_, stdout, stderr) = site.pmacctl(&["rotary", "check", "--define", "200"]);
-        let told = format!("the board reads ABS, INC and FRAX by rotary_code2 = {code2:?}");
-        assert!(format!("{stdout}{stderr}").contains(&told), "{board}: {stdout}{stderr}");
-        assert_eq!(site.stop_daemon(), 0);
-    }
-}

@@ -58,9 +58,6 @@ impl Simulator {
         if let Some(firmware) = firmware.filter(|_| spec.from.is_none()) {
             command.arg("--firmware").arg(firmware);
         }
-        for reading in &spec.readings {
-            command.arg("--reading").arg(reading);
-        }
         command.stdin(Stdio::null()).stdout(Stdio::null());
         // It makes the directory. If this process is killed, it ends too and removes that.
         command.arg("--with-parent").arg(std::process::id().to_string());

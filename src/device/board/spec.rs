@@ -7,7 +7,7 @@ use std::str::FromStr;
 use crate::device::board::pci::PciAddress;
 use crate::device::machine::system::number;
 use crate::device::{Access, InterruptSource};
-use crate::map::{DPRAM_SIZES, Family, Readings};
+use crate::map::{DPRAM_SIZES, Family};
 
 /// The longest window to map: no DPRAM is longer.
 const LONGEST: u64 = 0x10_0000;
@@ -16,7 +16,7 @@ const LONGEST: u64 = 0x10_0000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
-    /// `sim[,family=NAME][,dpram=SIZE][,from=DIR][,reading=NAME=VALUE]`: start a simulator and use its memory.
+    /// `sim[,family=NAME][,dpram=SIZE][,from=DIR]`: start a simulator and use its memory.
     Simulator(SimulatorSpec),
     /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
@@ -47,8 +47,6 @@ pub struct SimulatorSpec {
     pub dpram: Option<&'static str>,
     /// The recording of the board that it shall be.
     pub from: Option<PathBuf>,
-    /// The sentences of the manual that it takes otherwise ([`crate::map::Readings`]), each as NAME=VALUE.
-    pub readings: Vec<String>,
 }
 
 /// A board in a slot.
@@ -153,7 +151,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR][,reading=NAME=VALUE], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
     or vme:NODE, each but sim and replay with [,irq=SOURCE], each but sim, replay and vme with [,access=32]"
 )]
 pub struct SpecError {
@@ -237,9 +235,7 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
 fn simulator(options: &str) -> Result<SimulatorSpec, String> {
     let mut parts = options.split(',');
     if parts.next() != Some("") {
-        return Err(
-            "sim takes only ,family=NAME, ,dpram=SIZE, ,from=DIR and ,reading=NAME=VALUE after it".to_owned()
-        );
+        return Err("sim takes only ,family=NAME, ,dpram=SIZE and ,from=DIR after it".to_owned());
     }
     let mut simulator = SimulatorSpec::default();
     for option in parts {
@@ -256,11 +252,6 @@ fn simulator(options: &str) -> Result<SimulatorSpec, String> {
             }
             "from" if value.is_empty() => return Err("the directory after from= is missing".to_owned()),
             "from" => simulator.from.replace(value.into()).is_some(),
-            "reading" => {
-                Readings::default().with(value).map_err(|error| error.to_string())?;
-                simulator.readings.push(value.to_owned());
-                false
-            }
             _ => return Err(format!("unknown option `{option}`")),
         };
         if twice {
@@ -429,13 +420,6 @@ mod tests {
                 }),
             ),
             (
-                "sim,reading=rotary_code2=bit16,reading=mailbox_bell=alone",
-                BoardSpec::Simulator(SimulatorSpec {
-                    readings: vec!["rotary_code2=bit16".to_owned(), "mailbox_bell=alone".to_owned()],
-                    ..SimulatorSpec::default()
-                }),
-            ),
-            (
                 "file:/dev/shm/dpram",
                 BoardSpec::File { path: "/dev/shm/dpram".into(), interrupt: None, access: Access::Bits16 },
             ),
@@ -515,7 +499,6 @@ mod tests {
             ("sim,family=turbo,family=turbo", "family= is given twice"),
             ("sim,dpram=16k", "write dpram=8k or dpram=32k"),
             ("sim,irq=unix:b", "unknown option `irq=unix:b`"),
-            ("sim,reading=line_flag=never", "expected `taken` or `done`"),
             ("file:", "path after file: is missing"),
             ("file:a,irq=b", "irq=b"),
             ("file:a,irq=unix:", "irq=unix:"),

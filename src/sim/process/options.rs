@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use crate::map::readings::UnknownReading;
+use crate::map::readings::RotaryCode2;
 use crate::map::{DPRAM_SIZES, Family, Firmware, Readings};
 use crate::recording::{About, RecordingError};
 use crate::sim::board::families::{SIMULATED, with_length};
@@ -73,12 +73,12 @@ pub struct Options {
     /// Send the family's start-up lines, which enable all DPRAM functions
     #[arg(long)]
     pub dpram_startup: bool,
-    /// Start the board that was recorded in DIR, as far as the recording tells: family, DPRAM, firmware, readings, variables
+    /// Start the board that was recorded in DIR, as far as the recording tells: family, DPRAM, firmware, variables
     #[arg(long, value_name = "DIR", conflicts_with_all = ["family", "dpram", "firmware", "startup", "dpram_startup"])]
     pub from: Option<PathBuf>,
-    /// Take a sentence of the manual that can be read two ways as VALUE says; docs/readings.md lists them
-    #[arg(long = "reading", value_name = "NAME=VALUE", value_parser = reading)]
-    pub readings: Vec<String>,
+    /// Where the board has CODE2 of ABS, INC and FRAX in binary rotary commands, which no text decides
+    #[arg(long, value_name = "bit12|bit16", value_parser = rotary_code2())]
+    pub rotary_code2: Option<RotaryCode2>,
     /// Run servo cycles only when the control socket says `step`
     #[arg(long = "virtual", requires = "control")]
     pub virtual_time: bool,
@@ -103,9 +103,6 @@ pub struct Options {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoSuchBoard {
-    /// A reading that is none.
-    #[error(transparent)]
-    Reading(#[from] UnknownReading),
     /// A recording that cannot be read.
     #[error("--from: {0}")]
     Recording(#[from] RecordingError),
@@ -142,11 +139,13 @@ impl Options {
     /// The board these options describe.
     ///
     /// # Errors
-    /// A reading that is none, or a DPRAM or motors that no board of the family has.
+    /// A recording that cannot be read, or a DPRAM or motors that no board of the family has.
     pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
         let recorded = self.from.as_deref().map(About::read).transpose()?;
-        let read = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
-        let readings = self.readings.iter().try_fold(read, |all, given| all.with(given))?;
+        let mut readings = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
+        if let Some(code2) = self.rotary_code2 {
+            readings.rotary_code2 = code2.into();
+        }
         let family = recorded.as_ref().zip(self.from.as_deref());
         let family = family.map(|(about, directory)| about.family(directory)).transpose()?;
         let tables = match (family, &self.dpram) {
@@ -198,9 +197,11 @@ fn unix_path(text: &str) -> Result<UnixPath, String> {
     }
 }
 
-/// A reading that there is.
-fn reading(text: &str) -> Result<String, UnknownReading> {
-    Readings::default().with(text).map(|_| text.to_owned())
+fn rotary_code2() -> impl TypedValueParser<Value = RotaryCode2> {
+    PossibleValuesParser::new(["bit12", "bit16"]).map(|name| match &*name {
+        "bit12" => RotaryCode2::Bit12,
+        _ => RotaryCode2::Bit16,
+    })
 }
 
 fn garbage(text: &str) -> Result<Garbage, String> {
