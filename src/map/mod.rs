@@ -46,7 +46,7 @@ pub use functions::{
     ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
-pub use readings::{READINGS, Readings};
+pub use readings::Readings;
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
 pub use selection::{BlockField, Selection, block_fields};

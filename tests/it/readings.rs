@@ -1,21 +1,12 @@
-//! Where the manual can be read two ways: what users see.
+//! Where CODE2 of a binary rotary command stands: what users see.
 
 use std::time::Duration;
 
-use pmac_dpram::map::READINGS;
-
 use crate::support::{PATIENCE, VirtualSite};
 
-/// A board that reads `name` as `value` says, and its daemon.
-fn board_that_reads(name: &str, value: &str) -> VirtualSite {
-    let site = VirtualSite::running(&["--reading", &format!("{name}={value}")], &[]);
-    site.wait_for_identity();
-    site
-}
-
-/// The same, with `config` for the daemon.
-fn configured(name: &str, value: &str, config: &str) -> VirtualSite {
-    let site = VirtualSite::configured(&[&format!("--{}", name.replace('_', "-")), value], config);
+/// A board whose CODE2 stands at `code2`, and its daemon with `config`.
+fn configured(code2: &str, config: &str) -> VirtualSite {
+    let site = VirtualSite::configured(&["--rotary-code2", code2], config);
     site.wait_for_identity();
     assert_eq!(site.pmacctl(&["send", "&1 #1->X #2->Y"]).0, 0);
     site
@@ -29,13 +20,13 @@ fn an_inc_that_the_board_takes_for_an_abs_is_found_out_before_it_moves() {
             "the board reads ABS, INC and FRAX by rotary_code2 = {is:?}: write it under [readings] in pmacd's configuration"
         );
         // The other one is told, then none, then the right one.
-        let site = configured("rotary_code2", is, &format!("[readings]\nrotary_code2 = {told:?}\n"));
+        let site = configured(is, &format!("[readings]\nrotary_code2 = {told:?}\n"));
         let (status, _, stderr) = site.pmacctl(&check);
         assert!(status == 1 && stderr.contains("sample:2: sent INC(X,Y), the board lists "), "{stderr}");
         assert!(stderr.contains(&found), "{stderr}");
         assert_eq!(site.connection().send("&1PR", PATIENCE).unwrap(), ["0"], "nothing is left to run");
         drop(site);
-        let site = configured("rotary_code2", is, "");
+        let site = configured(is, "");
         let (status, stdout, stderr) = site.pmacctl(&check);
         assert!(format!("{stdout}{stderr}").contains(&found), "{status} {stdout} {stderr}");
         // ABS goes before the stream, INC between moves not before that is told.
@@ -48,7 +39,7 @@ fn an_inc_that_the_board_takes_for_an_abs_is_found_out_before_it_moves() {
         site.wait_until("motor 1 at 10", || site.connection().send("#1P", PATIENCE).unwrap() == ["10"]);
         site.assert_no_violations();
         drop(site);
-        let site = configured("rotary_code2", is, &format!("[readings]\nrotary_code2 = {is:?}\n"));
+        let site = configured(is, &format!("[readings]\nrotary_code2 = {is:?}\n"));
         let (status, stdout, stderr) = site.pmacctl(&check);
         assert!(status == 0 && stdout == "the board lists 7 lines as they were sent\n", "{stdout}{stderr}");
         // The program runs as meant: 10 on, not to 10.

@@ -142,10 +142,8 @@ impl Options {
     /// A recording that cannot be read, or a DPRAM or motors that no board of the family has.
     pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
         let recorded = self.from.as_deref().map(About::read).transpose()?;
-        let mut readings = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
-        if let Some(code2) = self.rotary_code2 {
-            readings.rotary_code2 = code2.into();
-        }
+        let read = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
+        let readings = Readings { rotary_code2: self.rotary_code2.or(read.rotary_code2), ..read };
         let family = recorded.as_ref().zip(self.from.as_deref());
         let family = family.map(|(about, directory)| about.family(directory)).transpose()?;
         let tables = match (family, &self.dpram) {

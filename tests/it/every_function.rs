@@ -1,9 +1,4 @@
-//! Each function does its work on a board that takes the other reading of a sentence, and late is not done.
-
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::time::Duration;
-
-use pmac_dpram::map::READINGS;
+//! Each function does its work on a board of either family.
 
 use crate::support::jogs::{ask, until};
 use crate::support::{PATIENCE, VirtualSite};
@@ -19,22 +14,11 @@ struct Board {
 const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
-/// Readings of sentences that are in the Turbo's manuals alone.
-const OF_TURBO: [&str; 0] = [];
-
 impl Board {
-    /// That for which `reading` means something.
-    fn with(reading: &str) -> &'static Self {
-        if OF_TURBO.contains(&reading) { &TURBO } else { &PMAC }
-    }
-
-    /// It reads `name` as `value` says. Its daemon is told so, or nothing.
-    fn that_reads(&self, name: &str, value: &str, is_told: bool) -> VirtualSite {
-        let Self { family, .. } = self;
-        let told = if is_told { format!("{name} = {value:?}\n") } else { String::new() };
-        let config = format!("family = {family:?}\n[readings]\n{told}");
-        let reading = format!("{name}={value}");
-        let site = VirtualSite::configured(&["--family", family, "--reading", &reading], &config);
+    /// It, and its daemon.
+    fn site(&self) -> VirtualSite {
+        let config = format!("family = {:?}\n", self.family);
+        let site = VirtualSite::configured(&["--family", self.family], &config);
         site.wait_for_identity();
         site.wait_for_live_servo();
         if self.has_panel {
@@ -42,12 +26,6 @@ impl Board {
         }
         site
     }
-}
-
-/// A board that reads `name` as `value` says, and a daemon that is told so where it cannot find out.
-fn board_that_reads(name: &str, value: &str) -> VirtualSite {
-    let reading = READINGS.iter().find(|reading| reading.name == name).unwrap();
-    Board::with(name).that_reads(name, value, !reading.found_out)
 }
 
 fn done(site: &VirtualSite, arguments: &[&str]) -> String {
@@ -144,57 +122,10 @@ fn a_program_runs(site: &VirtualSite, kind: &Board) {
     assert_eq!((ask(&mut board, "#1P").round(), ask(&mut board, "M100")), (30.0, 7.0));
 }
 
-macro_rules! every_function_works_under {
-    ($($name:ident)*) => {
-        $(
-            #[test]
-            fn $name() {
-                let name = stringify!($name).strip_prefix("b3_every_function_works_under_").unwrap();
-                let reading = READINGS.iter().find(|reading| reading.name == name).unwrap();
-                // The first one is the default, which has a test of its own.
-                for value in &reading.values[1..] {
-                    every_function_works(&board_that_reads(name, value), Board::with(name));
-                }
-            }
-        )*
-
-        #[test]
-        fn every_reading_has_its_test() {
-            let tested = [$(stringify!($name)),*];
-            for reading in READINGS {
-                let name = format!("b3_every_function_works_under_{}", reading.name);
-                assert!(tested.contains(&name.as_str()), "{name}");
-            }
-        }
-    };
-}
-
-every_function_works_under! {
-    b3_every_function_works_under_rotary_code2
-}
-
 #[test]
-fn every_function_works_under_the_default_readings() {
-    let first = &READINGS[0];
+fn every_function_works_on_a_board_of_either_family() {
     for board in [PMAC, TURBO] {
-        every_function_works(&board.that_reads(first.name, first.values[0], false), &board);
-    }
-}
-
-#[test]
-fn b3_a_setting_that_is_missing_shows() {
-    for reading in READINGS.iter().filter(|reading| !reading.found_out && reading.name != "rotary_code2") {
-        for value in &reading.values[1..] {
-            let board = Board::with(reading.name);
-            let site = board.that_reads(reading.name, value, false);
-            let works = catch_unwind(AssertUnwindSafe(|| {
-                match reading.name.split_once('_').unwrap().0 {
-                    other => unreachable!("{other}"),
-                }
-                site.assert_no_violations();
-            }));
-            assert!(works.is_err(), "{} = {value} need not be set", reading.name);
-        }
+        every_function_works(&board.site(), &board);
     }
 }
 
