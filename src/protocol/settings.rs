@@ -90,7 +90,7 @@ mod tests {
         let text = "[readings]\nrotary_code2 = \"bit16\"\n[variables]\nmode = \"multi-user\"\n\
                     [plan]\nrotary_start = [0xDE00, 0]\n[rotary]\nexponent_bias = 30\n";
         let settings: BoardSettings = toml::from_str(text).unwrap();
-        assert_eq!(settings.readings.rotary_code2, RotaryCode2::Bit16);
+        assert_eq!(settings.readings.rotary_code2, Some(RotaryCode2::Bit16));
         assert_eq!(settings.variables.mode, VariableMode::MultiUser);
         assert_eq!(
             (settings.plan.rotary_start.as_slice(), settings.plan.gather_longs),

@@ -1,7 +1,5 @@
 //! Where CODE2 of a binary rotary command stands: what users see.
 
-use std::time::Duration;
-
 use crate::support::{PATIENCE, VirtualSite};
 
 /// A board whose CODE2 stands at `code2`, and its daemon with `config`.
@@ -49,5 +47,3 @@ fn an_inc_that_the_board_takes_for_an_abs_is_found_out_before_it_moves() {
         site.assert_no_violations();
     }
 }
-
-#[test]
