@@ -197,8 +197,8 @@ fn c1_a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
 
 /// Nothing reports whether a program buffer is open, so the board is first asked for its size, twice in a line.
 #[test]
-fn c1_a_board_that_marks_the_last_line_is_understood_at_once_without_a_report() {
-    let mut site = Site::with_board("functions = [\"ascii\", \"servo\"]\n", |board| board.marks_last = true);
+fn a_board_without_a_report_that_tells_of_buffers_is_asked_and_answers_at_once() {
+    let mut site = Site::with_board("functions = [\"ascii\", \"servo\"]\n", |_| ());
     site.cycles(6000);
     assert_eq!(site.running(&["send", "P1"]), (0, "1.5\n".to_owned(), String::new()));
     assert_eq!(site.json(&["status"])["board"]["type"], "TURBO2, X4");
@@ -206,27 +206,25 @@ fn c1_a_board_that_marks_the_last_line_is_understood_at_once_without_a_report() 
 
 #[test]
 fn c1_command_lines_go_through_a_turbo_boards_dpram() {
-    for marks_last in [false, true] {
-        let mut site = Site::with_board("", |board| board.marks_last = marks_last);
-        site.cycles(8000);
-        assert_eq!(site.board().parts, 0, "questions of our own fit one part");
-        let status = site.json(&["status"]);
-        assert_eq!(status["board"]["type"], "TURBO2, X4", "{status}");
-        assert_eq!(status["board"]["firmware"], "1.947");
-        // Scales of all 32 motors: position = raw / (Ixx08*32).
-        let shown = site.json(&["motors"]);
-        assert_eq!(shown["motors"][31]["actual_position"]["value"], json!(32000.0), "{shown}");
-        assert_eq!(site.running(&["send", "P1"]), (0, "1.5\n".to_owned(), String::new()), "{marks_last}");
-        assert_eq!(site.running(&["send", "P1=1.5"]), (0, String::new(), String::new()));
-        let (code, _, stderr) = site.running(&["send", "HELLO"]);
-        assert!(code == 1 && stderr.starts_with("ERR003: "), "{code} {stderr}");
-        // Section 6: what does not fit 159 characters is completed in a second load.
-        let long = format!("Q{}", "1".repeat(199));
-        assert_eq!(site.running(&["send", &long]).1, "200\n");
-        assert_eq!(site.board().parts, 1);
-        let (code, ..) = site.running(&["kill"]);
-        assert_eq!((code, site.board().characters.last()), (0, Some(&0x0B)));
-    }
+    let mut site = Site::with_board("", |_| ());
+    site.cycles(8000);
+    assert_eq!(site.board().parts, 0, "questions of our own fit one part");
+    let status = site.json(&["status"]);
+    assert_eq!(status["board"]["type"], "TURBO2, X4", "{status}");
+    assert_eq!(status["board"]["firmware"], "1.947");
+    // Scales of all 32 motors: position = raw / (Ixx08*32).
+    let shown = site.json(&["motors"]);
+    assert_eq!(shown["motors"][31]["actual_position"]["value"], json!(32000.0), "{shown}");
+    assert_eq!(site.running(&["send", "P1"]), (0, "1.5\n".to_owned(), String::new()));
+    assert_eq!(site.running(&["send", "P1=1.5"]), (0, String::new(), String::new()));
+    let (code, _, stderr) = site.running(&["send", "HELLO"]);
+    assert!(code == 1 && stderr.starts_with("ERR003: "), "{code} {stderr}");
+    // Section 6: what does not fit 159 characters is completed in a second load.
+    let long = format!("Q{}", "1".repeat(199));
+    assert_eq!(site.running(&["send", &long]).1, "200\n");
+    assert_eq!(site.board().parts, 1);
+    let (code, ..) = site.running(&["kill"]);
+    assert_eq!((code, site.board().characters.last()), (0, Some(&0x0B)));
 }
 
 #[test]

@@ -54,8 +54,6 @@ pub(super) struct Board {
     samples: u32,
     /// How many motors it has: it fills no other's block.
     pub motors: i64,
-    /// The last line of a reply is marked itself (section 6: "make the other form a switch").
-    pub marks_last: bool,
     /// What the lines begin with that it refuses.
     pub refuses: Option<&'static str>,
 }
@@ -78,7 +76,6 @@ impl Board {
             gathers: false,
             samples: 0,
             motors: 32,
-            marks_last: false,
             refuses: None,
         };
         board.put(SERVO_READY, 0);
@@ -198,10 +195,7 @@ impl Board {
     fn reply(&mut self, line: &str) {
         let Some(lines) = self.answer(line) else { return self.responses.push_back((0x8003, String::new())) };
         self.responses.extend(lines.into_iter().map(|text| (0x000D, text)));
-        match self.responses.back_mut().filter(|_| self.marks_last) {
-            Some((control, _)) => *control = 0x0006,
-            None => self.responses.push_back((0x0006, String::new())),
-        }
+        self.responses.push_back((0x0006, String::new()));
     }
 }
 

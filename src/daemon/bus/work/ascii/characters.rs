@@ -53,11 +53,12 @@ impl AsciiQueue {
         (takes || self.characters.in_vain).then_some(takes)
     }
 
-    /// How long it need not be asked; a board that does not answer lines is not.
+    /// How long it need not be asked; a board that does not answer lines is not, nor a recording.
     pub(super) fn characters_due_in(&self, now: Instant) -> Duration {
         let is_open = self.ports.in_use() == CommandPort::Dpram
             && !self.ports.dpram.takes_characters()
-            && self.state == CommandState::Answers;
+            && self.state == CommandState::Answers
+            && !self.programs.is_replay;
         if is_open { self.characters.due_in(now) } else { Duration::MAX }
     }
 

@@ -39,8 +39,8 @@ impl AsciiQueue {
         };
         if !self.programs_may_report(&under_way) {
             self.ports.settled(now);
-            if error == 0 {
-                // Nor does anybody know whether that control word was the end.
+            if error == 0 && !self.programs.is_replay {
+                // A control word that no manual has may not have been the end.
                 self.ports.doubt();
             }
             return self.end_command(events, under_way, Err(error), now);
