@@ -66,7 +66,7 @@ pub const NO_REPLY_END: &str = "the board does not mark the end of its replies, 
 
 /// What is said of a board that does not take control characters.
 pub const NO_CONTROL_CHARACTERS: &str = "the board did not take ^F by the DPRAM word of control characters, so ^A and ^K may not reach \
-                                         it; move nothing before docs/first-board.md (step \"Ask it something\") has decided it";
+                                         it; move nothing before step 9 of docs/first-board.md has decided it";
 
 /// The board and the daemon that owns it: the reply of `GetInfo`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
