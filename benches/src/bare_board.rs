@@ -43,7 +43,7 @@ impl BareBoard {
         let mut bus = FileBoard::open(&rig.memory(), family.length as usize).expect("the board's memory");
         let source = InterruptSource::Unix(rig.interrupt());
         let interrupt = Interrupt::connect(&source).expect("its interrupt");
-        let mut port = DpramPort::new(&family.ascii, TextOrder::default(), Instant::now());
+        let mut port = DpramPort::new(&family.ascii, TextOrder::default());
         port.release(&mut bus).expect("the bus");
         std::thread::sleep(Duration::from_millis(100));
         Self { bus, interrupt, port }
@@ -66,7 +66,7 @@ impl BareBoard {
             match port.poll(bus, Instant::now()).expect("the bus") {
                 Some(AsciiEvent::Done(done)) => return done.map(|()| lines),
                 Some(AsciiEvent::Error(error)) => {
-                    port.believe_error(Instant::now());
+                    port.settled(Instant::now());
                     return Err(error);
                 }
                 Some(AsciiEvent::Line(text)) => lines.push(text.to_latin1()),

@@ -373,23 +373,20 @@ impl DpramPort {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
+        if self.state == State::Control && !self.control_pending(bus, now)? {
+            self.state = State::Unsettled;
+            return Ok(Some(AsciiEvent::Taken));
+        }
         let mut second_part = None;
-        match self.state {
-            State::Loaded { sent } if !self.is_loaded(bus)? => {
-                self.unheard = false;
-                if sent < self.length {
-                    second_part = Some(sent);
-                } else {
-                    self.state = State::Replying;
-                }
+        if let State::Loaded { sent } = self.state
+            && !self.is_loaded(bus)?
+        {
+            self.unheard = false;
+            if sent < self.length {
+                second_part = Some(sent);
+            } else {
+                self.state = State::Replying;
             }
-            State::Control => {
-                if !self.control_pending(bus, now)? {
-                    self.state = State::Unsettled;
-                    return Ok(Some(AsciiEvent::Taken));
-                }
-            }
-            _ => {}
         }
         let control = bus.read16(self.words.response_control)?;
         if control == 0 {

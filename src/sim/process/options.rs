@@ -143,7 +143,7 @@ impl Options {
     pub fn identity(&self) -> Result<Identity, NoSuchBoard> {
         let recorded = self.from.as_deref().map(About::read).transpose()?;
         let read = recorded.as_ref().map_or_else(Readings::default, |about| about.settings.readings);
-        let readings = Readings { rotary_code2: self.rotary_code2.or(read.rotary_code2), ..read };
+        let readings = Readings { rotary_code2: self.rotary_code2.or(read.rotary_code2) };
         let family = recorded.as_ref().zip(self.from.as_deref());
         let family = family.map(|(about, directory)| about.family(directory)).transpose()?;
         let tables = match (family, &self.dpram) {
