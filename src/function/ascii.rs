@@ -80,6 +80,8 @@ enum State {
     Control,
     /// Responses may still come that are the command's: see [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
     Unsettled,
+    /// A line that was ended lies there, empty: its flag tells when the board is done with it.
+    Emptied,
     /// A control character of the port's own goes first.
     Held(Hold),
     /// Nothing is begun until then.
@@ -98,6 +100,8 @@ pub struct DpramPort {
     lying: Option<Lying>,
     /// The board was seen to take a control character by its word alone.
     takes_characters: bool,
+    /// The board has taken the control character under way, and another one lies in the word by now.
+    question_taken: bool,
     /// The board did not take what was put before it last, a line or a control character.
     unheard: bool,
     /// The caller says which reply was the line's.
@@ -120,6 +124,7 @@ impl DpramPort {
             length: 0,
             lying: None,
             takes_characters: false,
+            question_taken: false,
             unheard: false,
             open_ended: false,
             half_left: false,
@@ -246,7 +251,8 @@ impl DpramPort {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
-    /// The line that was sent last, by whom ever, as far as its text fits: the board leaves it in the command buffer. N/2 reads.
+    /// The line that was sent last, by whom ever, as far as its text fits: the board leaves it in the command buffer. Its first byte is
+    /// 0 where it was made empty. N/2 reads.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -256,7 +262,7 @@ impl DpramPort {
             let word = bus.read16(self.words.command.plus_words(index))?;
             pair.copy_from_slice(&self.order.unpack(word));
         }
-        let length = bytes.iter().position(|byte| *byte == 0).unwrap_or(N);
+        let length = bytes.iter().skip(1).position(|byte| *byte == 0).map_or(N, |end| end + 1);
         Ok(Text::cut(&bytes[..length]))
     }
 
@@ -333,25 +339,42 @@ impl DpramPort {
         self.unheard
     }
 
-    /// Gives up on the command under way, and takes back what the board has not taken of it. Whether the board has done it, does
+    /// Gives up on the command under way, and ends what the board has not taken of it. Whether the board has done it, does
     /// it still or will do it is not known.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
-        let mut has_half = false;
         match self.state {
-            State::Idle | State::Held(_) | State::Resting { .. } => return Ok(()),
+            State::Idle | State::Emptied | State::Held(_) | State::Resting { .. } => return Ok(()),
             State::Loaded { .. } => {
-                has_half = self.has_parts();
                 self.unheard = self.is_loaded(bus)?;
-                self.withdraw_line(bus)?;
+                return self.end_line(bus, now);
             }
+            // Another one may lie there by now.
+            State::Control if std::mem::take(&mut self.question_taken) => {}
             State::Control => self.withdraw_control(bus)?,
-            State::Unsettled if self.is_loaded(bus)? => self.withdraw_line(bus)?,
+            State::Unsettled if self.is_loaded(bus)? => return self.end_line(bus, now),
             State::Replying | State::Unsettled => {}
         }
-        self.abandon(has_half, now);
+        self.abandon(false, now);
+        Ok(())
+    }
+
+    /// Ends a line that the board has not taken, as far as was seen. Of one part it becomes empty where it lies: its first byte becomes
+    /// the NUL that ends it. That is one byte, so the board finds the line or none, and the flag goes on telling when the board is
+    /// done, with the line if it was at that already. A part that has no end loses its flag.
+    fn end_line(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+        if self.has_parts() {
+            self.withdraw_line(bus)?;
+            self.abandon(true, now);
+            return Ok(());
+        }
+        let second = if self.length > 1 { self.line[1] } else { 0 };
+        bus.write16(self.words.command, self.order.pack(0, second))?;
+        bus.order_writes();
+        self.open_ended = false;
+        self.state = State::Emptied;
         Ok(())
     }
 
@@ -373,7 +396,11 @@ impl DpramPort {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
-        if self.state == State::Control && !self.control_pending(bus, now)? {
+        if self.state == State::Control
+            && (std::mem::take(&mut self.question_taken) || !self.control_pending(bus, now)?)
+        {
+            // No line was begun meanwhile, so no flag told the board of it.
+            self.takes_characters = true;
             self.state = State::Unsettled;
             return Ok(Some(AsciiEvent::Taken));
         }
@@ -393,6 +420,10 @@ impl DpramPort {
             match self.state {
                 State::Held(hold) => self.go_on_holding(bus, hold, now)?,
                 State::Resting { until } if now >= until => self.state = State::Idle,
+                State::Emptied if !self.is_loaded(bus)? => {
+                    self.unheard = false;
+                    self.state = State::Idle;
+                }
                 _ => {}
             }
             if let Some(sent) = second_part {
@@ -418,7 +449,9 @@ impl DpramPort {
             _ => return self.classify_error(control, now),
         }
         match (self.state, control) {
-            (State::Idle | State::Held(_) | State::Resting { .. }, _) => AsciiEvent::Stale(control),
+            (State::Idle | State::Emptied | State::Held(_) | State::Resting { .. }, _) => {
+                AsciiEvent::Stale(control)
+            }
             (_, response::LINE) => AsciiEvent::Line(text),
             (State::Control, _) => AsciiEvent::Stale(control),
             // The board has not all of the line: this is no end of its reply.

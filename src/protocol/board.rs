@@ -64,9 +64,14 @@ impl Enabled {
 pub const NO_REPLY_END: &str = "the board does not mark the end of its replies, so each command line waits out its time and is told as \
                                 one that may have been carried out; send I3=2";
 
+/// What is said of a board that answers the daemon's own lines otherwise.
+pub const ANSWERS_OTHERWISE: &str = "the board answers `I3 I10 I3` otherwise than it asks, so nobody could tell whose its replies are: no command \
+                                     line is sent; send it over the serial port, and tell us what comes";
+
 /// What is said of a board that does not take control characters.
 pub const NO_CONTROL_CHARACTERS: &str = "the board did not take ^F by the DPRAM word of control characters, so ^A and ^K may not reach \
-                                         it; move nothing before step 9 of docs/first-board.md has decided it";
+                                         it; move nothing before step 9 of docs/first-board.md has decided it. \
+                                         `pmacctl abort 1` and `&1A` go another way";
 
 /// The board and the daemon that owns it: the reply of `GetInfo`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -109,6 +114,9 @@ pub struct BoardInfo {
     /// The board answers command lines through the DPRAM, but marks no end of its replies.
     #[serde(default)]
     pub reply_end_missing: bool,
+    /// The board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    #[serde(default)]
+    pub answers_otherwise: bool,
     /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
     #[serde(default)]
     pub control_characters: Option<bool>,
@@ -156,6 +164,7 @@ impl BoardInfo {
     pub fn port_faults(&self) -> Vec<&'static str> {
         let faults = [
             (self.reply_end_missing, NO_REPLY_END),
+            (self.answers_otherwise, ANSWERS_OTHERWISE),
             (self.control_characters == Some(false), NO_CONTROL_CHARACTERS),
         ];
         faults.into_iter().filter_map(|(is_so, text)| is_so.then_some(text)).collect()

@@ -9,10 +9,9 @@
  * done once; nothing is done twice; a control character's answer is no line's. Liveness: commands go on for ever.
  *
  * Times: a command's deadline may come at any moment; a slow line (SLOW) takes longer than any. The host waits for no silence: the
- * order of the answers tells. REST, 50 ms, is longer than PMAC takes from seeing the command word to having read the text.
+ * order of the answers tells. A line that is given up in the buffer becomes empty there. REST, 50 ms, which a new host takes, is longer than PMAC takes from seeing the command word to having read the text.
  *
- * Not here: lines in two parts (two_parts.pml), errors (whose_error.pml), ^X, and that the daemon believes a board which answers three
- * of its own lines, but none of them as it should.
+ * Not here: lines in two parts (two_parts.pml), errors (whose_error.pml), ^X.
  *
  * -D...       what changes; what FAILS is told as the counterexample goes
  * TAKEN       PMAC clears the command word when it has taken the line. Else when it has processed it.
@@ -31,10 +30,10 @@
  * NO_START_CHECK the new host begins with a caller's line. FAILS with CRASH: a host is killed in the middle of a
  *             reply; the next one clears the response word and begins a command before PMAC has put out the rest.
  * NO_ANSWER_CHECK the host sends no line of his own behind a control character. FAILS: its answer comes when a line is under way.
- * NO_REST     the host does not rest after a line was given up. FAILS: PMAC has seen the command word, takes the next line under it,
- *             and once more when its command word is set.
- * CHECK_WITHDRAWN the host takes back his own line, too, when PMAC does not take it. FAILS with SLOW: the ones that were taken back
- *             use up those that can be told apart.
+ * NO_REST     a new host does not rest. FAILS with CRASH: PMAC has seen the command word, takes the new line under it, and once
+ *             more when its command word is set.
+ * CHECK_ENDED the host gives up his own line, too, while it lies untaken. FAILS there with CRASH: lines that were never carried out use
+ *             up those that can be told apart.
  * TOLD        a line given up while it still lies in the buffer is told to be not done, instead of perhaps. FAILS: PMAC
  *             has seen the command word and is at it; it clears the word only when it has processed the line.
  * INTERRUPT   the host looks only when an interrupt came, and interrupts get lost. FAILS (liveness): a lost one leaves the
@@ -50,6 +49,7 @@
 #define CHECKS 4                                       /* how many of the host's own lines can be told apart */
 #endif
 #define QUESTION 6
+#define EMPTY 9                                       /* added to a text: it was made empty, by its first byte */
 #define LINE 1
 #define END 2
 #define MESSAGE 3
@@ -122,7 +122,12 @@ proctype Pmac() {
           put_out();
 #endif
 #endif
-          atomic { done[taken]++; assert((done[taken] == 1 || taken >= COMMANDS) && taken != told_not); say(LINE, taken); say(END, taken); taken = 0; working = false };
+          atomic {
+            if
+            :: taken >= EMPTY -> if :: say(END, EMPTY) :: skip fi
+            :: else -> done[taken]++; assert((done[taken] == 1 || taken >= COMMANDS) && taken != told_not); say(LINE, taken); say(END, taken)
+            fi;
+            taken = 0; working = false };
 #ifndef TAKEN
           command = 0
 #endif
@@ -143,12 +148,13 @@ proctype Pmac() {
   od
 }
 
-/* What the host does next: nothing under way, a line lies there, PMAC has it, a control character lies there, it rests. */
+/* What the host does next: nothing under way, a line lies there, PMAC has it, a control character lies there, it rests, an empty line lies there. */
 #define IDLE 0
 #define LOADED 1
 #define REPLYING 2
 #define ASKING 3
 #define RESTING 4
+#define EMPTIED 5
 
 proctype Host() {
   byte state, job, next, check, what, whose;
@@ -161,7 +167,10 @@ proctype Host() {
 #ifdef START_ALIKE
     check = 0;
 #else
-    if :: command_text >= COMMANDS -> check = command_text - COMMANDS :: else -> check = 0 fi;
+    if
+    :: command_text % EMPTY >= COMMANDS -> check = command_text % EMPTY - COMMANDS
+    :: else -> check = 0
+    fi;
 #endif
     atomic {
       state = RESTING;
@@ -201,7 +210,7 @@ proctype Host() {
             response = 0;
             if
             :: what == MESSAGE
-            :: what != MESSAGE && (state == IDLE || state == ASKING || state == RESTING)      /* stale, or the character's answer */
+            :: what != MESSAGE && (state == IDLE || state == ASKING || state >= RESTING)      /* stale, or the character's answer */
             :: what != MESSAGE && (state == LOADED || state == REPLYING) && job >= COMMANDS ->
                if
                :: what == LINE -> known = (whose == job)
@@ -225,6 +234,7 @@ proctype Host() {
 #else
        :: state == RESTING -> if :: !looking -> state = IDLE :: else fi
 #endif
+       :: state == EMPTIED -> if :: command == 0 -> state = IDLE :: else fi
        :: state == IDLE ->                            /* begin */
           if
           :: response == 0 ->
@@ -254,7 +264,7 @@ proctype Host() {
        :: state == ASKING ->                          /* the deadline */
           character = 0;
           atomic { doubt = true; state = IDLE }
-#ifdef CHECK_WITHDRAWN
+#ifdef CHECK_ENDED
        :: state == LOADED || state == REPLYING ->
 #else
        :: state == REPLYING || state == LOADED && job < COMMANDS ->
@@ -262,11 +272,13 @@ proctype Host() {
 #ifdef TOLD
           if :: state == LOADED && command != 0 -> told_not = job :: else fi;
 #endif
-          command = 0;
-          atomic { doubt = true; state = RESTING; job = 0; known = false }
+          if
+          :: state == LOADED -> command_text = EMPTY + job; atomic { doubt = true; state = EMPTIED; job = 0; known = false }
+          :: state == REPLYING -> atomic { doubt = true; state = IDLE; job = 0; known = false }
+          fi
 #else
        :: atomic { state == REPLYING && job >= COMMANDS && command == 0 && response == 0 && queued == 0 && !working ->
-             state = RESTING; job = 0; known = false }                    /* it was lost: PMAC cleared the word for another */
+             state = IDLE; job = 0; known = false }                       /* it was lost: PMAC cleared the word for another */
 #endif
        :: else
 #ifndef PATIENT

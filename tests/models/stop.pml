@@ -76,10 +76,9 @@ proctype Host() {
      :: stops ->
 #ifndef LEFT
         if
-        :: !two && flag != 0 -> text = EMPTY
-        :: else
+        :: two -> flag = 0
+        :: !two -> if :: flag != 0 -> text = EMPTY :: else fi
         fi;
-        flag = 0;
 #endif
         stop = true;
 #ifdef EMPTY_LINE

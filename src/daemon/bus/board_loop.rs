@@ -205,6 +205,7 @@ impl BoardLoop {
             status.changes = queue.identifier.changes();
             status.reply_end_missing = queue.reply_end_missing();
             status.control_characters = queue.takes_characters();
+            status.answers_otherwise = queue.is_answered_otherwise();
             (status.buffer, status.holds_port) = queue.standing(now);
             status.open_loops = self.functions.open_loops();
             status.loops_left_open = self.functions.loops_left_open();

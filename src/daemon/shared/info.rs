@@ -224,6 +224,7 @@ impl Info {
         board.command_port = status.command_port;
         board.command_state = status.command_state;
         board.reply_end_missing = status.reply_end_missing;
+        board.answers_otherwise = status.answers_otherwise;
         board.control_characters = status.control_characters;
         board.open_buffer = status.buffer.info();
         board.open_buffer_unsaid = status.buffer.is_unsaid;

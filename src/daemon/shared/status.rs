@@ -56,6 +56,8 @@ pub struct BoardStatus {
     pub changes: [Option<Change>; CHANGES],
     /// The board answers command lines through the DPRAM, but marks no end of its replies.
     pub reply_end_missing: bool,
+    /// The board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    pub answers_otherwise: bool,
     /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
     pub control_characters: Option<bool>,
     /// The program buffer that is open.
@@ -98,6 +100,7 @@ impl BoardStatus {
         silent_since: None,
         changes: [None; CHANGES],
         reply_end_missing: false,
+        answers_otherwise: false,
         control_characters: None,
         buffer: Standing { is_open: false, opened: None, is_unsaid: false },
         holds_port: None,

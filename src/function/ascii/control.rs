@@ -2,8 +2,8 @@
 //!
 //! The register alone tells the board: drivers in production write nothing else. The manual's "the read/write procedure is exactly as
 //! described above" could be read as if the command flag had to be set, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
-//! been seen to take a character by its word alone, the flag follows after [`FLAG_AFTER`], with an empty line, if no line of ours
-//! lies untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
+//! taken one that reports by its word alone, the flag follows after [`FLAG_AFTER`], with an empty line, if no line of ours lies
+//! untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
 
 use std::time::{Duration, Instant};
 
@@ -42,18 +42,20 @@ impl DpramPort {
         now: Instant,
     ) -> Result<bool, BusError> {
         let is_urgent = [ABORT, KILL, CANCEL].contains(&character);
-        let over_question = is_urgent && self.own_lies();
         let found = bus.read16(self.words.control_character)?;
+        let over_own = is_urgent && found != 0 && self.own_lies();
         // One that nobody here has put there may lie there for ever.
         let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
         let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
-        let is_over = over_question || over_foreign;
+        let is_over = over_own || over_foreign;
         if has_reply && self.state != State::Idle || found != 0 && !is_over {
             return Ok(false);
         }
         match &mut self.state {
-            State::Held(hold) if over_question => hold.later(now),
-            State::Control if over_question => self.state = State::Idle,
+            State::Held(hold) if over_own => hold.later(now),
+            State::Control if over_own => self.state = State::Idle,
+            // The board has taken it; the next poll tells.
+            State::Control => self.question_taken = true,
             _ => {}
         }
         self.put_control(bus, character, is_over, now)?;
@@ -98,7 +100,6 @@ impl DpramPort {
         if word == 0 && !lying.again {
             self.lying = None;
             self.unheard = false;
-            self.takes_characters |= !lying.flagged;
             return Ok(false);
         }
         if word == 0 {
@@ -119,7 +120,13 @@ impl DpramPort {
         Ok(true)
     }
 
-    /// Whether the board was seen to take a control character by its word alone.
+    /// Whether a control character with a reply is under way that the board has not been seen to take.
+    #[must_use]
+    pub fn is_asking(&self) -> bool {
+        self.state == State::Control
+    }
+
+    /// Whether the board was seen to take a control character by its word alone: one that reports, while no line's flag was set.
     #[must_use]
     pub const fn takes_characters(&self) -> bool {
         self.takes_characters

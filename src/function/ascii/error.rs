@@ -17,7 +17,7 @@ impl DpramPort {
         match self.state {
             // No manual has a board refuse a control character.
             State::Idle | State::Control => AsciiEvent::ProgramError(number),
-            State::Held(_) | State::Resting { .. } => AsciiEvent::Stale(control),
+            State::Emptied | State::Held(_) | State::Resting { .. } => AsciiEvent::Stale(control),
             State::Loaded { sent } if sent < self.length => {
                 // Without its second part the line is not carried out, whosever the error is.
                 self.abandon(true, now);

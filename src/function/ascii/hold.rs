@@ -45,7 +45,7 @@ impl Hold {
 }
 
 impl DpramPort {
-    /// Whether the board has the first half of a line, before which it would put the next one: an empty one would end it.
+    /// Whether the board may hold the first part of a line. An empty line would end that part, and the board run it.
     pub(super) const fn has_half_a_line(&self) -> bool {
         matches!(self.state, State::Held(Hold { character: CANCEL, .. }))
     }
@@ -68,7 +68,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Takes back whatever lies before the board and is ours, now.
+    /// Takes back whatever lies before the board and is ours, now: it has forgotten what it had.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -76,10 +76,8 @@ impl DpramPort {
         self.withdraw_control(bus)?;
         self.withdraw_line(bus)?;
         self.stop_again = None;
-        if let State::Held(hold) = &mut self.state
-            && hold.lies()
-        {
-            hold.later(now);
+        if matches!(self.state, State::Held(_) | State::Emptied) {
+            self.state = State::Resting { until: now + REST };
         }
         Ok(())
     }

@@ -4,8 +4,7 @@
 //! more of a line is handed over, and what the board has not taken is taken back. PMAC looks at a control character before the line
 //! that lies there, which it keeps for later (User Manual p. 28).
 //!
-//! A line of one part is made empty where it lies: its first byte becomes the NUL that ends it. Then its flag is taken back. A board
-//! that has seen the flag finds the line, an empty one, or none.
+//! A line of one part is made empty where it lies, and its flag goes on telling when the board is done with it.
 //!
 //! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28). It is told by `^X` to forget it ([`super::hold`]).
 //! Until then nothing with a NUL may lie under the flag: an empty line would end that line, and the board carry it out. So a part
@@ -53,8 +52,8 @@ pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
 }
 
 impl DpramPort {
-    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over. The port
-    /// rests then, as after [`DpramPort::give_up`].
+    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over, as
+    /// [`DpramPort::give_up`] does.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -67,11 +66,7 @@ impl DpramPort {
         if !lacks_end && (self.flag_is_characters() || !self.is_loaded(bus)?) {
             return Ok(Stopped::Nothing);
         }
-        if !self.has_parts() {
-            self.empty_line(bus)?;
-        }
-        self.withdraw_line(bus)?;
-        self.abandon(self.has_parts(), now);
+        self.end_line(bus, now)?;
         self.stop_again = stronger(self.stop_again, character);
         Ok(if lacks_end { Stopped::Unsent } else { Stopped::Uncertain })
     }
@@ -99,13 +94,5 @@ impl DpramPort {
         {
             self.state = State::Idle;
         }
-    }
-
-    /// Makes a line of one part empty that lies before the board.
-    fn empty_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
-        let second = if self.length > 1 { self.line[1] } else { 0 };
-        bus.write16(self.words.command, self.order.pack(0, second))?;
-        bus.order_writes();
-        Ok(())
     }
 }

@@ -181,13 +181,13 @@ impl CommandPorts {
     }
 
     /// See [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
-    pub fn doubt_end(&mut self) {
+    pub fn doubt_its_end(&mut self) {
         self.doubt = self.doubt.or(Some(Doubt::ItsEnd));
     }
 
     /// Whether nothing is in doubt but where the command's reply ends.
     #[must_use]
-    pub fn doubts_end_alone(&self) -> bool {
+    pub fn only_end_in_doubt(&self) -> bool {
         self.doubt == Some(Doubt::ItsEnd)
     }
 

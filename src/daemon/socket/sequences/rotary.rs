@@ -14,12 +14,12 @@
 //! addressed. What has not left the DPRAM never runs: the set-up makes that buffer empty.
 //!
 //! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs: with `Q`,
-//! after the moves already calculated (GRAMMAR 2.4). Otherwise a machine would go on to wherever the last line that came through
+//! after the moves already calculated (Software Reference, Q). Otherwise a machine would go on to wherever the last line that came through
 //! leaves it. In a feed hold those moves wait for `R` ("much like a %0 command", Software Reference p. 172), and the program
 //! with them: so the board is asked whether it has ended. What is said then is right too for a board whose `Q` ends a held
 //! program.
 //!
-//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too (FACTS 7: a rotary buffer is not kept over a reset). `???` tells of
+//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too. `???` tells of
 //! them: open for text, or for binary lines (Software Reference p. 271, Turbo Software Reference p. 290).
 
 mod call;

@@ -4,10 +4,21 @@ use std::time::Instant;
 
 use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
-use crate::daemon::shared::queue::{Event, Outcome, Sender, Unsolicited};
+use crate::daemon::shared::open_buffer::Barred;
+use crate::daemon::shared::queue::{Event, Outcome, Sender, Text, Unsolicited};
 use crate::function::ascii::{AsciiEvent, ResponseText};
+use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::{CommandState, MessageKind};
 use crate::segment::{Counter, Publisher};
+
+/// Whether this asks for values: a board that only acknowledges it has taken it for a line of a program.
+fn asks_for_values(command: &InFlight) -> bool {
+    match command {
+        InFlight::Line(line) => only_asks_for_variables(line.line.as_bytes()),
+        InFlight::Identify | InFlight::Scan => true,
+        _ => false,
+    }
+}
 
 impl AsciiQueue {
     pub(super) fn handle(
@@ -54,6 +65,10 @@ impl AsciiQueue {
             AsciiEvent::Stale(_) => {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
+                if self.under_way.is_none() && self.unsettled.is_none() {
+                    // Nothing was owed: whose the next one is the order of answers tells.
+                    self.ports.doubt();
+                }
             }
             AsciiEvent::Taken => self.character_taken(now),
             AsciiEvent::Error(number) => {
@@ -77,11 +92,20 @@ impl AsciiQueue {
         result: Result<(), u16>,
         now: Instant,
     ) {
+        let asks = !self.buffer.is_open() && asks_for_values(&under_way.command);
+        let is_unanswered = asks && result.is_ok() && !under_way.taken;
+        if is_unanswered {
+            self.buffer.disbelieve();
+        }
         match under_way.command {
             InFlight::Line(line) => {
                 self.line_over(&line);
                 self.ports.line_over();
-                let outcome = self.outcome_of(&line, result);
+                let outcome = if is_unanswered {
+                    Outcome::Interrupted(Text::of(&Barred::Open(None).too_late()))
+                } else {
+                    self.outcome_of(&line, result)
+                };
                 self.outbox.tell(events, Event::Done(line.ticket, outcome));
             }
             InFlight::Control(WaitingControl { ticket, .. }) => {

@@ -73,3 +73,17 @@ fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
     rig.queue.see_buffer(Some((false, 1)));
     assert!(!rig.queue.standing(rig.now).0.is_unsaid, "a report tells");
 }
+
+#[test]
+fn a_question_that_is_only_acknowledged_may_have_entered_a_program() {
+    let mut rig = Rig::new();
+    rig.send(1, "P5", Duration::from_secs(60));
+    rig.send(2, "P5=7", Duration::from_secs(60));
+    rig.poll();
+    assert_eq!(rig.take(), "P5");
+    rig.poll();
+    rig.respond(response::ACKNOWLEDGE);
+    let reason = Text::of(&Barred::Open(None).too_late());
+    assert_eq!(rig.ended(), [(1, Outcome::Interrupted(reason))]);
+    assert_eq!(rig.take(), "SIZE", "what the reports said is not believed");
+}

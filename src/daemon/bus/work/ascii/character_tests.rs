@@ -73,6 +73,22 @@ fn a_stop_goes_over_a_report_that_the_board_has_not_taken() {
 }
 
 #[test]
+fn a_character_behind_a_report_that_the_board_has_just_taken_is_not_lost() {
+    for character in [control::HOLD, control::QUIT, control::STEP, control::ABORT] {
+        let mut rig = Rig::new();
+        rig.control(1, POSITIONS);
+        rig.poll();
+        assert_eq!(rig.take_character(), u16::from(POSITIONS));
+        rig.control(2, character);
+        rig.poll();
+        assert_eq!(rig.take_character(), u16::from(character));
+        rig.say("0 0 0 0 0 0 0 0");
+        rig.answer_check();
+        assert_eq!(rig.told(), ["2 Done", "1 0 0 0 0 0 0 0 0", "1 Done"]);
+    }
+}
+
+#[test]
 fn the_board_is_asked_whether_it_takes_control_characters_and_one_that_does_not_is_named() {
     let mut rig = Rig::new();
     rig.queue.ports.dpram.forget_characters();

@@ -47,7 +47,8 @@ pub(super) const REPLY_LINES: usize = KINDS + 2;
 const PATIENCE: Duration = Duration::from_secs(1);
 /// How soon it is sent again to a board that did not answer it.
 const AGAIN: Duration = Duration::from_secs(1);
-/// A board that has answered so many of them, but otherwise, answers them otherwise.
+/// A board that has answered so many of them, but otherwise, answers them otherwise. It gets no other line: nobody could tell whose
+/// its replies are. A recording does, which may lack these answers.
 const TRIES: u8 = 3;
 
 /// What the line asks for.
@@ -126,9 +127,10 @@ impl Check {
         if questions == Some(next + values) { (next + 1) % KINDS } else { next }
     }
 
-    /// This line was sent before, by a daemon whose lines end here.
+    /// This line was sent before, by a daemon whose lines end here. It may have made it empty, by its first byte.
     pub(super) fn follow(&mut self, line: &[u8]) {
-        let kind = (0..KINDS).find(|kind| [HANDSHAKE[*kind], BUFFER[*kind]].contains(&line));
+        let is_it = |own: &[u8]| line.get(1..) == own.get(1..);
+        let kind = (0..KINDS).find(|kind| is_it(HANDSHAKE[*kind]) || is_it(BUFFER[*kind]));
         self.kind = kind.unwrap_or(self.kind);
     }
 
@@ -214,6 +216,11 @@ impl Check {
         self.given_up = None;
     }
 
+    /// Whether the board answers our lines, but otherwise than they ask.
+    pub(super) const fn is_answered_otherwise(&self) -> bool {
+        self.tries >= TRIES
+    }
+
     /// Whether the board answers our lines, but marks no end of its replies.
     pub(super) const fn marks_no_end(&self) -> bool {
         self.marks_no_end
@@ -283,8 +290,8 @@ impl AsciiQueue {
         self.has_answered(value, now);
     }
 
-    /// Whether our line lies before a board that has not taken it in time. It stays there: who waits is told, and lines that were taken
-    /// back would use up those that can be told apart (`tests/models/ascii.pml`).
+    /// Whether our line lies before a board that has not taken it in time. It stays there: who waits is told, and lines that the board
+    /// never carries out would use up those that can be told apart (`tests/models/ascii.pml`).
     pub(super) fn check_lies(&mut self) -> bool {
         let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
             && self.ports.in_use() == CommandPort::Dpram
@@ -309,20 +316,21 @@ impl AsciiQueue {
             return self.has_answered(value, now);
         }
         self.check.not_before = now + AGAIN;
-        self.check.tries += u8::from(self.check.is_answered);
-        if self.check.tries < TRIES {
-            self.state = CommandState::Silent;
-            return;
-        }
-        self.check.tries = 0;
-        self.state = CommandState::Answers;
+        self.check.tries = self.check.tries.saturating_add(u8::from(self.check.is_answered));
+        let is_otherwise = self.check.tries >= TRIES;
         match self.check.asks {
-            Asks::Handshake => self.end_doubt(now),
-            Asks::Buffer => {
+            Asks::Handshake if is_otherwise && self.programs.is_replay => {
+                self.state = CommandState::Answers;
+                self.end_doubt(now);
+            }
+            Asks::Buffer if is_otherwise => {
+                self.check.tries = 0;
+                self.state = CommandState::Answers;
                 // The handshake is next, while this is believed.
                 self.check.not_before = now;
                 self.buffer_unsaid(self.check.error.map_or(Unsaid::Otherwise, Unsaid::Refused), now);
             }
+            _ => self.state = CommandState::Silent,
         }
     }
 
@@ -331,7 +339,7 @@ impl AsciiQueue {
         if self.check.asks == Asks::Buffer {
             self.buffer.learn(Some(value), now);
         }
-        let is_settled = self.buffer.is_open() || self.ports.doubts_end_alone();
+        let is_settled = self.buffer.is_open() || self.ports.only_end_in_doubt();
         if self.check.asks == Asks::Handshake || is_settled {
             self.end_doubt(now);
         } else {

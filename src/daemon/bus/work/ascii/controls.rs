@@ -114,11 +114,12 @@ impl AsciiQueue {
         }
     }
 
-    /// `control` went over one that reports, where the board had not taken that.
+    /// `control` may have gone over one that reports, which is over then.
     fn end_overtaken(&mut self, control: &WaitingControl) {
         if let Some(UnderWay { command: InFlight::Control(_) | InFlight::Character, ended_by, .. }) =
             &mut self.under_way
             && self.ports.in_use() == CommandPort::Dpram
+            && !self.ports.dpram.is_asking()
         {
             let WaitingControl { uid, character, .. } = *control;
             *ended_by = Some(EndedBy { uid, character, unsent: false });
@@ -133,7 +134,8 @@ impl AsciiQueue {
         now: Instant,
     ) -> Result<(), PortError> {
         let WaitingControl { uid, character, .. } = *control;
-        let origin = match &self.under_way {
+        let unsettled = self.unsettled.as_ref().map(|unsettled| &unsettled.under_way);
+        let origin = match self.under_way.as_ref().or(unsettled) {
             Some(UnderWay { command: InFlight::Line(line), .. }) => Some(line.origin),
             Some(_) => None,
             None => self.check.given_up().map(|given_up| given_up.by),
@@ -142,7 +144,8 @@ impl AsciiQueue {
             return Ok(());
         }
         let stopped = self.ports.stop(bus, character, now)?;
-        let Some(under_way) = &mut self.under_way else { return Ok(()) };
+        let unsettled = self.unsettled.as_mut().map(|unsettled| &mut unsettled.under_way);
+        let Some(under_way) = self.under_way.as_mut().or(unsettled) else { return Ok(()) };
         // Behind `^X` it ends when the board has taken that.
         if stopped != Stopped::Nothing && character != CANCEL {
             // Where lines of a reply came the board carries out parts.

@@ -207,7 +207,7 @@ impl AsciiQueue {
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         if let Some(holds) = self.holds_port() {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
-        } else if waited && (!self.ports.in_doubt() || self.ports.doubts_end_alone()) {
+        } else if waited && (!self.ports.in_doubt() || self.ports.only_end_in_doubt()) {
             self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
         } else {
             self.fail(events, publisher, ticket, false);

@@ -126,6 +126,21 @@ fn b2_a_stop_while_our_own_line_asks_after_one_given_up_goes_once_more() {
 }
 
 #[test]
+fn a_line_that_lies_untaken_behind_an_error_is_taken_back_before_a_stop() {
+    let mut rig = Rig::new();
+    rig.send(1, "#1J+", Duration::from_secs(600));
+    rig.poll();
+    // A program's.
+    rig.respond(response::ERROR | 5);
+    assert!(rig.loaded());
+    rig.control(2, control::ABORT);
+    rig.poll();
+    assert!(!rig.loaded());
+    assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(control::ABORT));
+    assert!(matches!(rig.ended()[..], [(1, Outcome::Interrupted(_))]));
+}
+
+#[test]
 fn b1_6_what_ends_a_sequence_is_not_taken_back_by_a_stop() {
     let mut rig = Rig::new();
     let deadline = rig.now + Duration::from_secs(600);

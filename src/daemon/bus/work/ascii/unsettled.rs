@@ -1,8 +1,8 @@
 //! A command whose end the order of the board's answers settles.
 //!
-//! An error that came while a line was under way is the line's, or a program's. Where no program can report one
-//! ([`super::programs`]) it is the line's at once. A control character's reply has no end mark. In both cases a line of our own goes,
-//! whose reply is unmistakable ([`super::check`]). What comes before that reply is the command's: if it was a line, it has been
+//! An error that came while a line was under way is the line's, or a program's. Where no program can report errors
+//! ([`super::programs`]), the error is the line's. Else, and behind a control character, whose reply has no end mark, a line of our own
+//! decides, whose reply is unmistakable ([`super::check`]). What comes before that reply is the command's: if it was a line, it has been
 //! answered, and the error was a program's. If nothing comes before, the error was the line's (`tests/models/whose_error.pml`).
 
 use std::time::Instant;
@@ -57,7 +57,7 @@ impl AsciiQueue {
     }
 
     fn unsettle(&mut self, under_way: UnderWay, error: Option<u16>, now: Instant) {
-        self.ports.doubt_end();
+        self.ports.doubt_its_end();
         self.check.go_at(now);
         let held = [ResponseText::default(); REPLY_LINES];
         self.unsettled =
