@@ -106,7 +106,7 @@ fn e6_a_capture_holds_the_board_and_changes_nothing() {
     site.ask("P7=2.5 M50->* M50=12");
     site.ask("&1#2");
     let (path, text) = directory(&site);
-    let ran = site.run_slowly(&["capture", &text, "--seconds", "0.05"]);
+    let ran = site.hurried(|| site.run(&["capture", &text, "--seconds", "0.05"]));
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{ran:?}");
     let last = ran.stdout.lines().last().unwrap();
     let recording = Recording::read(&path).unwrap();
@@ -160,7 +160,7 @@ fn e6_a_capture_holds_the_board_and_changes_nothing() {
 fn e6_a_turbo_board_with_the_small_dpram_is_captured() {
     let site = VirtualSite::configured(&["--family", "turbo"], "family = \"turbo\"\n");
     let (path, text) = directory(&site);
-    let ran = site.run_slowly(&["capture", &text, "--seconds", "0.05", "--no-variables"]);
+    let ran = site.hurried(|| site.run(&["capture", &text, "--seconds", "0.05", "--no-variables"]));
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{ran:?}");
     let recording = Recording::read(&path).unwrap();
     assert_eq!((recording.images[0].words.len(), recording.variables.as_ref()), (0x2000, None));
@@ -179,7 +179,7 @@ fn e6_what_is_not_told_to_a_capture_is_said() {
     site.wait_until("the board's scales", || site.has_scales());
     site.ask("OPEN PROG 1 CLEAR");
     let (_, text) = directory(&site);
-    let ran = site.run_slowly(&["capture", &text, "--seconds", "0.05"]);
+    let ran = site.hurried(|| site.run(&["capture", &text, "--seconds", "0.05"]));
     assert_eq!(ran.code, Some(1), "not whole: {ran:?}");
     assert!(ran.stdout.contains("left out: variables and definitions: "), "{ran:?}");
     assert!(!ran.stdout.contains("the answer to TYPE"), "TYPE is on-line only: {ran:?}");
@@ -321,7 +321,7 @@ fn e6_a_report_is_one_file_without_names_and_paths_of_the_users() {
     site.wait_until("the board's scales", || site.has_scales());
     let path = site.path("report.tar.gz");
     let text = path.to_str().unwrap();
-    let ran = site.run_slowly(&["doctor", "--report", text]);
+    let ran = site.hurried(|| site.run(&["doctor", "--report", text]));
     assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{ran:?}");
     assert!(
         ran.stdout.contains("What it does not hold:") && ran.stdout.contains("look at it before you send it")

@@ -4,7 +4,8 @@
 //! One thread owns board, daemon and time. While a call waits for the board, or the test waits in
 //! [`VirtualSite::wait_until`] or [`VirtualSite::run_for`], time passes as fast as the machine can compute it;
 //! otherwise at most as fast as real time. On a slow machine time passes slowly for board and daemon alike, so neither
-//! can be late. Nor can a client: time waits for a jog's holder that has to renew it.
+//! can be late. Nor can a client: time waits for a jog's holder that has to renew it, and for a client that traces the bus to
+//! take the accesses.
 
 use std::cell::RefCell;
 use std::fmt::Write as _;
@@ -313,7 +314,7 @@ fn run(pace: &Arc<Pace>, requests: &Receiver<Request>) {
     let mut waits_for_holder = None;
     loop {
         let hurried = pace.hurried.load(Ordering::Relaxed) > 0 || world.is_waited_for();
-        let held = pace.held.load(Ordering::SeqCst);
+        let held = pace.held.load(Ordering::SeqCst) || world.waits_for_trace_reader();
         let holder_is_due =
             world.is_lease_over() && waits_for_holder.get_or_insert_with(Instant::now).elapsed() < PATIENCE;
         if !world.is_lease_over() {

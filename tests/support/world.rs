@@ -15,7 +15,7 @@ use pmac_dpram::daemon::parts::{Parts, segment_options};
 use pmac_dpram::daemon::recognise;
 use pmac_dpram::daemon::socket::options::ServeOptions;
 use pmac_dpram::daemon::socket::server::stepper::ServerStepper;
-use pmac_dpram::device::{BoardSpec, Inherited};
+use pmac_dpram::device::{BoardSpec, Inherited, Trace};
 use pmac_dpram::segment::Publisher;
 use pmac_dpram::sim;
 use pmac_dpram::sim::process::Simulator;
@@ -31,10 +31,14 @@ const SOCKETS_EVERY_NS: u64 = 1_000_000;
 /// The daemon's time limit for ending.
 const LAST: Duration = Duration::from_secs(10);
 
+/// So many bus accesses that a client has not taken yet are one reply's, a small part of what the daemon has room for.
+const UNTAKEN: u64 = 4096;
+
 /// The daemon's parts: the bus thread's and the command socket's.
 pub struct Daemon {
     pub board_loop: BoardLoop,
     pub server: ServerStepper,
+    trace: Arc<Trace>,
 }
 
 /// The board, the daemon, and their time.
@@ -113,9 +117,10 @@ impl World {
             ..ServeOptions::new(settings.socket.clone().unwrap())
         };
         let listener = serve_options.listen().map_err(|error| error.to_string())?;
+        let trace = Arc::clone(&parts.backend.trace);
         let server =
             ServerStepper::new(&serve_options, listener, parts.backend).map_err(|error| error.to_string())?;
-        self.daemon = Some(Daemon { board_loop: parts.board_loop, server });
+        self.daemon = Some(Daemon { board_loop: parts.board_loop, server, trace });
         self.poll();
         Ok(())
     }
@@ -183,6 +188,12 @@ impl World {
         self.daemon.as_ref().is_some_and(|daemon| daemon.server.waits_for_board())
     }
 
+    /// Whether a client that traces the bus accesses has many to take, and waits for nothing else.
+    pub fn waits_for_trace_reader(&self) -> bool {
+        let is_behind = self.daemon.as_ref().is_some_and(|daemon| daemon.trace.waiting() > UNTAKEN);
+        is_behind && !self.is_waited_for()
+    }
+
     /// Whether the next step stops a held jog or ends a sequence, unless its owner renews it before.
     pub fn is_lease_over(&self) -> bool {
         let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_lease_end());
@@ -204,7 +215,7 @@ impl World {
         while self.is_ending(begun) {
             self.step();
         }
-        let Some(Daemon { mut board_loop, server }) = self.daemon.take() else { return 0 };
+        let Some(Daemon { mut board_loop, server, .. }) = self.daemon.take() else { return 0 };
         let may_move = server.end(self.now());
         board_loop.stop();
         while board_loop.poll() != u64::MAX {

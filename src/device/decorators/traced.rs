@@ -93,6 +93,13 @@ impl Trace {
         self.dropped.load(Ordering::Acquire)
     }
 
+    /// How many accesses wait to be taken out, while accesses are kept.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        let waiting = || self.put.load(Ordering::Acquire) - self.taken.load(Ordering::Acquire);
+        if self.is_on() { waiting() } else { 0 }
+    }
+
     /// Takes out at most `most` accesses, the oldest first.
     #[must_use]
     pub fn take(&self, most: usize) -> Vec<TracedAccess> {
