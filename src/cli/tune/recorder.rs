@@ -97,6 +97,8 @@ impl Recorder {
             let followed = self.follow(&mut samples, &mut record, seconds, stop, lines);
             record.failure = followed.err().map(|failure| failure.to_string());
         }
+        // The end of the gather may take its time. If the sequence has ended, its end tells why.
+        let _ = lines.renew();
         let stopped = self.prepared.connection.gather_stop(None);
         jogged?;
         let (why, untidy) = match stopped {

@@ -7,12 +7,14 @@ use crate::daemon::shared::queue::Outcome;
 const AGAIN: Duration = Duration::from_millis(250);
 /// What an open program buffer keeps back is tried on, less often, until the buffer is closed.
 const AGAIN_LATER: Duration = Duration::from_secs(1);
+/// When the owner is told of that: before another sequence of his lapses because he waits for this end.
+const KEPT_BACK_AFTER: Duration = Duration::from_secs(2);
 
 /// The attempts of one end.
 #[derive(Debug)]
 pub(super) struct EndRetry {
     patience: Duration,
-    give_up: Option<Instant>,
+    begun: Option<Instant>,
     is_kept_back: bool,
     is_told: bool,
 }
@@ -20,13 +22,15 @@ pub(super) struct EndRetry {
 impl EndRetry {
     /// An end that tries for so long.
     pub(super) const fn new(patience: Duration) -> Self {
-        Self { patience, give_up: None, is_kept_back: false, is_told: false }
+        Self { patience, begun: None, is_kept_back: false, is_told: false }
     }
 
     /// When to try again the step that came out so; `None` when no more. `may_last`: an open program buffer is waited for.
     pub(super) fn again(&mut self, outcome: Outcome, may_last: bool, now: Instant) -> Option<Instant> {
-        let is_patient = now < *self.give_up.get_or_insert(now + self.patience);
-        let is_kept_back = !is_patient && may_last && matches!(outcome, Outcome::Barred(_));
+        let may_last = may_last && matches!(outcome, Outcome::Barred(_));
+        let patience = if may_last { self.patience.min(KEPT_BACK_AFTER) } else { self.patience };
+        let is_patient = now < *self.begun.get_or_insert(now) + patience;
+        let is_kept_back = !is_patient && may_last;
         self.is_kept_back |= is_kept_back;
         let pause = if is_kept_back { AGAIN_LATER } else { AGAIN };
         (is_patient || is_kept_back).then(|| now + pause)
@@ -59,6 +63,20 @@ pub(super) fn is_kept_back(name: &str, ours: &str, old: &str, kind: &str) -> Str
 mod tests {
     use super::*;
     use crate::daemon::shared::open_buffer::Barred;
+
+    #[test]
+    fn an_owner_hears_what_a_buffer_keeps_back_before_his_other_sequences_lapse() {
+        let begun = Instant::now();
+        let mut retry = EndRetry::new(Duration::from_secs(10));
+        let barred = Outcome::Barred(Barred::Open(None));
+        assert_eq!(retry.again(barred, true, begun), Some(begun + AGAIN));
+        let told = begun + KEPT_BACK_AFTER;
+        assert!(KEPT_BACK_AFTER < crate::daemon::socket::sequences::LEASE / 2);
+        assert_eq!(retry.again(Outcome::Busy, true, told), Some(told + AGAIN));
+        assert!(!retry.tells_now());
+        assert_eq!(retry.again(barred, true, told), Some(told + AGAIN_LATER));
+        assert!(retry.tells_now());
+    }
 
     #[test]
     fn what_a_buffer_keeps_back_is_tried_on_and_nothing_else() {
