@@ -307,37 +307,21 @@ fn a_gather_and_a_capture_go_on_in_a_segment_that_is_published_again() {
     site.wait_for_live_servo();
     wait_until("the board's scales", || site.has_scales());
     let segment = Path::new("/dev/shm").join(&site.name);
-    let remove = || {
-        fs::remove_file(&segment).unwrap();
-        wait_until("the segment", || segment.exists());
-    };
     let rows = site.path("rows.csv");
-    let mut gather = start(
-        &site,
-        &[
-            "gather",
-            "--source",
-            "servo_timer",
-            "--period",
-            "4",
-            "--seconds",
-            "3",
-            "-o",
-            rows.to_str().unwrap(),
-        ],
-    );
+    let rows = rows.to_str().unwrap();
+    let arguments = ["gather", "--source", "servo_timer", "--period", "4", "--seconds", "3", "-o", rows];
+    let mut gather = start(&site, &arguments);
     let reader = Subscriber::attach(&site.segment()).unwrap();
     wait_until("the first samples", || reader.published(RegionId::Gather).unwrap() > 0);
-    remove();
-    let ended = output_within(&mut gather, PATIENCE);
-    assert!(ended.status.success(), "{ended:?}");
-    assert!(String::from_utf8_lossy(&ended.stdout).contains(" lost=0 "), "{ended:?}");
-
     let directory = site.path("capture");
     let arguments = ["capture", directory.to_str().unwrap(), "--seconds", "3", "--no-variables"];
     let mut capture = start(&site, &arguments);
     wait_until("the first image", || directory.join("images/0000.bin").exists());
-    remove();
+    fs::remove_file(&segment).unwrap();
+    wait_until("the segment", || segment.exists());
+    let ended = output_within(&mut gather, PATIENCE);
+    assert!(ended.status.success(), "{ended:?}");
+    assert!(String::from_utf8_lossy(&ended.stdout).contains(" lost=0 "), "{ended:?}");
     let ended = output_within(&mut capture, PATIENCE);
     assert!(ended.status.success(), "{ended:?}");
 }

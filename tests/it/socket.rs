@@ -167,12 +167,17 @@ fn an_invalid_line_never_reaches_the_bus_thread() {
 #[test]
 fn a_silent_bus_thread_ends_in_a_time_out() {
     // What came of a reply without its end is told, though nothing woke anybody.
-    for (line, lines) in [("SILENT", vec![]), ("HALF", vec!["half".to_owned()])] {
-        let bench = Bench::new();
-        let mut board = connect(&bench);
-        assert_eq!(refused(board.send(line, Duration::from_millis(50))), CallError::TimedOut { lines });
-        assert_eq!(board.send("still there", PATIENCE).unwrap(), ["still there"]);
-    }
+    std::thread::scope(|scope| {
+        for (line, lines) in [("SILENT", vec![]), ("HALF", vec!["half".to_owned()])] {
+            scope.spawn(move || {
+                let bench = Bench::new();
+                let mut board = connect(&bench);
+                let timed_out = CallError::TimedOut { lines };
+                assert_eq!(refused(board.send(line, Duration::from_millis(50))), timed_out);
+                assert_eq!(board.send("still there", PATIENCE).unwrap(), ["still there"]);
+            });
+        }
+    });
 }
 
 #[test]

@@ -44,38 +44,50 @@ fn carry(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'stat
     });
 }
 
-#[test]
-fn every_form_of_handshake_is_understood() {
+/// Calls `test` with every one of the `cases`, all at once: the silence that ends an answer is real time, whoever waits for it.
+fn at_once<T: Copy + Send>(cases: &[T], test: impl Fn(T) + Sync) {
+    std::thread::scope(|scope| {
+        for &case in cases {
+            let test = &test;
+            scope.spawn(move || test(case));
+        }
+    });
+}
+
+/// A board whose answers have the form that the line `form` sets, after a line to it was open.
+fn board_of(form: &str) -> (VirtualSite, Wire) {
     let site = VirtualSite::new();
     site.start_simulator(&[]);
     let wire = Wire::to(&site);
-    for i3 in 0..4 {
-        for (i4, i6) in [(0, 0), (1, 3)] {
-            let form = format!("I3={i3} I4={i4} I6={i6}");
-            SerialLine::open(&wire.path, 9600).unwrap().send(&form, SHORT).ok();
-            let mut line =
-                SerialLine::open(&wire.path, 38_400).unwrap_or_else(|error| panic!("{form}: {error}"));
-            let taken = line.send("P1=25 P2=50", Duration::from_secs(5));
-            assert_eq!(taken.unwrap_or_else(|error| panic!("{form}: {error}")), [""; 0], "{form}");
-            assert_eq!(line.send("P1..2", Duration::from_secs(5)).unwrap(), ["25", "50"], "{form}");
-            let refused = line.send("P1 UUU", Duration::from_secs(5)).unwrap_err();
-            let number = (i6 & 1 == 1).then_some(3);
-            assert!(
-                matches!(&refused, SerialError::Board { code, lines } if *code == number && *lines == ["25"]),
-                "{form}: {refused:?}"
-            );
-            assert_eq!(line.send("P2", Duration::from_secs(5)).unwrap(), ["50"], "{form}");
-        }
-    }
+    SerialLine::open(&wire.path, 9600).unwrap().send(form, SHORT).ok();
+    (site, wire)
+}
+
+#[test]
+fn every_form_of_handshake_is_understood() {
+    let others = [(0, 0), (1, 3)];
+    let forms: Vec<_> = (0..4).flat_map(|i3| others.map(|(i4, i6)| (i3, i4, i6))).collect();
+    at_once(&forms, |(i3, i4, i6)| {
+        let form = format!("I3={i3} I4={i4} I6={i6}");
+        let (_site, wire) = board_of(&form);
+        let mut line = SerialLine::open(&wire.path, 38_400).unwrap_or_else(|error| panic!("{form}: {error}"));
+        let taken = line.send("P1=25 P2=50", PATIENCE);
+        assert_eq!(taken.unwrap_or_else(|error| panic!("{form}: {error}")), [""; 0], "{form}");
+        assert_eq!(line.send("P1..2", PATIENCE).unwrap(), ["25", "50"], "{form}");
+        let refused = line.send("P1 UUU", PATIENCE).unwrap_err();
+        let number = (i6 & 1 == 1).then_some(3);
+        assert!(
+            matches!(&refused, SerialError::Board { code, lines } if *code == number && *lines == ["25"]),
+            "{form}: {refused:?}"
+        );
+        assert_eq!(line.send("P2", PATIENCE).unwrap(), ["50"], "{form}");
+    });
 }
 
 #[test]
 fn a_board_is_set_up_over_the_serial_line() {
-    for form in ["I3=0", "I3=1", "I3=2", "I3=3"] {
-        let site = VirtualSite::new();
-        site.start_simulator(&[]);
-        let wire = Wire::to(&site);
-        SerialLine::open(&wire.path, 9600).unwrap().send(form, SHORT).ok();
+    at_once(&["I3=0", "I3=1", "I3=2", "I3=3"], |form| {
+        let (_site, wire) = board_of(form);
         let port = wire.path.display();
         let setup = format!("setup isa --address 0xD4000 --send --port {port} --baud 38400");
         let ran = pmacctl(&setup);
@@ -88,7 +100,7 @@ fn a_board_is_set_up_over_the_serial_line() {
         let ran = pmacctl(&enable);
         assert_eq!((ran.code, ran.json()["error"]["code"].as_u64()), (Some(1), Some(3)), "{form}: {ran:?}");
         assert!(ran.stderr.starts_with("done: I19=1, I59=2, I48=1; failed: GATHER; "), "{ran:?}");
-    }
+    });
 }
 
 #[test]
