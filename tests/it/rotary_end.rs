@@ -506,7 +506,7 @@ fn d1_streams_in_series_begin_with_their_own_lines() {
         let stream = |lines: usize| {
             let text = "LINEAR INC\n".to_owned() + &"X1 TM20\nX-1 TM20\n".repeat(lines / 2);
             let file = site.file("series.pmc", &text);
-            let (status, _, stderr) = site.pmacctl(&["rotary", "stream", &file, "--run"]);
+            let (status, _, stderr) = site.hurried(|| site.pmacctl(&["rotary", "stream", &file, "--run"]));
             (status, stderr)
         };
         for (torn, lines, end) in [("off", 10, "&1Q"), ("off", 60, "&1Q &1B0"), ("on", 60, "&1A")] {
