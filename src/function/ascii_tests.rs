@@ -199,7 +199,7 @@ fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
 }
 
 #[test]
-fn a_line_that_is_given_up_is_taken_back_and_a_late_reply_is_nobodys() {
+fn a_line_that_is_given_up_is_made_empty_and_a_late_reply_is_nobodys() {
     for family in FAMILIES {
         for is_taken in [true, false] {
             let mut rig = Rig::new(family);
@@ -209,13 +209,20 @@ fn a_line_that_is_given_up_is_taken_back_and_a_late_reply_is_nobodys() {
             }
             assert_eq!(rig.poll(), None);
             rig.give_up();
-            assert!(!rig.is_loaded(), "it must not jog when the port is switched on later");
-            assert_eq!(rig.port.is_unheard(), !is_taken);
+            assert_eq!((rig.is_loaded(), rig.port.is_unheard()), (!is_taken, !is_taken));
             for control in [response::LINE, response::ACKNOWLEDGE, 0x8003] {
                 rig.respond(control, "late");
                 assert_eq!(rig.poll(), Some(AsciiEvent::Stale(control)));
             }
-            rig.rest();
+            if is_taken {
+                rig.rest();
+                continue;
+            }
+            rig.be_silent(Duration::from_secs(60));
+            assert!(!rig.begin("P1"));
+            assert_eq!(rig.take()[0], 0, "it must not jog when the port is switched on later");
+            assert_eq!(rig.poll(), None);
+            assert!(rig.begin("P1"));
         }
     }
 }

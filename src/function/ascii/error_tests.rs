@@ -65,7 +65,7 @@ fn an_error_while_no_line_is_under_way_is_a_programs() {
 }
 
 #[test]
-fn a_line_is_taken_back_that_lies_untaken_behind_an_error() {
+fn a_line_is_made_empty_that_lies_untaken_behind_an_error() {
     for family in FAMILIES {
         for stops in [false, true] {
             let mut rig = Rig::new(family);
@@ -78,8 +78,9 @@ fn a_line_is_taken_back_that_lies_untaken_behind_an_error() {
             } else {
                 rig.give_up();
             }
-            assert!(!rig.is_loaded());
-            rig.rest();
+            assert_eq!(rig.take()[0], 0);
+            assert_eq!(rig.poll(), None);
+            assert!(rig.begin("P1"));
         }
     }
 }
