@@ -179,6 +179,8 @@ pub(super) enum Ending {
     AllStopped(Peer, u8),
     /// Somebody has aborted the coordinate system that it feeds.
     Aborted(Peer),
+    /// Somebody has sent `CLOSE`, or has reset the board.
+    Closed(Peer),
 }
 
 impl fmt::Display for Ending {
@@ -194,6 +196,7 @@ impl fmt::Display for Ending {
             Self::Aborted(Peer { uid, pid, .. }) => {
                 write!(f, "uid {uid} (pid {pid}) aborted its coordinate system")
             }
+            Self::Closed(Peer { uid, pid, .. }) => write!(f, "uid {uid} (pid {pid}) closed the rotary buffers"),
         }
     }
 }

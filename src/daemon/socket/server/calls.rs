@@ -337,7 +337,11 @@ impl Service {
                 Then::Sequence(number) => Some(number),
                 _ => None,
             };
+            let closes = ends.buffer && sequence.is_none();
             self.sent_stops.add(ends, ended.caller, sequence, now);
+            if closes {
+                self.end_closed_streams(ended.caller.peer, now);
+            }
         }
     }
 

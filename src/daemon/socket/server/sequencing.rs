@@ -162,6 +162,13 @@ impl Service {
         }
     }
 
+    /// Somebody has closed what is open: the board takes no more lines of a stream. It ends at once, before somebody opens anything else.
+    pub(super) fn end_closed_streams(&mut self, by: Peer, now: Instant) {
+        for number in self.sequences.that_feed(u32::MAX) {
+            self.end_sequence(number, Ending::Closed(by), now);
+        }
+    }
+
     /// Somebody has aborted the coordinate systems in `mask`: no stream goes on feeding their programs.
     pub(super) fn end_streams_of(&mut self, mask: u32, by: Peer, now: Instant) {
         self.leftovers.aborted(mask);
