@@ -356,6 +356,8 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed
             other.send(closing, PATIENCE).unwrap();
         } else {
             site.control("reset");
+            // What goes before the reports have stopped may be carried out: nothing tells the daemon yet.
+            site.run_for(Duration::from_secs(1));
             site.wait_until("a board that answers", || site.connection().send("P7=1", PATIENCE).is_ok());
         }
         stdin.write_all(b"P7=3\n").unwrap();
