@@ -136,13 +136,14 @@ impl BackgroundReader {
         self.flags(flag).fold(0, |mask, (at, is_set)| mask | u32::from(!is_set) << at)
     }
 
-    /// Whether a motion program ran at the last report; `None` where not every coordinate system's status is read.
+    /// The coordinate systems that ran a motion program at the last report, bit 0 being number 1; `None` where not every one's status
+    /// is read.
     #[must_use]
-    pub fn program_runs(&self) -> Option<bool> {
-        let (count, any) = self
+    pub fn programs_run(&self) -> Option<u32> {
+        let (count, mask) = self
             .flags(self.block.program_runs)
-            .fold((0, false), |(count, any), (_, is_set)| (count + 1, any || is_set));
-        (count == self.block.blocks.count).then_some(any)
+            .fold((0, 0), |(count, mask), (at, is_set)| (count + 1, mask | u32::from(is_set) << at));
+        (count == self.block.blocks.count).then_some(mask)
     }
 
     /// A flag of each block that is read, by the blocks' places, from 0.

@@ -159,12 +159,13 @@ impl BackgroundMirror {
         if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { 0 }
     }
 
-    /// Whether a motion program runs, and when the report was asked for that says so; `None` where no report tells that is at most
+    /// The coordinate systems that run a motion program, bit 0 being number 1, and when the report was asked for that says so; `None`
+    /// where no report tells that is at most
     /// `age_ns` old at `now`.
     #[must_use]
-    pub fn program_runs(&self, now: u64, age_ns: u64) -> Option<(bool, u64)> {
+    pub fn programs_run(&self, now: u64, age_ns: u64) -> Option<(u32, u64)> {
         let is_told = self.is_live() && self.reports > 0 && self.is_new(now, age_ns);
-        let runs = if is_told { self.reader.program_runs() } else { None };
+        let runs = if is_told { self.reader.programs_run() } else { None };
         runs.map(|runs| (runs, self.told.asked_ns))
     }
 

@@ -212,6 +212,7 @@ impl BoardLoop {
             status.loops_untold = self.functions.loops_untold();
             status.motion = servo.motion();
             status.gathers = self.functions.gathers();
+            status.programs_run = self.functions.programs_run();
             status.uses = *self.functions.uses_of_all();
             status.replay = replay;
             if with_counts {

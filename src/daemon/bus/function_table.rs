@@ -286,6 +286,12 @@ impl FunctionTable {
         self.servo.gathering().or_else(|| self.background.gathering())
     }
 
+    /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
+    #[must_use]
+    pub fn programs_run(&self) -> Option<u32> {
+        self.background.programs_run(self.clock.ns(), REPORT_AGE_NS).map(|(systems, _)| systems)
+    }
+
     /// Tells the command lines what the reports say of program buffers.
     pub fn see_buffer(&mut self) {
         let told = self.program_buffer_open();
@@ -294,9 +300,9 @@ impl FunctionTable {
 
     /// Tells the command lines what the reports say of motion programs. The control panel starts some, too.
     pub fn see_programs(&mut self) {
-        let told = self.background.program_runs(self.clock.ns(), REPORT_AGE_NS);
+        let told = self.background.programs_run(self.clock.ns(), REPORT_AGE_NS);
         let queue = self.ascii.queue_mut();
-        queue.see_programs(told);
+        queue.see_programs(told.map(|(systems, asked_ns)| (systems != 0, asked_ns)));
         if self.panel.as_ref().is_some_and(PanelQueue::is_busy) {
             queue.may_start_program();
         }

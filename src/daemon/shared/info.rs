@@ -169,6 +169,12 @@ impl Info {
         self.status.motion
     }
 
+    /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
+    #[must_use]
+    pub fn programs_run(&self) -> Option<u32> {
+        self.status.programs_run
+    }
+
     /// Whether the board gathers; `None` while no report tells.
     #[must_use]
     pub fn gathers(&self) -> Option<bool> {

@@ -76,6 +76,8 @@ pub struct BoardStatus {
     pub motion: Motion,
     /// Whether the board gathers, as the servo report tells; `None` while no report tells.
     pub gathers: Option<bool>,
+    /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
+    pub programs_run: Option<u32>,
     /// Which functions are used.
     pub uses: FunctionUse,
     /// How far the board is asked where its M-variables point.
@@ -110,6 +112,7 @@ impl BoardStatus {
         loops_untold: 0,
         motion: Motion { moving: 0, standing: 0 },
         gathers: None,
+        programs_run: None,
         uses: FunctionUse::UNKNOWN,
         definitions: DefinitionsRead { read: 0, of: 0, seconds_left: None },
         host_port: HostPortCounts { served: 0, old: 0, unannounced: 0 },

@@ -141,6 +141,7 @@ impl Board {
             rotary: None,
             words,
             gathers,
+            programs_run: None,
             ended_by: None,
         };
         match step {

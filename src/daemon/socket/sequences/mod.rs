@@ -151,6 +151,8 @@ pub(super) struct Done {
     pub words: Vec<u16>,
     /// Whether the board gathers at that moment; `None` where no report tells.
     pub gathers: Option<bool>,
+    /// The coordinate systems that run a motion program at that moment, bit 0 being number 1; `None` where no report tells.
+    pub programs_run: Option<u32>,
     /// Who has ended what the sequence does, if a client did since it began: `uid 0 (pid 7) sent ENDGATHER`.
     pub ended_by: Option<String>,
 }
@@ -196,7 +198,9 @@ impl fmt::Display for Ending {
             Self::Aborted(Peer { uid, pid, .. }) => {
                 write!(f, "uid {uid} (pid {pid}) aborted its coordinate system")
             }
-            Self::Closed(Peer { uid, pid, .. }) => write!(f, "uid {uid} (pid {pid}) closed the rotary buffers"),
+            Self::Closed(Peer { uid, pid, .. }) => {
+                write!(f, "uid {uid} (pid {pid}) closed the rotary buffers")
+            }
         }
     }
 }

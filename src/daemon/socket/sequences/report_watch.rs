@@ -67,6 +67,7 @@ mod tests {
                 rotary: None,
                 words: vec![word],
                 gathers: None,
+                programs_run: None,
                 ended_by: None,
             };
             watch.see(&done, began + Duration::from_millis(ms))

@@ -50,6 +50,8 @@ const STEP: Duration = Duration::from_secs(5);
 const FIRST_LINES: Duration = Duration::from_millis(20);
 /// How long the owner, who has sent the last line, waits for `R` to go first.
 const FINISH_WAITS: Duration = Duration::from_secs(1);
+/// A report of the board is never older, where one tells which programs run.
+const REPORTED: Duration = Duration::from_secs(1);
 /// How often to look whether the program still runs.
 const LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
@@ -80,6 +82,8 @@ pub(in crate::daemon::socket) struct Rotary {
     started: bool,
     /// `R` was sent, or the program seen to run.
     runs: bool,
+    /// When `R` was sent.
+    run_sent: Option<Instant>,
     finished: bool,
     stop_asked: bool,
     finish_asked: bool,
@@ -114,6 +118,7 @@ impl Rotary {
             seen_open: false,
             started: false,
             runs: false,
+            run_sent: None,
             finished: false,
             stop_asked: false,
             finish_asked: false,
@@ -243,10 +248,18 @@ impl Rotary {
             Phase::SeeFed => {
                 done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
                 self.see(done.rotary);
-                match (self.call.run && !self.runs, self.count.has_lines()) {
-                    (true, true) => Phase::Count,
-                    (true, false) => self.rest_before(Phase::Feeding, now + FIRST_LINES),
-                    (false, _) => Phase::SeeRuns,
+                match (self.call.run && !self.runs, self.count.has_lines(), done.programs_run) {
+                    (true, true, _) => Phase::Count,
+                    (true, false, _) => self.rest_before(Phase::Feeding, now + FIRST_LINES),
+                    // A line with an address would change what others have addressed.
+                    (false, _, Some(systems)) if !self.asks_all() => {
+                        let runs = systems >> (cs - 1) & 1 == 1;
+                        if runs || self.run_sent.is_none_or(|sent| now >= sent + REPORTED) {
+                            self.see_runs(runs)?;
+                        }
+                        Phase::AskOpen
+                    }
+                    (false, ..) => Phase::SeeRuns,
                 }
             }
             Phase::Count => {
@@ -265,23 +278,15 @@ impl Rotary {
             Phase::Run => {
                 // What may have been carried out is ended by `Q`.
                 self.runs = !unsent && !matches!(done.outcome, Outcome::Error(_));
+                self.run_sent = Some(now);
                 told(done, &format!("&{cs}R"), "")?;
                 self.rest_before(Phase::Feeding, now + LOOK)
             }
             Phase::SeeRuns => {
                 // A board that does not answer says nothing of its program.
                 let index = if self.asks_all() { usize::from(cs) - 1 } else { 0 };
-                if let Ok(lines) = &done.result
-                    && let Some(runs) = self.is_running(lines, index)
-                {
-                    if self.runs && !runs && !self.call.may_stand {
-                        self.runs = false;
-                        let by = self.ended_by.as_deref().unwrap_or(
-                            "an error, the serial port, another host or a program of the board ended it; no client of pmacd did",
-                        );
-                        return Err(refused(format!("&{cs} does not run its rotary program any more: {by}")));
-                    }
-                    self.runs |= runs;
+                if let Some(runs) = done.result.ok().and_then(|lines| self.is_running(&lines, index)) {
+                    self.see_runs(runs)?;
                 }
                 Phase::AskOpen
             }
@@ -332,6 +337,23 @@ impl Rotary {
     fn is_open(&self, reply: &[String]) -> Option<bool> {
         let flag = if self.opens_text { "rotary_buffer_open" } else { "binary_rotary_buffer_open" };
         reply.first().map(|status| reply_has(status, self.call.family.status.global, flag))
+    }
+
+    /// Takes what the board tells of its program.
+    ///
+    /// # Errors
+    /// It does not run any more.
+    fn see_runs(&mut self, runs: bool) -> Result<(), CallError> {
+        if self.runs && !runs && !self.call.may_stand {
+            self.runs = false;
+            let by = self.ended_by.as_deref().unwrap_or(
+                "an error, the serial port, another host or a program of the board ended it; no client of pmacd did",
+            );
+            let cs = self.call.coordinate_system;
+            return Err(refused(format!("&{cs} does not run its rotary program any more: {by}")));
+        }
+        self.runs |= runs;
+        Ok(())
     }
 
     /// Takes what the board tells of its rotary buffers, if it does.

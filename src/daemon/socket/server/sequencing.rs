@@ -417,7 +417,8 @@ impl Service {
         let running = self.sequences.get(number);
         let ended_by =
             running.and_then(|running| self.sent_stops.that_ended(number, running, self.info.family()));
-        Done { outcome, result, resets, doubts, rotary, words, gathers: self.info.gathers(), ended_by }
+        let (gathers, programs_run) = (self.info.gathers(), self.info.programs_run());
+        Done { outcome, result, resets, doubts, rotary, words, gathers, programs_run, ended_by }
     }
 
     /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.
