@@ -144,3 +144,35 @@ fn no_other_line_goes_before_a_stream() {
     }
     assert!(!site.log().contains("DEFINE"), "nothing was sent");
 }
+
+/// Between two looks of the stream there is time for both.
+#[test]
+fn a_close_and_an_open_of_somebody_else_leave_no_stream_that_feeds_on() {
+    for family in ["pmac", "turbo2"] {
+        let site = running(family);
+        let lines = lines();
+        let mut feed = streaming(&site, &lines);
+        for line in ["CLOSE", "OPEN ROT"] {
+            assert_eq!(site.run(&["send", line]).code, Some(0), "{family} {line}");
+        }
+        site.wait_until("the program's end", || site.log().contains("(rotary stream) sends \"&1Q\""));
+        let reason = feed.stop().unwrap().reason.unwrap_or_default();
+        assert!(reason.contains("closed the rotary buffers"), "{family}: {reason}");
+        assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
+    }
+}
+
+/// On a Turbo board a line with an address would be one for everybody.
+#[test]
+fn a_stream_leaves_alone_what_others_have_addressed() {
+    let site = running("turbo2");
+    let lines = lines();
+    let mut feed = streaming(&site, &lines);
+    site.ask("&2");
+    for _ in 0..20 {
+        feed.step().unwrap();
+        site.run_for(std::time::Duration::from_millis(100));
+    }
+    assert_eq!(site.ask("&"), ["2"]);
+    assert_eq!(feed.stop().unwrap().reason, None);
+}
