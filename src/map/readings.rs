@@ -17,6 +17,9 @@ pub enum RotaryCode2 {
 }
 
 impl RotaryCode2 {
+    /// Both, the likelier first, in the words of the configuration.
+    pub const ALL: [(Self, &str); 2] = [(Self::Bit16, "bit16"), (Self::Bit12, "bit12")];
+
     /// The lowest bit of the field.
     #[must_use]
     pub const fn lowest_bit(self) -> u32 {

@@ -10,7 +10,7 @@ use pmac_dpram::protocol::{BOARD, CallError};
 use pmac_dpram::sim::board::error::CommandError as BoardError;
 use serde_json::{Value, json};
 
-use crate::support::raw::{Raw, call, error_name};
+use crate::support::raw::{Raw, error_name};
 use crate::support::{PATIENCE, VirtualSite};
 
 /// A board that is known.
@@ -193,24 +193,6 @@ fn abort_is_answered_in_time() {
     site.run_for(Duration::from_secs(1));
     assert_eq!(site.ask("#1P"), place, "it moves");
     assert_eq!(site.connection().control(b'P' - 64).unwrap().len(), 1);
-    site.assert_no_violations();
-}
-
-#[test]
-fn a_board_that_takes_the_character_late_runs_no_line_twice() {
-    let site = board();
-    assert_eq!(site.ask("P7=P7+1"), [""; 0]);
-    site.control("fault ascii_deaf on");
-    site.hold();
-    let mut client = Raw::at(&site.socket());
-    client.send(&call("SendControl", json!({ "character": "^A" })));
-    site.run_for(Duration::from_millis(30));
-    site.control("fault ascii_deaf off");
-    site.go_on();
-    assert_eq!(client.receive().unwrap().get("error"), None);
-    for _ in 0..3 {
-        assert_eq!(site.ask("P7"), ["1"]);
-    }
     site.assert_no_violations();
 }
 

@@ -20,8 +20,6 @@ use crate::rotary::{Item, Line, Program, Settings, compile, decompile};
 
 /// The commands whose code may stand in two places, and others of each kind.
 const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
-/// Where CODE2 of ABS, INC and FRAX may stand, in the words of the configuration.
-const CODE2: [(RotaryCode2, &str); 2] = [(RotaryCode2::Bit16, "bit16"), (RotaryCode2::Bit12, "bit12")];
 /// Where HOME can name more motors than PMAC has, that is worked out.
 const MORE_MOTORS: &[u8] = b"HOME9,24\n";
 /// Time limit of a command line.
@@ -56,7 +54,8 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     }
     let told = options.format.over(&board.settings()?.rotary_format().of(family))?;
     // What nobody has told is tried.
-    let settings = Settings { rotary_code2: told.rotary_code2.or(Some(CODE2[0].0)), ..told.clone() };
+    let settings =
+        Settings { rotary_code2: told.rotary_code2.or(Some(RotaryCode2::ALL[0].0)), ..told.clone() };
     let (name, mut program) = match &options.file {
         Some(file) => (shown(file), compiled(file, &settings)?),
         None => {
@@ -102,8 +101,8 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
             let by = Settings { rotary_code2: Some(place), ..settings.clone() };
             program.words().map(|words| Item::from_words(words.0, words.1, &by).ok()).collect::<Vec<_>>()
         };
-        if told.rotary_code2.is_none() && read(CODE2[0]) != read(CODE2[1]) {
-            context.output.line(found(CODE2[0].1))?;
+        if told.rotary_code2.is_none() && read(RotaryCode2::ALL[0]) != read(RotaryCode2::ALL[1]) {
+            context.output.line(found(RotaryCode2::ALL[0].1))?;
         }
     }
     Ok(Verdict::Yes)
@@ -204,7 +203,7 @@ fn advice(program: &Program, listing: &[String], settings: &Settings) -> String 
         let text: String = lines.iter().map(|line| line.text() + "\n").collect();
         (listed.is_some() && words(&text, settings) == listed).then_some(())
     };
-    match CODE2.into_iter().find(|(place, _)| fits(*place).is_some()) {
+    match RotaryCode2::ALL.into_iter().find(|(place, _)| fits(*place).is_some()) {
         Some((_, name)) => found(name),
         None => "that is not explained by rotary_code2; compare the numbers of [rotary] in pmacd's configuration, exponent_bias first"
             .to_owned(),

@@ -263,27 +263,6 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
 }
 
 #[test]
-fn b1_2_behind_a_question_that_was_only_acknowledged_the_board_is_asked_again() {
-    let now = Instant::now();
-    for has_reports in [false, true] {
-        let mut buffer = OpenBuffer::default();
-        buffer.learn(Some(31_000), now);
-        if has_reports {
-            buffer.see(false, 1);
-        }
-        assert!(buffer.is_known(now));
-        buffer.disbelieve();
-        assert!(!buffer.is_known(now), "with reports: {has_reports}");
-        if has_reports {
-            buffer.see(false, 2);
-            assert!(!buffer.is_known(now), "made before it was opened");
-        }
-        buffer.learn(Some(-31_000), now);
-        assert!(buffer.is_known(now) && buffer.is_open());
-    }
-}
-
-#[test]
 fn rotary_buffers_open_for_binary_lines_shut_nobody_out() {
     let now = Instant::now();
     let stream = sequence(1, false);

@@ -124,12 +124,6 @@ impl CommandPorts {
         }
     }
 
-    /// Whether the board may be asked of its own accord.
-    #[must_use]
-    pub const fn is_in_use(&self) -> bool {
-        !self.is_unused
-    }
-
     /// Nothing of ours is under way, yet a line could not be begun. What lies there must not be carried out by surprise later.
     ///
     /// # Errors
