@@ -76,8 +76,11 @@ impl DpramPort {
         self.withdraw_control(bus)?;
         self.withdraw_line(bus)?;
         self.stop_again = None;
-        if matches!(self.state, State::Held(_) | State::Emptied) {
-            self.state = State::Resting { until: now + REST };
+        match &mut self.state {
+            // Another host's, which the board was never told to forget.
+            State::Held(hold) if self.half_left => hold.later(now),
+            State::Held(_) | State::Emptied => self.state = State::Resting { until: now + REST },
+            _ => {}
         }
         Ok(())
     }

@@ -231,18 +231,6 @@ impl AsciiQueue {
         self.state
     }
 
-    /// Whether the board answers, but marks no end of its replies.
-    #[must_use]
-    pub fn reply_end_missing(&self) -> bool {
-        self.check.marks_no_end()
-    }
-
-    /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
-    #[must_use]
-    pub fn is_answered_otherwise(&self) -> bool {
-        self.check.is_answered_otherwise()
-    }
-
     /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
     pub fn doubt(&mut self, now: Instant) {
         self.state = CommandState::Unknown;

@@ -333,15 +333,11 @@ impl Service {
             if ends.what == RESET {
                 self.resets.was_sent(now);
             }
-            let sequence = match ended.then {
-                Then::Sequence(number) => Some(number),
-                _ => None,
-            };
-            let closes = ends.buffer && sequence.is_none();
-            self.sent_stops.add(ends, ended.caller, sequence, now);
-            if closes {
+            let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };
+            if ends.buffer && sequence.is_none() {
                 self.end_closed_streams(ended.caller.peer, now);
             }
+            self.sent_stops.add(ends, ended.caller, sequence, now);
         }
     }
 

@@ -65,7 +65,7 @@ impl AsciiQueue {
             AsciiEvent::Stale(_) => {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
-                if self.under_way.is_none() && self.unsettled.is_none() {
+                if self.under_way.is_none() && self.unsettled.is_none() && !self.programs.is_replay {
                     // Nothing was owed: whose the next one is the order of answers tells.
                     self.ports.doubt();
                 }

@@ -216,16 +216,6 @@ impl Check {
         self.given_up = None;
     }
 
-    /// Whether the board answers our lines, but otherwise than they ask.
-    pub(super) const fn is_answered_otherwise(&self) -> bool {
-        self.tries >= TRIES
-    }
-
-    /// Whether the board answers our lines, but marks no end of its replies.
-    pub(super) const fn marks_no_end(&self) -> bool {
-        self.marks_no_end
-    }
-
     /// The command that was given up and holds the port.
     pub(super) const fn given_up(&self) -> Option<GivenUp> {
         self.given_up
@@ -233,6 +223,18 @@ impl Check {
 }
 
 impl AsciiQueue {
+    /// Whether the board answers, but marks no end of its replies.
+    #[must_use]
+    pub fn reply_end_missing(&self) -> bool {
+        self.check.marks_no_end
+    }
+
+    /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    #[must_use]
+    pub fn is_answered_otherwise(&self) -> bool {
+        self.check.tries >= TRIES
+    }
+
     /// Sends the line.
     pub(super) fn begin_check(
         &mut self,
