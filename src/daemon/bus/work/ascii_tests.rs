@@ -474,6 +474,25 @@ fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
 }
 
 #[test]
+fn our_own_line_that_lay_before_a_reset_holds_nothing_up() {
+    let mut rig = Rig::new();
+    rig.send(1, "SLOW", Duration::from_secs(1));
+    rig.poll();
+    assert_eq!(rig.take(), "SLOW");
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    rig.rest();
+    assert!(rig.loaded(), "our own line");
+    rig.queue.reset(&mut rig.bus, rig.now).unwrap();
+    rig.queue.see_buffer(Some((false, 2)));
+    rig.poll();
+    rig.rest();
+    rig.now += Duration::from_secs(1);
+    rig.poll();
+    assert!(rig.loaded(), "it goes once more");
+}
+
+#[test]
 fn what_stops_the_machine_does_not_wait_behind_a_report() {
     const POSITIONS: u8 = 0x10;
     const KILL_ALL: u8 = 0x0B;

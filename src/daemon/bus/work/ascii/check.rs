@@ -26,7 +26,7 @@ use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
-use crate::protocol::{CommandPort, CommandState, answer};
+use crate::protocol::{CommandState, answer};
 use crate::segment::Publisher;
 
 /// Lines that can be told from each other.
@@ -296,8 +296,7 @@ impl AsciiQueue {
     /// never carries out would use up those that can be told apart (`tests/models/ascii.pml`).
     pub(super) fn check_lies(&mut self) -> bool {
         let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
-            && self.ports.in_use() == CommandPort::Dpram
-            && !self.ports.was_taken();
+            && self.ports.line_lies();
         if lies {
             self.state = CommandState::Silent;
         }
