@@ -52,6 +52,8 @@ const FIRST_LINES: Duration = Duration::from_millis(20);
 const FINISH_WAITS: Duration = Duration::from_secs(1);
 /// A report of the board is never older, where one tells which programs run.
 const REPORTED: Duration = Duration::from_secs(1);
+/// What a board that refuses to open the rotary buffers may have.
+const STILL_OPEN: &str = "; is a program buffer open, or are the rotary buffers (CLOSE closes them)?";
 /// How often to look whether the program still runs.
 const LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
@@ -178,7 +180,7 @@ impl Rotary {
             }
             Phase::OpenToClear => {
                 self.opened = !unsent;
-                told(done, OPEN_TEXT, "")?;
+                told(done, OPEN_TEXT, STILL_OPEN)?;
                 Phase::Clear
             }
             Phase::Clear => {
@@ -238,11 +240,7 @@ impl Rotary {
             }
             Phase::OpenText => {
                 self.opened = !unsent;
-                told(
-                    done,
-                    OPEN_TEXT,
-                    "; is a program buffer open, or are the rotary buffers (CLOSE closes them)?",
-                )?;
+                told(done, OPEN_TEXT, STILL_OPEN)?;
                 Phase::Feeding
             }
             Phase::SeeFed => {
