@@ -14,9 +14,10 @@
 //! byte of the buffer is not taken as a character but must not be NUL), the second has one.
 //!
 //! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
-//! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's. So the
-//! port rests ([`REST`]), and its user then sends a line whose reply is unmistakable: PMAC answers lines in their order. The same line
-//! settles whose an error is (`error`), and where a control character's reply ends, which has no `<ACK>`.
+//! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's. So
+//! a line that lies untaken becomes empty there, and when its flag has fallen the port's user sends a line whose reply is
+//! unmistakable: PMAC answers lines in their order. The same line settles whose an error is (`error`), and where a control character's
+//! reply ends, which has no `<ACK>`.
 //!
 //! A reply ends with `<ACK>` (p. 28, step 6); under it lies no text. On Turbo boards I3 does not change that (Turbo Software
 //! Reference p. 37); other boards need I3=2.
@@ -40,7 +41,8 @@ use crate::map::AsciiPort;
 use crate::map::functions::{RESPONSE_BYTES, response};
 use crate::protocol::control::CANCEL;
 
-/// How long the port rests after a command was given up, so that nothing is written over a line that the board is just reading.
+/// How long the port rests at the start, behind `^X` and behind a command that was given up, so that nothing is written over a line
+/// that the board is just reading.
 pub const REST: Duration = Duration::from_millis(50);
 /// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
 pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
