@@ -1,6 +1,6 @@
 //! Daemons and boards that are killed, stopped and started again in the middle of their work.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
 use pmac_dpram::segment::{Condition, Counter, RegionId, WaitOutcome};
