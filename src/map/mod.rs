@@ -16,6 +16,7 @@ pub mod functions;
 pub mod layout;
 pub mod m_definition;
 pub mod mailbox;
+pub mod masks;
 pub mod number;
 pub mod readings;
 pub mod region;
@@ -46,6 +47,7 @@ pub use functions::{
     ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
+pub use masks::{Motors, Systems};
 pub use readings::Readings;
 pub use region::Region;
 pub use register::{BadRegister, PmacRegister};
