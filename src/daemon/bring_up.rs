@@ -5,7 +5,7 @@
 
 use std::ffi::OsString;
 use std::io::Write;
-use std::process::ExitCode;
+use std::process::{ExitCode, ExitStatus};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -106,12 +106,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     }
     privilege::allow_locking();
     allow_descriptors();
-    let left = descriptors_left();
-    if left < FEWEST_DESCRIPTORS {
-        let cure = "raise the limit (LimitNOFILE= of the unit, ulimit -n)";
-        let reason = format!("{left} more files may be opened, and pmacd needs {FEWEST_DESCRIPTORS}: {cure}");
-        return Err(Failure::new(exit::SYSTEM, reason));
-    }
+    enough_descriptors()?;
     let inherited = Inherited::take_all();
     let settings = &recognise::settled_now(settings.clone(), options, &inherited)?;
     let _cpu_latency = settings.cpu_latency_us.and_then(|latency_us| cpu_latency(latency_us, &inherited));
@@ -196,23 +191,39 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     // End the socket first: it then makes the bus thread stop held jogs.
     let may_move = server.stop();
     let _ = stop.write(1);
-    let bus_thread = bus_thread.join();
-    if let Some(status) = simulator_ended {
+    let bus_thread_ended = bus_thread.join().is_err() || asked.is_none();
+    how_it_ended(simulator_ended, bus_thread_ended, may_move != 0)
+}
+
+/// Fails where the process may open too few files for its clients.
+fn enough_descriptors() -> Result<(), Failure> {
+    let left = descriptors_left();
+    if left >= FEWEST_DESCRIPTORS {
+        return Ok(());
+    }
+    let cure = "raise the limit (LimitNOFILE= of the unit, ulimit -n)";
+    let reason = format!("{left} more files may be opened, and pmacd needs {FEWEST_DESCRIPTORS}: {cure}");
+    Err(Failure::new(exit::SYSTEM, reason))
+}
+
+/// The daemon's exit status, and its reason where that is not "as asked".
+fn how_it_ended(
+    simulator_ended: Option<ExitStatus>,
+    bus_thread_ended: bool,
+    may_move: bool,
+) -> Result<(), Failure> {
+    let (status, reason) = if let Some(status) = simulator_ended {
         let reason =
             format!("the simulator ended by itself ({status}), and with it the board; start pmacd again");
-        return Err(Failure::new(exit::UNAVAILABLE, reason));
-    }
-    if bus_thread.is_err() || asked.is_none() {
-        return Err(Failure::new(
-            exit::SOFTWARE,
-            "the bus thread ended by itself, which is a defect; see the log",
-        ));
-    }
-    if may_move != 0 {
-        let reason = "ended though a motor whose jog was held may still move; see the log";
-        return Err(Failure::new(exit::MAY_MOVE, reason));
-    }
-    Ok(())
+        (exit::UNAVAILABLE, reason)
+    } else if bus_thread_ended {
+        (exit::SOFTWARE, "the bus thread ended by itself, which is a defect; see the log".to_owned())
+    } else if may_move {
+        (exit::MAY_MOVE, "ended though a motor whose jog was held may still move; see the log".to_owned())
+    } else {
+        return Ok(());
+    };
+    Err(Failure::new(status, reason))
 }
 
 /// Asks the kernel for processors that wake up fast. Without them the daemon works, but later: a refusal is logged.
