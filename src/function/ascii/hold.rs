@@ -78,7 +78,7 @@ impl DpramPort {
         self.stop_again = None;
         match &mut self.state {
             // Another host's, which the board was never told to forget.
-            State::Held(hold) if self.half_left => hold.later(now),
+            State::Held(hold) if self.half_left => *hold = Hold::new(CANCEL, now + REST),
             State::Held(_) | State::Emptied => self.state = State::Resting { until: now + REST },
             _ => {}
         }
