@@ -1,6 +1,5 @@
-"""The examples of docs/mqtt.md and docs/opcua.md, run as they stand, but for names and ports."""
+"""The programs examples/mqtt.py and examples/opcua.py, run as they stand, but for names and ports."""
 
-import re
 import sys
 import tempfile
 
@@ -19,14 +18,13 @@ def site():
 
 @pytest.fixture
 def example(site):
-    """Starts the program of a page."""
+    """Starts one of the programs."""
 
-    def start(page, changes):
-        text = (REPOSITORY / "docs" / f"{page}.md").read_text()
-        (program,) = re.findall(r"```python apps\n(.*?)```", text, re.DOTALL)
+    def start(name, changes):
+        program = (REPOSITORY / "examples" / f"{name}.py").read_text()
         changes = {'connect("pmac0")': f'connect("{site.name}", "{site.socket}")', **changes}
         for old, new in changes.items():
-            assert program.count(old) == 1, f"{page}: {old}"
+            assert program.count(old) == 1, f"{name}: {old}"
             program = program.replace(old, new)
         return site.run(sys.executable, "-c", program)
 

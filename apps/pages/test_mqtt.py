@@ -1,4 +1,4 @@
-"""The program of docs/mqtt.md, with a broker and a client of its topics."""
+"""The program of examples/mqtt.py, with a broker and a client of its topics."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""The program of docs/opcua.md, with a client of its nodes."""
+"""The program of examples/opcua.py, with a client of its nodes."""
 
 import asyncio
 import time

@@ -9,7 +9,6 @@
 //! * `console exact`: numbers must be the same, too.
 //! * `toml`: a configuration that `pmacd --check` must accept.
 //! * `python`: as `sh`, by python3. As `sh python`, it is run by a test that is ignored where python3 may be missing.
-//! * `python apps`: `.ci/apps` runs it, with the packages that it needs.
 //! * `text`: shown only, so no command stands in it.
 //! * `console guest`, `toml guest` and `text serial` of docs/first-board.md: typed at a board of one's own, so only what is
 //!   configured is checked here. `pmac` or `turbo` behind it is the family.
@@ -251,7 +250,7 @@ fn with_groups_that_exist(configuration: &str) -> String {
 fn every_block_of_the_pages_does_what_it_shows() {
     for page in pages() {
         let blocks = blocks(&page);
-        if blocks.iter().all(|block| ["text", "python", "python apps"].contains(&block.kind.as_str())) {
+        if blocks.iter().all(|block| ["text", "python"].contains(&block.kind.as_str())) {
             continue;
         }
         let reader = Reader::new();
@@ -305,18 +304,8 @@ fn a_block_that_is_not_run_says_why() {
             assert!(!body.lines().any(command), "{place}: a command in a block that is not run");
             continue;
         }
-        let known = [
-            "sh",
-            "sh start",
-            "sh python",
-            "console",
-            "console exact",
-            "toml",
-            "python",
-            "python apps",
-            "rust",
-            "c",
-        ];
+        let known =
+            ["sh", "sh start", "sh python", "console", "console exact", "toml", "python", "rust", "c"];
         let kind = kind.strip_prefix("toml guest").map_or(kind.as_str(), |_| "toml");
         assert!(known.contains(&kind), "{place}: nothing runs a block of this kind: {kind:?}");
     }

@@ -1,9 +1,15 @@
-# OPC UA: a board's positions for SCADA programs
+"""Serves a board's positions by OPC UA, for SCADA programs. The program is yours to change.
 
-There is no OPC UA program in the package: some lines of Python over the [Python package](../python/README.md) are
-enough, and they are yours to change. It needs `pip install asyncua`, and no right but to read the segment.
+It needs the Python package (python/README.md), `pip install asyncua`, and no right but to read the segment.
 
-```python apps
+* A client finds `Objects/Motors/Position 1` and so on, in counts, and may subscribe to them. The source's time is when
+  pmacd read them.
+* A position that is not live has the status `BadNoCommunication` and no value.
+* Clients cannot write: whoever may write a motion moves the machine.
+* The server listens on this machine only and asks for no password. Before other machines may connect, give the server
+  certificates and users (asyncua's documentation: Security).
+"""
+
 import asyncio
 from datetime import UTC, datetime
 
@@ -41,14 +47,3 @@ async def main():
 
 
 asyncio.run(main())
-```
-
-* A client finds `Objects/Motors/Position 1` and so on, in counts, and may subscribe to them. The source's time is when
-  `pmacd` read them.
-* What is not live has the status `BadNoCommunication` and no value.
-* Clients cannot write. **Whoever may write what moves a machine moves it.**
-* It listens on this machine only and asks for no password. To let other machines in, give the server certificates and
-  users first (`asyncua`'s documentation: *Security*).
-
-Tried with `asyncua` 2.1.0 as server and client, on the simulator: values, a subscription, `pmacd` killed and started
-again.
