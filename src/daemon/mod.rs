@@ -1,7 +1,8 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
 //! The bus thread ([`bus::board_loop`]) owns the board. The socket thread ([`socket`]) owns the clients. Two bounded
-//! queues ([`shared::queue`]) join them. A third thread writes the log, a fourth listens for interrupts while the
+//! queues ([`shared::queue`]) join them. What the daemon says to the board step by step, for one client, stands in `scripts`; the
+//! socket thread drives it. A third thread writes the log, a fourth listens for interrupts while the
 //! bus thread sleeps ([`bus::doorbell`]), and the first one waits for signals and keeps the segment's name.
 
 mod ask_family;
@@ -13,6 +14,7 @@ pub mod machine;
 pub mod options;
 pub mod parts;
 pub mod recognise;
+mod scripts;
 pub mod service;
 pub mod shared;
 pub mod socket;

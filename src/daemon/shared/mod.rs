@@ -1,4 +1,4 @@
-//! What passes between the bus thread and the socket's thread.
+//! What passes between the bus thread and the socket's thread, and what the rooms of both use.
 
 pub mod definition_blocks;
 pub mod function_use;
@@ -7,6 +7,8 @@ pub mod job;
 pub mod log_quota;
 pub mod open_buffer;
 pub mod origin;
+pub mod parameters;
+pub mod peer;
 pub mod queue;
 pub mod rotary_address;
 pub mod status;

@@ -6,7 +6,7 @@
 
 use super::leftovers::start_anyway;
 use super::methods::Ask;
-use super::sequences::lines_left;
+use crate::daemon::scripts::lines_left;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::protocol::{CallError, answer};
 

@@ -7,12 +7,13 @@ use super::leftovers::Starts;
 use super::stop_target::{PANEL_TAKES, Target};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::{Job, MaskedWord};
+use crate::daemon::shared::parameters::{check_number, inside, rotary_buffer};
 use crate::daemon::shared::status::Enabling;
 use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, Firmware, HostOffset, PmacAddress, VariableKind, VariableName, VariableRead};
+use crate::map::{Family, Firmware, PmacAddress, VariableKind, VariableName, VariableRead};
 use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
 
@@ -239,27 +240,6 @@ fn refused(reason: impl std::fmt::Display) -> CallError {
     CallError::Refused { reason: reason.to_string() }
 }
 
-/// The first of `words` words at `offset`, all of them in the DPRAM; `name` is the parameter's.
-pub(super) fn inside(
-    calls::Offset(offset): calls::Offset,
-    words: usize,
-    name: &str,
-    family: &Family,
-) -> Result<HostOffset, CallError> {
-    let end = family.length;
-    if offset.bytes() >= end {
-        return Err(CallError::invalid(name, format_args!("an even number from 0 to {}", end - 2)));
-    }
-    let fits = words <= (end - offset.bytes()) as usize / 2;
-    if fits { Ok(offset) } else { Err(CallError::OutOfRange) }
-}
-
-/// Whether `number` is one of `count`, which count from 1; `name` is the parameter's.
-pub(super) fn check_number(number: usize, count: usize, name: &str) -> Result<(), CallError> {
-    let is_one = (1..=count).contains(&number);
-    if is_one { Ok(()) } else { Err(CallError::invalid(name, format_args!("1 to {count}, not {number}"))) }
-}
-
 /// What a panel request is for, with numbers that the family has.
 fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, CallError> {
     let calls::Panel { action, numbers, .. } = call;
@@ -474,35 +454,9 @@ pub(super) fn write_variables(call: calls::WriteVariables, info: &Info) -> Resul
     })
 }
 
-/// The index of the rotary buffer with this number, from 1.
-pub(super) fn rotary_buffer(number: u8, family: &Family) -> Result<usize, CallError> {
-    let count = family.rotary.headers.len();
-    let index = usize::from(number).checked_sub(1).filter(|index| *index < count);
-    index.ok_or_else(|| CallError::invalid("buffer", format_args!("1 to {count}")))
-}
-
 /// How far a rotary buffer is.
 pub(super) fn rotary_state(call: calls::Rotary, family: &Family) -> Result<JobCall, CallError> {
     rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryState(buffer), SHORT))
-}
-
-/// The job that sets the rotary buffer at index `buffer` up.
-pub(super) fn rotary_set_up(
-    call: &calls::RotaryStart,
-    buffer: usize,
-    family: &Family,
-) -> Result<Job, CallError> {
-    check_number(call.coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
-    if call.coordinate_system_base > 1 {
-        return Err(CallError::invalid("coordinate_system_base", "0 or 1"));
-    }
-    Ok(Job::RotaryOpen {
-        buffer,
-        start: call.start.map(|start| inside(start, 1, "start", family)).transpose()?,
-        size_longs: call.size_longs,
-        coordinate_system: call.coordinate_system,
-        coordinate_system_base: call.coordinate_system_base,
-    })
 }
 
 /// Lines for a rotary buffer.

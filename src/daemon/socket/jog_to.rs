@@ -5,7 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::jobs::check_number;
+use crate::daemon::shared::parameters::check_number;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Text};
 use crate::map::Family;
 use crate::protocol::{CallError, calls};

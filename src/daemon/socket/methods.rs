@@ -11,10 +11,11 @@ use super::jobs::{self, JobCall};
 use super::jog_to::JogTo;
 use super::leftovers::{Starts, started_by};
 use super::policy::{Characters, Role};
-use super::sequences::{Batch, GatherCall, RotaryCall, SequenceCall};
 use super::stop_target::Target;
+use crate::daemon::scripts::{Batch, GatherCall, RotaryCall, SequenceCall};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
+use crate::daemon::shared::parameters::{inside, rotary_buffer};
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
 use crate::function::variable_read::VariableEntry;
 use crate::map::{Family, HostOffset, VariableKind};
@@ -271,11 +272,11 @@ const METHODS: [Method; 26] = {
         method("RotarySend", Engineer, Some(Rotary), |call, info| job(call, info, jobs::rotary_send)),
         method("RotaryFinish", Engineer, Some(Rotary), |call, info| {
             let calls::Rotary { buffer } = parameters(call)?;
-            jobs::rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryFinish).map(Action::Sequence)
+            rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryFinish).map(Action::Sequence)
         }),
         method("RotaryStop", Engineer, Some(Rotary), |call, info| {
             let calls::Rotary { buffer } = parameters(call)?;
-            jobs::rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryStop).map(Action::Sequence)
+            rotary_buffer(buffer, info.family()).map(SequenceCall::RotaryStop).map(Action::Sequence)
         }),
         method("RotaryState", Observe, Some(Rotary), |call, info| job(call, info, jobs::rotary_state)),
     ]
@@ -461,7 +462,7 @@ fn read(calls::Read { host_offset, words }: &calls::Read, family: &Family) -> Re
     if !(1..=READ_MAX).contains(words) {
         return Err(CallError::invalid("words", format_args!("1 to {READ_MAX}, not {words}")));
     }
-    let first = jobs::inside(*host_offset, *words, "host_offset", family)?;
+    let first = inside(*host_offset, *words, "host_offset", family)?;
     Ok(Action::Ask(Ask::Read { first, count: *words }))
 }
 

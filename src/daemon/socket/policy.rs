@@ -9,13 +9,11 @@
 use std::fmt;
 use std::os::unix::net::UnixStream;
 
-use nix::sys::socket::{getsockopt, sockopt::PeerCredentials};
-use nix::unistd::{Gid, Group, Uid, geteuid};
+use nix::unistd::{Gid, Group, geteuid};
 
 use super::peer_groups::peer_groups;
+pub use crate::daemon::shared::peer::Peer;
 use crate::protocol::control;
-
-use crate::daemon::shared::open_buffer::Account;
 
 /// What a peer may do; each role includes those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -144,38 +142,6 @@ pub fn group_id(name: &str) -> Result<Gid, PolicyError> {
     }
 }
 
-/// The other end of a connection, as the kernel vouches for it at the time of `connect`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Peer {
-    /// Its user.
-    pub uid: Uid,
-    /// Its primary group.
-    pub gid: Gid,
-    /// Its process.
-    pub pid: i32,
-}
-
-impl Peer {
-    /// Its user and process, as the bus thread is told.
-    #[must_use]
-    pub fn account(&self) -> Account {
-        Account { uid: self.uid.as_raw(), pid: self.pid }
-    }
-
-    /// Who is at the other end of `stream`.
-    ///
-    /// # Errors
-    /// When the kernel does not say.
-    pub fn of(stream: &UnixStream) -> nix::Result<Self> {
-        let credentials = getsockopt(stream, PeerCredentials)?;
-        Ok(Self {
-            uid: Uid::from_raw(credentials.uid()),
-            gid: Gid::from_raw(credentials.gid()),
-            pid: credentials.pid(),
-        })
-    }
-}
-
 /// The settings with group names turned into numbers.
 #[derive(Debug, Clone, Default)]
 pub struct Policy {
@@ -222,6 +188,8 @@ impl Policy {
 
 #[cfg(test)]
 mod tests {
+    use nix::unistd::Uid;
+
     use super::*;
 
     fn gid(number: u32) -> Gid {

@@ -7,8 +7,9 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use super::call_table::Caller;
-use super::sequences::{Resource, Running};
+use super::sequences::Running;
 use super::stop_target::numbers;
+use crate::daemon::scripts::Resource;
 use crate::map::Family;
 use crate::protocol::board::SentStop;
 use crate::protocol::line_ends::LineEnds;

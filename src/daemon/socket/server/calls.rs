@@ -7,6 +7,7 @@ use super::Service;
 use super::replies::{
     held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
 };
+use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Origin, Outcome, Text, Ticket};
@@ -19,7 +20,6 @@ use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
 use crate::daemon::socket::resets;
-use crate::daemon::socket::sequences::{Found, Resource};
 use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
 use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, SendReply, WatchReply};

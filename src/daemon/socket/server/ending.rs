@@ -7,8 +7,8 @@ use nix::sys::eventfd::EventFd;
 
 use super::Service;
 use super::replies::{is_stopping, stop_not_taken};
+use crate::daemon::scripts::END_STEP;
 use crate::daemon::socket::leases::LEASE;
-use crate::daemon::socket::sequences::END_STEP;
 use crate::daemon::socket::stop_target::Target;
 use crate::protocol::{CallError, Reply};
 

@@ -5,6 +5,9 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::Service;
+use crate::daemon::scripts::{
+    Batch, Done, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Step,
+};
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
@@ -13,10 +16,7 @@ use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::resets;
-use crate::daemon::socket::sequences::{
-    Batch, Done, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Sequences, Step,
-    Waits,
-};
+use crate::daemon::socket::sequences::{Sequences, Waits};
 use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};

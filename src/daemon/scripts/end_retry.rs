@@ -71,7 +71,7 @@ mod tests {
         let barred = Outcome::Barred(Barred::Open(None));
         assert_eq!(retry.again(barred, true, begun), Some(begun + AGAIN));
         let told = begun + KEPT_BACK_AFTER;
-        assert!(KEPT_BACK_AFTER < crate::daemon::socket::sequences::LEASE / 2);
+        assert!(KEPT_BACK_AFTER < crate::daemon::scripts::LEASE / 2);
         assert_eq!(retry.again(Outcome::Busy, true, told), Some(told + AGAIN));
         assert!(!retry.tells_now());
         assert_eq!(retry.again(barred, true, told), Some(told + AGAIN_LATER));

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{Begun, Gather, Phase, first, refused};
+use crate::daemon::scripts::end_retry::was_set_meanwhile;
+use crate::daemon::scripts::{Done, Ending, Sequence};
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::sequences::end_retry::was_set_meanwhile;
-use crate::daemon::socket::sequences::{Done, Ending, Sequence};
 use crate::gather::GatherMode;
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply};

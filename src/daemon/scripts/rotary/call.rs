@@ -2,7 +2,7 @@
 
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
-use crate::daemon::socket::jobs;
+use crate::daemon::shared::parameters::{check_number, inside, rotary_buffer};
 use crate::map::{Family, HostOffset};
 use crate::protocol::CallError;
 use crate::protocol::calls::{self, LeftLines};
@@ -33,9 +33,9 @@ impl RotaryCall {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(in crate::daemon::socket) fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
+    pub fn of(call: calls::RotaryStart, info: &Info) -> Result<Self, CallError> {
         let family = info.family();
-        let buffer = jobs::rotary_buffer(call.buffer, family)?;
+        let buffer = rotary_buffer(call.buffer, family)?;
         let header = family.rotary.headers.get(buffer).copied();
         if family.rotary.one_a_system && buffer != family.rotary.index_for(call.coordinate_system.into()) {
             let own = format_args!("{}, the coordinate system's own", call.coordinate_system);
@@ -50,10 +50,25 @@ impl RotaryCall {
             left: call.left,
             run: call.run.unwrap_or(false),
             may_stand: call.may_stand.unwrap_or(false),
-            setup: jobs::rotary_set_up(&call, buffer, family)?,
+            setup: set_up(&call, buffer, family)?,
             modes: modes(&call.modes)?,
         })
     }
+}
+
+/// The job that sets the rotary buffer at index `buffer` up.
+fn set_up(call: &calls::RotaryStart, buffer: usize, family: &Family) -> Result<Job, CallError> {
+    check_number(call.coordinate_system.into(), family.coordinate_systems, "coordinate_system")?;
+    if call.coordinate_system_base > 1 {
+        return Err(CallError::invalid("coordinate_system_base", "0 or 1"));
+    }
+    Ok(Job::RotaryOpen {
+        buffer,
+        start: call.start.map(|start| inside(start, 1, "start", family)).transpose()?,
+        size_longs: call.size_longs,
+        coordinate_system: call.coordinate_system,
+        coordinate_system_base: call.coordinate_system_base,
+    })
 }
 
 /// The lines of these modes.

@@ -20,7 +20,7 @@ use super::end_retry::{EndRetry, is_kept_back};
 use super::report_watch::{ReportWatch, Seen};
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
-use crate::daemon::socket::policy::Peer;
+use crate::daemon::shared::peer::Peer;
 use crate::gather::GatherMode;
 use crate::map::status::reply_has;
 use crate::map::{Family, ReportStart};
@@ -92,7 +92,7 @@ enum Begun {
 
 /// The sequence.
 #[derive(Debug)]
-pub(in crate::daemon::socket) struct Gather {
+pub struct Gather {
     family: &'static Family,
     owner: Peer,
     /// `None` where nothing is begun, but what somebody began by hand is ended.
@@ -129,12 +129,12 @@ pub(in crate::daemon::socket) struct Gather {
 
 impl Gather {
     /// Begins a gather of `owner`.
-    pub(in crate::daemon::socket) fn new(call: GatherCall, owner: Peer) -> Self {
+    pub fn new(call: GatherCall, owner: Peer) -> Self {
         Self::at(Phase::FirstCheck, call.family, owner, Some(call))
     }
 
     /// Ends what the board gathers, whoever began it: `owner` asks for that.
-    pub(in crate::daemon::socket) fn stop(family: &'static Family, owner: Peer) -> Self {
+    pub fn stop(family: &'static Family, owner: Peer) -> Self {
         let begun = Begun::Gathering;
         Self { begun, stop_asked: true, ..Self::at(Phase::AskWhetherToEnd, family, owner, None) }
     }

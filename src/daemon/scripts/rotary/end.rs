@@ -7,8 +7,8 @@ use log::warn;
 
 use super::count::lines_left;
 use super::{Phase, Rotary, refused};
+use crate::daemon::scripts::{Done, Ending, Sequence};
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::sequences::{Done, Ending, Sequence};
 use crate::protocol::board::RotaryStopReply;
 use crate::protocol::{CallError, Reply};
 

@@ -1,7 +1,7 @@
 //! A gather as it was called for.
 
 use crate::daemon::shared::info::Info;
-use crate::daemon::socket::jobs::inside;
+use crate::daemon::shared::parameters::inside;
 use crate::function::gather::GatherBuffer;
 use crate::gather::{GatherMode, MOST_PERIOD, gather_lines};
 use crate::map::{Family, GatherPlace, PmacRegister};
@@ -24,7 +24,7 @@ impl GatherCall {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(in crate::daemon::socket) fn of(call: calls::GatherStart, info: &Info) -> Result<Self, CallError> {
+    pub fn of(call: calls::GatherStart, info: &Info) -> Result<Self, CallError> {
         let calls::GatherStart { registers, size_longs, period, wrap, servo_period_ns, .. } = call;
         let family = info.family();
         let place = GatherPlace {

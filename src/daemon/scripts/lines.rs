@@ -53,12 +53,12 @@ pub struct Batch {
 
 impl Batch {
     /// Every line that it may send.
-    pub(in crate::daemon::socket) fn all_lines(&self) -> impl Iterator<Item = &str> {
+    pub fn all_lines(&self) -> impl Iterator<Item = &str> {
         self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| &**line)
     }
 
     /// Whether its caller means what it does to everybody.
-    pub(in crate::daemon::socket) const fn confirmed(&self) -> bool {
+    pub const fn confirmed(&self) -> bool {
         self.confirmed
     }
 
@@ -66,7 +66,7 @@ impl Batch {
     ///
     /// # Errors
     /// What is wrong with it; nothing is sent then.
-    pub(in crate::daemon::socket) fn of(call: calls::RunLines) -> Result<Self, CallError> {
+    pub fn of(call: calls::RunLines) -> Result<Self, CallError> {
         let calls::RunLines { kind, lines, timeout_ms, keep_going, at_end, last, confirmed } = call;
         let is_name =
             (1..=NAME_MAX).contains(&kind.len()) && kind.bytes().all(|byte| byte.is_ascii_lowercase());
@@ -97,7 +97,7 @@ impl Batch {
     }
 
     /// Whether it only ends its sequence.
-    pub(in crate::daemon::socket) fn only_ends(&self) -> bool {
+    pub fn only_ends(&self) -> bool {
         self.lines.is_empty() && self.last
     }
 }
@@ -135,7 +135,7 @@ enum Phase {
 
 /// The sequence.
 #[derive(Debug)]
-pub(in crate::daemon::socket) struct Lines {
+pub struct Lines {
     batch: Batch,
     phase: Phase,
     /// The number of the line that is sent next, or is under way.
@@ -177,7 +177,7 @@ pub(in crate::daemon::socket) struct Lines {
 
 impl Lines {
     /// Begins with this batch.
-    pub(in crate::daemon::socket) fn new(mut batch: Batch) -> Self {
+    pub fn new(mut batch: Batch) -> Self {
         let put_back = PutBack::new(batch.at_end.take().unwrap_or_default());
         Self {
             batch,

@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 
 pub use self::call::RotaryCall;
 use self::count::Count;
-pub(in crate::daemon::socket) use self::count::lines_left;
+pub use self::count::lines_left;
 use self::phase::Phase;
 use super::end_retry::EndRetry;
 use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
@@ -64,7 +64,7 @@ const HEADER_WORDS: usize = rotary_header::START + 1;
 
 /// The sequence.
 #[derive(Debug)]
-pub(in crate::daemon::socket) struct Rotary {
+pub struct Rotary {
     call: RotaryCall,
     phase: Phase,
     /// Lines in the board's own buffer before the stream, and what became of them.
@@ -106,7 +106,7 @@ pub(in crate::daemon::socket) struct Rotary {
 
 impl Rotary {
     /// Begins a stream.
-    pub(in crate::daemon::socket) fn new(call: RotaryCall) -> Self {
+    pub fn new(call: RotaryCall) -> Self {
         Self {
             phase: if call.define.is_some() { Phase::Define } else { Phase::AskLeft },
             call,

@@ -6,16 +6,16 @@ use std::time::Instant;
 
 use nix::unistd::Uid;
 
-use super::{Ending, LEASE, Resource, Sequence};
+use super::call_table::Caller;
+use super::leftovers::LineEffect;
+use crate::daemon::scripts::{Ending, LEASE, Resource, Sequence};
+use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
-use crate::daemon::socket::call_table::Caller;
-use crate::daemon::socket::leftovers::LineEffect;
-use crate::daemon::socket::policy::Peer;
 use crate::protocol::{CallError, Reply};
 
 /// Whose a sequence is.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::daemon::socket) struct Owner {
+pub(super) struct Owner {
     /// The connection.
     pub client: u64,
     /// The other end of it.
@@ -26,7 +26,7 @@ pub(in crate::daemon::socket) struct Owner {
 
 /// What a sequence waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::daemon::socket) enum Waits {
+pub(super) enum Waits {
     /// The bus thread, which does a step.
     Board,
     /// The board, asked then for its servo counter.
@@ -39,14 +39,14 @@ pub(in crate::daemon::socket) enum Waits {
 
 impl Waits {
     /// Whether the bus thread has a step to do.
-    pub(in crate::daemon::socket) const fn is_board(self) -> bool {
+    pub(super) const fn is_board(self) -> bool {
         matches!(self, Self::Board | Self::Check(_))
     }
 }
 
 /// A sequence that runs.
 #[derive(Debug)]
-pub(in crate::daemon::socket) struct Running {
+pub(super) struct Running {
     /// What to do.
     pub machine: Box<dyn Sequence>,
     /// Whose it is.
@@ -101,7 +101,7 @@ impl fmt::Display for InUse<'_> {
 
 /// Every sequence, by a number that is never used again.
 #[derive(Debug, Default)]
-pub(in crate::daemon::socket) struct Sequences {
+pub(super) struct Sequences {
     running: BTreeMap<u64, Running>,
     next: u64,
     /// What the owners would have been told of sequences that ended by themselves: each by its connection, till they ask.
@@ -113,7 +113,7 @@ impl Sequences {
     ///
     /// # Errors
     /// Who has what it needs.
-    pub(in crate::daemon::socket) fn begin(
+    pub(super) fn begin(
         &mut self,
         machine: Box<dyn Sequence>,
         caller: Caller,
@@ -143,17 +143,17 @@ impl Sequences {
     }
 
     /// Sequence `number`, if it runs.
-    pub(in crate::daemon::socket) fn get(&self, number: u64) -> Option<&Running> {
+    pub(super) fn get(&self, number: u64) -> Option<&Running> {
         self.running.get(&number)
     }
 
     /// Sequence `number`, if it runs.
-    pub(in crate::daemon::socket) fn get_mut(&mut self, number: u64) -> Option<&mut Running> {
+    pub(super) fn get_mut(&mut self, number: u64) -> Option<&mut Running> {
         self.running.get_mut(&number)
     }
 
     /// The number of the sequence that `client` has on `resource`, unless it is ending.
-    pub(in crate::daemon::socket) fn of_client(&self, client: u64, resource: Resource) -> Option<u64> {
+    pub(super) fn of_client(&self, client: u64, resource: Resource) -> Option<u64> {
         let mut all = self.running.iter();
         let is_it = |running: &Running| {
             running.owner.client == client
@@ -164,36 +164,36 @@ impl Sequences {
     }
 
     /// The sequence on `resource`, with its number.
-    pub(in crate::daemon::socket) fn on(&self, resource: Resource) -> Option<(u64, &Running)> {
+    pub(super) fn on(&self, resource: Resource) -> Option<(u64, &Running)> {
         let mut all = self.running.iter();
         all.find(|(_, running)| running.machine.resource() == resource)
             .map(|(&number, running)| (number, running))
     }
 
     /// The numbers of the sequences that feed programs of the coordinate systems in `mask`, unless they are ending.
-    pub(in crate::daemon::socket) fn that_feed(&self, mask: u32) -> Vec<u64> {
+    pub(super) fn that_feed(&self, mask: u32) -> Vec<u64> {
         let feeds = |running: &Running| running.ending.is_none() && running.machine.feeds() & mask != 0;
         self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
     }
 
     /// The coordinate systems whose programs sequences feed; bit 0 is &1.
-    pub(in crate::daemon::socket) fn fed(&self) -> u32 {
+    pub(super) fn fed(&self) -> u32 {
         self.running.values().fold(0, |fed, running| fed | running.machine.feeds())
     }
 
     /// Whether a sequence is ending that feeds a program of the coordinate systems in `mask`.
-    pub(in crate::daemon::socket) fn is_ending_feed(&self, mask: u32) -> bool {
+    pub(super) fn is_ending_feed(&self, mask: u32) -> bool {
         let mut all = self.running.values();
         all.any(|running| running.ending.is_some() && running.machine.feeds() & mask != 0)
     }
 
     /// What sequences that are ending still have to do on the board.
-    pub(in crate::daemon::socket) fn unfinished(&self) -> Vec<String> {
+    pub(super) fn unfinished(&self) -> Vec<String> {
         self.running.values().filter_map(|running| running.machine.unfinished()).collect()
     }
 
     /// What other users than `uid` run.
-    pub(in crate::daemon::socket) fn of_others(&self, uid: Uid) -> impl Iterator<Item = String> {
+    pub(super) fn of_others(&self, uid: Uid) -> impl Iterator<Item = String> {
         let others = self.running.values().filter(move |running| running.owner.peer.uid != uid);
         others.map(|Running { machine, owner: Owner { peer, .. }, .. }| {
             format!("the {} of uid {} (pid {})", machine.name(), peer.uid, peer.pid)
@@ -201,7 +201,7 @@ impl Sequences {
     }
 
     /// Why somebody else cannot end the sequence just so.
-    pub(in crate::daemon::socket) fn not_yours(running: &Running, now: Instant) -> CallError {
+    pub(super) fn not_yours(running: &Running, now: Instant) -> CallError {
         let uid = running.owner.peer.uid;
         CallError::Refused {
             reason: format!(
@@ -212,18 +212,13 @@ impl Sequences {
     }
 
     /// Keeps what `client` would have been told of the end of its sequence.
-    pub(in crate::daemon::socket) fn keep_result(
-        &mut self,
-        client: u64,
-        resource: Resource,
-        result: Result<Reply, CallError>,
-    ) {
+    pub(super) fn keep_result(&mut self, client: u64, resource: Resource, result: Result<Reply, CallError>) {
         self.results.retain(|(other, kept, _)| (*other, *kept) != (client, resource));
         self.results.push((client, resource, result));
     }
 
     /// What was kept for `client`.
-    pub(in crate::daemon::socket) fn take_result(
+    pub(super) fn take_result(
         &mut self,
         client: u64,
         resource: Resource,
@@ -233,35 +228,35 @@ impl Sequences {
     }
 
     /// Whether a sequence ends with `client`, or he has not been told yet how it ended.
-    pub(in crate::daemon::socket) fn is_of(&self, client: u64) -> bool {
+    pub(super) fn is_of(&self, client: u64) -> bool {
         self.running.values().any(|running| running.owner.client == client)
             || self.results.iter().any(|(of, ..)| *of == client)
     }
 
     /// `client` is gone: nobody asks for what was kept.
-    pub(in crate::daemon::socket) fn forget(&mut self, client: u64) {
+    pub(super) fn forget(&mut self, client: u64) {
         self.results.retain(|(other, ..)| *other != client);
     }
 
     /// `client` is still there. How many sequences it has.
-    pub(in crate::daemon::socket) fn renew(&mut self, client: u64, now: Instant) -> usize {
+    pub(super) fn renew(&mut self, client: u64, now: Instant) -> usize {
         let own = self.running.values_mut().filter(|running| running.owner.client == client);
         own.map(|running| running.heard = now).count()
     }
 
     /// No sequence sends a line any more, but those of its end.
-    pub(in crate::daemon::socket) fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
+    pub(super) fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
         self.running.values_mut().for_each(|running| running.machine.drop_lines(reason));
     }
 
     /// A sequence is over.
-    pub(in crate::daemon::socket) fn over(&mut self, number: u64) -> Option<Running> {
+    pub(super) fn over(&mut self, number: u64) -> Option<Running> {
         self.running.remove(&number)
     }
 
     /// The sequences that have to end now, each with the reason: their owner does not hear (`hears`) or was silent too long, or
     /// all of them, because the daemon stops.
-    pub(in crate::daemon::socket) fn lapsed(
+    pub(super) fn lapsed(
         &self,
         now: Instant,
         hears: impl Fn(u64) -> bool,
@@ -277,13 +272,13 @@ impl Sequences {
     }
 
     /// The sequences whose waiting is over.
-    pub(in crate::daemon::socket) fn due(&self, now: Instant) -> Vec<u64> {
+    pub(super) fn due(&self, now: Instant) -> Vec<u64> {
         let is_due = |running: &Running| matches!(running.waits, Waits::Until(moment) if moment <= now);
         self.running.iter().filter(|(_, running)| is_due(running)).map(|(&number, _)| number).collect()
     }
 
     /// When the next waiting or lease is over.
-    pub(in crate::daemon::socket) fn next_moment(&self) -> Option<Instant> {
+    pub(super) fn next_moment(&self) -> Option<Instant> {
         let waiting = self.running.values().filter_map(|running| match running.waits {
             Waits::Until(moment) => Some(moment),
             _ => None,
@@ -292,12 +287,12 @@ impl Sequences {
     }
 
     /// When the first owner has been silent too long.
-    pub(in crate::daemon::socket) fn first_lapse(&self) -> Option<Instant> {
+    pub(super) fn first_lapse(&self) -> Option<Instant> {
         self.running.values().filter_map(Running::lapses).min()
     }
 
     /// How many run.
-    pub(in crate::daemon::socket) fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.running.len()
     }
 }

@@ -8,7 +8,7 @@
 //! # A new sequence
 //! It is a step machine without I/O: a type that implements [`Sequence`]. The server asks it for a [`Step`], has the bus thread
 //! do it, and gives what became of it to the next call of [`Sequence::next`].
-//! * Begin: a method of the socket (`methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `server/sequencing.rs` makes
+//! * Begin: a method of the socket (`socket/methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `socket/server/sequencing.rs` makes
 //!   the machine of it. The caller waits until the machine says [`Step::Answer`] or [`Step::Over`]. [`Step::Tell`]
 //!   before that streams to a caller that asked for `more`.
 //! * Rest: after [`Step::Answer`] nothing happens until the owner calls again ([`Sequence::asked`]), an event of the machine's own
@@ -25,35 +25,33 @@ mod lines;
 mod put_back;
 mod report_watch;
 mod rotary;
-mod table;
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-pub(super) use gather::Gather;
+pub use gather::Gather;
 pub use gather::GatherCall;
 pub use lines::Batch;
-pub(super) use lines::Lines;
-pub(super) use rotary::Rotary;
+pub use lines::Lines;
+pub use rotary::Rotary;
 pub use rotary::RotaryCall;
-pub(super) use rotary::lines_left;
-pub(super) use table::{Running, Sequences, Waits};
+pub use rotary::lines_left;
 
-use super::policy::Peer;
 use crate::daemon::shared::job::Job;
+use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 use crate::protocol::{CallError, Reply, control};
 
 /// How long an owner may be silent while nothing is done for it.
-pub(super) const LEASE: Duration = Duration::from_secs(5);
+pub const LEASE: Duration = Duration::from_secs(5);
 /// How long each step of an end may take.
-pub(super) const END_STEP: Duration = Duration::from_secs(2);
+pub const END_STEP: Duration = Duration::from_secs(2);
 
 /// What a sequence has of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Resource {
+pub enum Resource {
     /// The board's variables and program buffers, as far as lines one after the other change or list them.
     Lines,
     /// Its gather buffer, and the variables that say what is gathered.
@@ -65,7 +63,7 @@ pub(super) enum Resource {
 impl Resource {
     /// Whether a sequence with `other` cannot run beside one with this. The set-up of a stream switches the transfer of every rotary
     /// buffer off, and its end closes all of them.
-    pub(super) fn excludes(self, other: Self) -> bool {
+    pub fn excludes(self, other: Self) -> bool {
         self == other || matches!((self, other), (Self::Rotary(_), Self::Rotary(_)))
     }
 }
@@ -82,7 +80,7 @@ impl fmt::Display for Resource {
 
 /// What is to be done next.
 #[derive(Debug)]
-pub(super) enum Step {
+pub enum Step {
     /// Send a line.
     Line {
         /// The line.
@@ -136,7 +134,7 @@ pub(super) enum Step {
 
 /// What became of a step that the bus thread has done.
 #[derive(Debug)]
-pub(super) struct Done {
+pub struct Done {
     /// How it ended.
     pub outcome: Outcome,
     /// The lines of the board's reply, or what a caller would be told of the failure.
@@ -159,7 +157,7 @@ pub(super) struct Done {
 
 /// What the bus thread found for a step, besides the lines of a reply.
 #[derive(Debug, Default)]
-pub(super) struct Found {
+pub struct Found {
     /// How far a rotary buffer is.
     pub rotary: Option<RotaryState>,
     /// Words of the DPRAM.
@@ -168,7 +166,7 @@ pub(super) struct Found {
 
 /// Why a sequence ends before it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Ending {
+pub enum Ending {
     /// Its owner's connection is gone.
     OwnerGone,
     /// Its owner has been silent for longer than [`LEASE`].
@@ -228,7 +226,7 @@ pub enum SequenceCall {
 }
 
 /// A step machine; the module tells how it is driven.
-pub(super) trait Sequence: fmt::Debug + Send {
+pub trait Sequence: fmt::Debug + Send {
     /// What it has of the board.
     fn resource(&self) -> Resource;
 
