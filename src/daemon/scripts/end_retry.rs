@@ -2,7 +2,10 @@
 
 use std::time::{Duration, Instant};
 
+use super::Ending;
+use super::script::Io;
 use crate::daemon::shared::queue::Outcome;
+use crate::protocol::{CallError, Reply};
 
 const AGAIN: Duration = Duration::from_millis(250);
 /// What an open program buffer keeps back is tried on, less often, until the buffer is closed.
@@ -14,20 +17,42 @@ const KEPT_BACK_AFTER: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub(super) struct EndRetry {
     patience: Duration,
+    may_last: bool,
     begun: Option<Instant>,
     is_kept_back: bool,
     is_told: bool,
 }
 
 impl EndRetry {
-    /// An end that tries for so long.
-    pub(super) const fn new(patience: Duration) -> Self {
-        Self { patience, begun: None, is_kept_back: false, is_told: false }
+    /// An end that tries for so long. `may_last`: it waits longer for an open program buffer.
+    pub(super) const fn new(patience: Duration, may_last: bool) -> Self {
+        Self { patience, may_last, begun: None, is_kept_back: false, is_told: false }
     }
 
-    /// When to try again the step that came out so; `None` when no more. `may_last`: an open program buffer is waited for.
-    pub(super) fn again(&mut self, outcome: Outcome, may_last: bool, now: Instant) -> Option<Instant> {
-        let may_last = may_last && matches!(outcome, Outcome::Barred(_));
+    /// Rests until a step is to be tried again that came out so. False, and at once, where it is not tried again. An owner whose end is
+    /// kept back hears its `result` as it is by now, and `unfinished` says what is left.
+    pub(super) async fn rests(
+        &mut self,
+        io: &Io,
+        outcome: Outcome,
+        unfinished: String,
+        result: impl FnOnce() -> Result<Reply, CallError>,
+    ) -> bool {
+        let again = self.again(outcome, io.now());
+        let Some(again) = again.filter(|_| io.ending() != Some(Ending::Stopping)) else { return false };
+        if self.is_kept_back {
+            io.set_unfinished(Some(unfinished));
+        }
+        if self.tells_now() {
+            io.answer_end(result()).await;
+        }
+        io.rest_until(again).await;
+        true
+    }
+
+    /// When to try again the step that came out so; `None` when no more.
+    pub(super) fn again(&mut self, outcome: Outcome, now: Instant) -> Option<Instant> {
+        let may_last = self.may_last && matches!(outcome, Outcome::Barred(_));
         let patience = if may_last { self.patience.min(KEPT_BACK_AFTER) } else { self.patience };
         let is_patient = now < *self.begun.get_or_insert(now) + patience;
         let is_kept_back = !is_patient && may_last;
@@ -67,29 +92,31 @@ mod tests {
     #[test]
     fn an_owner_hears_what_a_buffer_keeps_back_before_his_other_sequences_lapse() {
         let begun = Instant::now();
-        let mut retry = EndRetry::new(Duration::from_secs(10));
+        let mut retry = EndRetry::new(Duration::from_secs(10), true);
         let barred = Outcome::Barred(Barred::Open(None));
-        assert_eq!(retry.again(barred, true, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
         let told = begun + KEPT_BACK_AFTER;
         assert!(KEPT_BACK_AFTER < crate::daemon::scripts::LEASE / 2);
-        assert_eq!(retry.again(Outcome::Busy, true, told), Some(told + AGAIN));
+        assert_eq!(retry.again(Outcome::Busy, told), Some(told + AGAIN));
         assert!(!retry.tells_now());
-        assert_eq!(retry.again(barred, true, told), Some(told + AGAIN_LATER));
+        assert_eq!(retry.again(barred, told), Some(told + AGAIN_LATER));
         assert!(retry.tells_now());
     }
 
     #[test]
     fn what_a_buffer_keeps_back_is_tried_on_and_nothing_else() {
         let begun = Instant::now();
-        let mut retry = EndRetry::new(Duration::from_secs(1));
+        let mut retry = EndRetry::new(Duration::from_secs(1), true);
         let barred = Outcome::Barred(Barred::Open(None));
-        assert_eq!(retry.again(Outcome::Busy, true, begun), Some(begun + AGAIN));
-        assert_eq!(retry.again(barred, true, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(Outcome::Busy, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
         assert!(!retry.tells_now());
         let late = begun + Duration::from_secs(1);
-        assert_eq!(retry.again(Outcome::Busy, true, late), None);
-        assert_eq!(retry.again(barred, false, late), None);
-        assert_eq!(retry.again(barred, true, late), Some(late + AGAIN_LATER));
+        assert_eq!(retry.again(Outcome::Busy, late), None);
+        assert_eq!(retry.again(barred, late), Some(late + AGAIN_LATER));
         assert!(retry.is_kept_back() && retry.tells_now() && !retry.tells_now());
+        let mut retry = EndRetry::new(Duration::from_secs(1), false);
+        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, late), None);
     }
 }

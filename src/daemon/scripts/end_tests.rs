@@ -187,6 +187,7 @@ fn drive(
             Step::Over(reply) => return reply,
             Step::Wait(moment) => now = moment,
             Step::Answer(_) => steps = if machine.watches() { steps } else { cut },
+            Step::Rest => steps = cut,
             Step::Tell(_) | Step::AnswerEnd(_) => {}
             step => {
                 let outcome = if steps == fails { outcome } else { Outcome::Done };
@@ -202,7 +203,7 @@ fn info() -> Info {
     Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())
 }
 
-fn gather() -> Gather {
+fn a_gather() -> script::Script {
     let place = PMAC.gather;
     let call = calls::GatherStart {
         buffer: calls::Offset(place.buffer),
@@ -214,7 +215,7 @@ fn gather() -> Gather {
         wrap: None,
         servo_period_ns: Some(442_708),
     };
-    Gather::new(GatherCall::of(call, &info()).unwrap(), OWNER)
+    gather(GatherCall::of(call, &info()).unwrap(), OWNER)
 }
 
 #[test]
@@ -222,7 +223,7 @@ fn a_gather_cut_anywhere_leaves_the_board_as_it_was_and_is_followed_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
             let mut board = Board::new(reports, report_runs);
-            let reply = drive(&mut gather(), &mut board, (cut, why), (usize::MAX, Outcome::Done));
+            let reply = drive(&mut a_gather(), &mut board, (cut, why), (usize::MAX, Outcome::Done));
             let found = (board.gathers, board.followed, board.period.as_str());
             assert_eq!(found, (false, false, "1"), "{reports} {report_runs} {cut} {why}: {reply:?}");
             assert!(
@@ -246,7 +247,7 @@ fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_
             ] {
                 let mut board = Board::new(reports, report_runs);
                 let ends = (STEPS, Ending::OwnerGone);
-                let reply = drive(&mut gather(), &mut board, ends, (fails, outcome));
+                let reply = drive(&mut a_gather(), &mut board, ends, (fails, outcome));
                 assert!(
                     board.report_runs || !report_runs,
                     "{fails} {outcome:?}: everybody's servo report has been ended"
@@ -398,13 +399,13 @@ fn b1_1_a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
 fn b1_7_a_gather_notices_that_the_board_was_reset_or_gathers_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         let mut board = Board::new(reports, report_runs);
-        let (said, took) = disturbed(&mut gather(), &mut board, 3, Board::reset);
+        let (said, took) = disturbed(&mut a_gather(), &mut board, 3, Board::reset);
         assert!(
             said.contains("the board was reset, which ended the gather") && took <= SOON,
             "{took:?} {said}"
         );
         let mut board = Board::new(reports, report_runs);
-        let (said, took) = disturbed(&mut gather(), &mut board, 3, |board| board.gathers = false);
+        let (said, took) = disturbed(&mut a_gather(), &mut board, 3, |board| board.gathers = false);
         assert!(said.contains("the board gathers no more") && took <= SOON, "{took:?} {said}");
         assert_eq!(board.period, "1");
     }
@@ -415,7 +416,7 @@ fn b1_3_a_report_that_comes_too_seldom_is_not_waited_for() {
     let mut board = Board { period: "8000000".to_owned(), ..Board::new(true, true) };
     let before = board.clone();
     let ends = (STEPS, Ending::OwnerGone);
-    let reply = drive(&mut gather(), &mut board, ends, (usize::MAX, Outcome::Done));
+    let reply = drive(&mut a_gather(), &mut board, ends, (usize::MAX, Outcome::Done));
     let Err(CallError::Refused { reason }) = reply else { panic!("{reply:?}") };
     assert!(reason.contains("once in 3541 s") && reason.contains("I19 is 8000000"), "{reason}");
     assert_eq!(board, before, "nothing was sent");

@@ -11,24 +11,26 @@
 //! While it gathers, the servo report tells whether the board still does. Where no report tells, the board is asked.
 
 mod call;
-mod end;
 
 use std::time::{Duration, Instant};
 
+use log::warn;
+
 pub use self::call::GatherCall;
-use super::end_retry::{EndRetry, is_kept_back};
-use super::report_watch::{ReportWatch, Seen};
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
+use super::end_retry::{EndRetry, is_kept_back, was_set_meanwhile};
+use super::report_watch::report_runs;
+use super::script::{Io, Script};
+use super::{Resource, first};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
+use crate::daemon::shared::queue::Outcome;
 use crate::gather::GatherMode;
 use crate::map::status::reply_has;
 use crate::map::{Family, ReportStart};
 use crate::mirror::GatherClock;
+use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply, answer};
 
-/// How long the board may take for a line, and the daemon for a job.
-const STEP: Duration = Duration::from_secs(5);
 /// How long a report that may run is waited for, beyond two of its periods.
 const REPORT_PAUSE: Duration = Duration::from_secs(1);
 /// How long the first `GATHER` may take to start the report, beyond two periods.
@@ -40,47 +42,8 @@ const LOOK: Duration = Duration::from_millis(500);
 /// How long the board may take to say that it gathers. One that is reset meanwhile answers nothing for a while.
 const ASKING: Duration = Duration::from_secs(1);
 const CHECK_EVERY: Duration = Duration::from_secs(60);
-
-/// How far it is: what is asked of the board, or waited for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// The first check for resets.
-    FirstCheck,
-    AskReport,
-    AskPeriod,
-    AskGathers,
-    /// Whether the report runs.
-    SeeReport(ReportWatch),
-    /// The line of this index.
-    Prepare(usize),
-    /// The `GATHER` that starts the report.
-    StartReport,
-    AwaitReport(ReportWatch),
-    /// The daemon follows the buffer.
-    Follow,
-    /// The `GATHER` that starts gathering.
-    Start,
-    Gathering,
-    /// What the report tells of it.
-    Look,
-    /// No report tells: the board does.
-    AskStill,
-    /// Whether the board has been reset, by the way or because it gathers no more.
-    Check {
-        stopped: bool,
-    },
-    /// The buffer is full, as it was asked for.
-    Full,
-    /// The end: whether it still gathers.
-    AskWhetherToEnd,
-    /// It gathers no more, and nobody has said why: whether it was reset.
-    CheckAtEnd,
-    EndGather,
-    EndFollow,
-    AskPeriodAgain,
-    PutBack,
-    Over,
-}
+/// How long the end tries what is known not to have been sent.
+const END_PATIENCE: Duration = Duration::from_secs(10);
 
 /// What the latest `GATHER` has begun.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,18 +53,15 @@ enum Begun {
     Gathering,
 }
 
-/// The sequence.
-#[derive(Debug)]
-pub struct Gather {
+/// What the end has to know.
+struct Gather<'a> {
+    io: Io,
     family: &'static Family,
     owner: Peer,
     /// `None` where nothing is begun, but what somebody began by hand is ended.
-    call: Option<GatherCall>,
-    phase: Phase,
+    call: Option<&'a GatherCall>,
     /// I48 is 1, on a board whose report GATHER starts.
     reports: bool,
-    /// The report's timer was seen to go on.
-    report_runs: bool,
     /// I19 as it was found, and as it is at the end.
     period: Option<String>,
     period_sent: bool,
@@ -109,197 +69,273 @@ pub struct Gather {
     followed: bool,
     /// Its owner has heard that it gathers.
     started: bool,
-    /// The report has told that it gathers.
-    was_seen: bool,
-    /// The resets that the first check told of, and when the next one is due.
+    /// The resets that the latest check told of.
     resets: Option<u64>,
-    check_due: Option<Instant>,
     /// `ENDGATHER` was sent.
     ended: bool,
-    stop_asked: bool,
-    ending: Option<Ending>,
-    /// The client who has ended it, as far as known.
-    ended_by: Option<String>,
     failure: Option<CallError>,
     notes: Vec<String>,
-    /// When to go on with an end that cannot be carried out now.
-    rest: Option<Instant>,
-    retry: EndRetry,
 }
 
-impl Gather {
-    /// Begins a gather of `owner`.
-    pub fn new(call: GatherCall, owner: Peer) -> Self {
-        Self::at(Phase::FirstCheck, call.family, owner, Some(call))
-    }
+/// The script of a gather of `owner`.
+pub fn gather(call: GatherCall, owner: Peer) -> Script {
+    Script::new(Resource::Gather, "gather", move |io| async move {
+        let mut gather = Gather::new(io.clone(), call.family, owner, Some(&call));
+        gather.failure = io.until_ended(gather.run(&call)).await;
+        gather.end().await
+    })
+}
 
-    /// Ends what the board gathers, whoever began it: `owner` asks for that.
-    pub fn stop(family: &'static Family, owner: Peer) -> Self {
-        let begun = Begun::Gathering;
-        Self { begun, stop_asked: true, ..Self::at(Phase::AskWhetherToEnd, family, owner, None) }
-    }
+/// The script that ends what the board gathers, whoever began it: `owner` asks for that.
+pub fn stop_gather(family: &'static Family, owner: Peer) -> Script {
+    Script::new(Resource::Gather, "gather", move |io| async move {
+        let mut gather = Gather::new(io.clone(), family, owner, None);
+        gather.begun = Begun::Gathering;
+        io.begin_end();
+        gather.end().await
+    })
+}
 
-    fn at(phase: Phase, family: &'static Family, owner: Peer, call: Option<GatherCall>) -> Self {
+impl<'a> Gather<'a> {
+    fn new(io: Io, family: &'static Family, owner: Peer, call: Option<&'a GatherCall>) -> Self {
         Self {
+            io,
             family,
             owner,
             call,
-            phase,
             reports: false,
-            report_runs: false,
             period: None,
             period_sent: false,
             begun: Begun::Nothing,
             followed: false,
             started: false,
-            was_seen: false,
             resets: None,
-            check_due: None,
             ended: false,
-            stop_asked: false,
-            ending: None,
-            ended_by: None,
             failure: None,
             notes: Vec::new(),
-            rest: None,
-            retry: EndRetry::new(end::END_PATIENCE),
         }
     }
 
-    /// Takes what became of the step of this phase.
+    /// Begins the gather, and watches it.
     ///
     /// # Errors
-    /// Why there will be no gather.
-    fn take(&mut self, mut done: Done, now: Instant) -> Result<(), CallError> {
+    /// Why there will be no gather, or what has ended it.
+    async fn run(&mut self, call: &GatherCall) -> Result<(), CallError> {
         let i = &self.family.i;
-        self.ended_by = done.ended_by.take();
-        let unsent = done.outcome.is_unsent();
-        match self.phase {
-            Phase::FirstCheck => {
-                // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
-                self.resets = done.result.is_ok().then_some(done.resets);
-                self.check_due = Some(now + CHECK_EVERY);
-                self.phase = Phase::AskReport;
-            }
-            Phase::AskReport => {
-                let is_on = first(&done.result?) == "1";
-                self.reports = is_on && self.family.servo.start == ReportStart::Gather;
-                if self.reports && self.call.as_ref().is_some_and(|call| !call.uses_report) {
-                    // A board that reports takes another number of GATHERs than one that does not.
-                    return Err(refused(format!(
-                        "I{}=1, and gathering then takes the function `servo`, which is switched off: `functions` in the \
-                         daemon's configuration leaves it out",
-                        i.servo_enable
-                    )));
-                }
-                self.phase = Phase::AskPeriod;
-            }
-            Phase::AskPeriod => {
-                self.period = Some(first(&done.result?).to_owned());
-                self.check_report_is_frequent()?;
-                self.phase = Phase::AskGathers;
-            }
-            Phase::AskGathers => {
-                if self.gathers(&done.result?) {
-                    return Err(refused(
-                        "the board gathers already, and no client of this pmacd began that: it was begun by hand, on the serial port, \
-                         by another host, or through a pmacd that was killed; `pmacctl gather --stop` ends it",
-                    ));
-                }
-                let watch = ReportWatch::new(now + REPORT_PAUSE + self.two_periods());
-                self.phase = if self.reports { Phase::SeeReport(watch) } else { Phase::Prepare(0) };
-            }
-            Phase::SeeReport(mut watch) => match watch.see(&done, now) {
-                Seen::Nothing => self.rest_on(Phase::SeeReport(watch), now + ReportWatch::LOOK),
-                seen => {
-                    self.report_runs = seen == Seen::Runs;
-                    self.phase = Phase::Prepare(0);
-                }
-            },
-            Phase::Prepare(index) => {
-                done.result.map_err(|error| self.explain(index, error))?;
-                let lines = self.call.as_ref().map_or(0, |call| call.lines.len());
-                self.phase = match (index + 1 < lines, self.reports && !self.report_runs) {
-                    (true, _) => Phase::Prepare(index + 1),
-                    (false, true) => Phase::StartReport,
-                    (false, false) => Phase::Follow,
-                };
-            }
-            Phase::StartReport => {
-                if !unsent {
-                    self.begun = Begun::Report;
-                }
-                done.result?;
-                self.phase = Phase::AwaitReport(ReportWatch::new(now + REPORT_START + self.two_periods()));
-            }
-            Phase::AwaitReport(mut watch) => match watch.see(&done, now) {
-                Seen::Nothing => self.rest_on(Phase::AwaitReport(watch), now + ReportWatch::LOOK),
-                Seen::Runs => self.phase = Phase::Follow,
-                Seen::Stands => {
-                    let reported =
-                        i.reported.map_or_else(String::new, |number| format!(" (is I{number} above 0?)"));
-                    return Err(refused(format!(
-                        "I{}=1 and GATHER start no servo report{reported}, so turns of the buffer cannot be counted",
-                        i.servo_enable
-                    )));
-                }
-            },
-            Phase::Follow => {
-                self.followed = !unsent;
-                done.result?;
-                self.phase = Phase::Start;
-            }
-            Phase::Start => {
-                if !unsent {
-                    self.begun = Begun::Gathering;
-                }
-                done.result?;
-                self.phase = Phase::Gathering;
-            }
-            Phase::Look => match done.gathers {
-                Some(true) => {
-                    self.was_seen = true;
-                    self.goes_on(now);
-                }
-                Some(false) if self.was_seen => self.phase = Phase::Check { stopped: true },
-                // It may be a report from before GATHER.
-                Some(false) | None => self.phase = Phase::AskStill,
-            },
-            Phase::AskStill => match done.result {
-                Ok(lines) if !self.gathers(&lines) => self.phase = Phase::Check { stopped: true },
-                Ok(_) => self.goes_on(now),
-                // Nothing is known: it cannot be asked now.
-                Err(_) => self.rest_on(Phase::Look, now + LOOK),
-            },
-            Phase::Check { stopped } => {
-                self.check_due = Some(now + CHECK_EVERY);
-                if done.result.is_ok() && self.was_reset(done.resets) {
+        let check = self.io.check().await;
+        // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
+        self.resets = check.result.is_ok().then_some(check.resets);
+        let check_due = self.io.now() + CHECK_EVERY;
+        let report = self.io.line(format!("I{}", i.servo_enable)).await.result?;
+        self.reports = first(&report) == "1" && self.family.servo.start == ReportStart::Gather;
+        if self.reports && !call.uses_report {
+            // A board that reports takes another number of GATHERs than one that does not.
+            return Err(refused(format!(
+                "I{}=1, and gathering then takes the function `servo`, which is switched off: `functions` in the \
+                 daemon's configuration leaves it out",
+                i.servo_enable
+            )));
+        }
+        let period = self.io.line(format!("I{}", i.gather_period)).await.result?;
+        self.period = Some(first(&period).to_owned());
+        self.check_report_is_frequent(call)?;
+        if self.gathers(&self.io.line("???").await.result?) {
+            return Err(refused(
+                "the board gathers already, and no client of this pmacd began that: it was begun by hand, on the serial port, \
+                 by another host, or through a pmacd that was killed; `pmacctl gather --stop` ends it",
+            ));
+        }
+        let patience = REPORT_PAUSE + self.two_periods(call);
+        let runs = self.reports && report_runs(&self.io, self.family, patience).await;
+        let clock = self.clock(call)?;
+        for text in &call.lines {
+            let sent = self.io.line(text).await;
+            self.period_sent = true;
+            sent.result.map_err(|error| self.explain(text, error))?;
+        }
+        if self.reports && !runs {
+            self.start_report(call).await?;
+        }
+        let follows = self.io.job(Job::GatherBegin { buffer: call.buffer, clock }).await;
+        self.followed = !follows.outcome.is_unsent();
+        follows.result?;
+        self.send_gather(Begun::Gathering).await?;
+        self.io.answer(Ok(Reply::done())).await;
+        self.started = true;
+        self.watch(call, check_due).await
+    }
+
+    /// Starts the servo report, by the first `GATHER`.
+    async fn start_report(&mut self, call: &GatherCall) -> Result<(), CallError> {
+        self.send_gather(Begun::Report).await?;
+        if report_runs(&self.io, self.family, REPORT_START + self.two_periods(call)).await {
+            return Ok(());
+        }
+        let i = &self.family.i;
+        let reported = i.reported.map_or_else(String::new, |number| format!(" (is I{number} above 0?)"));
+        Err(refused(format!(
+            "I{}=1 and GATHER start no servo report{reported}, so turns of the buffer cannot be counted",
+            i.servo_enable
+        )))
+    }
+
+    /// Sends a `GATHER` that begins this.
+    async fn send_gather(&mut self, begins: Begun) -> Result<(), CallError> {
+        let sent = self.io.line("GATHER").await;
+        if !sent.outcome.is_unsent() {
+            self.begun = begins;
+        }
+        sent.result.map(drop)
+    }
+
+    /// Looks now and then whether the board still gathers, and whether it was reset.
+    ///
+    /// # Errors
+    /// What has ended the gather.
+    async fn watch(&mut self, call: &GatherCall, mut check_due: Instant) -> Result<(), CallError> {
+        let mut was_seen = false;
+        loop {
+            let told = self.io.read(self.family.servo.timer.low, 1).await.gathers;
+            was_seen |= told == Some(true);
+            // Before that the report may be from before GATHER. A board that cannot be asked now tells nothing.
+            let gathers = if told.is_some() && was_seen {
+                told
+            } else {
+                let asked = self.io.ask_within("???", ASKING).await;
+                asked.result.ok().map(|lines| self.gathers(&lines))
+            };
+
+            let is_over = gathers == Some(false);
+            if is_over || gathers.is_some() && self.io.now() >= check_due {
+                let check = self.io.check().await;
+                check_due = self.io.now() + CHECK_EVERY;
+                if check.result.is_ok() && self.was_reset(check.resets) {
                     return Err(refused(self.was_ended(true)));
                 }
-                match (stopped, self.call.as_ref().map(|call| call.buffer.mode)) {
-                    (false, _) => self.rest_on(Phase::Look, now + LOOK),
-                    (true, Some(GatherMode::Stop)) => self.phase = Phase::Full,
-                    (true, _) => return Err(refused(self.was_ended(false))),
+            }
+            match call.buffer.mode {
+                _ if !is_over => self.io.rest(LOOK).await,
+                // The buffer is full, as it was asked for.
+                GatherMode::Stop => {
+                    self.io.answer(Ok(Reply::done())).await;
+                    self.io.rest_until_ended().await;
+                }
+                GatherMode::Wrap => return Err(refused(self.was_ended(false))),
+            }
+        }
+    }
+
+    /// The end. What cannot be carried out is noted, and the end goes on.
+    async fn end(&mut self) -> Result<Reply, CallError> {
+        let mut retry = EndRetry::new(END_PATIENCE, self.call.is_some());
+        if self.begun != Begun::Nothing {
+            let note = self.end_gather(&mut retry).await;
+            self.notes.extend(note);
+        }
+        while self.followed {
+            let ended = self.io.job(Job::GatherEnd).await;
+            // A daemon that does not use the function any more follows nothing.
+            let is_lost = matches!(ended.outcome, Outcome::Refused(_));
+            self.followed = ended.outcome.is_unsent()
+                && !is_lost
+                && self.tries_again(&mut retry, ended.outcome, false).await;
+        }
+        if self.period_sent || self.call.is_none() {
+            let note = self.put_back(&mut retry).await;
+            self.notes.extend(note);
+        }
+        self.io.set_unfinished(None);
+        self.result()
+    }
+
+    /// Sends `ENDGATHER` if the board gathers. What is said of that in the end.
+    async fn end_gather(&mut self, retry: &mut EndRetry) -> Option<String> {
+        loop {
+            // What was started last is the report, by this gather: that is undone. A full buffer ends its gather, and so may somebody
+            // else: what ENDGATHER would end then is the servo report.
+            if self.begun == Begun::Gathering {
+                let asked = self.io.ask("???").await;
+                if may_ask_again(asked.outcome) && self.tries_again(retry, asked.outcome, false).await {
+                    continue;
+                }
+                match asked.result {
+                    Ok(lines) if self.gathers(&lines) => {}
+                    Ok(_) if self.has_ended_early() => {
+                        let check = self.io.check().await;
+                        let was_reset = check.result.is_ok() && self.was_reset(check.resets);
+                        return Some(self.was_ended(was_reset));
+                    }
+                    Ok(_) => return None,
+                    Err(error) => {
+                        return Some(format!(
+                            "the board may still gather, it could not be asked ({error}); `pmacctl gather --stop` ends that"
+                        ));
+                    }
                 }
             }
-            Phase::Gathering | Phase::Full | Phase::Over => {}
-            _ => self.take_of_end(done, now),
+            let sent = self.io.line("ENDGATHER").await;
+            // Somebody may end the gather meanwhile.
+            if sent.outcome.is_unsent() && self.tries_again(retry, sent.outcome, false).await {
+                continue;
+            }
+            self.ended = sent.result.is_ok();
+            let error = sent.result.err()?;
+            return Some(format!("ENDGATHER: {error}; the board may still gather"));
         }
-        Ok(())
     }
 
-    /// Waits until then before the next look.
-    fn rest_on(&mut self, phase: Phase, until: Instant) {
-        self.phase = phase;
-        self.rest = Some(until);
+    /// Puts I19 back if it is still what this gather has set. What is said of that in the end.
+    async fn put_back(&mut self, retry: &mut EndRetry) -> Option<String> {
+        let period = format!("I{}", self.family.i.gather_period);
+        let old = self.period.clone();
+        let ours = self.call.map(|call| call.buffer.period.to_string());
+        let old_text = old.as_deref().unwrap_or_default();
+        let failed = |error| format!("{period}={old_text}: {error}; {period} may not be {old_text} again");
+        if retry.is_kept_back() {
+            self.io.set_unfinished(Some(self.unfinished(true)));
+        }
+        loop {
+            let asked = self.io.ask(&period).await;
+            if may_ask_again(asked.outcome) && self.tries_again(retry, asked.outcome, true).await {
+                continue;
+            }
+            let found = match asked.result {
+                Ok(lines) => first(&lines).to_owned(),
+                Err(error) => return self.period_sent.then(|| failed(error)),
+            };
+            let is_other = self.period_sent && old.as_ref().is_some_and(|old| *old != found);
+            if !is_other || Some(&found) != ours.as_ref() {
+                let note = is_other.then(|| was_set_meanwhile(&period, &found));
+                self.period = Some(found);
+                return note;
+            }
+            let sent = self.io.line(format!("{period}={old_text}")).await;
+            // Somebody may set another period meanwhile.
+            if sent.outcome.is_unsent() && self.tries_again(retry, sent.outcome, true).await {
+                continue;
+            }
+            return sent.result.err().map(failed);
+        }
     }
 
-    /// The board gathers.
-    fn goes_on(&mut self, now: Instant) {
-        match self.check_due {
-            Some(due) if now >= due => self.phase = Phase::Check { stopped: false },
-            _ => self.rest_on(Phase::Look, now + LOOK),
+    /// Whether a step of the end, of I19 or of what comes before that, is tried again: after a rest, if it came out so.
+    async fn tries_again(&mut self, retry: &mut EndRetry, outcome: Outcome, is_period: bool) -> bool {
+        let io = self.io.clone();
+        retry.rests(&io, outcome, self.unfinished(is_period), || self.result()).await
+    }
+
+    /// What an open program buffer keeps back.
+    fn unfinished(&self, is_period: bool) -> String {
+        let period = self.family.i.gather_period;
+        let ours = self.call.map_or(0, |call| call.buffer.period);
+        let old = self.period.as_deref().unwrap_or_default();
+        if is_period {
+            return is_kept_back(&format!("I{period}"), &ours.to_string(), old, "gather");
         }
+        format!(
+            "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
+             buffer is closed"
+        )
     }
 
     /// Whether the board, of which so many `resets` are known, was reset since the check before.
@@ -307,22 +343,40 @@ impl Gather {
         self.resets.replace(resets).is_some_and(|before| before != resets)
     }
 
+    /// What has ended the gather: a reset of the board, or who did; what may have, where that is not known.
+    fn was_ended(&self, was_reset: bool) -> String {
+        match (was_reset, self.io.ended_by().as_deref()) {
+            (true, Some(by)) => format!("the board was reset, which ended the gather: {by}"),
+            (true, None) => "the board was reset, which ended the gather".to_owned(),
+            (false, Some(by)) => format!("the board gathers no more: {by}"),
+            (false, None) => "the board gathers no more, and no client of pmacd ended that: the serial port, another host or a program \
+                              of the board did, or the board was reset"
+                .to_owned(),
+        }
+    }
+
+    /// Whether a gather that goes round and round is over, though nobody has said why.
+    fn has_ended_early(&self) -> bool {
+        let wraps = self.call.is_some_and(|call| call.buffer.mode == GatherMode::Wrap);
+        wraps && self.started && self.failure.is_none()
+    }
+
     /// Whether the report comes so often that it can be waited for.
     ///
     /// # Errors
     /// It does not.
-    fn check_report_is_frequent(&self) -> Result<(), CallError> {
-        let two = self.two_periods();
+    fn check_report_is_frequent(&self, call: &GatherCall) -> Result<(), CallError> {
+        let two = self.two_periods(call);
         if !self.reports || two <= LONGEST_REPORT {
             return Ok(());
         }
         let (i, found) = (&self.family.i, self.period.as_deref().unwrap_or_default());
-        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
         Err(refused(format!(
-            "the servo report would come once in {} s (I{} is {found}, this gather takes {ours}), and pmacd waits at most {} s to \
+            "the servo report would come once in {} s (I{} is {found}, this gather takes {}), and pmacd waits at most {} s to \
              see it: gather more often, set a smaller I{}, or switch the report off (I{}=0); nothing was sent",
             two.as_secs() / 2,
             i.gather_period,
+            call.buffer.period,
             LONGEST_REPORT.as_secs() / 2,
             i.gather_period,
             i.servo_enable
@@ -330,11 +384,10 @@ impl Gather {
     }
 
     /// Two periods of the report: one may just have begun.
-    fn two_periods(&self) -> Duration {
+    fn two_periods(&self, call: &GatherCall) -> Duration {
         let cycles = self.period.as_deref().and_then(answer::integer).unwrap_or(1);
-        let ours = self.call.as_ref().map_or(1, |call| i64::from(call.buffer.period));
-        let cycle_ns = self.call.as_ref().and_then(|call| call.servo_period_ns).unwrap_or(500_000);
-        let cycles = u64::try_from(cycles.max(ours)).unwrap_or(1);
+        let cycles = u64::try_from(cycles.max(call.buffer.period.into())).unwrap_or(1);
+        let cycle_ns = call.servo_period_ns.unwrap_or(500_000);
         Duration::from_nanos(cycles.saturating_mul(2).saturating_mul(cycle_ns))
     }
 
@@ -342,8 +395,7 @@ impl Gather {
         reply.first().is_some_and(|reply| reply_has(reply, self.family.status.global, "data_gathering_on"))
     }
 
-    fn explain(&self, index: usize, error: CallError) -> CallError {
-        let text = self.call.as_ref().and_then(|call| call.lines.get(index)).map_or("", String::as_str);
+    fn explain(&self, text: &str, error: CallError) -> CallError {
         match error {
             CallError::Board { .. } if text.starts_with("DEFINE") => {
                 let and_more = match self.family.servo.start {
@@ -360,8 +412,7 @@ impl Gather {
     }
 
     /// The clock that counts the board's turns in its buffer.
-    fn clock(&self) -> Result<GatherClock, CallError> {
-        let Some(call) = &self.call else { return Ok(GatherClock::Report) };
+    fn clock(&self, call: &GatherCall) -> Result<GatherClock, CallError> {
         match call.servo_period_ns.and_then(GatherClock::host) {
             _ if self.reports || call.buffer.mode == GatherMode::Stop => Ok(GatherClock::Report),
             Some(clock) => Ok(clock),
@@ -377,126 +428,35 @@ impl Gather {
         }
     }
 
-    /// The step of this phase.
-    fn step(&mut self) -> Result<Step, CallError> {
-        let i = &self.family.i;
-        let timeout = if self.phase_is_of_end() { END_STEP } else { STEP };
-        Ok(match self.phase {
-            Phase::FirstCheck | Phase::Check { .. } | Phase::CheckAtEnd => Step::Check,
-            Phase::AskReport => line(format_args!("I{}", i.servo_enable), timeout),
-            Phase::AskPeriod => line(format_args!("I{}", i.gather_period), timeout),
-            Phase::AskPeriodAgain => ask(format_args!("I{}", i.gather_period), timeout),
-            Phase::AskGathers => line("???", timeout),
-            Phase::AskStill => ask("???", ASKING),
-            Phase::AskWhetherToEnd => ask("???", timeout),
-            Phase::SeeReport(_) | Phase::AwaitReport(_) => ReportWatch::look(self.family, timeout),
-            Phase::Prepare(index) => {
-                self.clock()?;
-                self.period_sent = true;
-                let lines = self.call.as_ref().map_or(&[][..], |call| &call.lines);
-                line(lines.get(index).map_or("", String::as_str), timeout)
+    /// What the owner is told in the end.
+    fn result(&mut self) -> Result<Reply, CallError> {
+        let mut notes = std::mem::take(&mut self.notes);
+        notes.extend(self.io.unfinished());
+        notes.iter().for_each(|note| warn!("the end of a gather: {note}"));
+        let reason = self.io.ending().map(|why| why.to_string());
+        match self.failure.take() {
+            Some(CallError::Refused { reason }) if !notes.is_empty() => {
+                Err(refused(format!("{reason}; {}", notes.join("; "))))
             }
-            Phase::StartReport | Phase::Start => line("GATHER", timeout),
-            Phase::Follow => {
-                let clock = self.clock()?;
-                let Some(call) = &self.call else { return Err(CallError::Busy) };
-                Step::Job { job: Box::new(Job::GatherBegin { buffer: call.buffer, clock }), timeout }
+            Some(error) => Err(error),
+            None if self.call.is_some() && !self.started => {
+                Err(refused(format!("the gather was ended before it began: {}", reason.unwrap_or_default())))
             }
-            Phase::Gathering if !self.started => {
-                self.started = true;
-                Step::Answer(Ok(Reply::done()))
-            }
-            Phase::Gathering | Phase::Look => {
-                self.phase = Phase::Look;
-                ReportWatch::look(self.family, timeout)
-            }
-            Phase::Full => Step::Answer(Ok(Reply::done())),
-            Phase::EndGather => line("ENDGATHER", timeout),
-            Phase::EndFollow => Step::Job { job: Box::new(Job::GatherEnd), timeout },
-            Phase::PutBack => {
-                let old = self.period.as_deref().unwrap_or_default();
-                line(format_args!("I{}={old}", i.gather_period), timeout)
-            }
-            Phase::Over => Step::Over(self.result()),
-        })
+            None => Reply::with(&GatherStopReply {
+                gathered: self.call.is_some() || self.ended,
+                uid: self.owner.uid.as_raw(),
+                pid: self.owner.pid,
+                reason,
+                period: self.period.clone(),
+                notes,
+            }),
+        }
     }
 }
 
-impl Sequence for Gather {
-    fn resource(&self) -> Resource {
-        Resource::Gather
-    }
-
-    fn name(&self) -> &str {
-        "gather"
-    }
-
-    fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
-        let mut taken = done.map_or(Ok(()), |done| self.take(done, now));
-        loop {
-            if let Err(error) = taken {
-                self.failure.get_or_insert(error);
-            }
-            let ends = self.failure.is_some() || self.ending.is_some() || self.stop_asked;
-            if ends && !self.phase_is_of_end() {
-                (self.phase, self.rest) = (self.first_of_end(), None);
-            }
-            if self.phase == Phase::EndFollow && !self.followed {
-                self.phase = Phase::AskPeriodAgain;
-            }
-            if self.retry.tells_now() {
-                return Step::AnswerEnd(self.result());
-            }
-            match self.rest {
-                Some(rest) if rest > now => return Step::Wait(rest),
-                _ => self.rest = None,
-            }
-            match self.step() {
-                Ok(step) => return step,
-                Err(error) => taken = Err(error),
-            }
-        }
-    }
-
-    fn watches(&self) -> bool {
-        self.phase != Phase::Full
-    }
-
-    fn unfinished(&self) -> Option<String> {
-        if !self.retry.is_kept_back() || self.phase == Phase::Over {
-            return None;
-        }
-        let period = self.family.i.gather_period;
-        let ours = self.call.as_ref().map_or(0, |call| call.buffer.period);
-        let old = self.period.as_deref().unwrap_or_default();
-        Some(match self.phase {
-            Phase::AskPeriodAgain | Phase::PutBack => {
-                is_kept_back(&format!("I{period}"), &ours.to_string(), old, "gather")
-            }
-            _ => format!(
-                "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
-                 buffer is closed"
-            ),
-        })
-    }
-
-    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
-        match call {
-            SequenceCall::GatherStop { .. } => {
-                self.stop_asked = true;
-                Ok(())
-            }
-            _ => Err(refused("this connection gathers already; GatherStop ends that")),
-        }
-    }
-
-    fn end(&mut self, why: Ending) {
-        self.ending = Some(why);
-    }
-}
-
-fn first(lines: &[String]) -> &str {
-    lines.first().map_or("", |line| answer::text(line))
+/// Whether a question that came out so may be asked again.
+const fn may_ask_again(outcome: Outcome) -> bool {
+    outcome.is_unsent() || matches!(outcome, Outcome::TimedOut)
 }
 
 fn refused(reason: impl Into<String>) -> CallError {

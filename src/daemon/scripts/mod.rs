@@ -25,12 +25,12 @@ mod lines;
 mod put_back;
 mod report_watch;
 mod rotary;
+mod script;
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-pub use gather::Gather;
-pub use gather::GatherCall;
+pub use gather::{GatherCall, gather, stop_gather};
 pub use lines::Batch;
 pub use lines::Lines;
 pub use rotary::Rotary;
@@ -42,10 +42,12 @@ use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
-use crate::protocol::{CallError, Reply, control};
+use crate::protocol::{CallError, Reply, answer, control};
 
 /// How long an owner may be silent while nothing is done for it.
 pub const LEASE: Duration = Duration::from_secs(5);
+/// How long the board may take for a line, and the daemon for a job.
+const STEP: Duration = Duration::from_secs(5);
 /// How long each step of an end may take.
 pub const END_STEP: Duration = Duration::from_secs(2);
 
@@ -122,6 +124,8 @@ pub enum Step {
     Check,
     /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
     Wait(Instant),
+    /// Nothing before the owner calls or an end comes.
+    Rest,
     /// Tell the owner something, as one of several replies, and go on.
     Tell(Reply),
     /// Answer the owner's call, and rest until it calls again or an end comes.
@@ -285,4 +289,9 @@ fn line(text: impl fmt::Display, timeout: Duration) -> Step {
 /// The step that asks `text`.
 fn ask(text: impl fmt::Display, timeout: Duration) -> Step {
     Step::Ask { line: Text::of(&text), timeout }
+}
+
+/// The first line of a reply.
+fn first(lines: &[String]) -> &str {
+    lines.first().map_or("", |line| answer::text(line))
 }

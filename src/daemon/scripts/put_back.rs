@@ -59,7 +59,7 @@ impl PutBack {
     /// These lines.
     pub(super) fn new(lines: VecDeque<Text<LINE_MAX>>) -> Self {
         let entries = lines.into_iter().map(Entry::new).collect();
-        Self { entries, sends: false, retry: EndRetry::new(PATIENCE), notes: Vec::new() }
+        Self { entries, sends: false, retry: EndRetry::new(PATIENCE, true), notes: Vec::new() }
     }
 
     /// The same end, as a later call names it.
@@ -115,7 +115,7 @@ impl PutBack {
         let can_be_tried = done.outcome.is_unsent() || !sends && done.outcome == Outcome::TimedOut;
         if can_be_tried && !is_last && entry.variable.is_some() && !entry.is_back() {
             // Somebody may set another value meanwhile: the board is asked again.
-            let again = self.retry.again(done.outcome, true, now);
+            let again = self.retry.again(done.outcome, now);
             if again.is_some() {
                 return again;
             }

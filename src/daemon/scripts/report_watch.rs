@@ -1,82 +1,76 @@
 //! Whether the servo report runs, seen by its timer: a word that changes with every update, and that nobody else writes.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use super::{Done, Step};
+use super::script::Io;
 use crate::map::Family;
+
+/// How often to look.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Looks at the timer until it has changed, or for so long. A board that is slow with a command may pause its report: only a
 /// timer that stands still all the time is one of a report that does not run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct ReportWatch {
-    until: Instant,
-    first: Option<u16>,
-}
-
-/// What the looks so far say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Seen {
-    /// Nothing yet.
-    Nothing,
-    /// The report runs.
-    Runs,
-    /// It does not.
-    Stands,
-}
-
-impl ReportWatch {
-    /// How often to look.
-    pub(super) const LOOK: Duration = Duration::from_millis(5);
-
-    /// Looks until then.
-    pub(super) const fn new(until: Instant) -> Self {
-        Self { until, first: None }
-    }
-
-    /// The step that looks once.
-    pub(super) fn look(family: &Family, timeout: Duration) -> Step {
-        Step::Read { first: family.servo.timer.low, count: 1, timeout }
-    }
-
-    /// Takes what a look has found.
-    pub(super) fn see(&mut self, done: &Done, now: Instant) -> Seen {
-        let found = done.words.first().copied();
-        let moved = found.is_some_and(|word| *self.first.get_or_insert(word) != word);
-        match moved {
-            true => Seen::Runs,
-            false if now >= self.until => Seen::Stands,
-            false => Seen::Nothing,
+pub(super) async fn report_runs(io: &Io, family: &Family, patience: Duration) -> bool {
+    let until = io.now() + patience;
+    let mut first = None;
+    loop {
+        let looked = io.read(family.servo.timer.low, 1).await;
+        if looked.words.first().is_some_and(|word| first.get_or_insert(*word) != word) {
+            return true;
         }
+        if io.now() >= until {
+            return false;
+        }
+        io.rest(LOOK).await;
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
+    use super::super::script::Script;
+    use super::super::{Done, Resource, Sequence, Step};
     use super::*;
     use crate::daemon::shared::queue::Outcome;
+    use crate::map::PMAC;
+    use crate::protocol::{CallError, Reply};
+
+    /// Whether a report runs whose timer is `word` after so many milliseconds.
+    fn runs(word: impl Fn(u128) -> u16) -> bool {
+        let mut script = Script::new(Resource::Gather, "gather", |io| async move {
+            match report_runs(&io, &PMAC, Duration::from_secs(1)).await {
+                true => Ok(Reply::done()),
+                false => Err(CallError::Busy),
+            }
+        });
+        let (began, mut done) = (Instant::now(), None);
+        let mut now = began;
+        loop {
+            match script.next(done.take(), now) {
+                Step::Read { .. } => {
+                    done = Some(Done {
+                        outcome: Outcome::Done,
+                        result: Ok(Vec::new()),
+                        resets: 0,
+                        doubts: 0,
+                        rotary: None,
+                        words: vec![word((now - began).as_millis())],
+                        gathers: None,
+                        programs_run: None,
+                        ended_by: None,
+                    });
+                }
+                Step::Wait(moment) => now = moment,
+                Step::Over(reply) => return reply.is_ok(),
+                step => panic!("{step:?}"),
+            }
+        }
+    }
 
     #[test]
-    fn b1_4_a_report_that_pauses_runs() {
-        let began = Instant::now();
-        let look = |watch: &mut ReportWatch, ms, word| {
-            let done = Done {
-                outcome: Outcome::Done,
-                result: Ok(Vec::new()),
-                resets: 0,
-                doubts: 0,
-                rotary: None,
-                words: vec![word],
-                gathers: None,
-                programs_run: None,
-                ended_by: None,
-            };
-            watch.see(&done, began + Duration::from_millis(ms))
-        };
-        let mut watch = ReportWatch::new(began + Duration::from_secs(1));
-        assert_eq!(look(&mut watch, 0, 7), Seen::Nothing);
-        assert_eq!(look(&mut watch, 250, 7), Seen::Nothing, "the pause of a slow board");
-        assert_eq!(look(&mut watch, 255, 600), Seen::Runs);
-        let mut watch = ReportWatch::new(began + Duration::from_secs(1));
-        assert_eq!([look(&mut watch, 0, 7), look(&mut watch, 1000, 7)], [Seen::Nothing, Seen::Stands]);
+    fn a_report_that_pauses_runs() {
+        assert!(runs(|ms| if ms < 255 { 7 } else { 600 }), "the pause of a slow board");
+        assert!(!runs(|_| 7));
     }
 }

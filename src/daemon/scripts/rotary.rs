@@ -34,7 +34,7 @@ use self::count::Count;
 pub use self::count::lines_left;
 use self::phase::Phase;
 use super::end_retry::EndRetry;
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step, ask, line};
+use super::{Done, END_STEP, Ending, Resource, STEP, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::function::rotary::RotaryState;
@@ -44,8 +44,6 @@ use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
 use crate::protocol::{CallError, Reply};
 
-/// How long the board may take for a line, and the daemon for a job.
-const STEP: Duration = Duration::from_secs(5);
 /// How often to look for the first lines, which the program waits for to begin.
 const FIRST_LINES: Duration = Duration::from_millis(20);
 /// How long the owner, who has sent the last line, waits for `R` to go first.
@@ -132,7 +130,7 @@ impl Rotary {
             left: None,
             quit: false,
             notes: Vec::new(),
-            retry: EndRetry::new(end::END_PATIENCE),
+            retry: EndRetry::new(end::END_PATIENCE, true),
             rest: None,
         }
     }

@@ -31,7 +31,7 @@ impl Rotary {
             && !is_closed
             && !is_lost
             && self.ending != Some(Ending::Stopping)
-            && let Some(again) = self.retry.again(done.outcome, true, now)
+            && let Some(again) = self.retry.again(done.outcome, now)
         {
             return self.rest_before(self.phase, again);
         }

@@ -6,7 +6,7 @@ use log::info;
 
 use super::Service;
 use crate::daemon::scripts::{
-    Batch, Done, Ending, Found, Gather, Lines, Resource, Rotary, Sequence, SequenceCall, Step,
+    Batch, Done, Ending, Found, Lines, Resource, Rotary, Sequence, SequenceCall, Step, gather, stop_gather,
 };
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
@@ -55,14 +55,14 @@ impl Service {
                 }
             }
             SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
-                Some(number) => self.ask_sequence(number, caller, SequenceCall::Gather(call), now),
-                None => self.begin_sequence(caller, Box::new(Gather::new(call, caller.peer)), now),
+                Some(_) => Err(refused("this connection gathers already; GatherStop ends that")),
+                None => self.begin_sequence(caller, Box::new(gather(call, caller.peer)), now),
             },
             SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
             SequenceCall::Rotary(call) => {
                 let machine = Rotary::new(call);
                 match self.sequences.of_client(caller.client, machine.resource()) {
-                    Some(_) => Err(no_stream("this connection streams already; RotaryStop ends that")),
+                    Some(_) => Err(refused("this connection streams already; RotaryStop ends that")),
                     None => self.begin_sequence(caller, Box::new(machine), now),
                 }
             }
@@ -81,7 +81,7 @@ impl Service {
                     }
                     _ => match self.sequences.take_result(caller.client, resource) {
                         Some(result) => result.map(Some),
-                        None => Err(no_stream("this connection has no stream into this rotary buffer")),
+                        None => Err(refused("this connection has no stream into this rotary buffer")),
                     },
                 }
             }
@@ -113,7 +113,7 @@ impl Service {
     pub(super) fn own_stream(&self, caller: Caller, buffer: usize) -> Result<u64, CallError> {
         let own = self.sequences.of_client(caller.client, Resource::Rotary(buffer));
         own.ok_or_else(|| {
-            no_stream(
+            refused(
                 "this connection has no stream into this rotary buffer (any more): RotaryStart begins one",
             )
         })
@@ -131,7 +131,7 @@ impl Service {
                 return result.map(Some);
             }
             let family = self.info.family();
-            return self.begin_sequence(caller, Box::new(Gather::stop(family, caller.peer)), now);
+            return self.begin_sequence(caller, Box::new(stop_gather(family, caller.peer)), now);
         };
         let owner = running.owner;
         if owner.client == caller.client && running.ending.is_none() {
@@ -307,6 +307,10 @@ impl Service {
                     running.waits = Waits::Until(moment);
                     return None;
                 }
+                Step::Rest => {
+                    running.waits = Waits::Owner;
+                    return None;
+                }
                 Step::Tell(reply) => {
                     if running.call.is_some_and(|caller| !caller.oneway) {
                         self.clients.reply(owner.client, &Reply { continues: Some(true), ..reply }, now);
@@ -471,6 +475,6 @@ fn step_of(owner: Peer) -> Caller {
     Caller { client: u64::MAX, peer: owner, oneway: true }
 }
 
-fn no_stream(reason: &str) -> CallError {
+fn refused(reason: &str) -> CallError {
     CallError::Refused { reason: reason.to_owned() }
 }
