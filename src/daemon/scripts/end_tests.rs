@@ -261,7 +261,7 @@ fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_
     }
 }
 
-fn stream(left: Option<calls::LeftLines>) -> Rotary {
+fn stream(left: Option<calls::LeftLines>) -> script::Script {
     let call = calls::RotaryStart {
         buffer: 1,
         start: None,
@@ -274,7 +274,7 @@ fn stream(left: Option<calls::LeftLines>) -> Rotary {
         may_stand: None,
         modes: Vec::new(),
     };
-    Rotary::new(RotaryCall::of(call, &info()).unwrap())
+    rotary(RotaryCall::of(call, &info()).unwrap())
 }
 
 #[test]

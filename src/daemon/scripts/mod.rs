@@ -33,9 +33,7 @@ use std::time::{Duration, Instant};
 pub use gather::{GatherCall, gather, stop_gather};
 pub use lines::Batch;
 pub use lines::Lines;
-pub use rotary::Rotary;
-pub use rotary::RotaryCall;
-pub use rotary::lines_left;
+pub use rotary::{RotaryCall, lines_left, rotary};
 
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
@@ -81,7 +79,7 @@ impl fmt::Display for Resource {
 }
 
 /// What is to be done next.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub enum Step {
     /// Send a line.
     Line {

@@ -25,20 +25,19 @@
 mod call;
 mod count;
 mod end;
-mod phase;
 
 use std::time::{Duration, Instant};
 
 pub use self::call::RotaryCall;
 use self::count::Count;
 pub use self::count::lines_left;
-use self::phase::Phase;
-use super::end_retry::EndRetry;
-use super::{Done, END_STEP, Ending, Resource, STEP, Sequence, SequenceCall, Step, ask, line};
+use super::script::{Io, Script};
+use super::{Done, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::function::rotary::RotaryState;
 use crate::map::functions::{OPEN_BINARY, OPEN_TEXT, rotary_header};
+use crate::map::masks::Systems;
 use crate::map::status::reply_has;
 use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
@@ -60,16 +59,14 @@ const ALL_SYSTEMS: usize = 8;
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
 
-/// The sequence.
-#[derive(Debug)]
-pub struct Rotary {
-    call: RotaryCall,
-    phase: Phase,
-    /// Lines in the board's own buffer before the stream, and what became of them.
+/// A stream, as far as it is.
+struct Rotary<'a> {
+    io: Io,
+    call: &'a RotaryCall,
+    /// Lines in the board's own buffer before the stream.
     found: u64,
-    /// What the board has taken, and what it had taken before it was asked for its count.
+    /// What the board has taken.
     count: Count,
-    counted: Count,
     /// The transfer was switched; the rotary buffers were opened; the DPRAM's buffer was set up.
     switched: bool,
     opened: bool,
@@ -84,33 +81,35 @@ pub struct Rotary {
     runs: bool,
     /// When `R` was sent.
     run_sent: Option<Instant>,
-    finished: bool,
-    stop_asked: bool,
-    finish_asked: bool,
-    /// The answer to that waits for `R` until then.
+    /// The owner has said that the program is whole, and waits for the answer until then.
     answer_by: Option<Instant>,
-    ending: Option<Ending>,
-    /// The client who has ended its program or closed the buffers, as far as known.
-    ended_by: Option<String>,
+    finished: bool,
     failure: Option<CallError>,
     /// Lines in the DPRAM that the board has not taken, and in its own buffer, at the end.
     ahead: u64,
     left: Option<u64>,
     quit: bool,
     notes: Vec<String>,
-    retry: EndRetry,
-    rest: Option<Instant>,
 }
 
-impl Rotary {
-    /// Begins a stream.
-    pub fn new(call: RotaryCall) -> Self {
+/// The script of a stream.
+pub fn rotary(call: RotaryCall) -> Script {
+    let (resource, cs) = (Resource::Rotary(call.buffer), call.coordinate_system);
+    let script = Script::new(resource, "rotary stream", move |io| async move {
+        let mut stream = Rotary::new(io.clone(), &call);
+        stream.failure = io.until_ended(stream.run()).await;
+        stream.end().await
+    });
+    script.feeding(Systems::of(cs.into()))
+}
+
+impl<'a> Rotary<'a> {
+    fn new(io: Io, call: &'a RotaryCall) -> Self {
         Self {
-            phase: if call.define.is_some() { Phase::Define } else { Phase::AskLeft },
+            io,
             call,
             found: 0,
             count: Count::default(),
-            counted: Count::default(),
             switched: false,
             opened: false,
             set_up: false,
@@ -119,187 +118,223 @@ impl Rotary {
             started: false,
             runs: false,
             run_sent: None,
-            finished: false,
-            stop_asked: false,
-            finish_asked: false,
             answer_by: None,
-            ending: None,
-            ended_by: None,
+            finished: false,
             failure: None,
             ahead: 0,
             left: None,
             quit: false,
             notes: Vec::new(),
-            retry: EndRetry::new(end::END_PATIENCE, true),
-            rest: None,
         }
     }
 
-    /// Takes what became of the step of this phase.
+    /// Sets the stream up, and feeds it.
     ///
     /// # Errors
     /// Why the stream ends.
-    fn take(&mut self, mut done: Done, now: Instant) -> Result<(), CallError> {
-        self.ended_by = done.ended_by.take();
-        let (cs, unsent) = (self.call.coordinate_system, done.outcome.is_unsent());
-        self.phase = match self.phase {
-            Phase::Define => {
-                let longs = self.call.define.unwrap_or_default();
-                told(
-                    done,
-                    &format!("&{cs}DEFINE ROT {longs}"),
-                    &format!(
-                        "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
-                     lower coordinate system, or a gather buffer (DELETE GATHER)?"
-                    ),
-                )?;
-                Phase::AskLeft
+    async fn run(&mut self) -> Result<(), CallError> {
+        self.see_what_is_left().await?;
+        self.disable().await?;
+        if self.found > 0 && self.call.left == Some(LeftLines::Clear) {
+            self.clear().await?;
+        }
+        self.set_up().await?;
+        self.open().await?;
+        let reply = RotaryStartReply { found_lines: self.found };
+        self.io.answer(Reply::with(&reply)).await;
+        self.started = true;
+        self.feed().await
+    }
+
+    /// Finds out what the board's own rotary buffer holds, and defines it first if that is asked for.
+    async fn see_what_is_left(&mut self) -> Result<(), CallError> {
+        let cs = self.call.coordinate_system;
+        if let Some(longs) = self.call.define {
+            let hint = format!(
+                "; is one defined already (leave --define out, or take it away: pmacctl send '&{cs}DELETE ROT'), one for a \
+                 lower coordinate system, or a gather buffer (DELETE GATHER)?"
+            );
+            self.send(&format!("&{cs}DEFINE ROT {longs}"), &hint).await?;
+        }
+        let has_one = "; has the coordinate system a rotary buffer (--define LONGS)?";
+        self.found = self.lines_left(has_one).await?;
+        self.count.kept = self.found;
+        if self.found > 0 {
+            let header = self.io.read(self.call.header, HEADER_WORDS).await;
+            self.decide_on_left(&header.words)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the transfer, or, where no I-variable ends it, sees that the rotary buffers are closed.
+    async fn disable(&mut self) -> Result<(), CallError> {
+        if self.has_switch() {
+            let sent = self.io.line(self.switch(0)).await;
+            self.switched = !sent.outcome.is_unsent();
+            return sent.result.map(drop);
+        }
+        if self.is_open(&self.io.ask("???").await.result?) == Some(true) {
+            return Err(refused(
+                "the rotary buffers are open for binary lines, by another host or by a pmacd that was killed: the board would \
+                 read the buffer while it is set up; CLOSE by an engineer closes them",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Clears what is left in the board's own rotary buffer.
+    async fn clear(&mut self) -> Result<(), CallError> {
+        let cs = self.call.coordinate_system;
+        self.send_open(OPEN_TEXT).await?;
+        let busy = format!("; does a program still run in the coordinate system (pmacctl send '&{cs}Q')?");
+        self.send(&format!("&{cs}CLEAR"), &busy).await?;
+        self.send("CLOSE", "").await?;
+        self.opened = false;
+        match self.lines_left("").await? {
+            0 => {
+                self.count.kept = 0;
+                Ok(())
             }
-            Phase::AskLeft => {
-                let has_one = "; has the coordinate system a rotary buffer (--define LONGS)?";
-                self.found = lines_left(&told(done, &format!("&{cs}PR"), has_one)?)?;
-                self.count.kept = self.found;
-                if self.found == 0 { Phase::Disable } else { Phase::SeeHeader }
+            left => Err(refused(format!("{left} lines are left in &{cs}'s rotary buffer after CLEAR"))),
+        }
+    }
+
+    /// Points to the rotary program, sends the modes, and makes the DPRAM's buffer empty.
+    async fn set_up(&mut self) -> Result<(), CallError> {
+        let cs = self.call.coordinate_system;
+        let runs = format!(
+            "; does a program run in the coordinate system (one that waits for more lines ends by: pmacctl send '&{cs}Q')?"
+        );
+        self.send(&format!("&{cs}B0"), &runs).await?;
+        for mode in &self.call.modes {
+            self.send(&format!("&{cs}{mode}"), "").await?;
+        }
+        let set_up = self.io.job(self.call.setup.clone()).await;
+        self.set_up = !set_up.outcome.is_unsent();
+        set_up.result?;
+        if self.has_switch() {
+            self.io.line(self.switch(1)).await.result?;
+        }
+        Ok(())
+    }
+
+    /// Opens the rotary buffers for binary lines; for text where the board answers that with an error.
+    async fn open(&mut self) -> Result<(), CallError> {
+        let opened = self.io.line(OPEN_BINARY).await;
+        self.opened = !opened.outcome.is_unsent();
+        self.opens_text = matches!(opened.outcome, Outcome::Error(_));
+        match self.opens_text {
+            true => self.send_open(OPEN_TEXT).await,
+            false => told(opened, OPEN_BINARY, "").map(drop),
+        }
+    }
+
+    async fn send_open(&mut self, text: &str) -> Result<(), CallError> {
+        let opened = self.io.line(text).await;
+        self.opened = !opened.outcome.is_unsent();
+        told(opened, text, STILL_OPEN).map(drop)
+    }
+
+    /// Looks how far the board is while lines come, and ends the owner's wait for his last one.
+    async fn feed(&mut self) -> Result<(), CallError> {
+        loop {
+            if self.io.take_asked() {
+                self.answer_by = Some(self.io.now() + FINISH_WAITS);
             }
-            Phase::SeeHeader => {
-                self.decide_on_left(&done.words)?;
-                Phase::Disable
+            if self.answer_by.is_some() && !self.finished {
+                self.io.job(Job::RotaryFinish(self.call.buffer)).await.result?;
+                self.finished = true;
             }
-            Phase::Disable => {
-                self.switched |= !unsent;
-                let lines = done.result?;
-                if !self.has_switch() && self.is_open(&lines) == Some(true) {
-                    return Err(refused(
-                        "the rotary buffers are open for binary lines, by another host or by a pmacd that was killed: the board would \
-                         read the buffer while it is set up; CLOSE by an engineer closes them",
-                    ));
+            if self.answer_by.is_some() && !self.waits_for_run() {
+                self.io.answer(Ok(Reply::done())).await;
+                self.answer_by = None;
+                continue;
+            }
+            let pause = self.look().await?;
+            if self.answer_by.is_none() || self.waits_for_run() {
+                self.io.rest(pause).await;
+            }
+        }
+    }
+
+    /// Whether the owner, who has sent all lines, hears of that only when `R` has gone: he may end the stream then.
+    fn waits_for_run(&self) -> bool {
+        self.call.run && !self.runs && self.answer_by.is_some_and(|by| self.io.now() < by)
+    }
+
+    /// Looks once whether the program is to begin, and whether it still runs. How long to rest before the next look.
+    async fn look(&mut self) -> Result<Duration, CallError> {
+        let fed = self.io.job(Job::RotaryState(self.call.buffer)).await;
+        fed.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
+        self.see(fed.rotary);
+        match fed.programs_run {
+            _ if self.call.run && !self.runs => {
+                if !self.count.has_lines() {
+                    return Ok(FIRST_LINES);
                 }
-                self.after_disable()
+                self.begin_program().await?;
+                return Ok(LOOK);
             }
-            Phase::OpenToClear => {
-                self.opened = !unsent;
-                told(done, OPEN_TEXT, STILL_OPEN)?;
-                Phase::Clear
-            }
-            Phase::Clear => {
-                let busy =
-                    format!("; does a program still run in the coordinate system (pmacctl send '&{cs}Q')?");
-                told(done, &format!("&{cs}CLEAR"), &busy)?;
-                Phase::CloseCleared
-            }
-            Phase::CloseCleared => {
-                told(done, "CLOSE", "")?;
-                self.opened = false;
-                Phase::AskCleared
-            }
-            Phase::AskCleared => match lines_left(&told(done, &format!("&{cs}PR"), "")?)? {
-                0 => {
-                    self.count.kept = 0;
-                    Phase::Point
-                }
-                left => {
-                    return Err(refused(format!(
-                        "{left} lines are left in &{cs}'s rotary buffer after CLEAR"
-                    )));
-                }
-            },
-            Phase::Point => {
-                told(
-                    done,
-                    &format!("&{cs}B0"),
-                    &format!(
-                        "; does a program run in the coordinate system (one that waits for more lines ends by: pmacctl send '&{cs}Q')?"
-                    ),
-                )?;
-                self.mode(0)
-            }
-            Phase::Mode(number) => {
-                told(done, &self.mode_line(number), "")?;
-                self.mode(number + 1)
-            }
-            Phase::SetUp => {
-                self.set_up = !unsent;
-                done.result?;
-                Phase::Enable
-            }
-            Phase::Enable => {
-                done.result?;
-                Phase::Open
-            }
-            Phase::Open => {
-                self.opened = !unsent;
-                self.opens_text = matches!(done.outcome, Outcome::Error(_));
-                if self.opens_text {
-                    Phase::OpenText
-                } else {
-                    told(done, OPEN_BINARY, "")?;
-                    Phase::Feeding
-                }
-            }
-            Phase::OpenText => {
-                self.opened = !unsent;
-                told(done, OPEN_TEXT, STILL_OPEN)?;
-                Phase::Feeding
-            }
-            Phase::SeeFed => {
-                done.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
-                self.see(done.rotary);
-                match (self.call.run && !self.runs, self.count.has_lines(), done.programs_run) {
-                    (true, true, _) => Phase::Count,
-                    (true, false, _) => self.rest_before(Phase::Feeding, now + FIRST_LINES),
-                    // A line with an address would change what others have addressed.
-                    (false, _, Some(systems)) if !self.asks_all() => {
-                        let runs = systems >> (cs - 1) & 1 == 1;
-                        if runs || self.run_sent.is_none_or(|sent| now >= sent + REPORTED) {
-                            self.see_runs(runs)?;
-                        }
-                        Phase::AskOpen
-                    }
-                    (false, ..) => Phase::SeeRuns,
-                }
-            }
-            Phase::Count => {
-                self.count.told = Some(lines_left(&told(done, &format!("&{cs}PR"), "")?)?);
-                self.counted = self.count;
-                Phase::SeeCounted
-            }
-            Phase::SeeCounted => {
-                done.result?;
-                self.see(done.rotary);
-                if let Some(doubt) = self.count.doubt(self.counted, cs) {
-                    return Err(refused(format!("{doubt}; R was not sent")));
-                }
-                Phase::Run
-            }
-            Phase::Run => {
-                // What may have been carried out is ended by `Q`.
-                self.runs = !unsent && !matches!(done.outcome, Outcome::Error(_));
-                self.run_sent = Some(now);
-                told(done, &format!("&{cs}R"), "")?;
-                self.rest_before(Phase::Feeding, now + LOOK)
-            }
-            Phase::SeeRuns => {
-                // A board that does not answer says nothing of its program.
-                let index = if self.asks_all() { usize::from(cs) - 1 } else { 0 };
-                if let Some(runs) = done.result.ok().and_then(|lines| self.is_running(&lines, index)) {
+            // A line with an address would change what others have addressed.
+            Some(systems) if !self.asks_all() => {
+                let runs = Systems::from_bits(systems).contains(self.call.coordinate_system.into());
+                if runs || self.run_sent.is_none_or(|sent| self.io.now() >= sent + REPORTED) {
                     self.see_runs(runs)?;
                 }
-                Phase::AskOpen
             }
-            Phase::AskOpen => {
-                let open = done.result.ok().and_then(|lines| self.is_open(&lines));
-                self.see_open(open)?;
-                self.rest_before(Phase::Feeding, now + LOOK)
+            _ => {
+                // A board that does not answer says nothing of its program.
+                if let Some(runs) = self.ask_runs().await {
+                    self.see_runs(runs)?;
+                }
             }
-            Phase::Finish => {
-                done.result?;
-                self.finished = true;
-                Phase::Feeding
-            }
-            Phase::Feeding | Phase::Over => self.phase,
-            _ => self.take_of_end(done, now),
+        }
+        let open = self.io.ask("???").await.result;
+        self.see_open(open.ok().and_then(|lines| self.is_open(&lines)))?;
+        Ok(LOOK)
+    }
+
+    /// Counts what is to run, and sends `R`.
+    async fn begin_program(&mut self) -> Result<(), CallError> {
+        let cs = self.call.coordinate_system;
+        self.count.told = Some(self.lines_left("").await?);
+        let counted = self.count;
+        let fed = self.io.job(Job::RotaryState(self.call.buffer)).await;
+        fed.result?;
+        self.see(fed.rotary);
+        if let Some(doubt) = self.count.doubt(counted, cs) {
+            return Err(refused(format!("{doubt}; R was not sent")));
+        }
+        let text = format!("&{cs}R");
+        let sent = self.io.line(&text).await;
+        // What may have been carried out is ended by `Q`.
+        self.runs = !sent.outcome.is_unsent() && !matches!(sent.outcome, Outcome::Error(_));
+        self.run_sent = Some(self.io.now());
+        told(sent, &text, "").map(drop)
+    }
+
+    /// Whether the coordinate system runs a program, as far as the board tells.
+    async fn ask_runs(&self) -> Option<bool> {
+        let cs = self.call.coordinate_system;
+        let (done, index) = match self.asks_all() {
+            true => (self.io.control(ALL_STATUS).await, usize::from(cs) - 1),
+            false => (self.io.line(format!("&{cs}??")).await, 0),
         };
-        Ok(())
+        self.is_running(&done.result.ok()?, index)
+    }
+
+    /// The board's reply to a line; what the board said, with `hint`, if it refused the line.
+    async fn send(&self, text: &str, hint: &str) -> Result<Vec<String>, CallError> {
+        told(self.io.line(text).await, text, hint)
+    }
+
+    /// How many lines the board's own rotary buffer holds.
+    async fn lines_left(&self, hint: &str) -> Result<u64, CallError> {
+        lines_left(&self.send(&format!("&{}PR", self.call.coordinate_system), hint).await?)
+    }
+
+    fn switch(&self, value: u8) -> String {
+        format!("I{}={value}", self.call.family.i.rotary_enable.unwrap_or_default())
     }
 
     /// Takes how far the board is. After a reset the last look counts.
@@ -308,20 +343,6 @@ impl Rotary {
             self.ahead = state.ahead_lines;
             self.count.see(state);
         }
-    }
-
-    fn after_disable(&self) -> Phase {
-        let clears = self.found > 0 && self.call.left == Some(LeftLines::Clear);
-        if clears { Phase::OpenToClear } else { Phase::Point }
-    }
-
-    /// The phase that sends the mode of this `number`, if there is one.
-    fn mode(&self, number: usize) -> Phase {
-        if number < self.call.modes.len() { Phase::Mode(number) } else { Phase::SetUp }
-    }
-
-    fn mode_line(&self, number: usize) -> String {
-        format!("&{}{}", self.call.coordinate_system, self.call.modes[number])
     }
 
     /// Whether an I-variable switches the transfer.
@@ -342,7 +363,8 @@ impl Rotary {
     fn see_runs(&mut self, runs: bool) -> Result<(), CallError> {
         if self.runs && !runs && !self.call.may_stand {
             self.runs = false;
-            let by = self.ended_by.as_deref().unwrap_or(
+            let by = self.io.ended_by();
+            let by = by.as_deref().unwrap_or(
                 "an error, the serial port, another host or a program of the board ended it; no client of pmacd did",
             );
             let cs = self.call.coordinate_system;
@@ -359,7 +381,8 @@ impl Rotary {
     fn see_open(&mut self, open: Option<bool>) -> Result<(), CallError> {
         self.seen_open |= open == Some(true);
         if self.seen_open && open == Some(false) {
-            let by = self.ended_by.as_deref().unwrap_or(
+            let by = self.io.ended_by();
+            let by = by.as_deref().unwrap_or(
                 "somebody sent CLOSE, on the serial port or from another host, or the board was reset; no client of pmacd did",
             );
             return Err(refused(format!(
@@ -401,11 +424,6 @@ impl Rotary {
         }
     }
 
-    fn rest_before(&mut self, phase: Phase, until: Instant) -> Phase {
-        self.rest = Some(until);
-        phase
-    }
-
     /// Whether the status of the coordinate system at `index` of a reply says that it runs a program.
     fn is_running(&self, reply: &[String], index: usize) -> Option<bool> {
         let status = reply.iter().flat_map(|line| line.split_ascii_whitespace()).nth(index)?;
@@ -419,158 +437,7 @@ impl Rotary {
 
     /// The program is whole in the board: it runs to its end, and waits there.
     fn is_whole(&self) -> bool {
-        self.finished && self.ahead == 0 && self.ending.is_none() && self.failure.is_none()
-    }
-
-    /// Whether the owner, who has sent all lines, hears of that only when `R` has gone: he may end the stream then.
-    fn waits_for_run(&self, now: Instant) -> bool {
-        self.call.run && !self.runs && self.answer_by.is_some_and(|by| now < by)
-    }
-
-    /// Whether the phase is to be left out.
-    fn skips(&self) -> Option<Phase> {
-        let has_switch = self.has_switch();
-        match self.phase {
-            Phase::Enable if !has_switch => Some(Phase::Open),
-            Phase::Close if !self.opened => Some(Phase::EndTransfer),
-            Phase::EndTransfer if !self.switched || !has_switch => Some(Phase::DropLines),
-            Phase::DropLines if !self.set_up => Some(Phase::Over),
-            Phase::AskRuns if self.runs == self.is_whole() => Some(Phase::AskLeftAtEnd),
-            _ => None,
-        }
-    }
-
-    /// The step of this phase.
-    fn step(&mut self, now: Instant) -> Step {
-        let (cs, buffer) = (self.call.coordinate_system, self.call.buffer);
-        let timeout = if self.phase.is_of_end() { END_STEP } else { STEP };
-        let job = |job| Step::Job { job: Box::new(job), timeout };
-        let switch = |value: u8| {
-            let variable = self.call.family.i.rotary_enable.unwrap_or_default();
-            line(format_args!("I{variable}={value}"), timeout)
-        };
-        match self.phase {
-            Phase::Define => {
-                line(format_args!("&{cs}DEFINE ROT {}", self.call.define.unwrap_or_default()), timeout)
-            }
-            Phase::AskLeft | Phase::AskCleared | Phase::Count | Phase::AskLeftAtEnd => {
-                line(format_args!("&{cs}PR"), timeout)
-            }
-            Phase::SeeHeader => Step::Read { first: self.call.header, count: HEADER_WORDS, timeout },
-            Phase::Disable if !self.has_switch() => ask("???", timeout),
-            Phase::Disable | Phase::EndTransfer => switch(0),
-            Phase::Enable => switch(1),
-            Phase::OpenToClear | Phase::OpenText => line(OPEN_TEXT, timeout),
-            Phase::Open => line(OPEN_BINARY, timeout),
-            Phase::Mode(number) => line(self.mode_line(number), timeout),
-            Phase::Clear => line(format_args!("&{cs}CLEAR"), timeout),
-            Phase::CloseCleared | Phase::Close => line("CLOSE", timeout),
-            Phase::Point => line(format_args!("&{cs}B0"), timeout),
-            Phase::SetUp => job(self.call.setup.clone()),
-            Phase::Feeding if !self.started => {
-                self.started = true;
-                Step::Answer(Reply::with(&RotaryStartReply { found_lines: self.found }))
-            }
-            Phase::Feeding if self.finish_asked && self.finished && !self.waits_for_run(now) => {
-                self.finish_asked = false;
-                Step::Answer(Ok(Reply::done()))
-            }
-            Phase::Feeding if self.finish_asked && !self.finished => {
-                self.phase = Phase::Finish;
-                job(Job::RotaryFinish(buffer))
-            }
-            Phase::Feeding => {
-                self.phase = Phase::SeeFed;
-                job(Job::RotaryState(buffer))
-            }
-            Phase::SeeFed | Phase::SeeCounted | Phase::SeeAhead => job(Job::RotaryState(buffer)),
-            Phase::Run => line(format_args!("&{cs}R"), timeout),
-            Phase::SeeRuns if self.asks_all() => Step::Control { character: ALL_STATUS, timeout },
-            Phase::AskOpen => ask("???", timeout),
-            Phase::Finish | Phase::DropLines => job(Job::RotaryFinish(buffer)),
-            Phase::SeeRuns | Phase::AskRuns | Phase::AskEnded(_) => line(format_args!("&{cs}??"), timeout),
-            Phase::Quit => line(format_args!("&{cs}Q"), timeout),
-            Phase::Over => Step::Over(self.result()),
-        }
-    }
-}
-
-impl Sequence for Rotary {
-    fn resource(&self) -> Resource {
-        Resource::Rotary(self.call.buffer)
-    }
-
-    fn name(&self) -> &str {
-        "rotary stream"
-    }
-
-    fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
-        if let Some(done) = done
-            && let Err(error) = self.take(done, now)
-        {
-            self.failure.get_or_insert(error);
-        }
-        let ends = self.failure.is_some() || self.ending.is_some() || self.stop_asked;
-        if ends && std::mem::take(&mut self.finish_asked) {
-            // How it ended is for the owner's next call, `RotaryStop`.
-            return Step::Answer(Ok(Reply::done()));
-        }
-        if ends && !self.phase.is_of_end() {
-            (self.phase, self.rest) = (Phase::Close, None);
-        }
-        while let Some(next) = self.skips() {
-            self.phase = next;
-        }
-        if self.retry.tells_now() {
-            return Step::AnswerEnd(self.result());
-        }
-        match self.rest.take_if(|rest| *rest > now) {
-            Some(rest) if !self.finish_asked || self.finished && self.waits_for_run(now) => {
-                self.rest = Some(rest);
-                Step::Wait(rest)
-            }
-            _ => self.step(now),
-        }
-    }
-
-    fn feeds(&self) -> u32 {
-        1 << (self.call.coordinate_system - 1)
-    }
-
-    fn leaves(&self) -> Option<u64> {
-        let left = if self.is_whole() { 0 } else { self.left.unwrap_or_default() };
-        self.started.then_some(left)
-    }
-
-    fn watches(&self) -> bool {
-        true
-    }
-
-    fn unfinished(&self) -> Option<String> {
-        let cs = self.call.coordinate_system;
-        let keeps = self.retry.is_kept_back() && self.phase != Phase::Over;
-        keeps.then(|| {
-            let program = if self.runs { format!("&{cs} may still run it (abort {cs} ends that); ") } else { String::new() };
-            format!(
-                "the end of the rotary stream into &{cs} is not carried out; {program}pmacd goes on when the open program buffer is \
-                 closed"
-            )
-        })
-    }
-
-    fn asked(&mut self, call: SequenceCall, now: Instant) -> Result<(), CallError> {
-        match call {
-            SequenceCall::RotaryFinish(_) => {
-                (self.finish_asked, self.answer_by) = (true, Some(now + FINISH_WAITS));
-            }
-            SequenceCall::RotaryStop(_) => self.stop_asked = true,
-            _ => return Err(refused("this connection streams already; RotaryStop ends that")),
-        }
-        Ok(())
-    }
-
-    fn end(&mut self, why: Ending) {
-        self.ending = Some(why);
+        self.finished && self.ahead == 0 && self.io.ending().is_none() && self.failure.is_none()
     }
 }
 

@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use super::{Done, END_STEP, Ending, Resource, STEP, Sequence, SequenceCall, Step, ask, line};
 use crate::daemon::shared::job::Job;
 use crate::map::HostOffset;
+use crate::map::masks::Systems;
 use crate::protocol::{CallError, Reply};
 
 /// What passes between a script and the service, and what the script tells of itself.
@@ -24,6 +25,8 @@ struct Exchange {
     now: Option<Instant>,
     step: Option<Step>,
     done: Option<Done>,
+    /// What the owner calls, besides for the end.
+    asked: Option<SequenceCall>,
     ending: Option<Ending>,
     /// The owner has asked for the end.
     is_stopped: bool,
@@ -32,6 +35,7 @@ struct Exchange {
     /// The client that has ended on the board what the script does, as of the latest outcome.
     ended_by: Option<String>,
     unfinished: Option<String>,
+    leaves: Option<u64>,
 }
 
 impl Exchange {
@@ -73,6 +77,16 @@ impl Io {
         self.with(|exchange| exchange.unfinished = unfinished);
     }
 
+    /// The end leaves so many lines that nobody expects, in the rotary buffers of the coordinate systems that the script feeds.
+    pub(super) fn leaves(&self, lines: u64) {
+        self.with(|exchange| exchange.leaves = Some(lines));
+    }
+
+    /// Whether the owner has called since this was asked before.
+    pub(super) fn take_asked(&self) -> bool {
+        self.with(|exchange| exchange.asked.take().is_some())
+    }
+
     /// Runs `part` until it fails, or until the script is ended and `part` would begin another step. Then the end begins. The
     /// failure, if it was one.
     pub(super) async fn until_ended(
@@ -95,7 +109,7 @@ impl Io {
     }
 
     /// Has the bus thread do `step`. What became of it.
-    async fn board(&self, step: Step) -> Done {
+    pub(super) async fn board(&self, step: Step) -> Done {
         self.with(|exchange| exchange.step = Some(step));
         let done = poll_fn(|_| self.with(|exchange| exchange.done.take().map_or(Poll::Pending, Poll::Ready)));
         let done = done.await;
@@ -125,6 +139,11 @@ impl Io {
     /// Has the bus thread do a job.
     pub(super) async fn job(&self, job: Job) -> Done {
         self.board(Step::Job { job: Box::new(job), timeout: self.timeout() }).await
+    }
+
+    /// Sends a control character that has an answer.
+    pub(super) async fn control(&self, character: u8) -> Done {
+        self.board(Step::Control { character, timeout: self.timeout() }).await
     }
 
     /// Reads words of the DPRAM.
@@ -158,10 +177,10 @@ impl Io {
         self.pass(Step::AnswerEnd(reply)).await;
     }
 
-    /// Waits until then.
+    /// Waits until then, or until the owner calls.
     pub(super) async fn rest_until(&self, until: Instant) {
         poll_fn(|_| {
-            if self.now() >= until {
+            if self.now() >= until || self.with(|exchange| exchange.asked.is_some()) {
                 return Poll::Ready(());
             }
             self.with(|exchange| exchange.step = Some(Step::Wait(until)));
@@ -170,7 +189,7 @@ impl Io {
         .await;
     }
 
-    /// Waits for so long.
+    /// Waits for so long, or until the owner calls.
     pub(super) async fn rest(&self, pause: Duration) {
         self.rest_until(self.now() + pause).await;
     }
@@ -189,6 +208,7 @@ type Run = Pin<Box<dyn Future<Output = Result<Reply, CallError>> + Send>>;
 pub struct Script {
     resource: Resource,
     name: &'static str,
+    feeds: Systems,
     io: Io,
     run: Run,
 }
@@ -200,7 +220,12 @@ impl Script {
         F: Future<Output = Result<Reply, CallError>> + Send + 'static,
     {
         let io = Io::default();
-        Self { resource, name, run: Box::pin(run(io.clone())), io }
+        Self { resource, name, feeds: Systems::NONE, run: Box::pin(run(io.clone())), io }
+    }
+
+    /// The same, of a script that feeds the programs of these coordinate systems.
+    pub(super) fn feeding(self, feeds: Systems) -> Self {
+        Self { feeds, ..self }
     }
 }
 
@@ -220,12 +245,28 @@ impl Sequence for Script {
         self.name
     }
 
+    fn feeds(&self) -> u32 {
+        self.feeds.bits()
+    }
+
+    fn leaves(&self) -> Option<u64> {
+        self.io.with(|exchange| exchange.leaves)
+    }
+
     fn unfinished(&self) -> Option<String> {
         self.io.unfinished()
     }
 
     fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
-        self.io.with(|exchange| (exchange.now, exchange.done) = (Some(now), done));
+        let is_answered = self.io.with(|exchange| {
+            exchange.now = Some(now);
+            exchange.done = done.or(exchange.done.take());
+            exchange.is_end && exchange.asked.take().is_some()
+        });
+        if is_answered {
+            // The owner hears by his call for the end how it ended.
+            return Step::Answer(Ok(Reply::done()));
+        }
         match self.run.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
             Poll::Ready(reply) => Step::Over(reply),
             Poll::Pending => self.io.with(|exchange| exchange.step.take()).unwrap_or(Step::Rest),
@@ -236,8 +277,11 @@ impl Sequence for Script {
         true
     }
 
-    fn asked(&mut self, _: SequenceCall, _: Instant) -> Result<(), CallError> {
-        self.io.with(|exchange| exchange.is_stopped = true);
+    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
+        self.io.with(|exchange| match call {
+            SequenceCall::GatherStop { .. } | SequenceCall::RotaryStop(_) => exchange.is_stopped = true,
+            call => exchange.asked = Some(call),
+        });
         Ok(())
     }
 

@@ -1,117 +1,179 @@
 //! The end of a rotary stream: the buffers closed, the program ended if it is not whole, and what is left in the buffers
 //! counted.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use log::warn;
 
 use super::count::lines_left;
-use super::{Phase, Rotary, refused};
-use crate::daemon::scripts::{Done, Ending, Sequence};
+use super::{Rotary, refused};
+use crate::daemon::scripts::end_retry::EndRetry;
+use crate::daemon::scripts::{Done, END_STEP, Ending, Step, line};
+use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::protocol::board::RotaryStopReply;
 use crate::protocol::{CallError, Reply};
 
 /// How long the end tries what is known not to have been sent.
-pub(super) const END_PATIENCE: Duration = Duration::from_secs(2);
+const END_PATIENCE: Duration = Duration::from_secs(2);
 /// How often to look whether `Q` has ended the program, and how long between two looks.
 const ENDED_LOOKS: u32 = 4;
 const ENDED_LOOK: Duration = Duration::from_millis(100);
 
-impl Rotary {
-    /// Takes what became of a step of the end. What cannot be carried out is noted, and the end goes on.
-    pub(super) fn take_of_end(&mut self, done: Done, now: Instant) -> Phase {
-        let cs = self.call.coordinate_system;
-        // Another buffer is open, so the rotary buffers are closed: one is open at a time.
-        let is_closed = self.phase == Phase::Close && matches!(done.outcome, Outcome::Barred(_));
-        // A reset has taken the buffer, and with it the lines that waited.
-        let is_lost = matches!(self.phase, Phase::DropLines | Phase::SeeAhead)
-            && matches!(done.outcome, Outcome::Refused(_));
-        if done.outcome.is_unsent()
-            && !is_closed
-            && !is_lost
-            && self.ending != Some(Ending::Stopping)
-            && let Some(again) = self.retry.again(done.outcome, now)
-        {
-            return self.rest_before(self.phase, again);
+impl Rotary<'_> {
+    /// The end. What cannot be carried out is noted, and the end goes on.
+    pub(super) async fn end(&mut self) -> Result<Reply, CallError> {
+        if self.io.take_asked() || self.answer_by.is_some() {
+            // How it ended is for the owner's next call, `RotaryStop`.
+            self.io.answer(Ok(Reply::done())).await;
         }
-        let failed = |what: &str| done.result.as_ref().err().map(|error| format!("{what} failed ({error})"));
-        let (phase, note) = match self.phase {
-            Phase::Close => {
-                self.opened = false;
-                let note = failed("CLOSE").filter(|_| !is_closed).map(|note| {
-                    format!("{note}, so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE")
-                });
-                (Phase::EndTransfer, note)
+        let mut retry = EndRetry::new(END_PATIENCE, true);
+        self.close(&mut retry).await;
+        if self.set_up {
+            self.end_program(&mut retry).await;
+            self.count_left(&mut retry).await;
+        }
+        self.io.set_unfinished(None);
+        if self.started {
+            self.io.leaves(if self.is_whole() { 0 } else { self.left.unwrap_or_default() });
+        }
+        self.result()
+    }
+
+    /// Closes the rotary buffers, ends the transfer, and takes the lines back that are not in the DPRAM yet.
+    async fn close(&mut self, retry: &mut EndRetry) {
+        if self.opened {
+            // Another buffer is open, so the rotary buffers are closed: one is open at a time.
+            let is_closed = |outcome| matches!(outcome, Outcome::Barred(_));
+            let closed = self.end_step(retry, line("CLOSE", END_STEP), is_closed).await;
+            self.opened = false;
+            if let Err(error) = closed.result
+                && !is_closed(closed.outcome)
+            {
+                self.notes.push(format!(
+                    "CLOSE failed ({error}), so the rotary buffers may still be open, and take what is in the DPRAM: send CLOSE"
+                ));
             }
-            Phase::EndTransfer => (Phase::DropLines, failed("the end of the transfer")),
-            Phase::DropLines => (Phase::SeeAhead, None),
-            Phase::SeeAhead => {
-                self.see(done.rotary);
-                (Phase::AskRuns, None)
+        }
+        if self.switched {
+            let ended = self.end_step(retry, line(self.switch(0), END_STEP), |_| false).await;
+            self.notes
+                .extend(ended.result.err().map(|error| format!("the end of the transfer failed ({error})")));
+        }
+        if self.set_up {
+            let buffer = self.call.buffer;
+            // A reset has taken the buffer, and with it the lines that waited.
+            let is_lost = |outcome| matches!(outcome, Outcome::Refused(_));
+            let job = |job| Step::Job { job: Box::new(job), timeout: END_STEP };
+            self.end_step(retry, job(Job::RotaryFinish(buffer)), is_lost).await;
+            let seen = self.end_step(retry, job(Job::RotaryState(buffer)), is_lost).await;
+            self.see(seen.rotary);
+        }
+    }
+
+    /// Ends the program if it runs and is not whole.
+    async fn end_program(&mut self, retry: &mut EndRetry) {
+        if self.runs == self.is_whole() {
+            return;
+        }
+        let runs = self.ask_runs_at_end(retry).await;
+        if self.is_whole() {
+            self.runs |= runs != Some(false);
+        } else if runs != Some(false) {
+            // What cannot be asked is ended all the same: Q starts nothing.
+            self.send_quit(retry).await;
+        }
+    }
+
+    async fn send_quit(&mut self, retry: &mut EndRetry) {
+        let cs = self.call.coordinate_system;
+        let sent = self.end_step(retry, line(format!("&{cs}Q"), END_STEP), |_| false).await;
+        self.quit = sent.result.is_ok();
+        if let Err(error) = sent.result {
+            return self.notes.push(format!("&{cs}Q failed ({error}): the program may still run"));
+        }
+        for looks in 1.. {
+            let still_runs = self.ask_runs_at_end(retry).await == Some(true);
+            if still_runs && looks < ENDED_LOOKS && self.io.ending() != Some(Ending::Stopping) {
+                self.io.rest(ENDED_LOOK).await;
+                continue;
             }
-            Phase::AskRuns => {
-                let runs = done.result.as_ref().ok().and_then(|lines| self.is_running(lines, 0));
-                match runs {
-                    _ if self.is_whole() => {
-                        self.runs |= runs != Some(false);
-                        (Phase::AskLeftAtEnd, None)
-                    }
-                    Some(false) => (Phase::AskLeftAtEnd, None),
-                    // What cannot be asked is ended all the same: Q starts nothing.
-                    Some(true) | None => (Phase::Quit, None),
-                }
+            self.quit = !still_runs;
+            break;
+        }
+        if !self.quit {
+            self.notes.push(format!(
+                "&{cs}Q was sent, and the program still runs: the moves that are calculated come first, and in a feed hold they \
+                 wait for &{cs}R; &{cs}A ends it at once"
+            ));
+        }
+    }
+
+    async fn ask_runs_at_end(&mut self, retry: &mut EndRetry) -> Option<bool> {
+        let step = line(format!("&{}??", self.call.coordinate_system), END_STEP);
+        let asked = self.end_step(retry, step, |_| false).await;
+        self.is_running(&asked.result.ok()?, 0)
+    }
+
+    /// Counts what is left in the board's own buffer, and compares that with what the board took.
+    async fn count_left(&mut self, retry: &mut EndRetry) {
+        let cs = self.call.coordinate_system;
+        let asked = self.end_step(retry, line(format!("&{cs}PR"), END_STEP), |_| false).await;
+        self.left = asked.result.ok().and_then(|lines| lines_left(&lines).ok());
+        if self.started && matches!(asked.outcome, Outcome::Error(_)) {
+            let by = self.io.ended_by();
+            self.failure = Some(refused(format!(
+                "{}: &{cs} has no rotary buffer any more, which it had when the stream began",
+                by.as_deref().unwrap_or("the board was reset")
+            )));
+        } else if self.is_whole() {
+            self.count.told = self.left;
+            let doubt = match (self.runs, self.call.run) {
+                (true, _) => self.count.surplus(cs),
+                (false, false) => self.count.doubt(self.count, cs),
+                (false, true) => Some(format!("the stream was ended before R could be sent; &{cs}R runs it")),
+            };
+            self.failure = doubt.map(refused);
+        }
+    }
+
+    /// Has a step of the end done, again and again as long as it is certainly not sent, and that `is_final` is not said of it.
+    async fn end_step(
+        &mut self,
+        retry: &mut EndRetry,
+        step: Step,
+        is_final: impl Fn(Outcome) -> bool,
+    ) -> Done {
+        let io = self.io.clone();
+        loop {
+            let done = io.board(step.clone()).await;
+            let may_go = done.outcome.is_unsent() && !is_final(done.outcome);
+            if !may_go || !retry.rests(&io, done.outcome, self.unfinished(), || self.result()).await {
+                return done;
             }
-            Phase::Quit => {
-                self.quit = done.result.is_ok();
-                let note =
-                    failed(&format!("&{cs}Q")).map(|note| format!("{note}: the program may still run"));
-                (if self.quit { Phase::AskEnded(1) } else { Phase::AskLeftAtEnd }, note)
-            }
-            Phase::AskEnded(times) => {
-                let runs = done.result.as_ref().ok().and_then(|lines| self.is_running(lines, 0));
-                if runs == Some(true) && times < ENDED_LOOKS && self.ending != Some(Ending::Stopping) {
-                    return self.rest_before(Phase::AskEnded(times + 1), now + ENDED_LOOK);
-                }
-                self.quit = runs != Some(true);
-                let note = format!(
-                    "&{cs}Q was sent, and the program still runs: the moves that are calculated come first, and in a feed hold they \
-                     wait for &{cs}R; &{cs}A ends it at once"
-                );
-                (Phase::AskLeftAtEnd, (!self.quit).then_some(note))
-            }
-            Phase::AskLeftAtEnd => {
-                self.left = done.result.as_ref().ok().and_then(|lines| lines_left(lines).ok());
-                if self.started && matches!(done.outcome, Outcome::Error(_)) {
-                    let by = self.ended_by.as_deref().unwrap_or("the board was reset");
-                    self.failure = Some(refused(format!(
-                        "{by}: &{cs} has no rotary buffer any more, which it had when the stream began"
-                    )));
-                } else if self.is_whole() {
-                    self.count.told = self.left;
-                    let doubt = match (self.runs, self.call.run) {
-                        (true, _) => self.count.surplus(cs),
-                        (false, false) => self.count.doubt(self.count, cs),
-                        (false, true) => {
-                            Some(format!("the stream was ended before R could be sent; &{cs}R runs it"))
-                        }
-                    };
-                    self.failure = doubt.map(refused);
-                }
-                (Phase::Over, None)
-            }
-            phase => (phase, None),
+        }
+    }
+
+    /// What an open program buffer keeps back.
+    fn unfinished(&self) -> String {
+        let cs = self.call.coordinate_system;
+        let program = if self.runs {
+            format!("&{cs} may still run it (abort {cs} ends that); ")
+        } else {
+            String::new()
         };
-        self.notes.extend(note);
-        phase
+        format!(
+            "the end of the rotary stream into &{cs} is not carried out; {program}pmacd goes on when the open program buffer is \
+             closed"
+        )
     }
 
     /// What the owner is told in the end.
-    pub(super) fn result(&mut self) -> Result<Reply, CallError> {
+    fn result(&mut self) -> Result<Reply, CallError> {
         let mut notes = std::mem::take(&mut self.notes);
-        notes.extend(self.unfinished());
+        notes.extend(self.io.unfinished());
         notes.iter().for_each(|note| warn!("the end of a rotary stream: {note}"));
-        let ended = |when: &str| self.ending.map(|why| format!("the stream was ended{when}: {why}"));
+        let ended = |when: &str| self.io.ending().map(|why| format!("the stream was ended{when}: {why}"));
         if !self.started {
             let before = ended(" before it began").unwrap_or_default();
             let error = self.failure.take().unwrap_or_else(|| refused(before));

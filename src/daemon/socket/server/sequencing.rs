@@ -6,7 +6,7 @@ use log::info;
 
 use super::Service;
 use crate::daemon::scripts::{
-    Batch, Done, Ending, Found, Lines, Resource, Rotary, Sequence, SequenceCall, Step, gather, stop_gather,
+    Batch, Done, Ending, Found, Lines, Resource, Sequence, SequenceCall, Step, gather, rotary, stop_gather,
 };
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
@@ -60,7 +60,7 @@ impl Service {
             },
             SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
             SequenceCall::Rotary(call) => {
-                let machine = Rotary::new(call);
+                let machine = rotary(call);
                 match self.sequences.of_client(caller.client, machine.resource()) {
                     Some(_) => Err(refused("this connection streams already; RotaryStop ends that")),
                     None => self.begin_sequence(caller, Box::new(machine), now),
