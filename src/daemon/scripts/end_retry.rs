@@ -35,13 +35,13 @@ impl EndRetry {
         &mut self,
         io: &Io,
         outcome: Outcome,
-        unfinished: String,
+        unfinished: Option<String>,
         result: impl FnOnce() -> Result<Reply, CallError>,
     ) -> bool {
         let again = self.again(outcome, io.now());
         let Some(again) = again.filter(|_| io.ending() != Some(Ending::Stopping)) else { return false };
         if self.is_kept_back {
-            io.set_unfinished(Some(unfinished));
+            io.set_unfinished(unfinished);
         }
         if self.tells_now() {
             io.answer_end(result()).await;
@@ -51,7 +51,7 @@ impl EndRetry {
     }
 
     /// When to try again the step that came out so; `None` when no more.
-    pub(super) fn again(&mut self, outcome: Outcome, now: Instant) -> Option<Instant> {
+    fn again(&mut self, outcome: Outcome, now: Instant) -> Option<Instant> {
         let may_last = self.may_last && matches!(outcome, Outcome::Barred(_));
         let patience = if may_last { self.patience.min(KEPT_BACK_AFTER) } else { self.patience };
         let is_patient = now < *self.begun.get_or_insert(now) + patience;
@@ -67,7 +67,7 @@ impl EndRetry {
     }
 
     /// Whether the owner is to be told so now: he does not wait for what may take long.
-    pub(super) fn tells_now(&mut self) -> bool {
+    fn tells_now(&mut self) -> bool {
         self.is_kept_back && !std::mem::replace(&mut self.is_told, true)
     }
 }

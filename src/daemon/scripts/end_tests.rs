@@ -129,7 +129,7 @@ impl Board {
     }
 
     /// Does a step as `outcome` says: what is not known to be undone is done.
-    fn take(&mut self, step: &Step, outcome: Outcome) -> Done {
+    fn take(&mut self, request: &Request, outcome: Outcome) -> Done {
         let is_done = !outcome.is_unsent();
         let gathers = self.report_runs.then_some(self.gathers);
         let (result, words) = (Ok(Vec::new()), Vec::new());
@@ -144,20 +144,20 @@ impl Board {
             programs_run: None,
             ended_by: None,
         };
-        match step {
-            Step::Line { line, .. } | Step::Ask { line, .. } if is_done => {
+        match request {
+            Request::Line(line) | Request::Ask(line) if is_done => {
                 done.result = Ok(self.line(line).into_iter().collect());
             }
-            Step::Control { .. } => {
+            Request::Control(_) => {
                 let systems = ["000000000000"; 7].join(" ");
                 let first = if self.runs { "000001000000" } else { "000000000000" };
                 done.result = Ok(vec![format!("{first} {systems}")]);
             }
-            Step::Read { count, .. } => {
+            Request::Read { count, .. } => {
                 self.timer += u16::from(self.report_runs);
                 done.words = vec![self.timer; *count];
             }
-            Step::Job { job, .. } if is_done => self.job(job, &mut done),
+            Request::Job(job) if is_done => self.job(job, &mut done),
             _ => {}
         }
         match outcome {
@@ -171,7 +171,7 @@ impl Board {
 
 /// Drives `machine` until it is over. Before step `cut` it ends, for this reason; step `fails` ends so.
 fn drive(
-    machine: &mut dyn Sequence,
+    machine: &mut Script,
     board: &mut Board,
     (cut, why): (usize, Ending),
     (fails, outcome): (usize, Outcome),
@@ -186,12 +186,11 @@ fn drive(
         match step {
             Step::Over(reply) => return reply,
             Step::Wait(moment) => now = moment,
-            Step::Answer(_) => steps = if machine.watches() { steps } else { cut },
             Step::Rest => steps = cut,
-            Step::Tell(_) | Step::AnswerEnd(_) => {}
-            step => {
+            Step::Answer(_) | Step::Tell(_) | Step::AnswerEnd(_) => {}
+            Step::Board(request, _) => {
                 let outcome = if steps == fails { outcome } else { Outcome::Done };
-                done = Some(board.take(&step, outcome));
+                done = Some(board.take(&request, outcome));
                 steps += 1;
             }
         }
@@ -203,7 +202,7 @@ fn info() -> Info {
     Info::new(&PMAC, BoardInfo::default(), BoardSettings::default())
 }
 
-fn a_gather() -> script::Script {
+fn a_gather() -> Script {
     let place = PMAC.gather;
     let call = calls::GatherStart {
         buffer: calls::Offset(place.buffer),
@@ -261,7 +260,7 @@ fn a_gather_of_which_a_step_fails_leaves_the_board_as_it_was_and_is_followed_no_
     }
 }
 
-fn stream(left: Option<calls::LeftLines>) -> script::Script {
+fn stream(left: Option<calls::LeftLines>) -> Script {
     let call = calls::RotaryStart {
         buffer: 1,
         start: None,
@@ -318,7 +317,7 @@ fn b1_5_lines_that_are_left_are_refused_with_their_number() {
 /// Drives `machine` until it rests for the `count`th time while the board gathers or is fed. Has `happens` happen then, and gives
 /// what is said in the end, and how long that took.
 fn disturbed(
-    machine: &mut dyn Sequence,
+    machine: &mut Script,
     board: &mut Board,
     count: usize,
     happens: impl Fn(&mut Board),
@@ -337,8 +336,8 @@ fn disturbed(
                     since = now;
                 }
             }
-            Step::Answer(_) | Step::Tell(_) | Step::AnswerEnd(_) => {}
-            step => done = Some(board.take(&step, Outcome::Done)),
+            Step::Rest | Step::Answer(_) | Step::Tell(_) | Step::AnswerEnd(_) => {}
+            Step::Board(request, _) => done = Some(board.take(&request, Outcome::Done)),
         }
     }
     panic!("it goes on: {machine:?}");
@@ -364,18 +363,18 @@ fn b1_1_the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
             Step::Over(_) => break,
             Step::Wait(moment) => now = moment,
             Step::AnswerEnd(reply) => told = Some(reply),
-            Step::Answer(_) | Step::Tell(_) => {}
-            step => {
+            Step::Rest | Step::Answer(_) | Step::Tell(_) => {}
+            Step::Board(request, _) => {
                 if board.runs && closed_at.is_none() {
                     // The owner dies, and somebody opens a buffer for twenty seconds.
                     closed_at = Some(now + Duration::from_secs(20));
                     board.open = false;
                     machine.end(Ending::OwnerGone);
                 }
-                let is_line = matches!(step, Step::Line { .. } | Step::Ask { .. });
+                let is_line = matches!(request, Request::Line(_) | Request::Ask(_));
                 let is_barred = is_line && closed_at.is_some_and(|moment| now < moment);
                 let outcome = if is_barred { Outcome::Barred(Barred::Open(None)) } else { Outcome::Done };
-                done = Some(board.take(&step, outcome));
+                done = Some(board.take(&request, outcome));
             }
         }
     }

@@ -20,10 +20,10 @@ pub use self::call::GatherCall;
 use super::end_retry::{EndRetry, is_kept_back, was_set_meanwhile};
 use super::report_watch::report_runs;
 use super::script::{Io, Script};
-use super::{Resource, first};
+use super::{Request, Resource, first};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
-use crate::daemon::shared::queue::Outcome;
+use crate::daemon::shared::queue::{Outcome, Text};
 use crate::gather::GatherMode;
 use crate::map::status::reply_has;
 use crate::map::{Family, ReportStart};
@@ -126,7 +126,7 @@ impl<'a> Gather<'a> {
         // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
         self.resets = check.result.is_ok().then_some(check.resets);
         let check_due = self.io.now() + CHECK_EVERY;
-        let report = self.io.line(format!("I{}", i.servo_enable)).await.result?;
+        let report = self.io.line(&format!("I{}", i.servo_enable)).await.result?;
         self.reports = first(&report) == "1" && self.family.servo.start == ReportStart::Gather;
         if self.reports && !call.uses_report {
             // A board that reports takes another number of GATHERs than one that does not.
@@ -136,7 +136,7 @@ impl<'a> Gather<'a> {
                 i.servo_enable
             )));
         }
-        let period = self.io.line(format!("I{}", i.gather_period)).await.result?;
+        let period = self.io.line(&format!("I{}", i.gather_period)).await.result?;
         self.period = Some(first(&period).to_owned());
         self.check_report_is_frequent(call)?;
         if self.gathers(&self.io.line("???").await.result?) {
@@ -193,15 +193,16 @@ impl<'a> Gather<'a> {
     /// # Errors
     /// What has ended the gather.
     async fn watch(&mut self, call: &GatherCall, mut check_due: Instant) -> Result<(), CallError> {
+        let look = Request::Read { first: self.family.servo.timer.low, count: 1 };
         let mut was_seen = false;
         loop {
-            let told = self.io.read(self.family.servo.timer.low, 1).await.gathers;
+            let told = self.io.request(look.clone()).await.gathers;
             was_seen |= told == Some(true);
             // Before that the report may be from before GATHER. A board that cannot be asked now tells nothing.
             let gathers = if told.is_some() && was_seen {
                 told
             } else {
-                let asked = self.io.ask_within("???", ASKING).await;
+                let asked = self.io.request_within(Request::Ask(Text::from("???")), ASKING).await;
                 asked.result.ok().map(|lines| self.gathers(&lines))
             };
 
@@ -218,7 +219,7 @@ impl<'a> Gather<'a> {
                 // The buffer is full, as it was asked for.
                 GatherMode::Stop => {
                     self.io.answer(Ok(Reply::done())).await;
-                    self.io.rest_until_ended().await;
+                    self.io.asked().await;
                 }
                 GatherMode::Wrap => return Err(refused(self.was_ended(false))),
             }
@@ -292,7 +293,7 @@ impl<'a> Gather<'a> {
         let old_text = old.as_deref().unwrap_or_default();
         let failed = |error| format!("{period}={old_text}: {error}; {period} may not be {old_text} again");
         if retry.is_kept_back() {
-            self.io.set_unfinished(Some(self.unfinished(true)));
+            self.io.set_unfinished(self.unfinished(true));
         }
         loop {
             let asked = self.io.ask(&period).await;
@@ -309,7 +310,7 @@ impl<'a> Gather<'a> {
                 self.period = Some(found);
                 return note;
             }
-            let sent = self.io.line(format!("{period}={old_text}")).await;
+            let sent = self.io.line(&format!("{period}={old_text}")).await;
             // Somebody may set another period meanwhile.
             if sent.outcome.is_unsent() && self.tries_again(retry, sent.outcome, true).await {
                 continue;
@@ -325,17 +326,17 @@ impl<'a> Gather<'a> {
     }
 
     /// What an open program buffer keeps back.
-    fn unfinished(&self, is_period: bool) -> String {
+    fn unfinished(&self, is_period: bool) -> Option<String> {
         let period = self.family.i.gather_period;
         let ours = self.call.map_or(0, |call| call.buffer.period);
         let old = self.period.as_deref().unwrap_or_default();
         if is_period {
-            return is_kept_back(&format!("I{period}"), &ours.to_string(), old, "gather");
+            return Some(is_kept_back(&format!("I{period}"), &ours.to_string(), old, "gather"));
         }
-        format!(
+        Some(format!(
             "the board still gathers for nobody; pmacd ends that, and sets I{period} to {old} again, when the open program \
              buffer is closed"
-        )
+        ))
     }
 
     /// Whether the board, of which so many `resets` are known, was reset since the check before.

@@ -9,14 +9,15 @@
 //! a program buffer open.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use log::warn;
 
 use super::put_back::PutBack;
-use super::{Done, END_STEP, Ending, Resource, Sequence, SequenceCall, Step};
+use super::script::{Io, Script};
+use super::{Asked, Done, END_STEP, Request, Resource};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
-use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, REASON_MAX, Text};
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, Text};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::cut_off::{self, line_cuts_off};
@@ -55,6 +56,11 @@ impl Batch {
     /// Every line that it may send.
     pub fn all_lines(&self) -> impl Iterator<Item = &str> {
         self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| &**line)
+    }
+
+    /// What kind of sequence it is of: `download`.
+    pub fn kind(&self) -> &str {
+        &self.kind
     }
 
     /// Whether its caller means what it does to everybody.
@@ -112,32 +118,11 @@ fn checked(lines: &[String]) -> Result<VecDeque<Text<LINE_MAX>>, CallError> {
     checked.collect()
 }
 
-/// How far it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// Lines are sent.
-    Sending,
-    /// The line under way is sent.
-    UnderWay(Text<LINE_MAX>),
-    /// `CLOSE` has been tried so often.
-    Closing(u32),
-    /// As before, and it is tried again soon.
-    ClosingAgain(u32),
-    /// A check is under way.
-    Checking,
-    /// The last check is under way.
-    LastCheck,
-    /// A variable that the end puts back is asked for.
-    Learning,
-    /// The lines for the end go, or wait.
-    PuttingBack,
-}
-
-/// The sequence.
-#[derive(Debug)]
-pub struct Lines {
+/// A sequence of lines, as far as it is.
+struct Lines {
+    io: Io,
+    kind: String,
     batch: Batch,
-    phase: Phase,
     /// The number of the line that is sent next, or is under way.
     number: u64,
     taken: u64,
@@ -167,21 +152,18 @@ pub struct Lines {
     reset: Option<LineFailure>,
     /// A buffer that its lines opened, and what became of it but for a reset.
     buffer_left: Option<(String, String)>,
-    /// Why no line is sent any more, once somebody has stopped all motion.
-    dropped: Option<Text<REASON_MAX>>,
-    ending: Option<Ending>,
     put_back: PutBack,
-    /// When the end goes on.
-    rest: Option<Instant>,
 }
 
-impl Lines {
-    /// Begins with this batch.
-    pub fn new(mut batch: Batch) -> Self {
-        let put_back = PutBack::new(batch.at_end.take().unwrap_or_default());
-        Self {
+/// The script of a sequence that begins with this batch.
+pub fn lines(mut batch: Batch) -> Script {
+    let kind = batch.kind.clone();
+    let put_back = PutBack::new(batch.at_end.take().unwrap_or_default());
+    Script::new(Resource::Lines, &kind.clone(), move |io| async move {
+        let mut lines = Lines {
+            io,
+            kind,
             batch,
-            phase: Phase::Sending,
             number: 0,
             taken: 0,
             buffer: OpenBuffer::default(),
@@ -197,22 +179,93 @@ impl Lines {
             doubts_now: 0,
             reset: None,
             buffer_left: None,
-            dropped: None,
-            ending: None,
             put_back,
-            rest: None,
+        };
+        lines.send_batches().await?;
+        lines.end().await
+    })
+}
+
+impl Lines {
+    /// Sends the lines of batch after batch, until the last one is done, a line has failed, or an end comes.
+    ///
+    /// # Errors
+    /// Why the sequence cannot begin.
+    async fn send_batches(&mut self) -> Result<(), CallError> {
+        while !self.failed && !self.io.is_ended() {
+            if let Some(question) = self.put_back.question() {
+                let asked = self.io.request_within(question, END_STEP).await;
+                self.put_back.learn(&asked);
+                continue;
+            }
+            if let Some(reason) = self.io.dropped()
+                && self.batch.lines.pop_front().is_some()
+            {
+                self.failed = true;
+                self.leave_out(reason.to_string()).await;
+                continue;
+            }
+            self.leaves_out &= self.batch.lines.front().is_none_or(|line| effect(line.as_bytes()).is_none());
+            if self.leaves_out && self.batch.lines.pop_front().is_some() {
+                self.leave_out(NOT_OPENED.to_owned()).await;
+                continue;
+            }
+            if self.check_is_due() {
+                self.check().await?;
+                continue;
+            }
+            if let Some(text) = self.batch.lines.pop_front() {
+                let timeout = deadlines::of_line(&text, self.batch.timeout);
+                let done = self.io.request_within(Request::Line(text), timeout).await;
+                let told = self.line_done(text, done);
+                self.io.tell(told).await;
+            } else if self.batch.last {
+                break;
+            } else {
+                let taken = RunLinesReply { taken: self.taken, ..RunLinesReply::default() };
+                self.io.answer(Ok(reply(&taken))).await;
+                self.next_batch().await;
+            }
+        }
+        Ok(())
+    }
+
+    /// Rests until the owner sends more lines, or an end comes.
+    async fn next_batch(&mut self) {
+        if let Some(Asked::Lines(mut batch)) = self.io.asked().await {
+            if let Some(lines) = batch.at_end.take() {
+                self.put_back.renewed(lines);
+            }
+            self.batch = batch;
         }
     }
 
+    /// Checks whether the board was reset, before the next line.
+    ///
+    /// # Errors
+    /// Why the sequence cannot begin.
+    async fn check(&mut self) -> Result<(), CallError> {
+        let done = self.io.check().await;
+        // Who stops all motion means the line after the check as well.
+        if let Outcome::Dropped(_) = done.outcome
+            && let Some(line) = self.batch.lines.pop_front()
+        {
+            let told = self.line_done(line, done);
+            self.io.tell(told).await;
+            return Ok(());
+        }
+        self.check_done(done).map_or(Ok(()), Err)
+    }
+
     /// The board has answered the line under way, or not.
-    fn line_done(&mut self, line: Text<LINE_MAX>, done: Done, now: Instant) -> Reply {
+    fn line_done(&mut self, line: Text<LINE_MAX>, done: Done) -> Reply {
         let number = self.number;
         self.number += 1;
         self.doubts_now = done.doubts;
         self.has_reset |= resets(line.as_bytes());
         let was_open = self.buffer.is_open();
         if !done.outcome.is_unsent() {
-            self.buffer.begin(line.as_bytes(), Writer::Question, now);
+            self.buffer.begin(line.as_bytes(), Writer::Question, self.io.now());
             self.put_back.sent(&line);
         }
         match done.outcome {
@@ -243,6 +296,7 @@ impl Lines {
                 (error.take_lines(), Some(failure))
             }
         };
+        self.io.set_inside(self.buffer.is_open());
         self.taken += u64::from(failure.is_none());
         match (was_open, self.buffer.is_open()) {
             (true, true) => self.entered += u64::from(failure.is_none()),
@@ -266,30 +320,16 @@ impl Lines {
     }
 
     /// The next line is not sent.
-    fn line_left_out(&mut self, message: String) -> Reply {
+    async fn leave_out(&mut self, message: String) {
         let failure = LineFailure { outcome: LineOutcome::NotSent, code: None, message };
         self.number += 1;
-        reply(&RunLinesReply {
+        let told = reply(&RunLinesReply {
             line: Some(self.number - 1),
             failure: Some(failure),
             taken: self.taken,
             ..RunLinesReply::default()
-        })
-    }
-
-    /// What comes when no line is sent any more: `CLOSE`, if a buffer is open, then the end.
-    fn close(&mut self, tries: u32, now: Instant) -> Step {
-        if (self.buffer.is_open() || self.buffer.has_binary()) && tries < CLOSE_TRIES {
-            self.phase = Phase::Closing(tries + 1);
-            return Step::Line { line: Text::from_bytes(b"CLOSE"), timeout: END_STEP };
-        }
-        let is_explained = self.failed && !self.is_unexplained;
-        let is_checked = self.checked.unwrap_or(0) == self.number;
-        if !(self.has_reset || is_explained || self.ending.is_some() || is_checked) {
-            self.phase = Phase::LastCheck;
-            return Step::Check;
-        }
-        self.put_back(now)
+        });
+        self.io.tell(told).await;
     }
 
     /// Whether the board is to be asked now if it was reset.
@@ -329,48 +369,44 @@ impl Lines {
         None
     }
 
-    /// The lines for the end, if any line has been sent, then the end.
-    fn put_back(&mut self, now: Instant) -> Step {
-        self.phase = Phase::PuttingBack;
-        if self.put_back.tells_now() {
-            return Step::AnswerEnd(Ok(self.result()));
+    /// The end: `CLOSE`, if a buffer is open, the last check, and what is put back.
+    async fn end(mut self) -> Result<Reply, CallError> {
+        self.io.begin_end();
+        self.close().await;
+        let is_explained = self.failed && !self.is_unexplained;
+        let is_checked = self.checked.unwrap_or(0) == self.number;
+        if !(self.has_reset || is_explained || self.io.is_ended() || is_checked) {
+            let done = self.io.check().await;
+            self.check_done(done);
         }
-        match self.rest {
-            Some(rest) if rest > now => return Step::Wait(rest),
-            _ => self.rest = None,
+        if self.number > 0 {
+            let mut put_back = std::mem::take(&mut self.put_back);
+            let result = |notes| Ok(self.result(notes));
+            put_back.carry_out(&self.io, &self.kind, result).await;
+            self.put_back = put_back;
         }
-        let step = if self.number > 0 { self.put_back.step() } else { None };
-        step.unwrap_or_else(|| Step::Over(Ok(self.result())))
+        Ok(self.result(self.put_back.notes()))
     }
 
-    /// What the owner is told in the end.
-    fn result(&self) -> Reply {
-        let mut notes = self.put_back.notes().to_vec();
-        notes.extend(self.unfinished());
-        notes.iter().for_each(|note| warn!("the end of a {}: {note}", self.name()));
-        notes.extend(self.buffer_left.as_ref().map(|(_, note)| note.clone()));
-        let failure = self.reset.clone();
-        reply(&RunLinesReply {
-            line: failure.as_ref().map(|_| self.number.saturating_sub(1)),
-            failure,
-            taken: self.taken,
-            notes,
-            over: true,
-            ..RunLinesReply::default()
-        })
+    /// Closes the buffer that its lines have opened.
+    async fn close(&mut self) {
+        for tries in 1..=CLOSE_TRIES {
+            if !self.buffer.is_open() && !self.buffer.has_binary() {
+                return;
+            }
+            let done = self.io.line("CLOSE").await;
+            let is_barred = done.outcome == Outcome::Barred(Barred::Closed);
+            if done.outcome.is_unsent() && !is_barred && done.result.is_err() && tries < CLOSE_TRIES {
+                self.io.rest(CLOSE_AGAIN).await;
+                continue;
+            }
+            self.closed(&done);
+        }
     }
 
     /// `CLOSE` has been answered, or not.
-    fn closed(&mut self, tries: u32, done: &Done, now: Instant) -> Step {
-        if done.outcome.is_unsent()
-            && done.outcome != Outcome::Barred(Barred::Closed)
-            && done.result.is_err()
-            && tries < CLOSE_TRIES
-        {
-            self.phase = Phase::ClosingAgain(tries);
-            return Step::Wait(now + CLOSE_AGAIN);
-        }
-        let is_cut_short = self.failed || self.ending.is_some();
+    fn closed(&mut self, done: &Done) {
+        let is_cut_short = self.failed || self.io.is_ended();
         let open_refused = self.open_refused;
         self.leave_buffer(|name, entered| match &done.result {
             _ if done.outcome == Outcome::Barred(Barred::Closed) && open_refused => not_opened(name),
@@ -385,7 +421,22 @@ impl Lines {
             ),
             Ok(_) => format!("{name} was left open; it is closed now"),
         });
-        self.close(tries, now)
+    }
+
+    /// What the owner is told in the end.
+    fn result(&self, mut notes: Vec<String>) -> Reply {
+        notes.extend(self.io.unfinished());
+        notes.iter().for_each(|note| warn!("the end of a {}: {note}", self.kind));
+        notes.extend(self.buffer_left.as_ref().map(|(_, note)| note.clone()));
+        let failure = self.reset.clone();
+        reply(&RunLinesReply {
+            line: failure.as_ref().map(|_| self.number.saturating_sub(1)),
+            failure,
+            taken: self.taken,
+            notes,
+            over: true,
+            ..RunLinesReply::default()
+        })
     }
 
     /// Its buffer is not open any more, or nothing can be done about it. `note` says so of its name and the lines that entered.
@@ -394,6 +445,7 @@ impl Lines {
         let note = note(&name, self.entered);
         self.buffer_left = Some((name, note));
         self.buffer = OpenBuffer::default();
+        self.io.set_inside(false);
     }
 }
 
@@ -406,117 +458,6 @@ fn closed_by_others(name: &str, entered: u64, by: Option<&str>) -> String {
 /// What is said of a buffer that the board has not opened, and of which no line was sent.
 fn not_opened(name: &str) -> String {
     format!("{name} was not opened")
-}
-
-impl Sequence for Lines {
-    fn resource(&self) -> Resource {
-        Resource::Lines
-    }
-
-    fn name(&self) -> &str {
-        &self.batch.kind
-    }
-
-    fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
-        match (self.phase, done) {
-            (Phase::UnderWay(line), Some(done)) => {
-                self.phase = Phase::Sending;
-                return Step::Tell(self.line_done(line, done, now));
-            }
-            (Phase::Checking, Some(done)) => {
-                self.phase = Phase::Sending;
-                // Who stops all motion means the line after the check as well.
-                if let Outcome::Dropped(_) = done.outcome
-                    && let Some(line) = self.batch.lines.pop_front()
-                {
-                    return Step::Tell(self.line_done(line, done, now));
-                }
-                if let Some(refusal) = self.check_done(done) {
-                    return Step::Over(Err(refusal));
-                }
-            }
-            (Phase::LastCheck, Some(done)) => {
-                self.check_done(done);
-                return self.put_back(now);
-            }
-            (Phase::Closing(tries), Some(done)) => return self.closed(tries, &done, now),
-            (Phase::ClosingAgain(tries), _) => return self.close(tries, now),
-            (Phase::Learning, Some(done)) => {
-                self.phase = Phase::Sending;
-                self.put_back.learn(&done);
-            }
-            (Phase::PuttingBack, done) => {
-                let is_last = self.ending == Some(Ending::Stopping);
-                if let Some(done) = done {
-                    self.rest = self.put_back.take(&done, is_last, now);
-                }
-                return self.put_back(now);
-            }
-            _ => {}
-        }
-        if self.failed || self.ending.is_some() {
-            return self.close(0, now);
-        }
-        if let Some(question) = self.put_back.question() {
-            self.phase = Phase::Learning;
-            return question;
-        }
-        if let Some(reason) = self.dropped
-            && self.batch.lines.pop_front().is_some()
-        {
-            self.failed = true;
-            return Step::Tell(self.line_left_out(String::from_utf8_lossy(reason.as_bytes()).into_owned()));
-        }
-        self.leaves_out &= self.batch.lines.front().is_none_or(|line| effect(line.as_bytes()).is_none());
-        if self.leaves_out && self.batch.lines.pop_front().is_some() {
-            return Step::Tell(self.line_left_out(NOT_OPENED.to_owned()));
-        }
-        if self.check_is_due() {
-            self.phase = Phase::Checking;
-            return Step::Check;
-        }
-        match self.batch.lines.pop_front() {
-            Some(line) => {
-                self.phase = Phase::UnderWay(line);
-                Step::Line { line, timeout: deadlines::of_line(&line, self.batch.timeout) }
-            }
-            None if self.batch.last => self.close(0, now),
-            None => Step::Answer(Ok(reply(&RunLinesReply { taken: self.taken, ..RunLinesReply::default() }))),
-        }
-    }
-
-    fn is_inside(&self) -> bool {
-        self.buffer.is_open()
-    }
-
-    fn unfinished(&self) -> Option<String> {
-        self.put_back.unfinished(self.name())
-    }
-
-    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
-        match call {
-            SequenceCall::Lines(mut batch)
-                if batch.kind == self.batch.kind && self.phase != Phase::PuttingBack =>
-            {
-                if let Some(lines) = batch.at_end.take() {
-                    self.put_back.renewed(lines);
-                }
-                self.batch = batch;
-                Ok(())
-            }
-            _ => Err(CallError::Refused {
-                reason: format!("this connection has a {}, which must end first", self.name()),
-            }),
-        }
-    }
-
-    fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
-        self.dropped = Some(reason);
-    }
-
-    fn end(&mut self, why: Ending) {
-        self.ending = Some(why);
-    }
 }
 
 /// What a step's failure means for its line.

@@ -6,15 +6,15 @@
 //! (`CLOSE`, `ENDGATHER`, a variable put back), also when its owner has gone.
 //!
 //! # A new sequence
-//! It is a step machine without I/O: a type that implements [`Sequence`]. The server asks it for a [`Step`], has the bus thread
-//! do it, and gives what became of it to the next call of [`Sequence::next`].
-//! * Begin: a method of the socket (`socket/methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `socket/server/sequencing.rs` makes
-//!   the machine of it. The caller waits until the machine says [`Step::Answer`] or [`Step::Over`]. [`Step::Tell`]
+//! It is a [`Script`]: an `async` function without I/O of its own. The server asks it for a [`Step`], has the bus thread do that,
+//! and gives what became of it to the next call of [`Script::next`], which goes on with the function.
+//! * Begin: a method of the socket (`socket/methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `socket/server/sequencing.rs`
+//!   makes the script of it. The caller waits until the script says [`Step::Answer`] or [`Step::Over`]. [`Step::Tell`]
 //!   before that streams to a caller that asked for `more`.
-//! * Rest: after [`Step::Answer`] nothing happens until the owner calls again ([`Sequence::asked`]), an event of the machine's own
-//!   making is due ([`Step::Wait`]), or an end comes. While it rests the lease runs: any call on the
-//!   owner's connection renews it. While a call is under way it does not run: the daemon is busy for its owner then.
-//! * End: [`Sequence::end`] says why. The step under way is finished first and its outcome given; from then on every step must
+//! * Rest: after [`Step::Answer`] the script goes on by itself. While it rests ([`Step::Rest`], [`Step::Wait`]) a call of the owner
+//!   ([`Script::ask`]) or an end wakes it. While no call of the owner is under way the lease runs: any call on the
+//!   owner's connection renews it. While one is under way it does not run: the daemon is busy for its owner then.
+//! * End: [`Script::end`] says why. The step under way is finished first and its outcome given; from then on every step must
 //!   serve the end, be bounded, and lead to [`Step::Over`].
 
 mod end_retry;
@@ -31,13 +31,13 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 pub use gather::{GatherCall, gather, stop_gather};
-pub use lines::Batch;
-pub use lines::Lines;
+pub use lines::{Batch, lines};
 pub use rotary::{RotaryCall, lines_left, rotary};
+pub use script::Script;
 
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
-use crate::daemon::shared::queue::{LINE_MAX, Outcome, REASON_MAX, Text};
+use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 use crate::protocol::{CallError, Reply, answer, control};
@@ -46,6 +46,8 @@ use crate::protocol::{CallError, Reply, answer, control};
 pub const LEASE: Duration = Duration::from_secs(5);
 /// How long the board may take for a line, and the daemon for a job.
 const STEP: Duration = Duration::from_secs(5);
+/// How long the board may take for a check.
+const CHECK: Duration = Duration::from_secs(2);
 /// How long each step of an end may take.
 pub const END_STEP: Duration = Duration::from_secs(2);
 
@@ -78,48 +80,33 @@ impl fmt::Display for Resource {
     }
 }
 
-/// What is to be done next.
+/// What the bus thread is to do.
 #[derive(Debug, Clone)]
-pub enum Step {
+pub enum Request {
     /// Send a line.
-    Line {
-        /// The line.
-        line: Text<LINE_MAX>,
-        /// How long the board may take.
-        timeout: Duration,
-    },
+    Line(Text<LINE_MAX>),
+    /// Ask the board something. Not sent while a program buffer is open, and not logged.
+    Ask(Text<LINE_MAX>),
+    /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
+    Check,
     /// Send a control character that has an answer.
-    Control {
-        /// The character.
-        character: u8,
-        /// How long the board may take.
-        timeout: Duration,
-    },
+    Control(u8),
     /// Read words of the DPRAM.
     Read {
         /// The first one.
         first: HostOffset,
         /// How many.
         count: usize,
-        /// How long the bus thread may take.
-        timeout: Duration,
     },
-    /// Have the bus thread do a job.
-    Job {
-        /// The job.
-        job: Box<Job>,
-        /// How long it may take.
-        timeout: Duration,
-    },
-    /// Ask the board something. Not sent while a program buffer is open, and not logged.
-    Ask {
-        /// The question.
-        line: Text<LINE_MAX>,
-        /// How long the board may take.
-        timeout: Duration,
-    },
-    /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
-    Check,
+    /// Do a job.
+    Job(Box<Job>),
+}
+
+/// What is to be done next.
+#[derive(Debug, Clone)]
+pub enum Step {
+    /// Have the bus thread do this, within so long.
+    Board(Request, Duration),
     /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
     Wait(Instant),
     /// Nothing before the owner calls or an end comes.
@@ -147,7 +134,7 @@ pub struct Done {
     pub doubts: u64,
     /// How far the rotary buffer is, after a job that asks for it.
     pub rotary: Option<RotaryState>,
-    /// The words of a [`Step::Read`].
+    /// The words of a [`Request::Read`].
     pub words: Vec<u16>,
     /// Whether the board gathers at that moment; `None` where no report tells.
     pub gathers: Option<bool>,
@@ -205,88 +192,15 @@ impl fmt::Display for Ending {
     }
 }
 
-/// What a client asks of a sequence, or begins one with.
+/// What the owner of a script asks of it.
 #[derive(Debug)]
-pub enum SequenceCall {
-    /// Be told that its owner is still there.
-    Renew,
+pub enum Asked {
     /// Send these lines.
     Lines(Batch),
-    /// Gather.
-    Gather(GatherCall),
-    /// End the gather of the caller, or of the user with this number.
-    GatherStop {
-        /// The user.
-        uid: Option<u32>,
-    },
-    /// Stream into a rotary buffer.
-    Rotary(RotaryCall),
-    /// No line follows in the rotary buffer with this index.
-    RotaryFinish(usize),
-    /// End the stream into the rotary buffer with this index.
-    RotaryStop(usize),
-}
-
-/// A step machine; the module tells how it is driven.
-pub trait Sequence: fmt::Debug + Send {
-    /// What it has of the board.
-    fn resource(&self) -> Resource;
-
-    /// What people call it: `download`, `gather`.
-    fn name(&self) -> &str;
-
-    /// Whether its lines so far have opened a program buffer that they have not closed. Its next line is refused if somebody else
-    /// has closed it: the board would carry it out at once.
-    fn is_inside(&self) -> bool {
-        false
-    }
-
-    /// The coordinate systems whose programs it feeds, bit 0 being number 1. An abort of one of them ends it.
-    fn feeds(&self) -> u32 {
-        0
-    }
-
-    /// How many lines its end leaves that nobody expects, in the rotary buffers of the coordinate systems that it feeds; `None` where
-    /// it has changed nothing there. Told when it is over.
-    fn leaves(&self) -> Option<u64> {
-        None
-    }
-
-    /// What its end still has to do on the board, if it waits for somebody else with that.
-    fn unfinished(&self) -> Option<String> {
-        None
-    }
-
-    /// The next step. `done` is what became of the line or job before; `None` at the beginning, and after every other step.
-    fn next(&mut self, done: Option<Done>, now: Instant) -> Step;
-
-    /// Whether it has steps of its own while its owner says nothing: [`Self::next`] is called again after a [`Step::Answer`].
-    fn watches(&self) -> bool {
-        false
-    }
-
-    /// Its owner calls: the steps that follow are for this call.
-    ///
-    /// # Errors
-    /// What to answer instead; nothing changes then.
-    fn asked(&mut self, call: SequenceCall, now: Instant) -> Result<(), CallError>;
-
-    /// Somebody has stopped all motion, and the lines that wait are not sent any more, for this reason: nor are those that
-    /// would follow here.
-    fn drop_lines(&mut self, _reason: Text<REASON_MAX>) {}
-
-    /// It ends, for this reason. Told once.
-    fn end(&mut self, why: Ending);
-}
-
-/// The step that sends `text`.
-fn line(text: impl fmt::Display, timeout: Duration) -> Step {
-    Step::Line { line: Text::of(&text), timeout }
-}
-
-/// The step that asks `text`.
-fn ask(text: impl fmt::Display, timeout: Duration) -> Step {
-    Step::Ask { line: Text::of(&text), timeout }
+    /// No line follows in the rotary buffer.
+    Finish,
+    /// End.
+    Stop,
 }
 
 /// The first line of a reply.

@@ -5,12 +5,13 @@
 //! While somebody has a program buffer open the line would enter that: it is sent when the buffer is closed.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::end_retry::{EndRetry, is_kept_back, was_set_meanwhile};
-use super::{Done, END_STEP, Step, ask};
+use super::script::Io;
+use super::{Done, Request};
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
-use crate::protocol::answer;
+use crate::protocol::{CallError, Reply, answer};
 
 /// How long what is known not to have been sent is tried.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -35,6 +36,36 @@ impl Entry {
     fn is_back(&self) -> bool {
         self.variable.as_ref().is_some_and(|(_, old)| self.ours.as_ref() == Some(old))
     }
+
+    /// Sends the line; one that puts back a variable where that is still as the sequence has set it. What is said of that in the end,
+    /// and how the step came out that may be tried again.
+    async fn carry_out(&self, io: &Io) -> (Option<String>, Option<Outcome>) {
+        if let Some((name, old)) = &self.variable {
+            let asked = io.ask(name).await;
+            let found = match &asked.result {
+                Ok(_) => value(&asked),
+                Err(error) => {
+                    let may_go = asked.outcome.is_unsent() || asked.outcome == Outcome::TimedOut;
+                    return (self.failed(error), may_go.then_some(asked.outcome));
+                }
+            };
+            match found {
+                Some(found) if found == *old => return (None, None),
+                Some(found) if self.ours.as_ref().is_some_and(|ours| *ours != found) => {
+                    return (Some(was_set_meanwhile(name, &found)), None);
+                }
+                _ => {}
+            }
+        }
+        let sent = io.line(&self.line).await;
+        let note = sent.result.err().and_then(|error| self.failed(&error));
+        (note, sent.outcome.is_unsent().then_some(sent.outcome))
+    }
+
+    fn failed(&self, error: &CallError) -> Option<String> {
+        let text = &*self.line;
+        (!self.is_back()).then(|| format!("{text:?}, which puts the board back, failed: {error}"))
+    }
 }
 
 /// The variable that `line` sets, and the value.
@@ -45,13 +76,10 @@ fn variable_of(line: &Text<LINE_MAX>) -> Option<(String, String)> {
     is_name.then(|| (name.to_ascii_uppercase(), value.trim().to_owned()))
 }
 
-/// The lines of the end, and how far it is with them.
-#[derive(Debug)]
+/// The lines of the end that have not been carried out.
+#[derive(Debug, Default)]
 pub(super) struct PutBack {
     entries: VecDeque<Entry>,
-    /// The line of the first entry is under way, not the question.
-    sends: bool,
-    retry: EndRetry,
     notes: Vec<String>,
 }
 
@@ -59,7 +87,7 @@ impl PutBack {
     /// These lines.
     pub(super) fn new(lines: VecDeque<Text<LINE_MAX>>) -> Self {
         let entries = lines.into_iter().map(Entry::new).collect();
-        Self { entries, sends: false, retry: EndRetry::new(PATIENCE, true), notes: Vec::new() }
+        Self { entries, notes: Vec::new() }
     }
 
     /// The same end, as a later call names it.
@@ -83,9 +111,9 @@ impl PutBack {
     }
 
     /// What is to be asked after the lines so far.
-    pub(super) fn question(&self) -> Option<Step> {
+    pub(super) fn question(&self) -> Option<Request> {
         let (name, _) = self.entries.iter().find(|entry| entry.is_set)?.variable.as_ref()?;
-        Some(ask(name, END_STEP))
+        Some(Request::Ask(Text::of(name)))
     }
 
     /// The answer to that. Where there is none, what is found at the end counts as set by the sequence.
@@ -96,67 +124,37 @@ impl PutBack {
         }
     }
 
-    /// The next step of the end; `None` when nothing is left to do.
-    pub(super) fn step(&mut self) -> Option<Step> {
-        let entry = self.entries.front()?;
-        match &entry.variable {
-            Some((name, _)) if !self.sends => Some(ask(name, END_STEP)),
-            _ => {
-                self.sends = true;
-                Some(Step::Line { line: entry.line, timeout: END_STEP })
+    /// Carries the lines out, for a sequence of this kind, whose owner is told `result` of the notes so far if that takes long.
+    pub(super) async fn carry_out(
+        &mut self,
+        io: &Io,
+        kind: &str,
+        result: impl Fn(Vec<String>) -> Result<Reply, CallError>,
+    ) {
+        let mut retry = EndRetry::new(PATIENCE, true);
+        while let Some(entry) = self.entries.front() {
+            let (note, may_go) = entry.carry_out(io).await;
+            if let Some(outcome) = may_go.filter(|_| entry.variable.is_some() && !entry.is_back())
+                && retry.rests(io, outcome, self.unfinished(kind), || result(self.notes.clone())).await
+            {
+                // Somebody may have set another value meanwhile: the board is asked again.
+                continue;
+            }
+            self.notes.extend(note);
+            self.entries.pop_front();
+            if retry.is_kept_back() {
+                io.set_unfinished(self.unfinished(kind));
             }
         }
-    }
-
-    /// What became of it. When to go on, if not now: `is_last` where nothing can be tried again.
-    pub(super) fn take(&mut self, done: &Done, is_last: bool, now: Instant) -> Option<Instant> {
-        let entry = self.entries.front()?;
-        let sends = std::mem::take(&mut self.sends);
-        let can_be_tried = done.outcome.is_unsent() || !sends && done.outcome == Outcome::TimedOut;
-        if can_be_tried && !is_last && entry.variable.is_some() && !entry.is_back() {
-            // Somebody may set another value meanwhile: the board is asked again.
-            let again = self.retry.again(done.outcome, now);
-            if again.is_some() {
-                return again;
-            }
-        }
-        let note = match (&entry.variable, &done.result) {
-            (Some((name, old)), Ok(_)) if !sends => match value(done) {
-                Some(found) if found == *old => None,
-                Some(found) if entry.ours.as_ref().is_some_and(|ours| *ours != found) => {
-                    Some(was_set_meanwhile(name, &found))
-                }
-                _ => {
-                    self.sends = true;
-                    return None;
-                }
-            },
-            (_, Ok(_)) => None,
-            (_, Err(_)) if entry.is_back() => None,
-            (_, Err(error)) => {
-                Some(format!("{:?}, which puts the board back, failed: {error}", &*entry.line))
-            }
-        };
-        self.notes.extend(note);
-        self.entries.pop_front();
-        None
-    }
-
-    /// Whether the owner is to be told now: he does not wait for what may take long.
-    pub(super) fn tells_now(&mut self) -> bool {
-        self.retry.tells_now()
     }
 
     /// What could not be done.
-    pub(super) fn notes(&self) -> &[String] {
-        &self.notes
+    pub(super) fn notes(&self) -> Vec<String> {
+        self.notes.clone()
     }
 
     /// What waits for an open program buffer, of a sequence of this kind.
-    pub(super) fn unfinished(&self, kind: &str) -> Option<String> {
-        if !self.retry.is_kept_back() {
-            return None;
-        }
+    fn unfinished(&self, kind: &str) -> Option<String> {
         let kept = self.entries.iter().filter(|entry| !entry.is_back()).filter_map(|entry| {
             let (name, old) = entry.variable.as_ref()?;
             Some(is_kept_back(name, entry.ours.as_deref().unwrap_or("set"), old, kind))

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::Request;
 use super::script::Io;
 use crate::map::Family;
 
@@ -14,7 +15,7 @@ pub(super) async fn report_runs(io: &Io, family: &Family, patience: Duration) ->
     let until = io.now() + patience;
     let mut first = None;
     loop {
-        let looked = io.read(family.servo.timer.low, 1).await;
+        let looked = io.request(Request::Read { first: family.servo.timer.low, count: 1 }).await;
         if looked.words.first().is_some_and(|word| first.get_or_insert(*word) != word) {
             return true;
         }
@@ -30,7 +31,7 @@ mod tests {
     use std::time::Instant;
 
     use super::super::script::Script;
-    use super::super::{Done, Resource, Sequence, Step};
+    use super::super::{Done, Resource, Step};
     use super::*;
     use crate::daemon::shared::queue::Outcome;
     use crate::map::PMAC;
@@ -48,7 +49,7 @@ mod tests {
         let mut now = began;
         loop {
             match script.next(done.take(), now) {
-                Step::Read { .. } => {
+                Step::Board(..) => {
                     done = Some(Done {
                         outcome: Outcome::Done,
                         result: Ok(Vec::new()),

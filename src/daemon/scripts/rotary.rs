@@ -32,7 +32,7 @@ pub use self::call::RotaryCall;
 use self::count::Count;
 pub use self::count::lines_left;
 use super::script::{Io, Script};
-use super::{Done, Resource};
+use super::{Done, Request, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Outcome;
 use crate::function::rotary::RotaryState;
@@ -160,7 +160,8 @@ impl<'a> Rotary<'a> {
         self.found = self.lines_left(has_one).await?;
         self.count.kept = self.found;
         if self.found > 0 {
-            let header = self.io.read(self.call.header, HEADER_WORDS).await;
+            let header =
+                self.io.request(Request::Read { first: self.call.header, count: HEADER_WORDS }).await;
             self.decide_on_left(&header.words)?;
         }
         Ok(())
@@ -169,7 +170,7 @@ impl<'a> Rotary<'a> {
     /// Ends the transfer, or, where no I-variable ends it, sees that the rotary buffers are closed.
     async fn disable(&mut self) -> Result<(), CallError> {
         if self.has_switch() {
-            let sent = self.io.line(self.switch(0)).await;
+            let sent = self.io.line(&self.switch(0)).await;
             self.switched = !sent.outcome.is_unsent();
             return sent.result.map(drop);
         }
@@ -213,7 +214,7 @@ impl<'a> Rotary<'a> {
         self.set_up = !set_up.outcome.is_unsent();
         set_up.result?;
         if self.has_switch() {
-            self.io.line(self.switch(1)).await.result?;
+            self.io.line(&self.switch(1)).await.result?;
         }
         Ok(())
     }
@@ -317,8 +318,8 @@ impl<'a> Rotary<'a> {
     async fn ask_runs(&self) -> Option<bool> {
         let cs = self.call.coordinate_system;
         let (done, index) = match self.asks_all() {
-            true => (self.io.control(ALL_STATUS).await, usize::from(cs) - 1),
-            false => (self.io.line(format!("&{cs}??")).await, 0),
+            true => (self.io.request(Request::Control(ALL_STATUS)).await, usize::from(cs) - 1),
+            false => (self.io.line(&format!("&{cs}??")).await, 0),
         };
         self.is_running(&done.result.ok()?, index)
     }

@@ -13,9 +13,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
-use super::{Done, END_STEP, Ending, Resource, STEP, Sequence, SequenceCall, Step, ask, line};
+use super::{Asked, CHECK, Done, END_STEP, Ending, Request, Resource, STEP, Step};
 use crate::daemon::shared::job::Job;
-use crate::map::HostOffset;
+use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::map::masks::Systems;
 use crate::protocol::{CallError, Reply};
 
@@ -26,7 +26,8 @@ struct Exchange {
     step: Option<Step>,
     done: Option<Done>,
     /// What the owner calls, besides for the end.
-    asked: Option<SequenceCall>,
+    asked: Option<Asked>,
+    dropped: Option<Text<REASON_MAX>>,
     ending: Option<Ending>,
     /// The owner has asked for the end.
     is_stopped: bool,
@@ -34,6 +35,7 @@ struct Exchange {
     is_end: bool,
     /// The client that has ended on the board what the script does, as of the latest outcome.
     ended_by: Option<String>,
+    is_inside: bool,
     unfinished: Option<String>,
     leaves: Option<u64>,
 }
@@ -77,6 +79,21 @@ impl Io {
         self.with(|exchange| exchange.unfinished = unfinished);
     }
 
+    /// Whether the script is ended.
+    pub(super) fn is_ended(&self) -> bool {
+        self.with(|exchange| exchange.is_ended())
+    }
+
+    /// Why no line is sent any more but those of the end, once a client has stopped all motion.
+    pub(super) fn dropped(&self) -> Option<Text<REASON_MAX>> {
+        self.with(|exchange| exchange.dropped)
+    }
+
+    /// Whether the lines so far have opened a program buffer that they have not closed.
+    pub(super) fn set_inside(&self, is_inside: bool) {
+        self.with(|exchange| exchange.is_inside = is_inside);
+    }
+
     /// The end leaves so many lines that nobody expects, in the rotary buffers of the coordinate systems that the script feeds.
     pub(super) fn leaves(&self, lines: u64) {
         self.with(|exchange| exchange.leaves = Some(lines));
@@ -95,7 +112,7 @@ impl Io {
     ) -> Option<CallError> {
         let mut part = pin!(part);
         let result = poll_fn(|context| match part.as_mut().poll(context) {
-            Poll::Pending if self.with(|exchange| exchange.is_ended()) => Poll::Ready(Ok(())),
+            Poll::Pending if self.is_ended() => Poll::Ready(Ok(())),
             other => other,
         });
         let result = result.await;
@@ -108,52 +125,39 @@ impl Io {
         self.with(|exchange| (exchange.step, exchange.is_end) = (None, true));
     }
 
-    /// Has the bus thread do `step`. What became of it.
-    pub(super) async fn board(&self, step: Step) -> Done {
-        self.with(|exchange| exchange.step = Some(step));
+    /// Has the bus thread do this. What became of it.
+    pub(super) async fn request(&self, request: Request) -> Done {
+        let timeout = if self.with(|exchange| exchange.is_end) { END_STEP } else { STEP };
+        self.request_within(request, timeout).await
+    }
+
+    /// The same, within so long.
+    pub(super) async fn request_within(&self, request: Request, timeout: Duration) -> Done {
+        self.with(|exchange| exchange.step = Some(Step::Board(request, timeout)));
         let done = poll_fn(|_| self.with(|exchange| exchange.done.take().map_or(Poll::Pending, Poll::Ready)));
         let done = done.await;
         self.with(|exchange| exchange.ended_by.clone_from(&done.ended_by));
         done
     }
 
-    fn timeout(&self) -> Duration {
-        if self.with(|exchange| exchange.is_end) { END_STEP } else { STEP }
-    }
-
     /// Sends a line.
-    pub(super) async fn line(&self, text: impl fmt::Display) -> Done {
-        self.board(line(text, self.timeout())).await
+    pub(super) async fn line(&self, text: &str) -> Done {
+        self.request(Request::Line(Text::from(text))).await
     }
 
     /// Asks the board, unless a program buffer is open.
-    pub(super) async fn ask(&self, text: impl fmt::Display) -> Done {
-        self.ask_within(text, self.timeout()).await
-    }
-
-    /// The same, and the board may take so long.
-    pub(super) async fn ask_within(&self, text: impl fmt::Display, timeout: Duration) -> Done {
-        self.board(ask(text, timeout)).await
+    pub(super) async fn ask(&self, text: &str) -> Done {
+        self.request(Request::Ask(Text::from(text))).await
     }
 
     /// Has the bus thread do a job.
     pub(super) async fn job(&self, job: Job) -> Done {
-        self.board(Step::Job { job: Box::new(job), timeout: self.timeout() }).await
-    }
-
-    /// Sends a control character that has an answer.
-    pub(super) async fn control(&self, character: u8) -> Done {
-        self.board(Step::Control { character, timeout: self.timeout() }).await
-    }
-
-    /// Reads words of the DPRAM.
-    pub(super) async fn read(&self, first: HostOffset, count: usize) -> Done {
-        self.board(Step::Read { first, count, timeout: self.timeout() }).await
+        self.request(Request::Job(Box::new(job))).await
     }
 
     /// Finds out whether the board has been reset since a check before.
     pub(super) async fn check(&self) -> Done {
-        self.board(Step::Check).await
+        self.request_within(Request::Check, CHECK).await
     }
 
     /// Hands the service a step that has no outcome.
@@ -165,6 +169,11 @@ impl Io {
             false => Poll::Pending,
         })
         .await;
+    }
+
+    /// Tells the owner something, as one of several replies.
+    pub(super) async fn tell(&self, reply: Reply) {
+        self.pass(Step::Tell(reply)).await;
     }
 
     /// Answers the owner's call.
@@ -194,11 +203,19 @@ impl Io {
         self.rest_until(self.now() + pause).await;
     }
 
-    /// Does nothing until an end comes.
-    pub(super) async fn rest_until_ended(&self) {
-        while self.with(|exchange| !exchange.is_ended()) {
-            self.pass(Step::Rest).await;
-        }
+    /// Does nothing until the owner calls, which it gives, or an end comes.
+    pub(super) async fn asked(&self) -> Option<Asked> {
+        poll_fn(|_| {
+            self.with(|exchange| {
+                let asked = exchange.asked.take();
+                if asked.is_some() || exchange.is_ended() {
+                    return Poll::Ready(asked);
+                }
+                exchange.step = Some(Step::Rest);
+                Poll::Pending
+            })
+        })
+        .await
     }
 }
 
@@ -207,7 +224,7 @@ type Run = Pin<Box<dyn Future<Output = Result<Reply, CallError>> + Send>>;
 /// The service's side.
 pub struct Script {
     resource: Resource,
-    name: &'static str,
+    name: String,
     feeds: Systems,
     io: Io,
     run: Run,
@@ -215,11 +232,12 @@ pub struct Script {
 
 impl Script {
     /// The script `run`, of which nothing has been done.
-    pub(super) fn new<F>(resource: Resource, name: &'static str, run: impl FnOnce(Io) -> F) -> Self
+    pub(super) fn new<F>(resource: Resource, name: &str, run: impl FnOnce(Io) -> F) -> Self
     where
         F: Future<Output = Result<Reply, CallError>> + Send + 'static,
     {
         let io = Io::default();
+        let name = name.to_owned();
         Self { resource, name, feeds: Systems::NONE, run: Box::pin(run(io.clone())), io }
     }
 
@@ -227,37 +245,41 @@ impl Script {
     pub(super) fn feeding(self, feeds: Systems) -> Self {
         Self { feeds, ..self }
     }
-}
 
-impl fmt::Debug for Script {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut shown = f.debug_struct("Script");
-        self.io.with(|exchange| shown.field("name", &self.name).field("exchange", exchange).finish())
-    }
-}
-
-impl Sequence for Script {
-    fn resource(&self) -> Resource {
+    /// What it has of the board.
+    pub const fn resource(&self) -> Resource {
         self.resource
     }
 
-    fn name(&self) -> &str {
-        self.name
+    /// What people call it: `download`, `gather`.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
-    fn feeds(&self) -> u32 {
-        self.feeds.bits()
+    /// The coordinate systems whose programs it feeds. An abort of one of them ends it.
+    pub const fn feeds(&self) -> Systems {
+        self.feeds
     }
 
-    fn leaves(&self) -> Option<u64> {
+    /// Whether its lines so far have opened a program buffer that they have not closed. Its next line is refused if somebody else
+    /// has closed it: the board would carry it out at once.
+    pub fn is_inside(&self) -> bool {
+        self.io.with(|exchange| exchange.is_inside)
+    }
+
+    /// How many lines its end leaves that nobody expects, in the rotary buffers of the coordinate systems that it feeds; `None` where
+    /// it has changed nothing there. Told when it is over.
+    pub fn leaves(&self) -> Option<u64> {
         self.io.with(|exchange| exchange.leaves)
     }
 
-    fn unfinished(&self) -> Option<String> {
+    /// What its end still has to do on the board, if it waits for another client with that.
+    pub fn unfinished(&self) -> Option<String> {
         self.io.unfinished()
     }
 
-    fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
+    /// The next step. `done` is what became of a step that the bus thread does; `None` at the beginning, and after every other step.
+    pub fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
         let is_answered = self.io.with(|exchange| {
             exchange.now = Some(now);
             exchange.done = done.or(exchange.done.take());
@@ -273,19 +295,40 @@ impl Sequence for Script {
         }
     }
 
-    fn watches(&self) -> bool {
-        true
+    /// Its owner calls: the steps that follow are for this call.
+    ///
+    /// # Errors
+    /// What to answer instead; nothing changes then.
+    pub fn ask(&mut self, asked: Asked) -> Result<(), CallError> {
+        let name = &self.name;
+        self.io.with(|exchange| {
+            match asked {
+                Asked::Lines(batch) if batch.kind() != name || exchange.is_end => {
+                    let reason = format!("this connection has a {name}, which must end first");
+                    return Err(CallError::Refused { reason });
+                }
+                Asked::Stop => exchange.is_stopped = true,
+                asked => exchange.asked = Some(asked),
+            }
+            Ok(())
+        })
     }
 
-    fn asked(&mut self, call: SequenceCall, _: Instant) -> Result<(), CallError> {
-        self.io.with(|exchange| match call {
-            SequenceCall::GatherStop { .. } | SequenceCall::RotaryStop(_) => exchange.is_stopped = true,
-            call => exchange.asked = Some(call),
-        });
-        Ok(())
+    /// Somebody has stopped all motion, and the lines that wait are not sent any more, for this reason: nor are those that
+    /// would follow here.
+    pub fn drop_lines(&self, reason: Text<REASON_MAX>) {
+        self.io.with(|exchange| exchange.dropped = Some(reason));
     }
 
-    fn end(&mut self, why: Ending) {
+    /// It ends, for this reason. Told once.
+    pub fn end(&self, why: Ending) {
         self.io.with(|exchange| exchange.ending = Some(why));
+    }
+}
+
+impl fmt::Debug for Script {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = f.debug_struct("Script");
+        self.io.with(|exchange| shown.field("name", &self.name).field("exchange", exchange).finish())
     }
 }

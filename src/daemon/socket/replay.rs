@@ -2,7 +2,7 @@
 //! Everything else would move, set or stop something, and there is nothing to move.
 
 use super::methods::{Action, Ask};
-use crate::daemon::scripts::SequenceCall;
+use super::sequences::SequenceCall;
 use crate::protocol::{CallError, control};
 use crate::recording::Replies;
 

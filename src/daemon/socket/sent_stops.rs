@@ -52,10 +52,10 @@ impl SentStops {
 
     /// Who has ended what sequence `number` does, if somebody here did: `uid 0 (pid 7) sent ENDGATHER`.
     pub(super) fn that_ended(&self, number: u64, running: &Running, family: &Family) -> Option<String> {
-        let Running { machine, owner, .. } = running;
-        let ends = |LineEnds { systems, rotary, gather, buffer, .. }: &LineEnds| match machine.resource() {
+        let Running { script, owner, .. } = running;
+        let ends = |LineEnds { systems, rotary, gather, buffer, .. }: &LineEnds| match script.resource() {
             Resource::Gather => *gather,
-            Resource::Rotary(_) => *buffer || (systems | rotary) & machine.feeds() != 0,
+            Resource::Rotary(_) => *buffer || (systems | rotary) & script.feeds().bits() != 0,
             Resource::Lines => *buffer,
         };
         let is_others = |sent: &&Sent| sent.at >= owner.since && sent.sequence != Some(number);

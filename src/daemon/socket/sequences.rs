@@ -8,10 +8,32 @@ use nix::unistd::Uid;
 
 use super::call_table::Caller;
 use super::leftovers::LineEffect;
-use crate::daemon::scripts::{Ending, LEASE, Resource, Sequence};
+use crate::daemon::scripts::{Batch, Ending, GatherCall, LEASE, Resource, RotaryCall, Script};
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::protocol::{CallError, Reply};
+
+/// What a client asks of a sequence, or begins one with.
+#[derive(Debug)]
+pub enum SequenceCall {
+    /// Be told that its owner is still there.
+    Renew,
+    /// Send these lines.
+    Lines(Batch),
+    /// Gather.
+    Gather(GatherCall),
+    /// End the gather of the caller, or of the user with this number.
+    GatherStop {
+        /// The user.
+        uid: Option<u32>,
+    },
+    /// Stream into a rotary buffer.
+    Rotary(RotaryCall),
+    /// No line follows in the rotary buffer with this index.
+    RotaryFinish(usize),
+    /// End the stream into the rotary buffer with this index.
+    RotaryStop(usize),
+}
 
 /// Whose a sequence is.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +70,7 @@ impl Waits {
 #[derive(Debug)]
 pub(super) struct Running {
     /// What to do.
-    pub machine: Box<dyn Sequence>,
+    pub script: Script,
     /// Whose it is.
     pub owner: Owner,
     /// The owner's call that waits for an answer.
@@ -79,20 +101,20 @@ struct InUse<'a>(&'a Running, Instant);
 
 impl fmt::Display for InUse<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(Running { machine, owner: Owner { peer, since, .. }, ending, .. }, now) = self;
+        let Self(Running { script, owner: Owner { peer, since, .. }, ending, .. }, now) = self;
         let seconds = now.saturating_duration_since(*since).as_secs();
-        let resource = machine.resource();
+        let resource = script.resource();
         write!(
             f,
             "{resource}: uid {} (pid {}) has run a {} for {seconds} s",
             peer.uid,
             peer.pid,
-            machine.name()
+            script.name()
         )?;
         if let Some(why) = ending {
             write!(f, ", which pmacd is ending ({why})")?;
         }
-        match machine.unfinished() {
+        match script.unfinished() {
             Some(unfinished) => write!(f, "; {unfinished}"),
             None => Ok(()),
         }
@@ -113,14 +135,9 @@ impl Sequences {
     ///
     /// # Errors
     /// Who has what it needs.
-    pub(super) fn begin(
-        &mut self,
-        machine: Box<dyn Sequence>,
-        caller: Caller,
-        now: Instant,
-    ) -> Result<u64, CallError> {
-        let resource = machine.resource();
-        if let Some(other) = self.running.values().find(|other| other.machine.resource().excludes(resource)) {
+    pub(super) fn begin(&mut self, script: Script, caller: Caller, now: Instant) -> Result<u64, CallError> {
+        let resource = script.resource();
+        if let Some(other) = self.running.values().find(|other| other.script.resource().excludes(resource)) {
             let reason = format!("{}; nothing was sent, try again when it is over", InUse(other, now));
             return Err(CallError::Refused { reason });
         }
@@ -128,7 +145,7 @@ impl Sequences {
         let number = self.next;
         self.next += 1;
         let running = Running {
-            machine,
+            script,
             owner,
             call: Some(caller),
             waits: Waits::Owner,
@@ -157,7 +174,7 @@ impl Sequences {
         let mut all = self.running.iter();
         let is_it = |running: &Running| {
             running.owner.client == client
-                && running.machine.resource() == resource
+                && running.script.resource() == resource
                 && running.ending.is_none()
         };
         all.find(|(_, running)| is_it(running)).map(|(&number, _)| number)
@@ -166,37 +183,37 @@ impl Sequences {
     /// The sequence on `resource`, with its number.
     pub(super) fn on(&self, resource: Resource) -> Option<(u64, &Running)> {
         let mut all = self.running.iter();
-        all.find(|(_, running)| running.machine.resource() == resource)
+        all.find(|(_, running)| running.script.resource() == resource)
             .map(|(&number, running)| (number, running))
     }
 
     /// The numbers of the sequences that feed programs of the coordinate systems in `mask`, unless they are ending.
     pub(super) fn that_feed(&self, mask: u32) -> Vec<u64> {
-        let feeds = |running: &Running| running.ending.is_none() && running.machine.feeds() & mask != 0;
+        let feeds = |running: &Running| running.ending.is_none() && running.script.feeds().bits() & mask != 0;
         self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
     }
 
     /// The coordinate systems whose programs sequences feed; bit 0 is &1.
     pub(super) fn fed(&self) -> u32 {
-        self.running.values().fold(0, |fed, running| fed | running.machine.feeds())
+        self.running.values().fold(0, |fed, running| fed | running.script.feeds().bits())
     }
 
     /// Whether a sequence is ending that feeds a program of the coordinate systems in `mask`.
     pub(super) fn is_ending_feed(&self, mask: u32) -> bool {
         let mut all = self.running.values();
-        all.any(|running| running.ending.is_some() && running.machine.feeds() & mask != 0)
+        all.any(|running| running.ending.is_some() && running.script.feeds().bits() & mask != 0)
     }
 
     /// What sequences that are ending still have to do on the board.
     pub(super) fn unfinished(&self) -> Vec<String> {
-        self.running.values().filter_map(|running| running.machine.unfinished()).collect()
+        self.running.values().filter_map(|running| running.script.unfinished()).collect()
     }
 
     /// What other users than `uid` run.
     pub(super) fn of_others(&self, uid: Uid) -> impl Iterator<Item = String> {
         let others = self.running.values().filter(move |running| running.owner.peer.uid != uid);
-        others.map(|Running { machine, owner: Owner { peer, .. }, .. }| {
-            format!("the {} of uid {} (pid {})", machine.name(), peer.uid, peer.pid)
+        others.map(|Running { script, owner: Owner { peer, .. }, .. }| {
+            format!("the {} of uid {} (pid {})", script.name(), peer.uid, peer.pid)
         })
     }
 
@@ -246,7 +263,7 @@ impl Sequences {
 
     /// No sequence sends a line any more, but those of its end.
     pub(super) fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
-        self.running.values_mut().for_each(|running| running.machine.drop_lines(reason));
+        self.running.values_mut().for_each(|running| running.script.drop_lines(reason));
     }
 
     /// A sequence is over.

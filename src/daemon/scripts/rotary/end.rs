@@ -8,9 +8,9 @@ use log::warn;
 use super::count::lines_left;
 use super::{Rotary, refused};
 use crate::daemon::scripts::end_retry::EndRetry;
-use crate::daemon::scripts::{Done, END_STEP, Ending, Step, line};
+use crate::daemon::scripts::{Done, Ending, Request};
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::Outcome;
+use crate::daemon::shared::queue::{Outcome, Text};
 use crate::protocol::board::RotaryStopReply;
 use crate::protocol::{CallError, Reply};
 
@@ -45,7 +45,7 @@ impl Rotary<'_> {
         if self.opened {
             // Another buffer is open, so the rotary buffers are closed: one is open at a time.
             let is_closed = |outcome| matches!(outcome, Outcome::Barred(_));
-            let closed = self.end_step(retry, line("CLOSE", END_STEP), is_closed).await;
+            let closed = self.end_step(retry, line("CLOSE"), is_closed).await;
             self.opened = false;
             if let Err(error) = closed.result
                 && !is_closed(closed.outcome)
@@ -56,7 +56,7 @@ impl Rotary<'_> {
             }
         }
         if self.switched {
-            let ended = self.end_step(retry, line(self.switch(0), END_STEP), |_| false).await;
+            let ended = self.end_step(retry, line(&self.switch(0)), |_| false).await;
             self.notes
                 .extend(ended.result.err().map(|error| format!("the end of the transfer failed ({error})")));
         }
@@ -64,7 +64,7 @@ impl Rotary<'_> {
             let buffer = self.call.buffer;
             // A reset has taken the buffer, and with it the lines that waited.
             let is_lost = |outcome| matches!(outcome, Outcome::Refused(_));
-            let job = |job| Step::Job { job: Box::new(job), timeout: END_STEP };
+            let job = |job| Request::Job(Box::new(job));
             self.end_step(retry, job(Job::RotaryFinish(buffer)), is_lost).await;
             let seen = self.end_step(retry, job(Job::RotaryState(buffer)), is_lost).await;
             self.see(seen.rotary);
@@ -87,7 +87,7 @@ impl Rotary<'_> {
 
     async fn send_quit(&mut self, retry: &mut EndRetry) {
         let cs = self.call.coordinate_system;
-        let sent = self.end_step(retry, line(format!("&{cs}Q"), END_STEP), |_| false).await;
+        let sent = self.end_step(retry, line(&format!("&{cs}Q")), |_| false).await;
         self.quit = sent.result.is_ok();
         if let Err(error) = sent.result {
             return self.notes.push(format!("&{cs}Q failed ({error}): the program may still run"));
@@ -110,15 +110,15 @@ impl Rotary<'_> {
     }
 
     async fn ask_runs_at_end(&mut self, retry: &mut EndRetry) -> Option<bool> {
-        let step = line(format!("&{}??", self.call.coordinate_system), END_STEP);
-        let asked = self.end_step(retry, step, |_| false).await;
+        let question = line(&format!("&{}??", self.call.coordinate_system));
+        let asked = self.end_step(retry, question, |_| false).await;
         self.is_running(&asked.result.ok()?, 0)
     }
 
     /// Counts what is left in the board's own buffer, and compares that with what the board took.
     async fn count_left(&mut self, retry: &mut EndRetry) {
         let cs = self.call.coordinate_system;
-        let asked = self.end_step(retry, line(format!("&{cs}PR"), END_STEP), |_| false).await;
+        let asked = self.end_step(retry, line(&format!("&{cs}PR")), |_| false).await;
         self.left = asked.result.ok().and_then(|lines| lines_left(&lines).ok());
         if self.started && matches!(asked.outcome, Outcome::Error(_)) {
             let by = self.io.ended_by();
@@ -141,12 +141,12 @@ impl Rotary<'_> {
     async fn end_step(
         &mut self,
         retry: &mut EndRetry,
-        step: Step,
+        request: Request,
         is_final: impl Fn(Outcome) -> bool,
     ) -> Done {
         let io = self.io.clone();
         loop {
-            let done = io.board(step.clone()).await;
+            let done = io.request(request.clone()).await;
             let may_go = done.outcome.is_unsent() && !is_final(done.outcome);
             if !may_go || !retry.rests(&io, done.outcome, self.unfinished(), || self.result()).await {
                 return done;
@@ -155,17 +155,17 @@ impl Rotary<'_> {
     }
 
     /// What an open program buffer keeps back.
-    fn unfinished(&self) -> String {
+    fn unfinished(&self) -> Option<String> {
         let cs = self.call.coordinate_system;
         let program = if self.runs {
             format!("&{cs} may still run it (abort {cs} ends that); ")
         } else {
             String::new()
         };
-        format!(
+        Some(format!(
             "the end of the rotary stream into &{cs} is not carried out; {program}pmacd goes on when the open program buffer is \
              closed"
-        )
+        ))
     }
 
     /// What the owner is told in the end.
@@ -192,4 +192,8 @@ impl Rotary<'_> {
             notes,
         })
     }
+}
+
+fn line(text: &str) -> Request {
+    Request::Line(Text::from(text))
 }

@@ -6,25 +6,23 @@ use log::info;
 
 use super::Service;
 use crate::daemon::scripts::{
-    Batch, Done, Ending, Found, Lines, Resource, Sequence, SequenceCall, Step, gather, rotary, stop_gather,
+    Asked, Batch, Done, Ending, Found, Request, Resource, Script, Step, gather, lines, rotary, stop_gather,
 };
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::resets;
-use crate::daemon::socket::sequences::{Sequences, Waits};
+use crate::daemon::socket::sequences::{Running, SequenceCall, Sequences, Waits};
 use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
 
 /// How long a sequence waits for its owner to fetch what it has been told.
 const UNFETCHED: Duration = Duration::from_millis(20);
-/// How long the board may take for a check.
-const CHECK: Duration = Duration::from_secs(2);
 
 /// The owner's call, and what it is answered.
 type Answer = (Caller, Result<Reply, CallError>);
@@ -49,33 +47,33 @@ impl Service {
                     batch.all_lines().try_for_each(|line| self.spares_others(caller, line))?;
                 }
                 match self.sequences.of_client(caller.client, Resource::Lines) {
-                    Some(number) => self.ask_sequence(number, caller, SequenceCall::Lines(batch), now),
+                    Some(number) => self.ask_sequence(number, caller, Asked::Lines(batch), now),
                     None if batch.only_ends() => self.finish_lines(caller, batch, now),
-                    None => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
+                    None => self.begin_sequence(caller, lines(batch), now),
                 }
             }
             SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
                 Some(_) => Err(refused("this connection gathers already; GatherStop ends that")),
-                None => self.begin_sequence(caller, Box::new(gather(call, caller.peer)), now),
+                None => self.begin_sequence(caller, gather(call, caller.peer), now),
             },
             SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
             SequenceCall::Rotary(call) => {
-                let machine = rotary(call);
-                match self.sequences.of_client(caller.client, machine.resource()) {
+                let stream = rotary(call);
+                match self.sequences.of_client(caller.client, stream.resource()) {
                     Some(_) => Err(refused("this connection streams already; RotaryStop ends that")),
-                    None => self.begin_sequence(caller, Box::new(machine), now),
+                    None => self.begin_sequence(caller, stream, now),
                 }
             }
             SequenceCall::RotaryFinish(buffer) => {
                 let number = self.own_stream(caller, buffer)?;
-                self.ask_sequence(number, caller, call, now)
+                self.ask_sequence(number, caller, Asked::Finish, now)
             }
             SequenceCall::RotaryStop(buffer) => {
                 let resource = Resource::Rotary(buffer);
                 match self.sequences.on(resource) {
                     Some((number, running)) if running.owner.client == caller.client => {
                         match running.ending {
-                            None => self.ask_sequence(number, caller, call, now),
+                            None => self.ask_sequence(number, caller, Asked::Stop, now),
                             Some(_) => self.wait_for_end(number, caller),
                         }
                     }
@@ -102,7 +100,7 @@ impl Service {
             Some((number, running)) if running.owner.client == caller.client && !running.is_told => {
                 self.wait_for_end(number, caller)
             }
-            _ => self.begin_sequence(caller, Box::new(Lines::new(batch)), now),
+            _ => self.begin_sequence(caller, lines(batch), now),
         }
     }
 
@@ -131,11 +129,11 @@ impl Service {
                 return result.map(Some);
             }
             let family = self.info.family();
-            return self.begin_sequence(caller, Box::new(stop_gather(family, caller.peer)), now);
+            return self.begin_sequence(caller, stop_gather(family, caller.peer), now);
         };
         let owner = running.owner;
         if owner.client == caller.client && running.ending.is_none() {
-            return self.ask_sequence(number, caller, SequenceCall::GatherStop { uid }, now);
+            return self.ask_sequence(number, caller, Asked::Stop, now);
         }
         if owner.peer.uid.as_raw() != uid.unwrap_or(caller.peer.uid.as_raw()) {
             return Err(Sequences::not_yours(running, now));
@@ -177,30 +175,30 @@ impl Service {
         }
     }
 
-    /// Begins `machine` for `caller`. The reply, if there is one at once.
+    /// Begins `script` for `caller`. The reply, if there is one at once.
     pub(super) fn begin_sequence(
         &mut self,
         caller: Caller,
-        machine: Box<dyn Sequence>,
+        script: Script,
         now: Instant,
     ) -> Result<Option<Reply>, CallError> {
-        let name = machine.name().to_owned();
-        let number = self.sequences.begin(machine, caller, now)?;
+        let name = script.name().to_owned();
+        let number = self.sequences.begin(script, caller, now)?;
         let Peer { uid, pid, .. } = caller.peer;
         info!(target: "audit", "uid {uid} pid {pid} begins a {name}");
         self.reply_of(number, caller, now)
     }
 
-    /// Passes the owner's `call` on to sequence `number`. The reply, if there is one at once.
+    /// Passes on to sequence `number` what its owner has `asked`. The reply, if there is one at once.
     pub(super) fn ask_sequence(
         &mut self,
         number: u64,
         caller: Caller,
-        call: SequenceCall,
+        asked: Asked,
         now: Instant,
     ) -> Result<Option<Reply>, CallError> {
         let Some(running) = self.sequences.get_mut(number) else { return Err(CallError::Busy) };
-        running.machine.asked(call, now)?;
+        running.script.ask(asked)?;
         running.call = Some(caller);
         if running.waits.is_board() {
             // What is under way is finished first.
@@ -237,71 +235,10 @@ impl Service {
                 running.waits = Waits::Until(now + UNFETCHED);
                 return None;
             }
-            match running.machine.next(done.take(), now) {
-                Step::Line { line, timeout } => {
-                    let is_streams = running.machine.feeds() != 0;
-                    let may_send = match is_streams {
-                        true => Ok(LineEffect::default()),
-                        false => self.may_send(owner.client, &line, false),
-                    };
-                    match may_send {
-                        Ok(effect) => self.sequences.get_mut(number)?.effect = effect,
-                        Err(refused) => {
-                            let why = Outcome::Refused(Text::of(&refused));
-                            done = Some(self.done(number, why, Err(refused), Found::default()));
-                            continue;
-                        }
-                    }
-                    let running = self.sequences.get_mut(number)?;
-                    running.waits = Waits::Board;
-                    let sends = format!("({}) sends {:?}", running.machine.name(), without_password(&line));
-                    let audit = audit::entry(owner.peer, sends, only_asks_for_variables(line.as_bytes()));
-                    let inside = running.machine.is_inside();
-                    let writer = Writer::Sequence { number, account: owner.peer.account(), inside };
-                    let deadline = now + timeout;
-                    let origin = Origin {
-                        uid: owner.peer.uid.as_raw(),
-                        shown: Text::of(&without_password(&line)),
-                        stays: running.ending.is_some(),
-                    };
-                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), audit, |ticket| {
-                        Command::Send { ticket, line, origin, deadline, writer }
-                    });
-                    return None;
-                }
-                Step::Job { job, timeout } => {
-                    running.waits = Waits::Board;
-                    let deadline = now + timeout;
-                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::Job { ticket, job, deadline }
-                    });
-                    return None;
-                }
-                Step::Check => {
-                    running.waits = Waits::Check(now);
-                    let line = Text::from_bytes(resets::QUESTION.as_bytes());
-                    return self.ask_for_sequence(number, line, now + CHECK);
-                }
-                Step::Ask { line, timeout } => {
-                    running.waits = Waits::Board;
-                    return self.ask_for_sequence(number, line, now + timeout);
-                }
-                Step::Control { character, timeout } => {
-                    running.waits = Waits::Board;
-                    let uid = owner.peer.uid.as_raw();
-                    let deadline = now + timeout;
-                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::Control { ticket, uid, drops_lines: false, character, deadline }
-                    });
-                    return None;
-                }
-                Step::Read { first, count, timeout } => {
-                    running.waits = Waits::Board;
-                    let deadline = now + timeout;
-                    self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| {
-                        Command::ReadWords { ticket, first, count }
-                    });
-                    return None;
+            match running.script.next(done.take(), now) {
+                Step::Board(request, timeout) => {
+                    // A line that may not be sent is a step that is done.
+                    done = Some(self.hand_step(number, request, now + timeout, now)?);
                 }
                 Step::Wait(moment) => {
                     running.waits = Waits::Until(moment);
@@ -318,8 +255,8 @@ impl Service {
                 }
                 Step::Answer(reply) => {
                     // What was left before a stream it has cleared, or runs as its own.
-                    self.leftovers.forget(running.machine.feeds());
-                    running.waits = if running.machine.watches() { Waits::Until(now) } else { Waits::Owner };
+                    self.leftovers.forget(running.script.feeds().bits());
+                    running.waits = Waits::Until(now);
                     let call = running.call.take();
                     self.sequences.renew(owner.client, now);
                     return call.map(|caller| (caller, reply));
@@ -333,49 +270,81 @@ impl Service {
                     }
                     return call.map(|caller| (caller, reply));
                 }
-                Step::Over(reply) => {
-                    let running = self.sequences.over(number)?;
-                    if let Some(lines) = running.machine.leaves() {
-                        self.leftovers.set(running.machine.feeds(), lines, self.resets.count());
-                    }
-                    let (name, Peer { uid, pid, .. }) = (running.machine.name(), owner.peer);
-                    match (&running.ending, &reply) {
-                        (Some(why), _) => {
-                            info!(target: "audit", "the {name} of uid {uid} pid {pid} has been ended: {why}");
-                        }
-                        (None, Err(error)) => {
-                            info!(target: "audit", "the {name} of uid {uid} pid {pid} failed: {error}");
-                        }
-                        (None, Ok(_)) => info!(target: "audit", "the {name} of uid {uid} pid {pid} is over"),
-                    }
-                    if running.call.is_none() && !running.is_told && self.clients.get(owner.client).is_some()
-                    {
-                        let resource = running.machine.resource();
-                        self.sequences.keep_result(owner.client, resource, reply.clone());
-                    }
-                    for waiter in running.waiters {
-                        self.answer(waiter, reply.clone(), now);
-                    }
-                    return running.call.map(|caller| (caller, reply));
-                }
+                Step::Over(reply) => return self.sequence_over(number, reply, now),
             }
         }
     }
 
-    /// Asks the board `line` for sequence `number`, unless somebody has a program buffer open: what the sequence has to send would
-    /// enter that.
-    fn ask_for_sequence(&mut self, number: u64, line: Text<LINE_MAX>, deadline: Instant) -> Option<Answer> {
-        let owner = self.sequences.get_mut(number)?.owner;
-        let origin = Origin { uid: owner.peer.uid.as_raw(), shown: Text::of(&&*line), stays: false };
-        let writer = Writer::Sequence { number, account: owner.peer.account(), inside: false };
-        self.calls.ask(step_of(owner.peer), deadline, Then::Sequence(number), None, |ticket| Command::Send {
-            ticket,
-            line,
-            origin,
-            deadline,
-            writer,
+    /// Hands the bus thread a step of sequence `number`. What became of it, if it is a line that may not be sent.
+    fn hand_step(&mut self, number: u64, request: Request, deadline: Instant, now: Instant) -> Option<Done> {
+        let running = self.sequences.get(number)?;
+        let (peer, client, is_ending) = (running.owner.peer, running.owner.client, running.ending.is_some());
+        let (is_inside, is_stream) = (running.script.is_inside(), !running.script.feeds().is_empty());
+        let (mut effect, mut audit) = (LineEffect::default(), None);
+        if let Request::Line(line) = &request {
+            let sends = format!("({}) sends {:?}", running.script.name(), without_password(line));
+            audit = audit::entry(peer, sends, only_asks_for_variables(line.as_bytes()));
+            if !is_stream {
+                match self.may_send(client, line, false) {
+                    Ok(found) => effect = found,
+                    Err(refused) => {
+                        let why = Outcome::Refused(Text::of(&refused));
+                        return Some(self.done(number, why, Err(refused), Found::default()));
+                    }
+                }
+            }
+        }
+        let running = self.sequences.get_mut(number)?;
+        running.effect = effect;
+        running.waits = if matches!(request, Request::Check) { Waits::Check(now) } else { Waits::Board };
+        let (account, uid) = (peer.account(), peer.uid.as_raw());
+        self.calls.ask(step_of(peer), deadline, Then::Sequence(number), audit, |ticket| {
+            // While somebody has a program buffer open a question is not sent: what the sequence has to send would enter that.
+            let (line, stays, inside) = match request {
+                Request::Line(line) => (line, is_ending, is_inside),
+                Request::Ask(line) => (line, false, false),
+                Request::Check => (Text::from(resets::QUESTION), false, false),
+                Request::Job(job) => return Command::Job { ticket, job, deadline },
+                Request::Control(character) => {
+                    return Command::Control { ticket, uid, drops_lines: false, character, deadline };
+                }
+                Request::Read { first, count } => return Command::ReadWords { ticket, first, count },
+            };
+            let origin = Origin { uid, shown: Text::of(&without_password(&line)), stays };
+            let writer = Writer::Sequence { number, account, inside };
+            Command::Send { ticket, line, origin, deadline, writer }
         });
         None
+    }
+
+    /// Sequence `number` is over, and says this. What its owner's call is answered, if one waits.
+    fn sequence_over(
+        &mut self,
+        number: u64,
+        reply: Result<Reply, CallError>,
+        now: Instant,
+    ) -> Option<Answer> {
+        let Running { script, owner, ending, call, waiters, is_told, .. } = self.sequences.over(number)?;
+        if let Some(lines) = script.leaves() {
+            self.leftovers.set(script.feeds().bits(), lines, self.resets.count());
+        }
+        let (name, Peer { uid, pid, .. }) = (script.name(), owner.peer);
+        match (&ending, &reply) {
+            (Some(why), _) => {
+                info!(target: "audit", "the {name} of uid {uid} pid {pid} has been ended: {why}");
+            }
+            (None, Err(error)) => {
+                info!(target: "audit", "the {name} of uid {uid} pid {pid} failed: {error}");
+            }
+            (None, Ok(_)) => info!(target: "audit", "the {name} of uid {uid} pid {pid} is over"),
+        }
+        if call.is_none() && !is_told && self.clients.get(owner.client).is_some() {
+            self.sequences.keep_result(owner.client, script.resource(), reply.clone());
+        }
+        for waiter in waiters {
+            self.answer(waiter, reply.clone(), now);
+        }
+        call.map(|caller| (caller, reply))
     }
 
     /// Goes on with sequence `number`, and answers its owner's call if that is over.
@@ -442,10 +411,10 @@ impl Service {
         let Some(running) = self.sequences.get_mut(number).filter(|running| running.ending.is_none()) else {
             return;
         };
-        let (name, Peer { uid, pid, .. }) = (running.machine.name(), running.owner.peer);
+        let (name, Peer { uid, pid, .. }) = (running.script.name(), running.owner.peer);
         info!(target: "audit", "ends the {name} of uid {uid} pid {pid}: {why}");
         running.ending = Some(why);
-        running.machine.end(why);
+        running.script.end(why);
         let is_gone = !self.clients.hears(running.owner.client);
         if let Some(caller) = running.call.take_if(|_| is_gone)
             && let Some(client) = self.clients.get_mut(caller.client)
