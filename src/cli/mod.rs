@@ -14,14 +14,12 @@
 //! | `setup` | lines that set a board up, absolute positions |
 //! | `tune` | moves a motor and tells how it answered |
 //! | `capture` | a board in a directory of plain files |
-//! | `compare` | a recorded board and the simulator |
 //! | `doctor` | what is wrong, and what to do |
 //! | `console` | terminal, tables, output files, signals |
 
 mod act;
 mod args;
 mod capture;
-mod compare;
 mod console;
 mod context;
 mod doctor;
@@ -33,7 +31,6 @@ mod plot;
 mod rotary;
 mod setup;
 mod show;
-mod stage;
 mod top;
 mod tune;
 
@@ -124,7 +121,6 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Gather(options) => gather::run(&mut context, &options),
         Command::Log(options) => log::run(&mut context, &options),
         Command::Plot(options) => plot::run(&options),
-        Command::Compare(options) => compare::run(&mut context, &options),
         Command::Tune(options) => tune::run(&mut context, &options),
         Command::Abort(options) => stop::abort(&mut context, &options),
         Command::Kill => stop::kill(&mut context),

@@ -310,10 +310,6 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
         ],
-        "pmacctl-compare" => &[
-            ("What a captured board does otherwise than the simulator:", &["pmacctl compare board-7"]),
-            ("And otherwise than another one:", &["pmacctl compare board-7 board-8"]),
-        ],
         "pmacctl-tune" => &[
             ("A step of 200 counts, with a picture:", &["pmacctl tune step 1 --size 200 --plot step.svg"]),
             (

@@ -14,7 +14,6 @@ use crate::cli::act::stop::Abort;
 use crate::cli::act::terminal::Terminal;
 use crate::cli::act::write::Write;
 use crate::cli::capture::Capture;
-use crate::cli::compare::Compare;
 use crate::cli::doctor::Doctor;
 use crate::cli::files::backup::{Backup, Diff, Restore};
 use crate::cli::files::download::Download;
@@ -108,8 +107,6 @@ pub enum Command {
     Log(Log),
     /// Draw a file that gather or log wrote, as SVG or PNG (needs no daemon)
     Plot(Plot),
-    /// Show where a captured board does otherwise than the simulator, or than another captured one (needs no daemon)
-    Compare(Compare),
     /// Move a motor, gather its answer and tell rise time, overshoot, settling time and following error. Role engineer. It
     /// moves the machine, after asking
     Tune(Tune),

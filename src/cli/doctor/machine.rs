@@ -100,7 +100,7 @@ pub fn probe_board(
         }
         BoardSpec::Replay { .. } => {
             return Err(Failure::Request(
-                "replay has no window to read; pmacctl compare tells what the recording holds".to_owned(),
+                "replay has no window to read; see the files of the recording".to_owned(),
             ));
         }
         BoardSpec::File { path, .. } => match FileBoard::open(path, dpram) {

@@ -13,7 +13,7 @@ use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::keys::Keys;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::screen::Screen;
-use crate::cli::stage::Stage;
+use crate::cli::show::stage::Stage;
 use crate::client::{Board, ClientError};
 use crate::map::Family;
 use crate::segment::{Counter, RegionId, SegmentName};
@@ -47,8 +47,8 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     let own = || SegmentName::new(&format!("pmac-demo-{}", std::process::id()));
     let name = context.told_name().cloned().map_or_else(own, Ok).map_err(Failure::request)?;
     let simulated = format!("sim,family={}", options.family.name);
-    let mut stage = Stage::set("demo", &simulated, name.as_str(), context.told_socket())?;
-    let mut board = stage.wait_for("live data", &signal, |stage| {
+    let mut stage = Stage::set(&simulated, name.as_str(), context.told_socket())?;
+    let mut board = stage.wait_for(&signal, |stage| {
         let mut board = Board::attach(name.as_str()).ok()?.with_socket(stage.socket());
         let is_live =
             board.snapshot().is_ok_and(|snapshot| snapshot.servo.is_some_and(|servo| servo.is_fresh()));

@@ -11,5 +11,6 @@ pub mod motors;
 pub mod programs;
 pub mod read;
 pub mod screen;
+mod stage;
 pub mod status;
 pub mod watch;

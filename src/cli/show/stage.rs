@@ -24,10 +24,10 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Starts `pmacd` on `board` for `what`, with the name `name`; without `socket` with one in its own directory.
-    pub fn set(what: &str, board: &str, name: &str, socket: Option<&Path>) -> Result<Self, Failure> {
+    /// Starts `pmacd` on `board`, with the name `name`; without `socket` with one in its own directory.
+    pub fn set(board: &str, name: &str, socket: Option<&Path>) -> Result<Self, Failure> {
         let own = std::process::id();
-        let template = std::env::temp_dir().join(format!("pmac-{what}-{own}-XXXXXX"));
+        let template = std::env::temp_dir().join(format!("pmac-demo-{own}-XXXXXX"));
         let directory = nix::unistd::mkdtemp(&template).map_err(|error| {
             Failure::request(format!("cannot make a directory like {}: {error}", template.display()))
         })?;
@@ -60,15 +60,9 @@ impl Stage {
         &self.socket
     }
 
-    /// Its directory.
-    pub fn directory(&self) -> &Path {
-        &self.directory
-    }
-
     /// Waits until `look` gives something; fails when that takes too long, the daemon ends, or a `signal` comes.
     pub fn wait_for<T>(
         &mut self,
-        what: &str,
         signal: &Interrupt,
         mut look: impl FnMut(&Self) -> Option<T>,
     ) -> Result<T, Failure> {
@@ -79,7 +73,10 @@ impl Stage {
             }
             let ended = self.daemon.try_wait().map_err(Failure::request)?;
             if ended.is_some() || Instant::now() >= deadline || signal.came() {
-                return Err(Failure::request(format!("the simulated board gave no {what}: {}", self.said())));
+                return Err(Failure::request(format!(
+                    "the simulated board gave no live data: {}",
+                    self.said()
+                )));
             }
             std::thread::sleep(Duration::from_millis(10));
         }
@@ -87,17 +84,12 @@ impl Stage {
 
     /// The last lines of the daemon's log, in one line.
     fn said(&self) -> String {
-        let log = self.log();
+        let log = std::fs::read_to_string(self.directory.join("log")).unwrap_or_default();
         let mut said = String::new();
         for line in log.lines().rev().take(3).collect::<Vec<_>>().into_iter().rev() {
             let _ = write!(said, "{}{line}", if said.is_empty() { "" } else { "; " });
         }
         if said.is_empty() { "its log is empty".to_owned() } else { said }
-    }
-
-    /// What the daemon has said.
-    pub fn log(&self) -> String {
-        std::fs::read_to_string(self.directory.join("log")).unwrap_or_default()
     }
 }
 
