@@ -25,9 +25,9 @@ fn e3_gather_and_log_draw_what_they_wrote() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     site.wait_until("the board's scales", || site.has_scales());
-    let [csv, npy, svg, png] = ["g.csv", "l.npy", "g.svg", "l.png"].map(|name| site.path(name));
-    let [csv_name, npy_name, svg_name, png_name] =
-        [&csv, &npy, &svg, &png].map(|path| path.to_str().unwrap());
+    let [csv, npy, svg, log_svg] = ["g.csv", "l.npy", "g.svg", "l.svg"].map(|name| site.path(name));
+    let [csv_name, npy_name, svg_name, log_svg_name] =
+        [&csv, &npy, &svg, &log_svg].map(|path| path.to_str().unwrap());
     let sources = ["-s", "1.commanded_position", "-s", "1.actual_position"];
     let gather = [&["gather", "--seconds", "0.5", "-o", csv_name, "--plot", svg_name], &sources[..]].concat();
     let ran = site.hurried(|| site.run(&[&gather[..], &["--then", "#1J:1000"]].concat()));
@@ -43,18 +43,18 @@ fn e3_gather_and_log_draw_what_they_wrote() {
         assert!(trace[0][1] - trace[trace.len() - 1][1] > 200.0, "{trace:?}");
     }
 
-    let log = ["log", "-o", npy_name, "--motors", "1", "--seconds", "0.2", "--plot", png_name];
+    let log = ["log", "-o", npy_name, "--motors", "1", "--seconds", "0.2", "--plot", log_svg_name];
     let ran = site.run_slowly(&log);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    assert!(fs::read(&png).unwrap().starts_with(b"\x89PNG\r\n"));
+    assert!(fs::read(&log_svg).unwrap().starts_with(b"<svg "));
     let ran = site.run(&["plot", npy_name, "-o", "-", "--columns", "1.velocity"]);
     assert!(ran.code == Some(0) && ran.stdout.contains(">1.velocity</text>"), "{ran:?}");
     assert!(!ran.stdout.contains("following_error"));
 
     for (arguments, said) in [
-        (&["plot", csv_name, "-o", "x.jpg"][..], "the name must end in .svg or .png"),
+        (&["plot", csv_name, "-o", "x.png"][..], "the name must end in .svg"),
         (&["plot", "no.csv", "-o", svg_name], "no.csv: No such file"),
-        (&["plot", svg_name, "-o", png_name], "g.svg: "),
+        (&["plot", svg_name, "-o", log_svg_name], "g.svg: "),
         (&["plot", "/dev/null", "-o", svg_name], "/dev/null: only a file can be drawn"),
         (&["gather", "-s", "servo_timer", "-o", "-", "--plot", svg_name], "-: only a file can be drawn"),
     ] {

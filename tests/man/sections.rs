@@ -307,7 +307,7 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("A moment, without variables:", &["pmacctl capture board-8 --seconds 0.1 --no-variables"]),
         ],
         "pmacctl-plot" => &[
-            ("What gather or log wrote:", &["pmacctl plot run.csv -o run.png"]),
+            ("What gather or log wrote:", &["pmacctl plot run.csv -o run.svg"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
         ],
         "pmacctl-tune" => &[

@@ -105,7 +105,7 @@ pub enum Command {
     Gather(Gather),
     /// Write every servo update to a .csv or .npy file, with exact counts of what is missing. Only reads
     Log(Log),
-    /// Draw a file that gather or log wrote, as SVG or PNG (needs no daemon)
+    /// Draw a file that gather or log wrote, as SVG (needs no daemon)
     Plot(Plot),
     /// Move a motor, gather its answer and tell rise time, overshoot, settling time and following error. Role engineer. It
     /// moves the machine, after asking

@@ -55,7 +55,7 @@ pub struct Gather {
     /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
     output: Option<PathBuf>,
-    /// Then draw the file, as pmacctl plot does: a name that ends in .svg or .png
+    /// Then draw the file, as pmacctl plot does: a name that ends in .svg
     #[arg(long, value_name = "FILE")]
     plot: Option<PicturePath>,
     /// Send this line once the board gathers, such as '#1J:1000'. It may move the machine

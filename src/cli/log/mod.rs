@@ -60,7 +60,7 @@ pub struct Log {
     /// Remove the oldest of these files, so that all take at most so many bytes: 10G; the file that another log writes stays
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     keep: Option<u64>,
-    /// At the end draw the file, as pmacctl plot does: a name that ends in .svg or .png
+    /// At the end draw the file, as pmacctl plot does: a name that ends in .svg
     #[arg(long, value_name = "FILE", conflicts_with_all = ["rotate_bytes", "rotate_seconds", "keep"])]
     plot: Option<PicturePath>,
     /// Begin when this is true, which is time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop', '!1.open_loop'

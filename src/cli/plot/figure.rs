@@ -1,7 +1,7 @@
 //! A figure: panels one below the other over one horizontal axis, each with an axis of its own, and where everything lies on the
 //! page.
 
-use super::font::Font;
+use super::letters::width;
 use super::scale::Scale;
 use super::scene::{Anchor, Color, Scene, Shape, Text};
 use super::trace::drawn;
@@ -116,7 +116,7 @@ struct Measured<'f, 'a> {
 }
 
 /// The picture of `figure`.
-pub fn scene(figure: &Figure, font: &Font) -> Scene {
+pub fn scene(figure: &Figure) -> Scene {
     let height = if figure.panels.len() == 1 { ALONE } else { AMONG };
     let mut owners: Vec<&str> =
         figure.panels.iter().flat_map(|panel| &panel.traces).map(Trace::owner).collect();
@@ -124,12 +124,12 @@ pub fn scene(figure: &Figure, font: &Font) -> Scene {
     owners.dedup();
     let panels: Vec<Measured> =
         figure.panels.iter().map(|panel| measured(panel, looks(panel, &owners), height)).collect();
-    let numbers = panels.iter().flat_map(|panel| &panel.marks).map(|(_, text)| font.width(text, SMALL));
+    let numbers = panels.iter().flat_map(|panel| &panel.marks).map(|(_, text)| width(text, SMALL));
     let left = EDGE + LINE + numbers.fold(0.0, f64::max) + MARK + 3.0;
     let right = WIDTH - EDGE - APART;
     let along = Scale::of(figure.places.iter().copied()).unwrap_or(Scale { low: 0.0, high: 1.0 });
-    let marks_along = marks_along(along, right - left, font);
-    let mut page = Page { font, shapes: Vec::new(), y: EDGE };
+    let marks_along = marks_along(along, right - left);
+    let mut page = Page { shapes: Vec::new(), y: EDGE };
     page.head(figure, left);
     let count = panels.len();
     for (index, panel) in panels.iter().enumerate() {
@@ -156,23 +156,49 @@ fn measured<'f, 'a>(panel: &'f Panel<'a>, looks: Vec<Look>, height: f64) -> Meas
 }
 
 /// As many as there is room for, side by side.
-fn marks_along(scale: Scale, width: f64, font: &Font) -> Vec<(f64, String)> {
+fn marks_along(scale: Scale, room: f64) -> Vec<(f64, String)> {
     let fits = |marks: &Vec<(f64, String)>| {
-        let widest = marks.iter().map(|(_, text)| font.width(text, SMALL)).fold(0.0, f64::max);
-        (widest + APART) * marks.len() as f64 <= width
+        let widest = marks.iter().map(|(_, text)| width(text, SMALL)).fold(0.0, f64::max);
+        (widest + APART) * marks.len() as f64 <= room
     };
     (1..=MARKS_ALONG).rev().map(|most| scale.marks(most)).find(fits).unwrap_or_default()
 }
 
+/// The text, cut where it would leave the page.
+fn shortened(text: &str, size: f64, room: f64) -> String {
+    if width(text, size) <= room {
+        return text.to_owned();
+    }
+    let mut kept = text.to_owned();
+    while !kept.is_empty() && width(&kept, size) + size > room {
+        kept.pop();
+    }
+    kept + "…"
+}
+
+/// The words in as many lines as they need.
+fn wrapped(text: &str, room: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if width(&format!("{line} {word}"), SMALL) <= room => {
+                *line += " ";
+                *line += word;
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 /// The page while it is filled from top to bottom.
-struct Page<'f> {
-    font: &'f Font,
+struct Page {
     shapes: Vec<Shape>,
     /// How far it is filled.
     y: f64,
 }
 
-impl Page<'_> {
+impl Page {
     fn text(&mut self, at: [f64; 2], text: &str, anchor: Anchor) {
         let text = text.to_owned();
         self.shapes.push(Shape::Text(Text { at, text, size: SMALL, anchor, color: BLACK, upwards: false }));
@@ -184,7 +210,7 @@ impl Page<'_> {
 
     fn head(&mut self, figure: &Figure, left: f64) {
         self.y += LARGE;
-        let (at, text) = ([left, self.y], self.shortened(&figure.title, LARGE, WIDTH - EDGE - left));
+        let (at, text) = ([left, self.y], shortened(&figure.title, LARGE, WIDTH - EDGE - left));
         self.shapes.push(Shape::Text(Text {
             at,
             text,
@@ -193,38 +219,11 @@ impl Page<'_> {
             color: BLACK,
             upwards: false,
         }));
-        for line in self.wrapped(&figure.note, WIDTH - EDGE - left) {
+        for line in wrapped(&figure.note, WIDTH - EDGE - left) {
             self.y += LINE;
             self.text([left, self.y], &line, Anchor::Start);
         }
         self.y += LINE / 2.0;
-    }
-
-    /// The text, cut where it would leave the page.
-    fn shortened(&self, text: &str, size: f64, width: f64) -> String {
-        if self.font.width(text, size) <= width {
-            return text.to_owned();
-        }
-        let mut kept = text.to_owned();
-        while !kept.is_empty() && self.font.width(&kept, size) + size > width {
-            kept.pop();
-        }
-        kept + "…"
-    }
-
-    /// The words in as many lines as they need.
-    fn wrapped(&self, text: &str, width: f64) -> Vec<String> {
-        let mut lines: Vec<String> = Vec::new();
-        for word in text.split_whitespace() {
-            match lines.last_mut() {
-                Some(line) if self.font.width(&format!("{line} {word}"), SMALL) <= width => {
-                    *line += " ";
-                    *line += word;
-                }
-                _ => lines.push(word.to_owned()),
-            }
-        }
-        lines
     }
 
     /// Each trace's name behind a piece of it, above the frame.
@@ -232,9 +231,9 @@ impl Page<'_> {
         self.y += LINE;
         let mut x = left;
         for (trace, &(color, dashed)) in panel.traces.iter().zip(looks) {
-            let name = self.shortened(&trace.name, SMALL, right - left - SAMPLE - BESIDE);
-            let width = SAMPLE + BESIDE + self.font.width(&name, SMALL);
-            if x > left && x + width > right {
+            let name = shortened(&trace.name, SMALL, right - left - SAMPLE - BESIDE);
+            let long = SAMPLE + BESIDE + width(&name, SMALL);
+            if x > left && x + long > right {
                 x = left;
                 self.y += LINE;
             }
@@ -242,7 +241,7 @@ impl Page<'_> {
             let points = vec![[x, y], [x + SAMPLE, y]];
             self.shapes.push(Shape::Line { points, color, width: 2.0, dashed });
             self.text([x + SAMPLE + BESIDE, self.y], &name, Anchor::Start);
-            x += width + APART;
+            x += long + APART;
         }
         self.y += SMALL / 2.0;
     }
@@ -259,7 +258,7 @@ impl Page<'_> {
         for (place, _) in marks_along {
             self.line(vec![[x(*place), top], [x(*place), bottom]], GRID);
         }
-        let label = self.shortened(&panel.label, SMALL, bottom - top);
+        let label = shortened(&panel.label, SMALL, bottom - top);
         self.shapes.push(Shape::Text(Text {
             at: [EDGE + SMALL, (top + bottom) / 2.0],
             text: label,
@@ -334,12 +333,12 @@ mod tests {
                 Panel { label: "following error (count)".repeat(9), traces: vec![error] },
             ],
         };
-        scene(&figure, &Font::new())
+        scene(&figure)
     }
 
     /// The rectangle that a text covers: left, top, right, bottom.
-    fn place(text: &Text, font: &Font) -> [f64; 4] {
-        let width = font.width(&text.text, text.size);
+    fn place(text: &Text) -> [f64; 4] {
+        let width = width(&text.text, text.size);
         let before = match text.anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => width / 2.0,
@@ -366,12 +365,11 @@ mod tests {
     fn e3_no_label_is_cut_or_overlaps_another() {
         let many: Vec<String> = (1..=24).map(|motor| format!("{motor}.commanded_position")).collect();
         let huge: Vec<f64> = (0..100).map(|index| 34_359_738_000.0 + f64::from(index) / 1e3).collect();
-        let font = Font::new();
         for traces in [names(&["1.actual_position"]), names(&[&"x".repeat(500), "&<"]), many] {
             for values in [&[0.0][..], &[NOTHING; 5], &[1e-9, -1e-9], &[1e300, -1e300, NOTHING], &huge] {
                 let scene = picture(&traces, values);
                 let texts = texts(&scene);
-                let places: Vec<[f64; 4]> = texts.iter().map(|text| place(text, &font)).collect();
+                let places: Vec<[f64; 4]> = texts.iter().map(|text| place(text)).collect();
                 for (index, one) in places.iter().enumerate() {
                     let inside =
                         one[0] >= 0.0 && one[1] >= 0.0 && one[2] <= scene.width && one[3] <= scene.height;

@@ -1,9 +1,8 @@
 //! `pmacctl plot`, and the pictures of `gather`, `log` and `tune`: all are drawn here.
 
 mod figure;
-mod font;
+mod letters;
 mod of_table;
-mod png;
 mod scale;
 mod scene;
 mod svg;
@@ -16,7 +15,6 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 pub use self::figure::{Figure, Panel, Trace};
-use self::font::Font;
 use crate::cli::console::sink::{is_stdout, put};
 use crate::cli::context::{Failure, Verdict};
 use crate::table::Table;
@@ -30,7 +28,7 @@ pub struct Plot {
     /// A file that gather or log wrote: .csv or .npy
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The picture, ending in .svg or .png; - is SVG on stdout
+    /// The picture, ending in .svg; - is stdout
     #[arg(long, short, value_name = "FILE")]
     output: PicturePath,
     /// Only these columns, named as in the file [default: all but times and status words]
@@ -43,29 +41,23 @@ pub fn run(options: &Plot) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// Where a picture goes, which says of what form it is.
+/// Where a picture goes.
 #[derive(Debug, Clone)]
-pub struct PicturePath {
-    path: PathBuf,
-    is_png: bool,
-}
+pub struct PicturePath(PathBuf);
 
 impl std::str::FromStr for PicturePath {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
-        let is_png = match path.extension().and_then(|extension| extension.to_str()) {
-            _ if is_stdout(&path) => false,
-            Some("svg") => false,
-            Some("png") => true,
-            _ => return Err("the name must end in .svg or .png; - is SVG on stdout".to_owned()),
-        };
+        if !is_stdout(&path) && path.extension().is_none_or(|extension| extension != "svg") {
+            return Err("the name must end in .svg; - is stdout".to_owned());
+        }
         let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
         match directory.map(fs::metadata) {
             Some(Err(error)) => Err(format!("its directory: {error}")),
             Some(Ok(found)) if !found.is_dir() => Err("it would be in what is no directory".to_owned()),
-            _ => Ok(Self { path, is_png }),
+            _ => Ok(Self(path)),
         }
     }
 }
@@ -102,16 +94,10 @@ pub fn check_drawable(path: &Path) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`], which names the file.
-pub fn draw(figure: &Figure, PicturePath { path, is_png }: &PicturePath) -> Result<(), Failure> {
-    let font = Font::new();
-    let scene = figure::scene(figure, &font);
-    let bytes = if *is_png {
-        png::png(&scene, &font).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?
-    } else {
-        svg::svg(&scene).into_bytes()
-    };
+pub fn draw(figure: &Figure, PicturePath(path): &PicturePath) -> Result<(), Failure> {
+    let svg = svg::svg(&figure::scene(figure));
     if is_stdout(path) {
-        return Ok(io::stdout().write_all(&bytes)?);
+        return Ok(io::stdout().write_all(svg.as_bytes())?);
     }
-    put(path, &bytes)
+    put(path, svg.as_bytes())
 }

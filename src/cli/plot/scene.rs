@@ -45,4 +45,4 @@ pub struct Scene {
 /// Radius of a dot.
 pub const DOT: f64 = 2.5;
 /// Lengths of a dash and the gap after it.
-pub const DASH: [f32; 2] = [6.0, 4.0];
+pub const DASH: [f64; 2] = [6.0, 4.0];

@@ -91,7 +91,7 @@ struct Common {
     /// Write the recording to a file, ending in .csv or .npy
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Draw it: a name that ends in .svg or .png
+    /// Draw it: a name that ends in .svg
     #[arg(long, value_name = "FILE")]
     plot: Option<PicturePath>,
 }
