@@ -132,7 +132,6 @@ const fn pmac(
             rapid_speed: Setting::Board(50),
             hold_slew: Setting::Board(52),
             step_mode: Setting::Board(53),
-            corner_break: Setting::Board(89),
             minimum_arc: Setting::Board(90),
             backlash_hysteresis: Setting::Board(99),
             line_from_dpram: Some(47),

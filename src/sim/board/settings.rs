@@ -26,8 +26,6 @@ pub struct Settings {
     pub hold_slew: Setting,
     /// 1: a step is a line, not a move.
     pub step_mode: Setting,
-    /// Cosine from which a corner of a compensated path gets no arc.
-    pub corner_break: Setting,
     /// The smallest arc, in half circles.
     pub minimum_arc: Setting,
     /// 1/16 counts before backlash turns round.

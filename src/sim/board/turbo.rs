@@ -99,7 +99,6 @@ const fn turbo(
             rapid_speed: Setting::Motor(90),
             hold_slew: Setting::System(52),
             step_mode: Setting::System(53),
-            corner_break: Setting::System(99),
             minimum_arc: Setting::System(97),
             backlash_hysteresis: Setting::Motor(87),
             line_from_dpram: None,

@@ -8,18 +8,17 @@
 //! |---|---|
 //! | [`item`], [`words`], [`parse`], [`text`], [`binary`] | program lines: internal form, text, DPRAM words |
 //! | [`store`], [`rotary`], [`structure`] | the buffers, their memory, their blocks |
-//! | [`system`], [`place`], [`cutter_state`], `calculate` | the program of one coordinate system, its lines and moves |
-//! | [`path`], [`circle`], [`spline`], [`transform`], [`cutter`], [`trajectory`] | geometry and time of moves |
+//! | [`system`], [`place`], `calculate` | the program of one coordinate system, its lines and moves |
+//! | [`path`], [`circle`], [`spline`], [`transform`], [`trajectory`] | geometry and time of moves |
 //! | `run`, `cycle`, `servo` | run, stop, abort; servo and real-time interrupts |
 //! | [`plc`], [`message`] | PLC programs; SEND |
+//!
+//! Not played: cutter radius compensation. A program that holds `CC1` or `CC2` is stored and listed, and ends with a run-time error when it
+//! gets there.
 
 pub mod binary;
 mod calculate;
 pub mod circle;
-pub mod cutter;
-pub mod cutter_state;
-#[cfg(test)]
-mod cutting_tests;
 mod cycle;
 pub mod item;
 #[cfg(test)]

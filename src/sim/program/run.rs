@@ -150,10 +150,8 @@ impl Programs {
             return;
         };
         let dropped = system.trajectory.drop_ahead();
-        let held = system.cutter.reset().map(|cursor| Cursor::at(cursor.program, cursor.line));
-        let first = dropped.first().map(|first| Cursor::at(first.origin.0, first.origin.1));
-        if let Some(first) = first.or(held) {
-            system.cursor = Some(first);
+        if let Some(first) = dropped.first() {
+            system.cursor = Some(Cursor::at(first.origin.0, first.origin.1));
             system.spline = None;
             system.request = Default::default();
             match system.trajectory.entries().last() {
@@ -199,7 +197,6 @@ impl Programs {
         let system = &mut self.systems[cs];
         system.trajectory.reset(commanded);
         system.spline = None;
-        system.cutter.reset();
         system.request = Default::default();
         system.later.clear();
         system.hold = Hold::Off;

@@ -2,7 +2,6 @@
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::Motors;
-use crate::sim::program::cutter_state::Cutter;
 use crate::sim::program::item::Mode;
 use crate::sim::program::place::Cursor;
 use crate::sim::program::spline::Spline;
@@ -102,8 +101,6 @@ pub struct System {
     pub axes: [f64; 9],
     /// Axis velocities there in PVT mode, user units per ms.
     pub velocities: [f64; 9],
-    /// Cutter radius compensation.
-    pub cutter: Cutter,
     /// The spline in progress.
     pub spline: Option<Spline>,
     /// Assignments that wait for the next move.
@@ -140,7 +137,6 @@ impl System {
         self.frames.clear();
         self.loops.clear();
         self.request = Request::default();
-        self.cutter = Cutter::default();
         self.in_block = false;
         self.moved = false;
         self.later.clear();

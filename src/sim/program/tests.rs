@@ -564,6 +564,17 @@ fn programs_outlive_a_reset_only_when_saved() {
 }
 
 #[test]
+fn cutter_compensation_is_listed_and_ends_the_program_that_gets_there() {
+    let mut bench = bench();
+    load(&mut bench, "LINEAR ABS TM100 CC0 CCR0.5 X1\nCC1 X2\nX3");
+    assert_eq!(lines(&mut bench, "LIST PROG 1")[1], "CC1 X2");
+    lines(&mut bench, "R");
+    let (_, [x, ..]) = finish(&mut bench);
+    assert!(x <= 1.0, "{x}");
+    assert_eq!(bench.world.board.coordinate_status(0)[1] >> 22 & 1, 1);
+}
+
+#[test]
 fn a_program_that_runs_everything_keeps_its_distance_from_the_text() {
     // A closed figure of everything that blends, repeated: no error may build up.
     let mut bench = bench();

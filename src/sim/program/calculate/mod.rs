@@ -4,7 +4,6 @@
 //! others two. Assignments take effect during calculation, not when the motion gets there (User Manual pp. 213-217).
 //! After two backward jumps, or very many commands, the rest waits for the next interrupt.
 
-mod cutting;
 pub mod flow;
 mod moves;
 
@@ -124,7 +123,7 @@ impl Calculator<'_> {
         if cursor.program == 0 {
             // The buffer ran empty: without segmentation the motion comes to rest now; with it, a line may still come
             // in time.
-            self.finish_spline();
+            self.end_spline();
             if !self.segmented() {
                 self.system.trajectory.close();
             }
@@ -161,7 +160,7 @@ impl Calculator<'_> {
 
     /// Ends calculation; moves already calculated still execute.
     pub(super) fn end(&mut self, ending: Ending) {
-        self.finish_spline();
+        self.end_spline();
         self.system.end(ending);
     }
 
@@ -172,7 +171,7 @@ impl Calculator<'_> {
 
     /// Whether the motion is at rest; if not, closes the last move, so that nothing blends with it.
     fn at_rest(&mut self) -> bool {
-        self.finish_spline();
+        self.end_spline();
         self.system.trajectory.close();
         self.system.trajectory.is_idle()
     }
@@ -296,12 +295,10 @@ impl Calculator<'_> {
                 // In step mode the whole block is one step, which ends here.
                 self.system.moved = !self.system.continuous;
             }
-            Item::CutterCompensation(side) => {
-                self.cutter_side(*side);
-                let bits = u32::from(*side != 0) << 2 | u32::from(*side == 1) << 3;
-                self.board.program_word(self.cs, 0b11 << 2, bits);
-            }
-            Item::CutterRadius(radius) => self.cutter_radius(radius),
+            // The compensation is off as it is.
+            Item::CutterCompensation(0) | Item::CutterRadius(_) => {}
+            // It is not played: the program ends rather than moves beside its path.
+            Item::CutterCompensation(_) => return self.fail(Failure::RunTime),
             Item::Select(number) => {
                 let number = self.value(number).round().max(0.0) as usize;
                 let count = self.programs.transformations(self.cs);

@@ -39,7 +39,7 @@ impl Calculator<'_> {
         match time {
             Time::Acceleration => {
                 if self.system.mode == Mode::Spline1 && value != self.ix(87) {
-                    self.finish_spline();
+                    self.end_spline();
                 }
                 self.set_ix(87, value);
             }
@@ -86,7 +86,7 @@ impl Calculator<'_> {
     }
 
     pub(super) fn dwell(&mut self, time: f64) {
-        self.finish_spline();
+        self.end_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
         self.append(Shape::Dwell(time.clamp(0.0, LONGEST)), target, axes);
         self.board.program_word(self.cs, 1 << 12, 1 << 12);
@@ -94,13 +94,13 @@ impl Calculator<'_> {
 
     /// A blended move of zero distance.
     pub(super) fn delay(&mut self, time: f64) {
-        self.finish_spline();
+        self.end_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
         self.blend(Path::Line(Box::new(STILL)), time.clamp(0.0, LONGEST), target, axes);
     }
 
     pub(super) fn home(&mut self, motors: u32) {
-        self.finish_spline();
+        self.end_spline();
         let (target, axes) = (self.system.trajectory.target(), self.system.axes);
         self.append(Shape::Home(motors), target, axes);
         self.system.rematch = true;
@@ -151,9 +151,6 @@ impl Calculator<'_> {
             return;
         }
         self.match_positions();
-        if !matches!(self.system.mode, Mode::Linear | Mode::Circle1 | Mode::Circle2) {
-            self.finish_cutting();
-        }
         let request = std::mem::take(&mut self.system.request);
         let axes = self.target(&request.axes);
         let arc = matches!(self.system.mode, Mode::Circle1 | Mode::Circle2)
@@ -164,9 +161,9 @@ impl Calculator<'_> {
                     Some(radius) => Centre::Radius(radius),
                     None => Centre::From(self.centre(&request.vectors)),
                 };
-                self.travel(Some(centre), axes);
+                self.go(Some(centre), axes);
             }
-            Mode::Linear | Mode::Circle1 | Mode::Circle2 => self.travel(None, axes),
+            Mode::Linear | Mode::Circle1 | Mode::Circle2 => self.go(None, axes),
             Mode::Rapid => self.rapid(&request.triggers, axes),
             Mode::Spline1 | Mode::Spline2 => {
                 let from = self.system.trajectory.target();
@@ -198,14 +195,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// Ends a spline in progress, and a move held by cutter compensation. A spline's last point counts twice more; PVT
-    /// ends where it is.
-    pub(super) fn finish_spline(&mut self) {
-        self.finish_cutting();
-        self.end_spline();
-    }
-
-    fn end_spline(&mut self) {
+    /// Ends a spline in progress: its last point counts twice more. PVT ends where it is.
+    pub(super) fn end_spline(&mut self) {
         self.system.velocities = [0.0; 9];
         let Some(mut spline) = self.system.spline.take() else { return };
         let axes = self.system.axes;
@@ -222,7 +213,7 @@ impl Calculator<'_> {
         let status = self.board.coordinate_status(self.cs)[0];
         let incremental = |axis: usize| status >> (6 + 2 * axis) & 1 == 1;
         let matrix = self.system.transformations.selected();
-        let mut axes = self.programmed();
+        let mut axes = self.system.axes;
         if let Some(matrix) = matrix {
             let programmed = matrix.programmed(three(&axes));
             axes[X..].copy_from_slice(&programmed);
@@ -247,7 +238,7 @@ impl Calculator<'_> {
         if incremental {
             return matrix.turned(given);
         }
-        let start = three(&self.programmed());
+        let start = three(&self.system.axes);
         let centre = matrix.base(given);
         [0, 1, 2].map(|k| if vectors[k].is_some() { centre[k] - start[k] } else { 0.0 })
     }
@@ -271,13 +262,8 @@ impl Calculator<'_> {
         if speed > 0.0 { (distance * self.ix(90) / speed).min(LONGEST) } else { LONGEST }
     }
 
-    /// The programmed position; with cutter compensation the axes are beside it.
-    pub(super) fn programmed(&self) -> [f64; 9] {
-        self.system.cutter.programmed().unwrap_or(self.system.axes)
-    }
-
     /// Moves from the axes' position to `axes`, straight or in an arc.
-    pub(super) fn go(&mut self, centre: Option<Centre>, axes: [f64; 9]) {
+    fn go(&mut self, centre: Option<Centre>, axes: [f64; 9]) {
         if let Some(centre) = centre {
             return self.arc(centre, axes);
         }
@@ -287,28 +273,16 @@ impl Calculator<'_> {
         self.blend(Path::Line(Box::new(difference(&target, &from))), time, target, axes);
     }
 
-    /// The arc between two positions; if there is none, the program fails.
-    pub(super) fn geometry(
-        &mut self,
-        start: &[f64; 9],
-        end: &[f64; 9],
-        centre: Centre,
-    ) -> Option<circle::Arc> {
-        let way = [X, X + 1, X + 2].map(|k| end[k] - start[k]);
+    /// Moves in an arc; if there is none, the program fails.
+    fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
+        let way = [X, X + 1, X + 2].map(|k| axes[k] - self.system.axes[k]);
         let normal = self.system.normal.unwrap_or([0.0, 0.0, -1.0]);
         let clockwise = self.system.mode == Mode::Circle1;
         let smallest = self.board.setting(self.board.settings().minimum_arc, self.cs);
-        let allowed = self.ix(96);
-        let arc = circle::Arc::new(way, centre, normal, clockwise, allowed, smallest);
-        if arc.is_err() {
+        let Ok(arc) = circle::Arc::new(way, centre, normal, clockwise, self.ix(96), smallest) else {
             self.system.failure = Some(Failure::CircleRadius);
-        }
-        arc.ok()
-    }
-
-    fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
-        let start = self.system.axes;
-        let Some(arc) = self.geometry(&start, &axes, centre) else { return };
+            return;
+        };
         let from = self.system.trajectory.target();
         let target = self.board.motor_targets(self.cs, &axes, &from);
         let vector = |v: Vector| {
