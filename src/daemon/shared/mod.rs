@@ -1,5 +1,6 @@
 //! What passes between the bus thread and the socket's thread, and what the rooms of both use.
 
+pub mod caller;
 pub mod definition_blocks;
 pub mod function_use;
 pub mod info;

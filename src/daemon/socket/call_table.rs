@@ -9,8 +9,8 @@ use super::first_start::FirstStart;
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
 use super::leftovers::LineEffect;
-use super::policy::Peer;
 use super::stop_target::Target;
+pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
@@ -26,17 +26,6 @@ const GRACE: Duration = Duration::from_millis(1500);
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
 /// The longest reply of the board that is collected, in bytes.
 pub(super) const COLLECT_MAX: usize = 1024 * 1024;
-
-/// Who called.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Caller {
-    /// The connection.
-    pub client: u64,
-    /// The other end of it.
-    pub peer: Peer,
-    /// Nobody wants the reply.
-    pub oneway: bool,
-}
 
 /// What follows when the board has done what was asked of it.
 #[derive(Debug)]

@@ -1,0 +1,14 @@
+//! Who has made a call over the command socket.
+
+use super::peer::Peer;
+
+/// Who called.
+#[derive(Debug, Clone, Copy)]
+pub struct Caller {
+    /// The connection.
+    pub client: u64,
+    /// The other end of it.
+    pub peer: Peer,
+    /// Nobody wants the reply.
+    pub oneway: bool,
+}
