@@ -192,7 +192,7 @@ fn run(settings: &Settings, options: &Options, log: &mut LogWriter) -> Result<()
     let may_move = server.stop();
     let _ = stop.write(1);
     let bus_thread_ended = bus_thread.join().is_err() || asked.is_none();
-    how_it_ended(simulator_ended, bus_thread_ended, may_move != 0)
+    how_it_ended(simulator_ended, bus_thread_ended, !may_move.is_empty())
 }
 
 /// Fails where the process may open too few files for its clients.

@@ -11,6 +11,7 @@ pub mod bus;
 pub mod config;
 pub mod exit;
 pub mod machine;
+mod motion;
 pub mod options;
 pub mod parts;
 pub mod recognise;

@@ -30,7 +30,7 @@ use std::ops::Range;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::format::{join32, split32};
-use crate::map::{BusyRule, Flag, HostOffset, Selection, ServoBlock};
+use crate::map::{BusyRule, Flag, HostOffset, Motors, Selection, ServoBlock};
 
 /// How the buffer is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -67,13 +67,13 @@ pub enum ServoPoll {
     Update(u32),
 }
 
-/// Which motors move, bit 0 being motor 1. A motor of which nothing is known is in neither.
+/// Which motors move. A motor of which nothing is known is in neither.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Motion {
     /// Their loops are closed and their desired velocity is not zero.
-    pub moving: u32,
+    pub moving: Motors,
     /// Their desired velocity is zero, or their loops are open.
-    pub standing: u32,
+    pub standing: Motors,
 }
 
 /// PMAC's flag and the servo timer, as they were read.
@@ -244,7 +244,10 @@ impl ServoReader {
         self.open_loops = self.motors_with(self.block.open_loop);
         let known = self.motors_with(self.block.activated);
         let standing = self.motors_with(self.block.standing) | self.open_loops;
-        self.motion = Motion { moving: known & !standing, standing: known & standing };
+        self.motion = Motion {
+            moving: Motors::from_bits(known & !standing),
+            standing: Motors::from_bits(known & standing),
+        };
     }
 
     fn motors_with(&self, flag: Flag) -> u32 {

@@ -222,6 +222,6 @@ impl World {
             assert!(self.now() < latest, "the daemon does not end");
             self.step();
         }
-        may_move
+        may_move.bits()
     }
 }

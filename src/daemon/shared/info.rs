@@ -9,7 +9,7 @@ use super::function_use::Use;
 use super::queue::{Event, GivenUp, Sender};
 use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
 use crate::function::servo::Motion;
-use crate::map::{Family, Function};
+use crate::map::{Family, Function, Motors};
 use crate::protocol::board::{Elsewhere, Replay};
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
@@ -147,14 +147,14 @@ impl Info {
 
     /// The motors that a jog leaves alone, because it would close their loop.
     #[must_use]
-    pub fn loops_left_open(&self) -> u32 {
-        self.status.loops_left_open
+    pub fn loops_left_open(&self) -> Motors {
+        Motors::from_bits(self.status.loops_left_open)
     }
 
     /// The motors of whose loops nothing is known yet.
     #[must_use]
-    pub fn loops_untold(&self) -> u32 {
-        self.status.loops_untold
+    pub fn loops_untold(&self) -> Motors {
+        Motors::from_bits(self.status.loops_untold)
     }
 
     /// The command that holds the port for command lines: one that was given up, or a slow line.
@@ -220,9 +220,9 @@ impl Info {
         self.confirmed = Some(now);
     }
 
-    /// Takes what the bus thread reports. Gives the motors whose loop has opened, bit 0 being motor 1.
-    pub fn take(&mut self, status: BoardStatus) -> u32 {
-        let opened = status.open_loops & !self.status.open_loops;
+    /// Takes what the bus thread reports. Gives the motors whose loop has opened.
+    pub fn take(&mut self, status: BoardStatus) -> Motors {
+        let opened = Motors::from_bits(status.open_loops & !self.status.open_loops);
         self.status = status;
         let board = &mut self.board;
         board.state = status.state;

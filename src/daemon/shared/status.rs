@@ -7,6 +7,7 @@ use super::open_buffer::Standing;
 use super::origin::GivenUp;
 use crate::format::Text;
 use crate::function::servo::Motion;
+use crate::map::Motors;
 use crate::protocol::board::Replay;
 use crate::protocol::program_words::DefinitionsRead;
 use crate::protocol::{CommandPort, CommandState, Enabled, State};
@@ -110,7 +111,7 @@ impl BoardStatus {
         open_loops: 0,
         loops_left_open: 0,
         loops_untold: 0,
-        motion: Motion { moving: 0, standing: 0 },
+        motion: Motion { moving: Motors::NONE, standing: Motors::NONE },
         gathers: None,
         programs_run: None,
         uses: FunctionUse::UNKNOWN,

@@ -3,20 +3,19 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use super::command_ends::{ends_of, jogged_by};
 use super::fair_queue::{FairQueue, Turn};
 use super::first_start::FirstStart;
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
-use super::leftovers::LineEffect;
-use super::stop_target::Target;
+use crate::daemon::motion::effect::{CommandEffect, LineEffect};
+use crate::daemon::motion::target::Target;
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
 use crate::function::ascii::ResponseText;
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::line_ends::LineEnds;
+use crate::map::Motors;
 use crate::protocol::{CallError, control};
 
 /// How much longer than asked the bus thread may take for what it was given before it is not believed to answer at all: more
@@ -40,8 +39,6 @@ pub(super) enum Then {
     ReplyHeld,
     /// The caller hears this, and what the board says of the guard.
     Reason(Guard, CallError),
-    /// The caller gets the lines of the board's reply. This character has stopped every motor: no jog is held any more.
-    AllStopped(u8),
     /// The caller gets remarks.
     ReplyNotes(Vec<String>),
     /// A job begins, if the board's answer is what its guard wants.
@@ -93,18 +90,19 @@ struct Pending {
     lines: Vec<String>,
     length: usize,
     then: Then,
-    /// What its command ends.
-    ends: Option<LineEnds>,
-    /// The motors that it sets in motion by the panel and that nobody holds.
-    jogs: u32,
+    /// What its command does.
+    effect: CommandEffect,
     /// Whether the log is told when its command is handed over.
     is_logged: bool,
 }
 
 impl Pending {
     fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
-        let ends = ends_of(command);
-        let jogs = if matches!(then, Then::ReplyHeld) { 0 } else { jogged_by(command) };
+        let mut effect = CommandEffect::of(command);
+        if matches!(then, Then::ReplyHeld) {
+            // Its motors stand in the ledger as held.
+            effect.jogs = Motors::NONE;
+        }
         Self {
             caller,
             deadline,
@@ -112,8 +110,7 @@ impl Pending {
             lines: Vec::new(),
             length: 0,
             then,
-            ends,
-            jogs,
+            effect,
             is_logged: false,
         }
     }
@@ -136,10 +133,8 @@ pub(super) struct Ended {
     pub is_overlong: bool,
     /// What follows.
     pub then: Then,
-    /// What its command ends, if the board has carried it out.
-    pub ends: Option<LineEnds>,
-    /// The motors that it sets in motion by the panel and that nobody holds, if the board has carried it out.
-    pub jogs: u32,
+    /// What its command does, if the board has carried it out.
+    pub effect: CommandEffect,
     /// Whether the log says that it was asked for.
     pub is_logged: bool,
 }
@@ -260,9 +255,8 @@ impl CallTable {
     /// The bus thread has answered: the call, unless its caller has been answered already.
     pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
         self.queue.over(ticket);
-        let Pending { caller, lines, length, then, ends, jogs, is_logged, .. } =
-            self.pending.remove(&ticket)?;
-        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, ends, jogs, is_logged })
+        let Pending { caller, lines, length, then, effect, is_logged, .. } = self.pending.remove(&ticket)?;
+        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, effect, is_logged })
     }
 
     /// The sequence whose step `ticket` is.
@@ -285,12 +279,12 @@ impl CallTable {
     pub(super) fn expire(&mut self, holds: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.given_up_at() <= now);
-        late.map(|(ticket, Pending { caller, lines, then, ends, jogs, is_logged, .. })| {
+        late.map(|(ticket, Pending { caller, lines, then, effect, is_logged, .. })| {
             let outcome = match queue.take_back(ticket) {
                 Some(turn) => not_begun(turn.is_for_port(), holds, now),
                 None => Outcome::TimedOut,
             };
-            (Ended { caller, lines, is_overlong: false, then, ends, jogs, is_logged }, outcome)
+            (Ended { caller, lines, is_overlong: false, then, effect, is_logged }, outcome)
         })
         .collect()
     }

@@ -52,9 +52,9 @@ impl Clients {
         reply
     }
 
-    /// All motion is stopped, for this `reason`, by client `by` or by nobody: what others have sent up to now begins nothing any more.
-    pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>, by: Option<u64>) {
-        let others = self.clients.iter_mut().filter(|(id, _)| Some(**id) != by);
+    /// All motion is stopped, for this `reason`, by client `by` or by the daemon: what others have sent up to now begins nothing any more.
+    pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>, by: u64) {
+        let others = self.clients.iter_mut().filter(|(id, _)| **id != by);
         others.for_each(|(_, client)| client.outdate(reason));
     }
 

@@ -1,11 +1,11 @@
 //! A start of which it is not known what lies in the rotary buffers that it would run: the questions that come before it.
 //!
-//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (GRAMMAR 2.2, K). A board that had an
-//! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (UM
-//! p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
+//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Software Reference, on-line `PR`). A board that had an
+//! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (User
+//! Manual p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
 
-use super::leftovers::start_anyway;
 use super::methods::Ask;
+use crate::daemon::motion::leftovers::start_anyway;
 use crate::daemon::scripts::lines_left;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::protocol::{CallError, answer};
@@ -91,11 +91,12 @@ fn refused(reason: &str) -> CallError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::daemon::socket::leftovers::Starts;
+    use crate::daemon::motion::effect::Starts;
+    use crate::map::Systems;
 
     #[test]
     fn b1_5_each_question_puts_the_address_back_after_an_error_too() {
-        let starts = Starts { systems: u32::MAX, confirmed: false };
+        let starts = Starts { systems: Systems::ALL, confirmed: false };
         let mut start =
             FirstStart::new(Ask::Control { character: 18, keeps_lines: false, starts }, 0b1_0000_0111);
         let error = CallError::Board { code: 3, meaning: String::new(), lines: Vec::new() };

@@ -3,8 +3,9 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use super::leftovers::Starts;
-use super::stop_target::{PANEL_TAKES, Target};
+use crate::daemon::motion::effect::Starts;
+use crate::daemon::motion::target::Target;
+use crate::daemon::motion::timing::PANEL_STOP_TAKES;
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::parameters::{check_number, inside, rotary_buffer};
@@ -13,7 +14,7 @@ use crate::function::panel::{FeedOverride, PanelAction, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
 use crate::map::functions::VARIABLE_READ_ENTRIES;
-use crate::map::{Family, Firmware, PmacAddress, VariableKind, VariableName, VariableRead};
+use crate::map::{Family, Firmware, Motors, PmacAddress, Systems, VariableKind, VariableName, VariableRead};
 use crate::protocol::board::{BoardInfo, VariableRecord};
 use crate::protocol::{CallError, answer, calls};
 
@@ -109,10 +110,10 @@ pub struct JobCall {
     pub(super) notes: Option<Vec<String>>,
     /// The rotary buffer that it feeds: only its stream's owner may.
     pub(super) feeds: Option<usize>,
-    /// The motors to stop when the caller is gone or silent: bit 0 is motor 1.
-    pub(super) lease: Option<u32>,
+    /// The motors to stop when the caller is gone or silent.
+    pub(super) lease: Option<Motors>,
     /// The motors that it sets in motion; nobody else may hold them.
-    pub(super) moves: u32,
+    pub(super) moves: Motors,
     /// The programs that it starts.
     pub(super) starts: Starts,
     /// What the audit log says of it, if it can move a machine or change a register.
@@ -229,7 +230,7 @@ impl JobCall {
             notes: None,
             feeds: None,
             lease: None,
-            moves: 0,
+            moves: Motors::NONE,
             starts: Starts::default(),
             audit: None,
         }
@@ -252,12 +253,13 @@ fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, Cal
     Ok(action)
 }
 
-/// What `action` stops for the numbers in `mask`, bit 0 being number 1.
-const fn stopped_by(action: PanelAction, mask: u32) -> Option<Target> {
+/// What `action` stops for these `numbers`.
+fn stopped_by(action: PanelAction, numbers: &[usize]) -> Option<Target> {
+    let numbers = numbers.iter().copied();
     match action {
-        PanelAction::JogStop => Some(Target::Motors(mask)),
-        PanelAction::Stop => Some(Target::Systems(mask, 'A')),
-        PanelAction::Hold => Some(Target::Systems(mask, 'H')),
+        PanelAction::JogStop => Some(Target::Motors(numbers.collect())),
+        PanelAction::Stop => Some(Target::Systems(numbers.collect(), 'A')),
+        PanelAction::Hold => Some(Target::Systems(numbers.collect(), 'H')),
         _ => None,
     }
 }
@@ -269,9 +271,8 @@ pub(super) fn stop_by_line(
 ) -> Result<Option<(Target, String)>, CallError> {
     let action = panel_action(&call, family)?;
     let numbers = call.numbers;
-    let mask = numbers.iter().fold(0, |mask, number| mask | 1 << (number - 1));
     let audit = format!("panel {action} {numbers:?}, by command line");
-    Ok(stopped_by(action, mask).map(|target| (target, audit)))
+    Ok(stopped_by(action, &numbers).map(|target| (target, audit)))
 }
 
 /// A control panel request; `hold` makes it one that a lease ends.
@@ -288,17 +289,18 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     let held = if hold { ", held" } else { "" };
     // What stops a machine does not wait for a question behind other people's lines.
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
-    let target = stopped_by(action, request.mask());
+    let target = stopped_by(action, &numbers);
+    let motors = if action.is_for_motors() { Motors::from_bits(request.mask()) } else { Motors::NONE };
     let starts = matches!(action, PanelAction::Start | PanelAction::Step);
-    let timeout = if stops { PANEL_TAKES } else { PANEL_TIMEOUT };
+    let timeout = if stops { PANEL_STOP_TAKES } else { PANEL_TIMEOUT };
     Ok(JobCall {
         guard: panel_enabled(family).filter(|_| !stops),
         stops,
         target,
-        lease: hold.then_some(request.mask()),
-        moves: if action.is_for_motors() && !stops { request.mask() } else { 0 },
+        lease: hold.then_some(motors),
+        moves: if stops { Motors::NONE } else { motors },
         starts: Starts {
-            systems: if starts { request.mask() } else { 0 },
+            systems: Systems::from_bits(if starts { request.mask() } else { 0 }),
             confirmed: confirmed == Some(true),
         },
         audit: Some(format!("panel {action} {numbers:?}{held}")),

@@ -1,13 +1,13 @@
 //! A jog to a position: what a call asks for, and the command line that does it.
 //!
 //! The control panel has no key for it, so it goes by command line: `#nJ={constant}`. The address that `#n` changes is everybody's
-//! (UM p. 29), so the line puts it back.
+//! (User Manual p. 29), so the line puts it back.
 
 use std::time::{Duration, Instant};
 
 use crate::daemon::shared::parameters::check_number;
 use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Text};
-use crate::map::Family;
+use crate::map::{Family, Motors};
 use crate::protocol::{CallError, calls};
 
 /// How long the question and the line may take together.
@@ -48,14 +48,9 @@ impl JogTo {
         now + TIMEOUT
     }
 
-    /// Its motor, from 1 on.
-    pub(super) const fn motor(self) -> u32 {
-        self.motor
-    }
-
-    /// Its motor: bit 0 is motor 1.
-    pub(super) const fn mask(self) -> u32 {
-        1_u32.unbounded_shl(self.motor.saturating_sub(1))
+    /// Its motor, as a set of one.
+    pub(super) const fn motors(self) -> Motors {
+        Motors::of(self.motor as usize)
     }
 
     /// The line that does it and then addresses motor `addressed` again.
@@ -85,7 +80,7 @@ mod tests {
             (1e10, "10000000000"),
         ] {
             let jog = JogTo::of(&calls::JogTo { motor: 3, position: counts }, &PMAC).unwrap();
-            assert_eq!((&*jog.line(2), jog.mask()), (&*format!("#3J={text}#2"), 0b100));
+            assert_eq!((&*jog.line(2), jog.motors()), (&*format!("#3J={text}#2"), Motors::of(3)));
         }
     }
 

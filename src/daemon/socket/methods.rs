@@ -9,10 +9,10 @@ use serde_json::json;
 
 use super::jobs::{self, JobCall};
 use super::jog_to::JogTo;
-use super::leftovers::{Starts, started_by};
 use super::policy::{Characters, Role};
 use super::sequences::SequenceCall;
-use super::stop_target::Target;
+use crate::daemon::motion::effect::Starts;
+use crate::daemon::motion::target::Target;
 use crate::daemon::scripts::{Batch, GatherCall, RotaryCall};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
@@ -455,7 +455,7 @@ fn send_control(
     Ok(Action::Ask(Ask::Control {
         character,
         keeps_lines: *keep_queue == Some(true),
-        starts: Starts { systems: started_by(character), confirmed: *confirmed == Some(true) },
+        starts: Starts::of_character(character, *confirmed == Some(true)),
     }))
 }
 

@@ -6,11 +6,12 @@ use std::time::Instant;
 
 use nix::unistd::Uid;
 
-use super::call_table::Caller;
-use super::leftovers::LineEffect;
+use crate::daemon::motion::effect::LineEffect;
 use crate::daemon::scripts::{Batch, Ending, GatherCall, LEASE, Resource, RotaryCall, Script};
+use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
+use crate::protocol::line_ends::LineEnds;
 use crate::protocol::{CallError, Reply};
 
 /// What a client asks of a sequence, or begins one with.
@@ -90,6 +91,17 @@ pub(super) struct Running {
 }
 
 impl Running {
+    /// Whether a line that `ends` these ends what the sequence does.
+    pub(super) fn is_ended_by(&self, ends: &LineEnds) -> bool {
+        match self.script.resource() {
+            Resource::Gather => ends.gather,
+            Resource::Rotary(_) => {
+                ends.buffer || (ends.systems | ends.rotary) & self.script.feeds().bits() != 0
+            }
+            Resource::Lines => ends.buffer,
+        }
+    }
+
     /// When it lapses: only while its owner is the one who has to say something.
     fn lapses(&self) -> Option<Instant> {
         (self.ending.is_none() && self.call.is_none()).then(|| self.heard + LEASE)

@@ -10,6 +10,7 @@ mod calls;
 mod ending;
 mod first_starts;
 mod jogging;
+mod motion;
 mod replies;
 mod sequencing;
 mod starting;
@@ -31,25 +32,23 @@ use super::admission::Admission;
 use super::audit::AuditLimit;
 use super::call_table::CallTable;
 use super::clients::Clients;
-use super::leases::Leases;
-use super::leftovers::Leftovers;
-use super::line_jogs::LineJogs;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
-use super::panel_jogs::PanelJogs;
 use super::policy::{Characters, Peer, PolicyError};
 use super::program_errors::ProgramErrors;
-use super::resets::Resets;
-use super::sent_stops::SentStops;
 use super::sequences::Sequences;
-use super::stop_target::Target;
-use super::stops::Stops;
 use super::tracing::Tracing;
 use super::watches::Watches;
+use crate::daemon::motion::ledger::Ledger;
+use crate::daemon::motion::leftovers::Leftovers;
+use crate::daemon::motion::resets::Resets;
+use crate::daemon::motion::sent_stops::SentStops;
+use crate::daemon::motion::stops::Stops;
 use crate::daemon::scripts::Found;
 use crate::daemon::shared::info::{Info, Pulse, WatchedThread};
 use crate::daemon::shared::queue::{Command, Event, Outcome, Receive, Sender, Ticket};
 use crate::device::Trace;
+use crate::map::Motors;
 use crate::protocol::board::{ReadReply, RotaryStateReply};
 use crate::protocol::{Call, CallError, Enabled, Reply};
 
@@ -74,23 +73,23 @@ pub struct Backend {
 /// The running server. Stops when told to, or when dropped.
 pub struct Server {
     stop: Arc<EventFd>,
-    thread: Option<JoinHandle<u32>>,
+    thread: Option<JoinHandle<Motors>>,
 }
 
 impl Server {
     /// Stops held jogs, ends every connection, removes the socket, and waits for the thread, whose waits are bounded. The motors of
-    /// held jogs that may still move, bit 0 being motor 1.
+    /// held jogs that may still move.
     #[must_use]
-    pub fn stop(mut self) -> u32 {
+    pub fn stop(mut self) -> Motors {
         self.end()
     }
 
-    fn end(&mut self) -> u32 {
-        let Some(thread) = self.thread.take() else { return 0 };
+    fn end(&mut self) -> Motors {
+        let Some(thread) = self.thread.take() else { return Motors::NONE };
         let _ = self.stop.write(1);
         thread.join().unwrap_or_else(|_| {
             error!("the command socket's thread panicked");
-            0
+            Motors::NONE
         })
     }
 }
@@ -119,10 +118,8 @@ struct Service {
     admission: Admission,
     clients: Clients,
     calls: CallTable,
-    leases: Leases,
-    line_jogs: LineJogs,
+    ledger: Ledger,
     stops: Stops,
-    panel_jogs: PanelJogs,
     sequences: Sequences,
     leftovers: Leftovers,
     resets: Resets,
@@ -149,10 +146,8 @@ impl Service {
             admission: Admission::new(options, listener)?,
             clients: Clients::new(options.patience),
             calls: CallTable::new(commands),
-            leases: Leases::default(),
-            line_jogs: LineJogs::default(),
+            ledger: Ledger::default(),
             stops: Stops::new(options.stop_all_after),
-            panel_jogs: PanelJogs::default(),
             sequences: Sequences::default(),
             leftovers: Leftovers::default(),
             resets: Resets::default(),
@@ -170,7 +165,7 @@ impl Service {
         })
     }
 
-    fn run(mut self, stop: &EventFd) -> u32 {
+    fn run(mut self, stop: &EventFd) -> Motors {
         loop {
             let ready = match self.wait(stop, self.timeout()) {
                 Ok(ready) => ready,
@@ -205,18 +200,16 @@ impl Service {
             admission.accept(clients, holds, audit, now);
         }
         self.expire(now);
-        self.end_lapsed_leases(now);
-        self.tend_stops(now);
         self.tend_sequences(now);
         let gone = self.clients.remove_finished();
         for client in &gone {
             self.watches.forget(*client);
             self.calls.forget(*client);
-            self.leases.forget(*client);
+            self.ledger.forget(*client);
             self.sequences.forget(*client);
             self.tracing.forget(*client);
         }
-        self.tend_line_jogs(now);
+        self.tend_motion(now);
         if !gone.is_empty() {
             self.admission.resume();
         }
@@ -226,13 +219,8 @@ impl Service {
 
     /// What decides who gets a place: besides, whether something ends with a connection.
     fn entrance(&mut self) -> (&mut Admission, &mut Clients, impl Fn(u64) -> bool, &mut AuditLimit) {
-        let Self { admission, clients, leases, line_jogs, sequences, tracing, audit, .. } = self;
-        let holds = |client| {
-            leases.is_of(client)
-                || line_jogs.is_of(client)
-                || sequences.is_of(client)
-                || tracing.is_of(client)
-        };
+        let Self { admission, clients, ledger, sequences, tracing, audit, .. } = self;
+        let holds = |client| ledger.is_of(client) || sequences.is_of(client) || tracing.is_of(client);
         (admission, clients, holds, audit)
     }
 
@@ -245,8 +233,7 @@ impl Service {
             self.calls.next_deadline(),
             self.clients.next_deadline(),
             self.admission.next_deadline(),
-            self.leases.next_end(),
-            self.line_jogs.first_lapse(),
+            self.ledger.next_moment(),
             self.stops.next_moment(),
             self.sequences.next_moment(),
             self.audit.next_end(),
@@ -349,11 +336,11 @@ impl Service {
             Event::Done(ticket, outcome) => {
                 let refused = self.watches.failed(ticket, outcome, now);
                 self.refuse_watches(&refused, outcome, now);
-                if let Some(motors) = self.leases.request_over(ticket, outcome) {
-                    self.stop_by_line(Target::Motors(motors), None, true, now);
+                if let Some(number) = self.stops.at_panel(ticket) {
+                    self.stop_step(number, &[], outcome, now);
                 }
                 if let Some(mut ended) = self.calls.end(ticket) {
-                    self.note_stop(&mut ended, outcome, now);
+                    self.note_effect(&mut ended, outcome, now);
                     self.on_end(ended, outcome, now);
                 }
             }
@@ -386,13 +373,10 @@ impl Service {
                 self.resets.bus_sees(status.resets, status.enabled.contains(Enabled::SERVO), now);
                 let panel = self.info.enabling().panel;
                 let opened = self.info.take(status);
-                self.leases.loops_opened(opened, now);
+                self.ledger.see(self.info.motion(), opened, now);
                 if panel != Some(false) && self.info.enabling().panel == Some(false) {
                     self.panel_ended(None, now);
                 }
-                self.panel_jogs.see(self.info.motion());
-                self.leases.see_motion(self.info.motion(), now);
-                self.line_jogs.see_motion(self.info.motion(), now);
             }
             Event::Unsolicited(text) => {
                 self.program_errors.see(&text, now);
@@ -426,7 +410,7 @@ impl Service {
             self.audit.tell(uid, what, now);
         }
         for (mut ended, outcome) in self.calls.expire(self.info.holds_port(), now) {
-            self.note_stop(&mut ended, outcome, now);
+            self.note_effect(&mut ended, outcome, now);
             self.give_up(ended, outcome, now);
         }
     }

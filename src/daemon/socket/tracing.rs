@@ -10,7 +10,7 @@ use crate::protocol::CallError;
 use crate::protocol::board::TraceReply;
 
 /// How long after its last call a client still has the trace.
-const LEASE: Duration = Duration::from_secs(5);
+const TRACE_LEASE: Duration = Duration::from_secs(5);
 /// Accesses that one reply holds at most.
 const ACCESSES_A_REPLY: usize = 4096;
 
@@ -51,7 +51,7 @@ impl Tracing {
             // One that began silently again would hide how much is missing between.
             let reason = format!(
                 "the trace has ended: nothing was asked for {} s, and the accesses since are not in it",
-                LEASE.as_secs()
+                TRACE_LEASE.as_secs()
             );
             return Err(CallError::Refused { reason });
         }
@@ -71,7 +71,7 @@ impl Tracing {
                 none.insert(Owner { client, peer, until: now, dropped: self.trace.dropped() })
             }
         };
-        owner.until = now + LEASE;
+        owner.until = now + TRACE_LEASE;
         if end {
             self.trace.end();
         }

@@ -4,9 +4,11 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::{
-    held_by_another, is_stopping, lease_over, not_sent, outcome_reply, refused, reply_lines,
-};
+use super::replies::{hold_over, is_stopping, outcome_reply, refused, reply_lines};
+use crate::daemon::motion::hold_end::HoldEnd;
+use crate::daemon::motion::leftovers::Leftovers;
+use crate::daemon::motion::resets;
+use crate::daemon::motion::target::Target;
 use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
@@ -15,16 +17,12 @@ use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::jobs::{self, JobCall};
-use crate::daemon::socket::leases::{LeaseEnd, StopFor};
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
-use crate::daemon::socket::resets;
-use crate::daemon::socket::stop_target::{PANEL_TAKES, Target};
 use crate::function::variable_read::VariableEntry;
-use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, SendReply, WatchReply};
+use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, WatchReply};
 use crate::protocol::line::only_asks_for_variables;
-use crate::protocol::line_ends::RESET;
 use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
@@ -37,7 +35,7 @@ impl Service {
     /// Begins a call: answers it, or has the board asked.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
         self.sequences.renew(id, now);
-        self.line_jogs.hear(|client| client == id, now);
+        self.ledger.hear(|client| client == id, now);
         let Some(client) = self.clients.get(id) else { return };
         let caller = Caller { client: id, peer: client.peer(), oneway: call.oneway == Some(true) };
         let is_unheard = !caller.oneway && !client.hears();
@@ -123,7 +121,7 @@ impl Service {
             }
             Action::Sequence(call) => return self.sequence_call(caller, call, now),
             Action::RenewJogs => {
-                let going = self.line_jogs.go_on(caller.client, now);
+                let going = self.ledger.jogs_by_line(caller.client, now);
                 return Reply::with(&JogRenewReply { going }).map(Some);
             }
             Action::CheckReset => {
@@ -133,11 +131,11 @@ impl Service {
                 if let Some(renewed) = self.renewed_at_the_end(now) {
                     return renewed.map(|()| Some(Reply::done()));
                 }
-                let renewed = self.leases.renew(caller.client, now);
-                if renewed == Err(Some(LeaseEnd::DaemonEnds)) {
-                    self.leases.forget(caller.client);
+                let renewed = self.ledger.renew(caller.client, now);
+                if renewed == Err(Some(HoldEnd::DaemonEnds)) {
+                    self.ledger.forget(caller.client);
                 }
-                return renewed.map(|()| Some(Reply::done())).map_err(lease_over);
+                return renewed.map(|()| Some(Reply::done())).map_err(hold_over);
             }
         }
         Ok(None)
@@ -193,15 +191,11 @@ impl Service {
                 let uid = caller.peer.uid.as_raw();
                 let drops_lines = stops_all && !keeps_lines;
                 if stops_all {
-                    self.stop_all_begins(character, now);
+                    self.stop_all_begins(caller, character, drops_lines, now);
                 }
-                if drops_lines {
-                    self.drop_what_waits(uid, character, Some(caller.client), now);
-                }
-                let then = if stops_all { Then::AllStopped(character) } else { Then::ReplyLines };
                 let sends = format!("sends {}", control::name(character));
                 let audit = audit::entry(caller.peer, sends, control::only_reports(character));
-                self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
+                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Control {
                     ticket,
                     uid,
                     drops_lines,
@@ -258,18 +252,17 @@ impl Service {
         let JobCall { mut job, notes, lease, audit, target, guard, moves, starts, .. } = call;
         self.may_start(starts)?;
         // A stop is never refused.
-        if let Some((holder, held)) = self.leases.held_by_another(caller.client, moves) {
-            return Err(held_by_another(holder, held));
-        }
+        self.spares_holds(caller.client, moves)?;
         if let Some(motors) = lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
-            self.leases.begin(caller.client, caller.peer.account(), motors, deadline);
+            self.ledger.hold(caller.client, caller.peer.account(), motors, deadline);
         }
         let mut ends_hold = false;
         if let Some(Target::Motors(stops)) = target {
-            let stop_for = self.leases.stop_for(caller.client, stops, now);
-            if stop_for.map_err(|end| lease_over(Some(end)))? == StopFor::Holder {
-                (job, ends_hold) = (Job::EndHold(stops), true);
+            let stop_for = self.ledger.stop_for(caller.client, stops, now);
+            ends_hold = stop_for.map_err(|end| hold_over(Some(end)))?;
+            if ends_hold {
+                job = Job::EndHold(stops.bits());
             }
         }
         let then = match (lease, target, notes) {
@@ -319,25 +312,6 @@ impl Service {
         };
         for (ended, outcome) in calls.hand_out(info.holds_port(), now, |client| clients.hears(client), log) {
             self.give_up(ended, outcome, now);
-        }
-    }
-
-    /// What `ended` ends and begins counts, if the board may have carried it out.
-    pub(super) fn note_stop(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
-        let is_without_effect = outcome.is_unsent() || matches!(outcome, Outcome::Error(_));
-        if !is_without_effect {
-            self.panel_jogs.begin(ended.jogs);
-        }
-        self.note_jogs(ended, outcome, now);
-        if let Some(ends) = ended.ends.take_if(|_| !is_without_effect) {
-            if ends.what == RESET {
-                self.resets.was_sent(now);
-            }
-            let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };
-            if ends.buffer && sequence.is_none() {
-                self.end_closed_streams(ended.caller.peer, now);
-            }
-            self.sent_stops.add(ends, ended.caller, sequence, now);
         }
     }
 
@@ -436,18 +410,11 @@ impl Service {
         let reply = match (then, outcome) {
             (Then::ReplyHeld, outcome) => {
                 // The jog has begun: its holder's time runs from here.
-                let held = self.leases.renew(caller.client, now).map(|()| Reply::done()).map_err(lease_over);
+                let held = self.ledger.renew(caller.client, now).map(|()| Reply::done()).map_err(hold_over);
                 if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong, now) }
             }
-            (Then::AllStopped(character), Outcome::Done) => {
-                self.panel_jogs.stopped(u32::MAX);
-                let clients = self.leases.control_taken();
-                self.withdraw_holds(&clients, now);
-                self.end_streams(caller.peer, character, now);
-                Reply::with(&SendReply { lines, entered: None })
-            }
             (Then::PanelStop { target, .. }, Outcome::Done) => {
-                self.panel_has_stopped(target, caller, now);
+                self.has_stopped(target, caller, now);
                 Ok(Reply::done())
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
@@ -464,20 +431,13 @@ impl Service {
         self.answer(caller, reply, now);
     }
 
-    /// What `caller` asked to stop has been stopped: whoever held it holds it no more, and no stream goes on feeding it.
-    pub(super) fn panel_has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
-        self.panel_jogs.stopped(target.motors());
-        self.line_jogs.over(target.motors());
-        self.leases.stopped(caller.client, target.motors());
-        self.leases.stopped_by_another(caller.client, caller.peer.account(), target.motors(), now);
-        self.end_streams_of(target.aborted(), caller.peer, now);
-    }
-
     /// The board, asked then for its servo counter, has answered `lines`.
     pub(super) fn see_counter(&mut self, lines: &[String], asked: Instant, now: Instant) {
         let counter = lines.first().and_then(|line| answer::integer(line));
         if let Some(counter) = counter.and_then(|counter| u64::try_from(counter).ok()) {
-            self.resets.counter_is(counter, asked, now);
+            if self.resets.counter_is(counter, asked, now) {
+                self.leftovers = Leftovers::after_reset();
+            }
         }
     }
 
@@ -512,7 +472,7 @@ impl Service {
 
     /// Answers a call that waited, and begins its caller's next ones.
     pub(super) fn answer(&mut self, caller: Caller, reply: Result<Reply, CallError>, now: Instant) {
-        self.line_jogs.hear(|client| client == caller.client, now);
+        self.ledger.hear(|client| client == caller.client, now);
         let Some(client) = self.clients.get_mut(caller.client) else { return };
         client.wait_for(Waiting::Nothing);
         if !caller.oneway {
@@ -566,34 +526,5 @@ impl Service {
         if let Some(ticket) = self.calls.send_now(Job::WatchVariables(table), now + OWN_JOB_TIMEOUT) {
             self.watches.sent(ticket);
         }
-    }
-
-    /// Requests the stop of every jog whose holder is gone or silent.
-    pub(super) fn end_lapsed_leases(&mut self, now: Instant) {
-        let calls = &mut self.calls;
-        let is_there = |client| self.clients.hears(client);
-        let send = |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES);
-        if let Some(clients) = self.leases.end_lapsed(now, is_there, send) {
-            self.withdraw_holds(&clients, now);
-        }
-    }
-
-    /// Takes the jogs out of the queue that these clients asked for and no longer hold: after its stop a jog would have no end.
-    pub(super) fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
-        for client in clients {
-            if let Some(caller) = self.calls.take_back_hold(*client) {
-                let end = self.leases.renew(*client, now).err().flatten();
-                self.answer(caller, Err(not_sent(end)), now);
-            }
-            if self.clients.get(*client).is_none() {
-                self.leases.forget(*client);
-            }
-        }
-    }
-
-    /// Requests the stop of every jog that is held, if there is room for the request.
-    pub(super) fn request_end_of_leases(&mut self, now: Instant) {
-        let calls = &mut self.calls;
-        self.leases.end_all(now, |motors| calls.send_now(Job::EndHold(motors), now + PANEL_TAKES));
     }
 }

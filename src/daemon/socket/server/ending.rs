@@ -7,9 +7,9 @@ use nix::sys::eventfd::EventFd;
 
 use super::Service;
 use super::replies::{is_stopping, stop_not_taken};
+use crate::daemon::motion::timing::HOLD_LEASE;
 use crate::daemon::scripts::END_STEP;
-use crate::daemon::socket::leases::LEASE;
-use crate::daemon::socket::stop_target::Target;
+use crate::map::Motors;
 use crate::protocol::{CallError, Reply};
 
 /// How long the ends of all sequences together may take.
@@ -38,20 +38,18 @@ impl Service {
 
     /// The daemon stops: held jogs are over, and those that end with a connection; sequences end, and nothing is begun any more.
     pub(super) fn begin_end(&mut self, now: Instant) {
-        let motors = self.line_jogs.take(now, |_| true);
-        self.end_line_jogs(motors, "pmacd ends", now);
-        self.leases.daemon_ends(now);
-        self.end_lapsed_leases(now);
+        self.ledger.daemon_ends(now);
+        self.tend_motion(now);
         self.stop_sequences(now);
     }
 
     /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time. Who held
     /// a jog renews it until it has been stopped, and hears of that then.
     pub(super) fn time_left(&mut self, begun: Instant, now: Instant) -> Option<Duration> {
-        let stops = self.leases.count() + self.stops.count() > 0 || self.calls.stops();
+        let stops = self.ledger.holds() + self.stops.count() > 0 || self.calls.stops();
         self.stood_since = if stops { None } else { self.stood_since.or(Some(now)) };
         let steps = self.has_sequences().then_some(begun + LAST_STEPS);
-        let told = self.stood_since.filter(|_| self.leases.has_untold()).map(|since| since + LEASE);
+        let told = self.stood_since.filter(|_| self.ledger.has_untold()).map(|since| since + HOLD_LEASE);
         let latest = steps.max(stops.then_some(begun + LAST_STOPS)).max(told)?;
         Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
     }
@@ -61,33 +59,31 @@ impl Service {
     pub(super) fn renewed_at_the_end(&self, now: Instant) -> Option<Result<(), CallError>> {
         let (since, may_move) = (self.stopping?, self.may_move());
         let is_late = now.saturating_duration_since(since) >= STOP_SILENCE;
-        (may_move != 0).then(|| if is_late { Err(stop_not_taken(may_move)) } else { Ok(()) })
+        (!may_move.is_empty()).then(|| if is_late { Err(stop_not_taken(may_move)) } else { Ok(()) })
     }
 
-    /// The motors of held jogs that may still move; bit 0 is motor 1.
-    pub(super) fn may_move(&self) -> u32 {
-        self.leases.motors() | self.stops.motors()
+    /// The motors of held jogs that may still move.
+    pub(super) fn may_move(&self) -> Motors {
+        self.ledger.held_motors().and(self.stops.motors())
     }
 
-    /// Tells whoever waits. The motors of held jogs that may still move, bit 0 being motor 1.
-    pub(super) fn end(&mut self, now: Instant) -> u32 {
+    /// Tells whoever waits. The motors of held jogs that may still move.
+    pub(super) fn end(&mut self, now: Instant) -> Motors {
         // What has been done already is told so.
         while let Some(event) = self.events.try_receive() {
             self.on_event(event, now);
         }
         let may_move = self.may_move();
         let mut reason = "pmacd stopped before the board had answered".to_owned();
-        if may_move != 0 {
-            let target = Target::Motors(may_move);
-            reason += &format!("; {target} MAY STILL MOVE");
+        if !may_move.is_empty() {
+            reason += &format!("; motor {may_move} MAY STILL MOVE");
             error!(
                 target: "audit",
-                "{target} MAY STILL MOVE: pmacd ends, and the board has not taken the stop of its held jog; use the emergency stop, or ^A \
+                "motor {may_move} MAY STILL MOVE: pmacd ends, and the board has not taken the stop of its held jog; use the emergency stop, or ^A \
                  over the serial port"
             );
         }
-        // Nobody will be there to hold a jog; the bus thread tries once more before it ends.
-        self.request_end_of_leases(now);
+        self.stop_at_the_end(now);
         self.audit.end();
         // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
         // sent.

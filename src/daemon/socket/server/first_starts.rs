@@ -13,6 +13,7 @@ use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::connection::Waiting;
 use crate::daemon::socket::first_start::FirstStart;
 use crate::daemon::socket::methods::Ask;
+use crate::map::Systems;
 use crate::protocol::{CallError, Function};
 
 /// How long a question may wait for its turn.
@@ -22,14 +23,14 @@ impl Service {
     /// Gives `ask` back if it is known what lies in the rotary buffers of the programs that it starts. Otherwise the board is asked,
     /// and it goes on then.
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
-        let existing = u32::MAX >> (u32::BITS as usize - self.info.family().coordinate_systems);
+        let existing = Systems::first(self.info.family().coordinate_systems);
         // What a stream of our own feeds it has asked about itself.
-        let unknown = self.leftovers.unknown(ask.starts(), self.resets.count());
-        let unknown = (unknown | self.leftovers.left(ask.starts())) & existing & !self.sequences.fed();
-        if unknown == 0 || self.info.why_not(Function::Ascii).is_some() {
+        let fed = Systems::from_bits(self.sequences.fed());
+        let unknown = self.leftovers.to_ask(ask.starts()).among(existing).without(fed);
+        if unknown.is_empty() || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
         }
-        let then = Then::FirstStart(Box::new(FirstStart::new(ask, unknown)));
+        let then = Then::FirstStart(Box::new(FirstStart::new(ask, unknown.bits())));
         self.question(caller, FirstStart::QUESTION, then, now + QUESTION);
         None
     }
@@ -51,9 +52,9 @@ impl Service {
             (Ok(found), _) => {
                 match (found, outcome) {
                     (Some((system, _)), Outcome::Error(error)) => {
-                        self.leftovers.refused(system, error, self.resets.count());
+                        self.leftovers.refused(Systems::from_bits(system), error);
                     }
-                    (Some((system, left)), _) => self.leftovers.find(system, left, self.resets.count()),
+                    (Some((system, left)), _) => self.leftovers.find(Systems::from_bits(system), left),
                     (None, _) => {}
                 }
                 self.go_on_with_start(caller, start, now)

@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
+use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, REASON_MAX, Text};
 use crate::daemon::socket::call_table::COLLECT_MAX;
-use crate::daemon::socket::leases::LeaseEnd;
-use crate::daemon::socket::stop_target::Target;
+use crate::map::Motors;
 use crate::map::errors::meaning;
 use crate::protocol::board::SendReply;
 use crate::protocol::{CallError, CommandPort, Reply};
@@ -65,7 +65,7 @@ pub(super) fn refused(reason: Text<REASON_MAX>) -> CallError {
 }
 
 /// What a client is told whose held jog is over.
-pub(super) fn lease_over(end: Option<LeaseEnd>) -> CallError {
+pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
     let reason = end.map_or_else(
         || "there is no held jog of this connection (any more)".to_owned(),
         |end| end.to_string(),
@@ -74,29 +74,29 @@ pub(super) fn lease_over(end: Option<LeaseEnd>) -> CallError {
 }
 
 /// What a client is told who would move a motor that another one holds.
-pub(super) fn held_by_another(holder: Option<Account>, motors: u32) -> CallError {
-    let held = Target::Motors(motors);
+pub(super) fn held_by_another(holder: Option<Account>, motors: Motors) -> CallError {
     let reason = match holder {
         Some(holder) => {
-            format!("{holder} holds a jog of {held}; nothing was sent; panel jog-stop or abort ends that")
+            format!(
+                "{holder} holds a jog of motor {motors}; nothing was sent; panel jog-stop or abort ends that"
+            )
         }
         None => format!(
-            "the board has not taken the stop of {held} yet, which pmacd requests again; nothing was sent; abort stops it"
+            "the board has not taken the stop of motor {motors} yet, which pmacd requests again; nothing was sent; abort stops it"
         ),
     };
     CallError::Refused { reason }
 }
 
 /// What a client is told whose held jog was over before it was sent to the board.
-pub(super) fn not_sent(end: Option<LeaseEnd>) -> CallError {
-    CallError::Refused { reason: format!("{}; the jog was not sent", lease_over(end)) }
+pub(super) fn not_sent(end: Option<HoldEnd>) -> CallError {
+    CallError::Refused { reason: format!("{}; the jog was not sent", hold_over(end)) }
 }
 
 /// What a holder is told when `pmacd` stops, and the board has not taken the stop of these motors.
-pub(super) fn stop_not_taken(motors: u32) -> CallError {
-    let target = Target::Motors(motors);
+pub(super) fn stop_not_taken(motors: Motors) -> CallError {
     let reason = format!(
-        "pmacd is stopping, and the board has not taken the stop of the held jog yet: {target} MAY STILL MOVE; use the emergency stop"
+        "pmacd is stopping, and the board has not taken the stop of the held jog yet: motor {motors} MAY STILL MOVE; use the emergency stop"
     );
     CallError::Interrupted { reason }
 }

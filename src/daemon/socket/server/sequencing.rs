@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::Service;
+use crate::daemon::motion::effect::LineEffect;
+use crate::daemon::motion::resets;
 use crate::daemon::scripts::{
     Asked, Batch, Done, Ending, Found, Request, Resource, Script, Step, gather, lines, rotary, stop_gather,
 };
@@ -13,11 +15,11 @@ use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
-use crate::daemon::socket::leftovers::LineEffect;
 use crate::daemon::socket::policy::Peer;
-use crate::daemon::socket::resets;
 use crate::daemon::socket::sequences::{Running, SequenceCall, Sequences, Waits};
+use crate::map::Systems;
 use crate::protocol::line::only_asks_for_variables;
+use crate::protocol::line_ends::LineEnds;
 use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
 
@@ -154,7 +156,7 @@ impl Service {
 
     /// Somebody has stopped every motor: no stream goes on feeding a program.
     pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
-        self.leftovers.aborted(u32::MAX);
+        self.leftovers.aborted(Systems::ALL);
         for number in self.sequences.that_feed(u32::MAX) {
             self.end_sequence(number, Ending::AllStopped(by, character), now);
         }
@@ -167,10 +169,10 @@ impl Service {
         }
     }
 
-    /// Somebody has aborted the coordinate systems in `mask`: no stream goes on feeding their programs.
-    pub(super) fn end_streams_of(&mut self, mask: u32, by: Peer, now: Instant) {
-        self.leftovers.aborted(mask);
-        for number in self.sequences.that_feed(mask) {
+    /// Somebody has aborted the coordinate systems in `systems`: no stream goes on feeding their programs.
+    pub(super) fn end_streams_of(&mut self, systems: Systems, by: Peer, now: Instant) {
+        self.leftovers.aborted(systems);
+        for number in self.sequences.that_feed(systems.bits()) {
             self.end_sequence(number, Ending::Aborted(by), now);
         }
     }
@@ -255,7 +257,7 @@ impl Service {
                 }
                 Step::Answer(reply) => {
                     // What was left before a stream it has cleared, or runs as its own.
-                    self.leftovers.forget(running.script.feeds().bits());
+                    self.leftovers.forget(running.script.feeds());
                     running.waits = Waits::Until(now);
                     let call = running.call.take();
                     self.sequences.renew(owner.client, now);
@@ -326,7 +328,7 @@ impl Service {
     ) -> Option<Answer> {
         let Running { script, owner, ending, call, waiters, is_told, .. } = self.sequences.over(number)?;
         if let Some(lines) = script.leaves() {
-            self.leftovers.set(script.feeds().bits(), lines, self.resets.count());
+            self.leftovers.set(script.feeds(), lines);
         }
         let (name, Peer { uid, pid, .. }) = (script.name(), owner.peer);
         match (&ending, &reply) {
@@ -388,8 +390,10 @@ impl Service {
         let (resets, doubts) = (self.resets.count(), self.resets.doubts());
         let Found { rotary, words } = found;
         let running = self.sequences.get(number);
-        let ended_by =
-            running.and_then(|running| self.sent_stops.that_ended(number, running, self.info.family()));
+        let ended_by = running.and_then(|running| {
+            let ends = |ends: &LineEnds| running.is_ended_by(ends);
+            self.sent_stops.that_ended(number, running.owner.since, ends, self.info.family())
+        });
         let (gathers, programs_run) = (self.info.gathers(), self.info.programs_run());
         Done { outcome, result, resets, doubts, rotary, words, gathers, programs_run, ended_by }
     }

@@ -4,14 +4,14 @@ use std::time::Instant;
 
 use super::Service;
 use super::replies::{held_by_another, reply_lines};
+use crate::daemon::motion::effect::{LineEffect, Starts, moved_by};
+use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::call_table::Caller;
-use crate::daemon::socket::leftovers::{LineEffect, Starts};
+use crate::map::Motors;
 use crate::protocol::board::SendReply;
 use crate::protocol::buffer_line::WhileOpen;
 use crate::protocol::cut_off;
-use crate::protocol::moved_motors::motors_moved;
 use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
 
 impl Service {
@@ -28,9 +28,21 @@ impl Service {
         let open = self.info.board().open_buffer.as_ref().and_then(|open| open.name.as_deref());
         let effect = LineEffect::of(line, open.is_some_and(is_rotary), self.info.family().i.panel);
         self.may_start(Starts { systems: effect.starts, confirmed })?;
-        match self.leases.held_by_another(client, motors_moved(line)) {
-            Some((holder, held)) => Err(held_by_another(holder, held)),
-            None => Ok(LineEffect { while_open: WhileOpen::of(line.as_bytes()), ..effect }),
+        self.spares_holds(client, moved_by(line))?;
+        Ok(effect)
+    }
+
+    /// Whether a command of `client` that moves `motors` moves none that somebody else holds, or whose stop the board has not taken. A
+    /// stop is not asked.
+    ///
+    /// # Errors
+    /// Who holds which; nothing was sent.
+    pub(super) fn spares_holds(&self, client: u64, motors: Motors) -> Result<(), CallError> {
+        let due = motors.among(self.stops.due_motors());
+        match self.ledger.held_by_another(client, motors) {
+            Some((holder, held)) => Err(held_by_another(Some(holder), held)),
+            None if !due.is_empty() => Err(held_by_another(None, due)),
+            None => Ok(()),
         }
     }
 
@@ -86,7 +98,8 @@ impl Service {
         if work.is_empty() { Ok(()) } else { Err(cut_off::ends_work_refusal(command, &work.join(", and "))) }
     }
 
-    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (FACTS 7), so
+    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (Software Reference, on-line control
+    /// characters), so
     /// the same rules hold, and who opens the buffers is known as their owner. ^L closes rotary buffers: a board that closed
     /// any buffer by it would end somebody else's download, so another one is left to `CLOSE`.
     ///
@@ -111,14 +124,14 @@ impl Service {
     /// # Errors
     /// Why not; nothing was sent.
     pub(super) fn may_start(&mut self, starts: Starts) -> Result<(), CallError> {
-        if self.sequences.is_ending_feed(starts.systems) {
+        if self.sequences.is_ending_feed(starts.systems.bits()) {
             return Err(CallError::Refused {
                 reason: "not started: pmacd is ending a rotary stream into this coordinate system; try again"
                     .to_owned(),
             });
         }
-        let has_panel = self.info.why_not(Function::Panel).is_none();
-        self.leftovers.check(starts, self.resets.count(), has_panel)
+        let has_panel = self.uses(Function::Panel);
+        self.leftovers.check(starts, has_panel)
     }
 }
 

@@ -14,6 +14,7 @@ use crate::daemon::socket::connection::Client;
 use crate::daemon::socket::listener::Listener;
 use crate::daemon::socket::options::{ServeError, ServeOptions};
 use crate::daemon::socket::policy::{Peer, Role};
+use crate::map::Motors;
 
 /// The server.
 pub struct ServerStepper {
@@ -34,7 +35,7 @@ pub struct ServerStats {
     pub sequences: usize,
     /// Stops under way.
     pub stops: usize,
-    /// Jogs that a connection holds, and stops that the board has not taken.
+    /// Jogs that a connection holds.
     pub leases: usize,
     /// Commands that wait for their turn or are with the bus thread.
     pub turns: usize,
@@ -84,22 +85,22 @@ impl ServerStepper {
     /// When the first jog that a connection holds is stopped, or the first sequence ended, unless it is renewed.
     #[must_use]
     pub fn first_lease_end(&self) -> Option<Instant> {
-        let Service { leases, line_jogs, sequences, clients, .. } = &self.service;
-        let held = leases.first_end(|client| clients.get(client).is_some());
-        held.into_iter().chain(line_jogs.first_lapse()).chain(sequences.first_lapse()).min()
+        let Service { ledger, sequences, clients, .. } = &self.service;
+        let held = ledger.first_end(|client| clients.get(client).is_some());
+        held.into_iter().chain(sequences.first_lapse()).min()
     }
 
     /// What the server keeps now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
-        let Service { clients, calls, leases, sequences, stops, watches, .. } = &self.service;
+        let Service { clients, calls, ledger, sequences, stops, watches, .. } = &self.service;
         ServerStats {
             clients: clients.count(),
             calls: clients.iter().filter(|(_, client)| client.waits_for_board()).count(),
             tickets: calls.count(),
             sequences: sequences.count(),
             stops: stops.count(),
-            leases: leases.count(),
+            leases: ledger.holds(),
             turns: calls.commands(),
             watched: watches.watched(),
             longest_output: clients.iter().map(|(_, client)| client.unsent()).max().unwrap_or(0),
@@ -118,8 +119,8 @@ impl ServerStepper {
         self.service.time_left(begun, now).is_some()
     }
 
-    /// Stops: those who wait are told. The motors of held jogs that may still move, bit 0 being motor 1.
-    pub fn end(mut self, now: Instant) -> u32 {
+    /// Stops: those who wait are told. The motors of held jogs that may still move.
+    pub fn end(mut self, now: Instant) -> Motors {
         self.service.end(now)
     }
 }

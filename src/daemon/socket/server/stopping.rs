@@ -1,4 +1,4 @@
-//! Drives the stops that the control panel did not take, or that there is no panel for.
+//! Drives the stops that nobody asks the panel for as a client, or that the control panel did not take.
 
 use std::time::Instant;
 
@@ -6,34 +6,19 @@ use log::{error, info, warn};
 use nix::unistd::{getegid, geteuid};
 
 use super::Service;
-use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text, dropped_by};
-use crate::daemon::socket::call_table::{Caller, Then};
-use crate::daemon::socket::command_ends::ended_by_stop;
-use crate::daemon::socket::policy::Peer;
-use crate::daemon::socket::stop_target::Target;
-use crate::daemon::socket::stops::{At, LINE_TAKES, QUESTION_TAKES, Seen};
+use crate::daemon::motion::effect::ended_by_stop;
+use crate::daemon::motion::stops::{At, Seen, Stop};
+use crate::daemon::motion::target::Target;
+use crate::daemon::motion::timing::{PANEL_STOP_TAKES, STOP_AGAIN, STOP_LINE_TAKES, STOP_QUESTION_TAKES};
+use crate::daemon::shared::caller::Caller;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::peer::Peer;
+use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::socket::call_table::Then;
+use crate::map::Motors;
 use crate::protocol::{CallError, Function, Reply, control};
 
 impl Service {
-    /// `character`, which stops all motion, is on its way to the board. A jog that is to be held and was not handed over would begin
-    /// behind it, and be held by nobody.
-    pub(super) fn stop_all_begins(&mut self, character: u8, now: Instant) {
-        self.leases.control_begins(character, now);
-        let all: Vec<u64> = self.clients.iter().map(|(client, _)| client).collect();
-        self.withdraw_holds(&all, now);
-    }
-
-    /// User `uid` stops all motion by `character`, as client `by` or for nobody: no line and no request of the panel that waits here is
-    /// sent any more, nor a line that a sequence would send, nor what other clients have sent and nobody has read yet.
-    pub(super) fn drop_what_waits(&mut self, uid: u32, character: u8, by: Option<u64>, now: Instant) {
-        let reason = dropped_by(uid, character);
-        self.clients.outdate(reason, by);
-        self.sequences.drop_lines(reason);
-        for ended in self.calls.drop_what_waits(&reason.to_string()) {
-            self.on_end(ended, Outcome::Dropped(reason), now);
-        }
-    }
-
     /// Stops `target`, which `caller` waits for, by command line: the panel did not take it, or is not used. It `ends_hold`
     /// when the motors were held, and must stand in the end.
     pub(super) fn stop_by_line(
@@ -43,80 +28,39 @@ impl Service {
         ends_hold: bool,
         now: Instant,
     ) {
-        let number = self.stops.begin(target, caller, ends_hold, now);
+        let number = self.stops.begin(Stop::new(target, caller, ends_hold, now));
+        self.line_begins(number, target, now);
+    }
+
+    fn line_begins(&mut self, number: u64, target: Target, now: Instant) {
+        let has_panel = self.uses(Function::Panel);
         if !self.uses(Function::Ascii) {
             if let Some(stop) = self.stops.get_mut(number) {
-                stop.hopeless = self.info.why_not(Function::Panel).is_some();
+                stop.hopeless = !has_panel;
             }
             return self.stop_watched(number, now);
         }
-        if self.uses(Function::Panel) {
+        if has_panel {
             warn!(target: "audit", "the control panel did not take the stop of {target}; sends it as a command line");
         }
-        let deadline = now + QUESTION_TAKES;
-        if !self.send_first(target.question(), number, deadline) {
-            self.stop_step(number, &[], Outcome::Busy, now);
-        }
+        self.send_first(target.question(), number, now + STOP_QUESTION_TAKES, now);
     }
 
     /// A step of stop `number` is over.
     pub(super) fn stop_step(&mut self, number: u64, lines: &[String], outcome: Outcome, now: Instant) {
-        let (reported, motion) = (self.info.loops_left_open(), self.info.motion());
-        let motor_status = self.info.family().status.motor;
-        let has_panel = self.uses(Function::Panel);
         let Some(stop) = self.stops.get_mut(number) else { return };
-        let target = stop.target;
+        let (target, is_done) = (stop.target, outcome == Outcome::Done);
         match stop.at {
-            At::Question => {
-                let addressed = lines.first().and_then(|line| line.trim().parse().ok());
-                let loops = target.loops(lines, motor_status);
-                // What no answer tells, the report does. It may be from just before the motor began to move, so what it leaves out is
-                // watched.
-                let untold = target.motors() & !loops.told;
-                let open = loops.open | untold & reported;
-                stop.is_doubtful = untold & reported != 0;
-                tell_of_loops(
-                    target,
-                    open,
-                    untold & !reported & !(motion.moving | motion.standing),
-                    reported,
-                );
-                let Some(line) = target.line(open, addressed) else {
-                    return match stop.is_doubtful {
-                        true => self.stop_watched(number, now),
-                        false => self.stop_over(number, Ok(()), now),
-                    };
-                };
-                stop.at = At::Line;
-                info!(target: "audit", "pmacd sends {:?}", &*line);
-                if !self.send_first(line, number, now + LINE_TAKES) {
-                    self.stop_step(number, &[], Outcome::Busy, now);
-                }
+            At::Panel(_) if is_done => self.stop_over(number, Ok(()), now),
+            At::Panel(_) => {
+                let mask = target.motors().bits();
+                error!(target: "audit", "the board did not take the stop of a held jog (mask {mask:#04x})");
+                (stop.at, stop.begun) = (At::Question, now);
+                self.line_begins(number, target, now);
             }
-            At::Line => {
-                stop.taken = outcome == Outcome::Done;
-                stop.error = match outcome {
-                    Outcome::Error(error) => Some(error),
-                    _ => None,
-                };
-                let is_without_effect = stop.error.is_some() || outcome.is_unsent();
-                stop.hopeless = is_without_effect && !has_panel;
-                let is_watched = stop.ends_hold || stop.is_doubtful;
-                let is_believed = stop.taken && (!is_watched || target.motors() == 0);
-                if is_believed {
-                    self.stop_over(number, Ok(()), now);
-                } else if target.motors() == 0 {
-                    let reason = self.may_go_on(number, target);
-                    self.stop_over(number, Err(reason), now);
-                } else {
-                    self.stop_watched(number, now);
-                }
-            }
-            At::AbortAll if outcome == Outcome::Done => {
-                self.panel_jogs.stopped(u32::MAX);
-                let clients = self.leases.control_taken();
-                self.withdraw_holds(&clients, now);
-                self.end_streams(by_itself().peer, control::ABORT, now);
+            At::Question => self.stop_addressed(number, lines, now),
+            At::Line => self.line_ended(number, outcome, now),
+            At::AbortAll if is_done => {
                 let (stop, cure) = match self.uses(Function::Panel) {
                     true => (
                         "the control panel did not take the stop",
@@ -132,10 +76,51 @@ impl Service {
             At::AbortAll => {
                 // Not taken: the stop has to be requested again.
                 stop.at = At::Watch;
-                let reason = self.may_go_on(number, target);
-                self.stop_over(number, Err(reason), now);
+                self.may_go_on(number, now);
             }
-            At::Watch => {}
+            At::Due(_) | At::Watch => {}
+        }
+    }
+
+    /// The board has said what is addressed, and whose loops are open, or not: the line that stops is sent.
+    fn stop_addressed(&mut self, number: u64, lines: &[String], now: Instant) {
+        let (reported, motion) = (self.info.loops_left_open(), self.info.motion());
+        let motor_status = self.info.family().status.motor;
+        let Some(stop) = self.stops.get_mut(number) else { return };
+        let target = stop.target;
+        let addressed = lines.first().and_then(|line| line.trim().parse().ok());
+        let loops = target.loops(lines, motor_status);
+        // What no answer tells, the report does. It may be from just before the motor began to move, so the daemon watches the motors
+        // that the line leaves out by it.
+        let untold = target.motors().without(loops.told);
+        let open = loops.open.and(untold.among(reported));
+        stop.is_doubtful = untold.meets(reported);
+        let unknown = untold.without(reported).without(motion.moving.and(motion.standing));
+        tell_of_loops(target, open, unknown, reported);
+        match target.line(open, addressed) {
+            Some(line) => {
+                stop.at = At::Line;
+                info!(target: "audit", "pmacd sends {:?}", &*line);
+                self.send_first(line, number, now + STOP_LINE_TAKES, now);
+            }
+            None if stop.is_doubtful => self.stop_watched(number, now),
+            None => self.stop_over(number, Ok(()), now),
+        }
+    }
+
+    /// The board has taken the line that stops, or not.
+    fn line_ended(&mut self, number: u64, outcome: Outcome, now: Instant) {
+        let has_panel = self.uses(Function::Panel);
+        let Some(stop) = self.stops.get_mut(number) else { return };
+        stop.taken = outcome == Outcome::Done;
+        stop.error = if let Outcome::Error(error) = outcome { Some(error) } else { None };
+        let is_without_effect = stop.error.is_some() || outcome.is_unsent();
+        stop.hopeless = is_without_effect && !has_panel;
+        let is_watched = stop.ends_hold || stop.is_doubtful;
+        match (stop.target.motors().is_empty(), stop.taken) {
+            (is_systems, true) if is_systems || !is_watched => self.stop_over(number, Ok(()), now),
+            (true, _) => self.may_go_on(number, now),
+            (false, _) => self.stop_watched(number, now),
         }
     }
 
@@ -146,44 +131,50 @@ impl Service {
         self.tend_stops(now);
     }
 
-    /// Looks at the motors that should stand by now.
+    /// Asks the panel for the stops that are due, and looks at the motors that should stand by now.
     pub(super) fn tend_stops(&mut self, now: Instant) {
+        if let Some((number, motors)) = self.stops.due(now) {
+            let ticket = self.calls.send_now(Job::EndHold(motors.bits()), now + PANEL_STOP_TAKES);
+            // Without room for the request the stop stays due.
+            if let (Some(ticket), Some(stop)) = (ticket, self.stops.get_mut(number)) {
+                stop.at = At::Panel(ticket);
+            }
+        }
         for (number, seen) in self.stops.seen(self.info.motion(), now) {
             let may_abort = self.stops.stop_all_after.is_some() && self.uses(Function::Ascii);
             let Some(stop) = self.stops.get_mut(number) else { continue };
-            let target = stop.target;
             match seen {
                 Seen::Open => {}
                 Seen::Stand => self.stop_over(number, Ok(()), now),
                 Seen::Move if stop.ends_hold && may_abort => {
                     stop.at = At::AbortAll;
+                    let target = stop.target;
                     error!(target: "audit", "{target} may still move after its held jog is over: pmacd sends ^A");
-                    self.stop_all_begins(control::ABORT, now);
-                    self.drop_what_waits(geteuid().as_raw(), control::ABORT, None, now);
-                    let deadline = now + LINE_TAKES;
-                    let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| {
-                        Command::Control {
-                            drops_lines: true,
-                            ticket,
-                            uid: geteuid().as_raw(),
-                            character: control::ABORT,
-                            deadline,
-                        }
-                    });
-                    if !sent {
-                        self.stop_step(number, &[], Outcome::Busy, now);
-                    }
+                    self.abort_all(number, now);
                 }
-                Seen::Move => {
-                    let reason = self.may_go_on(number, target);
-                    self.stop_over(number, Err(reason), now);
-                }
+                Seen::Move => self.may_go_on(number, now),
             }
         }
     }
 
+    fn abort_all(&mut self, number: u64, now: Instant) {
+        let (caller, character, deadline) = (by_itself(), control::ABORT, now + STOP_LINE_TAKES);
+        self.stop_all_begins(caller, character, true, now);
+        let uid = caller.peer.uid.as_raw();
+        let sent = self.calls.send_own(caller, deadline, Then::Stop(number), |ticket| Command::Control {
+            drops_lines: true,
+            ticket,
+            uid,
+            character,
+            deadline,
+        });
+        if !sent {
+            self.stop_step(number, &[], Outcome::Busy, now);
+        }
+    }
+
     /// A command to `motors` has been carried out. Where their stop has been taken before, whoever sent it may have them move.
-    pub(super) fn let_go(&mut self, motors: u32, now: Instant) {
+    pub(super) fn let_go(&mut self, motors: Motors, now: Instant) {
         for number in self.stops.let_go(motors) {
             self.stop_over(number, Ok(()), now);
         }
@@ -197,14 +188,14 @@ impl Service {
                     if let Some(ends) = ended_by_stop(stop.target) {
                         self.sent_stops.add(ends, caller, None, now);
                     }
-                    self.panel_has_stopped(stop.target, caller, now);
+                    self.has_stopped(stop.target, caller, now);
                 }
             }
             Err(reason) => {
                 error!(target: "audit", "{reason}");
                 // After ^A nothing is left to stop.
                 if stop.ends_hold && stop.at != At::AbortAll {
-                    self.leases.stop_again(stop.target.motors(), now);
+                    self.stops.begin_due(stop.target.motors(), now + STOP_AGAIN);
                 }
             }
         }
@@ -214,53 +205,60 @@ impl Service {
         }
     }
 
-    /// What is told of stop `number`, which nobody has seen to be taken.
-    fn may_go_on(&mut self, number: u64, target: Target) -> String {
+    /// Nobody has seen that stop `number` was taken: it is over, and its caller and the log are told that the motors may still move.
+    fn may_go_on(&mut self, number: u64, now: Instant) {
         let panel = match self.uses(Function::Panel) {
             true => "the control panel did not take the stop, and ",
             false => "",
         };
-        let error = self.stops.get_mut(number).and_then(|stop| stop.error);
-        let line = match error {
+        let Some(stop) = self.stops.get_mut(number) else { return };
+        let line = match stop.error {
             Some(error) => format!("the board refused the command line (ERR{error:03})"),
             None => "no command line is known to have stopped it".to_owned(),
         };
-        format!(
-            "{target} MAY STILL MOVE: {panel}{line}; pmacctl abort stops everything (^A), an emergency stop does so without \
-             the computer"
-        )
+        let reason = format!(
+            "{} MAY STILL MOVE: {panel}{line}; pmacctl abort stops everything (^A), an emergency stop does so without the computer",
+            stop.target
+        );
+        self.stop_over(number, Err(reason), now);
     }
 
-    fn uses(&self, function: Function) -> bool {
-        self.info.why_not(function).is_none()
-    }
-
-    fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant) -> bool {
+    /// Sends `line` past all others for stop `number`. Where the bus thread has no room, that step is over.
+    fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant, now: Instant) {
         let origin = Origin { uid: geteuid().as_raw(), shown: Text::of(&&*line), stays: true };
-        self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| Command::First {
+        let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| Command::First {
             ticket,
             line,
             origin,
             deadline,
-        })
+        });
+        if !sent {
+            self.stop_step(number, &[], Outcome::Busy, now);
+        }
     }
 }
 
 /// Says whose loops a stop of `target` leaves `open`, of whose it is `unknown` whether they are, and whose an abort closes, of those
 /// `reported` open.
-fn tell_of_loops(target: Target, open: u32, unknown: u32, reported: u32) {
-    let motors = Target::Motors;
-    if target.motors() & open != 0 {
-        let left_out = motors(target.motors() & open);
-        warn!(target: "audit", "{left_out} gets no stop: its loop is open (killed, or a fault), and J/ would close it");
+fn tell_of_loops(target: Target, open: Motors, unknown: Motors, reported: Motors) {
+    let (left_out, unknown) = (target.motors().among(open), target.motors().among(unknown));
+    if !left_out.is_empty() {
+        warn!(
+            target: "audit",
+            "motor {left_out} gets no stop: its loop is open (killed, or a fault), and J/ would close it"
+        );
     }
-    if target.motors() & unknown != 0 {
-        let unknown = motors(target.motors() & unknown);
-        warn!(target: "audit", "the loop of {unknown} may be open, and J/ closes it then: neither ? nor a report tells");
+    if !unknown.is_empty() {
+        warn!(
+            target: "audit",
+            "the loop of motor {unknown} may be open, and J/ closes it then: neither ? nor a report tells"
+        );
     }
-    if target.aborted() != 0 && reported != 0 {
-        let reported = motors(reported);
-        warn!(target: "audit", "the abort of {target} closes the loop of {reported}, which is open, if it belongs there");
+    if !target.aborted().is_empty() && !reported.is_empty() {
+        warn!(
+            target: "audit",
+            "the abort of {target} closes the loop of motor {reported}, which is open, if it belongs there"
+        );
     }
 }
 

@@ -2,13 +2,13 @@
 //!
 //! After a reset the servo report needs a new `GATHER`, while the board, with I58=1 saved, answers lines as before: the bus
 //! thread learns of it late, or never. So a sequence has the board asked for its servo counter: X:$0 counts servo
-//! interrupts in 24 bits (FACTS 8, Turbo the same) and begins at 0 after a reset. What the bus thread sees, a servo report
+//! interrupts in 24 bits (Software Reference, suggested M-variable M100, Turbo the same) and begins at 0 after a reset. What the bus thread sees, a servo report
 //! that stops or a timer that has jumped, is only a reason to ask: it may be late news of an older reset.
 
 use std::time::{Duration, Instant};
 
 /// The question for the servo counter.
-pub(super) const QUESTION: &str = "RX$0";
+pub const QUESTION: &str = "RX$0";
 /// The counter's values.
 const VALUES: u64 = 1 << 24;
 /// No servo cycle is taken to be shorter: the counter goes round once in 335 s at the soonest. What is believed of the servo
@@ -24,7 +24,7 @@ struct Reading {
 
 /// The resets, and what tells of the next one.
 #[derive(Debug, Default)]
-pub(super) struct Resets {
+pub struct Resets {
     seen_by_bus: u32,
     servo_was_live: bool,
     doubts: u64,
@@ -36,44 +36,46 @@ pub(super) struct Resets {
 
 impl Resets {
     /// How many there have been, as far as known.
-    pub(super) const fn count(&self) -> u64 {
+    pub const fn count(&self) -> u64 {
         self.count
     }
 
     /// How often something was seen that a reset may have caused.
-    pub(super) const fn doubts(&self) -> u64 {
+    pub const fn doubts(&self) -> u64 {
         self.doubts
     }
 
     /// The board was sent a reset.
-    pub(super) fn was_sent(&mut self, now: Instant) {
+    pub fn was_sent(&mut self, now: Instant) {
         self.at = Some(now);
     }
 
     /// How long ago it was reset, or came up again, as far as known.
-    pub(super) fn ago(&self, now: Instant) -> Option<Duration> {
+    pub fn ago(&self, now: Instant) -> Option<Duration> {
         self.at.map(|at| now.saturating_duration_since(at))
     }
 
     /// The bus thread has seen so many since its start, and servo data come now or not.
-    pub(super) fn bus_sees(&mut self, resets: u32, servo_is_live: bool, now: Instant) {
+    pub fn bus_sees(&mut self, resets: u32, servo_is_live: bool, now: Instant) {
         let is_new = std::mem::replace(&mut self.seen_by_bus, resets) != resets;
         self.at = if is_new { Some(now) } else { self.at };
         let has_stopped = std::mem::replace(&mut self.servo_was_live, servo_is_live) && !servo_is_live;
         self.doubts += u64::from(is_new || has_stopped);
     }
 
-    /// The board, `asked` then, has answered by `answered` that its servo counter is `counter`.
+    /// The board, `asked` then, has answered by `answered` that its servo counter is `counter`. Whether that tells of a reset.
     ///
     /// Only a counter that went back, and cannot have gone round, tells of a reset: a false one would end a good sequence. So a
     /// reset shows only when the board had run for longer before it than since.
-    pub(super) fn counter_is(&mut self, counter: u64, asked: Instant, answered: Instant) {
+    pub fn counter_is(&mut self, counter: u64, asked: Instant, answered: Instant) -> bool {
         let counter = counter % VALUES;
-        let Some(last) = self.last.replace(Reading { counter, asked }) else { return };
+        let Some(last) = self.last.replace(Reading { counter, asked }) else { return false };
         let elapsed = answered.saturating_duration_since(last.asked).as_nanos();
         let most = u64::try_from(elapsed / SHORTEST_CYCLE.as_nanos()).unwrap_or(VALUES);
         let may_have_gone_round = last.counter.saturating_add(most) >= VALUES;
-        self.count += u64::from(counter < last.counter && !may_have_gone_round);
+        let was_reset = counter < last.counter && !may_have_gone_round;
+        self.count += u64::from(was_reset);
+        was_reset
     }
 }
 

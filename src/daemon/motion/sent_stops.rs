@@ -6,10 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use super::call_table::Caller;
-use super::sequences::Running;
-use super::stop_target::numbers;
-use crate::daemon::scripts::Resource;
+use crate::daemon::shared::caller::Caller;
 use crate::map::Family;
 use crate::protocol::board::SentStop;
 use crate::protocol::line_ends::LineEnds;
@@ -29,14 +26,14 @@ struct Sent {
 
 /// The last of them.
 #[derive(Debug, Default)]
-pub(super) struct SentStops {
+pub struct SentStops {
     last: VecDeque<Sent>,
     count: u64,
 }
 
 impl SentStops {
     /// `by` has sent what `ends` these, as a step of this `sequence` if it is one.
-    pub(super) fn add(&mut self, ends: LineEnds, by: Caller, sequence: Option<u64>, now: Instant) {
+    pub fn add(&mut self, ends: LineEnds, by: Caller, sequence: Option<u64>, now: Instant) {
         self.count += 1;
         if self.last.len() == KEPT {
             self.last.pop_front();
@@ -45,20 +42,21 @@ impl SentStops {
     }
 
     /// Those of a board of this family that did not come from `client`.
-    pub(super) fn of_others(&self, client: u64, family: &Family) -> Vec<SentStop> {
+    pub fn of_others(&self, client: u64, family: &Family) -> Vec<SentStop> {
         let others = self.last.iter().filter(|sent| sent.by.client != client);
         others.map(|sent| sent.told(family)).collect()
     }
 
-    /// Who has ended what sequence `number` does, if somebody here did: `uid 0 (pid 7) sent ENDGATHER`.
-    pub(super) fn that_ended(&self, number: u64, running: &Running, family: &Family) -> Option<String> {
-        let Running { script, owner, .. } = running;
-        let ends = |LineEnds { systems, rotary, gather, buffer, .. }: &LineEnds| match script.resource() {
-            Resource::Gather => *gather,
-            Resource::Rotary(_) => *buffer || (systems | rotary) & script.feeds().bits() != 0,
-            Resource::Lines => *buffer,
-        };
-        let is_others = |sent: &&Sent| sent.at >= owner.since && sent.sequence != Some(number);
+    /// Who has ended what sequence `number` does, if somebody here did `since` it began: `uid 0 (pid 7) sent ENDGATHER`. `ends` tells
+    /// what ends it.
+    pub fn that_ended(
+        &self,
+        number: u64,
+        since: Instant,
+        ends: impl Fn(&LineEnds) -> bool,
+        family: &Family,
+    ) -> Option<String> {
+        let is_others = |sent: &&Sent| sent.at >= since && sent.sequence != Some(number);
         let mut latest = self.last.iter().rev().filter(is_others);
         latest.find(|sent| ends(&sent.ends)).map(|sent| sent.told(family).to_string())
     }
@@ -67,7 +65,9 @@ impl SentStops {
 impl Sent {
     fn told(&self, family: &Family) -> SentStop {
         let Self { number, ends, by, .. } = self;
-        let within = |mask: u32, count: usize| numbers(mask).filter(|one| *one as usize <= count).collect();
+        let within = |mask: u32, count: usize| {
+            (1..=32).filter(|number| *number as usize <= count && mask >> (number - 1) & 1 != 0).collect()
+        };
         SentStop {
             number: *number,
             what: ends.what.clone(),

@@ -1,0 +1,402 @@
+//! The ledger of motion: who has set which motors in motion, and until when.
+//!
+//! A row is a command, with the motors that still obey it. A hold of several motors is one row: its client renews it as one, and
+//! all of its motors are stopped when one of them has come to its end.
+//!
+//! | the command | others may command its motors | it ends |
+//! |---|---|---|
+//! | a held jog, by the panel | no | when its client does not renew it in time, or is gone |
+//! | a jog without an end, by command line | yes: who does has the motor from then on | with its client; with its client's silence, where that is said |
+//! | a panel request that nobody holds | yes | when somebody stops it |
+//!
+//! A motor that was seen to move, and then to stand, obeys no row any more. An abort or a kill of all motors ends every hold
+//! without a stop: the motors stand, and a stop would close the loop of a killed one again.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use log::{info, warn};
+
+use super::hold_end::HoldEnd;
+use super::timing::{HOLD_LEASE, HOLDERS_STOP_TAKES, JOG_STANDS};
+use crate::daemon::shared::open_buffer::Account;
+use crate::function::servo::Motion;
+use crate::map::Motors;
+
+/// How motors were set in motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    /// By the panel, as long as this client holds them.
+    Held(Account),
+    /// By a command line, as long as its client is connected.
+    Line,
+    /// By the panel, and nobody holds them.
+    Panel,
+}
+
+/// A command, and the motors that still obey it.
+#[derive(Debug)]
+struct Row {
+    motors: Motors,
+    client: u64,
+    way: Way,
+    /// When it ends, unless its client is heard before.
+    until: Option<Instant>,
+    /// By line: how long its client may be silent, if silence ends it.
+    silence: Option<Duration>,
+    /// Of the motors, those that were seen to move since.
+    moved: Motors,
+    /// Of these, those that stand, and since when.
+    stands: BTreeMap<usize, Instant>,
+    /// Why it ends, though its stop has not been requested.
+    over: Option<HoldEnd>,
+    /// Its stop was requested, or it needs none. It stays until its holder has heard why.
+    has_ended: bool,
+    /// By the panel: of these the log has said that their panel is gone.
+    told: Motors,
+}
+
+impl Row {
+    fn new(way: Way, client: u64, motors: Motors, until: Option<Instant>) -> Self {
+        Self {
+            motors,
+            client,
+            way,
+            until,
+            silence: None,
+            moved: Motors::NONE,
+            stands: BTreeMap::new(),
+            over: None,
+            has_ended: false,
+            told: Motors::NONE,
+        }
+    }
+
+    const fn is_hold(&self) -> bool {
+        matches!(self.way, Way::Held(_))
+    }
+
+    /// Whether it is a hold whose stop has not been requested.
+    const fn is_live(&self) -> bool {
+        self.is_hold() && !self.has_ended
+    }
+
+    fn see(&mut self, motion: Motion, now: Instant) {
+        self.moved.add(self.motors.among(motion.moving));
+        let standing = self.motors.among(self.moved).among(motion.standing);
+        self.stands.retain(|motor, _| standing.contains(*motor));
+        for motor in standing.numbers() {
+            self.stands.entry(motor).or_insert(now);
+        }
+    }
+
+    /// The motors that have come to their end by `now`.
+    fn stood(&self, now: Instant) -> Motors {
+        let stood = self.stands.iter().filter(|(_, since)| now >= **since + JOG_STANDS);
+        stood.map(|(motor, _)| *motor).collect()
+    }
+
+    /// The motors that may still move at `now`.
+    fn going(&self, now: Instant) -> Motors {
+        self.motors.without(self.stood(now))
+    }
+
+    fn is_over(&mut self, why: HoldEnd, until: Instant) {
+        (self.over, self.until) = (Some(why), Some(until));
+    }
+
+    /// When something is to be done about it if nothing happens.
+    fn next_moment(&self) -> Option<Instant> {
+        let stands = self.stands.values().min().map(|since| *since + JOG_STANDS);
+        stands.filter(|_| self.is_live() && self.over.is_none()).into_iter().chain(self.until).min()
+    }
+}
+
+/// What has lapsed.
+#[derive(Debug, Default)]
+pub struct Lapsed {
+    /// The motors to be stopped.
+    pub motors: Motors,
+    /// The clients that held some of them.
+    pub holders: Vec<u64>,
+}
+
+/// Every command that motors obey, and the holds of which their clients have not heard that they are over.
+#[derive(Debug, Default)]
+pub struct Ledger(Vec<Row>);
+
+impl Ledger {
+    /// The holds that go on.
+    fn held(&mut self) -> impl Iterator<Item = &mut Row> {
+        self.0.iter_mut().filter(|row| row.is_hold() && row.over.is_none())
+    }
+
+    fn place_of_hold(&self, client: u64) -> Option<usize> {
+        self.0.iter().position(|row| row.is_hold() && row.client == client)
+    }
+
+    /// `client` holds a jog of `motors`. A jog that it held before is added to it. The hold runs until `begun` at first, when the
+    /// board must have taken the jog, and after that from renewal to renewal.
+    pub fn hold(&mut self, client: u64, holder: Account, motors: Motors, begun: Instant) {
+        let before = self.place_of_hold(client).map(|at| self.0.swap_remove(at));
+        let mut row = Row::new(Way::Held(holder), client, motors, Some(begun));
+        if let Some(before) = before.filter(Row::is_live) {
+            row.motors.add(before.motors);
+            row.until = row.until.max(before.until);
+        }
+        self.0.push(row);
+    }
+
+    /// `motors` jog for `client`, who may be silent for so long: the board has carried its line out.
+    pub fn jog_by_line(&mut self, client: u64, motors: Motors, silence: Option<Duration>, now: Instant) {
+        self.commanded(motors);
+        self.may_jog_by_line(client, motors, silence, now);
+    }
+
+    /// As [`Self::jog_by_line`], where the board may not have carried it out: the jogs of others are not over.
+    pub fn may_jog_by_line(&mut self, client: u64, motors: Motors, silence: Option<Duration>, now: Instant) {
+        self.remove(motors, |row| row.way == Way::Line && row.client == client);
+        let until = silence.map(|silence| now + silence);
+        self.add(Row { silence, ..Row::new(Way::Line, client, motors, until) });
+    }
+
+    /// The board has taken a panel request that sets `motors` in motion, or may have. Nobody holds them.
+    pub fn jog_by_panel(&mut self, motors: Motors) {
+        self.remove(motors, |row| row.way == Way::Panel);
+        self.add(Row::new(Way::Panel, u64::MAX, motors, None));
+    }
+
+    fn add(&mut self, row: Row) {
+        self.0.extend((!row.motors.is_empty()).then_some(row));
+    }
+
+    /// Takes `motors` out of the rows that `are` meant.
+    fn remove(&mut self, motors: Motors, are: impl Fn(&Row) -> bool) {
+        self.0.retain_mut(|row| {
+            if !are(row) {
+                return true;
+            }
+            row.motors.remove(motors);
+            !row.motors.is_empty()
+        });
+    }
+
+    /// Another command to `motors` has been carried out. Holds go on: nobody else commands their motors.
+    pub fn commanded(&mut self, motors: Motors) {
+        self.remove(motors, |row| !row.is_hold());
+    }
+
+    /// `by` has had `motors` stopped, over the connection `client`. A jog of them that somebody else holds is over. It gets a stop of its
+    /// own: it may have begun after the other one.
+    pub fn stopped(&mut self, client: u64, by: Account, motors: Motors, now: Instant) {
+        self.commanded(motors);
+        self.remove(motors, |row| row.is_live() && row.client == client);
+        for row in self.held().filter(|row| row.client != client && row.motors.meets(motors)) {
+            row.is_over(HoldEnd::Stopped(by, row.motors.among(motors)), now);
+        }
+    }
+
+    /// `character`, which stops every motor, is on its way to the board. No hold is renewed any more, and no stop is requested
+    /// unless the board has not taken the character in the time of a lease.
+    pub fn stop_all_begins(&mut self, character: u8, now: Instant) {
+        self.held().for_each(|row| row.is_over(HoldEnd::Control(character), now + HOLD_LEASE));
+    }
+
+    /// The board has taken a character that stops every motor: the holds that [`Self::stop_all_begins`] marked have ended, and so
+    /// has every other row. The clients that had a hold.
+    pub fn all_stopped(&mut self) -> Vec<u64> {
+        self.commanded(Motors::ALL);
+        let mut holders = Vec::new();
+        for row in self.0.iter_mut().filter(|row| row.is_live()) {
+            if let Some(end @ HoldEnd::Control(_)) = row.over {
+                info!(target: "audit", "{end} (mask {:#04x}); it gets no stop", row.motors.bits());
+                row.has_ended = true;
+                holders.push(row.client);
+            }
+        }
+        holders
+    }
+
+    /// The board does not read the control panel any more, by which every hold is renewed and stopped.
+    pub fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
+        self.held().for_each(|row| row.is_over(HoldEnd::PanelEnded(by), now));
+    }
+
+    /// The daemon ends, and with it every jog that is to end with a client.
+    pub fn daemon_ends(&mut self, now: Instant) {
+        let ends = self.0.iter_mut().filter(|row| row.way != Way::Panel && row.over.is_none());
+        ends.for_each(|row| row.is_over(HoldEnd::DaemonEnds, now));
+    }
+
+    /// The motors move and stand so, and the loops of those in `opened` have opened.
+    pub fn see(&mut self, motion: Motion, opened: Motors, now: Instant) {
+        for row in self.held().filter(|row| row.motors.meets(opened)) {
+            row.is_over(HoldEnd::OpenLoop(row.motors.among(opened)), now);
+        }
+        self.0.retain_mut(|row| {
+            if !row.is_hold() {
+                row.motors = row.going(now);
+            }
+            row.see(motion, now);
+            row.is_hold() || !row.motors.is_empty()
+        });
+    }
+
+    /// Who else than `client` holds one of `motors`, and which of them.
+    pub fn held_by_another(&self, client: u64, motors: Motors) -> Option<(Account, Motors)> {
+        self.0.iter().filter(|row| row.client != client && row.over.is_none()).find_map(|row| match row.way {
+            Way::Held(holder) => {
+                Some((holder, row.motors.among(motors))).filter(|(_, held)| !held.is_empty())
+            }
+            Way::Line | Way::Panel => None,
+        })
+    }
+
+    /// `client` is still there, and renews its hold.
+    ///
+    /// # Errors
+    /// Why its hold is over; `None` when it had none.
+    pub fn renew(&mut self, client: u64, now: Instant) -> Result<(), Option<HoldEnd>> {
+        let at = self.place_of_hold(client).ok_or(None)?;
+        let row = &mut self.0[at];
+        row.over.map_or(Ok(()), |end| Err(Some(end)))?;
+        row.until = Some(now + HOLD_LEASE);
+        Ok(())
+    }
+
+    /// The clients that `is_heard` names are still there, as far as jogs by line go.
+    pub fn hear(&mut self, is_heard: impl Fn(u64) -> bool, now: Instant) {
+        for row in self.0.iter_mut().filter(|row| row.over.is_none() && is_heard(row.client)) {
+            row.until = row.silence.map_or(row.until, |silence| Some(now + silence));
+        }
+    }
+
+    /// `client` asks for the stop of `motors`. Whether it ends a jog that the client holds, or held.
+    ///
+    /// # Errors
+    /// Why the motors stand already: they get no stop, which could close the loop of a killed one. Said once.
+    pub fn stop_for(&mut self, client: u64, motors: Motors, now: Instant) -> Result<bool, HoldEnd> {
+        let Some(at) = self.place_of_hold(client) else { return Ok(false) };
+        let row = &mut self.0[at];
+        let (is_its_own, over, has_ended) = (row.motors.has_all(motors), row.over, row.has_ended);
+        let stands = over.filter(|end| matches!(end, HoldEnd::Control(_) | HoldEnd::OpenLoop(_)));
+        if has_ended {
+            self.0.swap_remove(at);
+        } else if is_its_own && stands.is_none() {
+            row.until = row.until.max(Some(now + HOLDERS_STOP_TAKES));
+        }
+        stands.filter(|_| is_its_own).map_or(Ok(is_its_own), Err)
+    }
+
+    /// Ends every row whose client is silent or not there (`is_there`), and the holds whose motors have stood for long enough. What is to
+    /// be stopped.
+    pub fn lapse(&mut self, is_there: impl Fn(u64) -> bool, now: Instant) -> Lapsed {
+        for row in self.held() {
+            let stood = row.stood(now);
+            if !stood.is_empty() {
+                row.is_over(HoldEnd::Stands(stood), now);
+            }
+        }
+        let mut lapsed = Lapsed::default();
+        self.0.retain_mut(|row| {
+            // A control character gets its time to stop the motors, whether their holder waits for that or not.
+            let may_be_gone = row.way != Way::Panel && !matches!(row.over, Some(HoldEnd::Control(_)));
+            let is_late = row.until.is_some_and(|until| until <= now);
+            if row.has_ended || !is_late && !(may_be_gone && !is_there(row.client)) {
+                return true;
+            }
+            let motors = if row.is_hold() { row.motors } else { row.going(now) };
+            if !motors.is_empty() {
+                tell_lapse(row, motors);
+            }
+            lapsed.motors.add(motors);
+            (row.has_ended, row.until) = (true, None);
+            if row.is_hold() {
+                row.over.get_or_insert(HoldEnd::Silent);
+                lapsed.holders.push(row.client);
+            }
+            row.is_hold()
+        });
+        lapsed
+    }
+
+    /// `client` is gone, and will not ask why its hold ended.
+    pub fn forget(&mut self, client: u64) {
+        self.0.retain(|row| !(row.has_ended && row.client == client));
+    }
+
+    /// Whether a holder whose jog ended with the daemon has not heard so.
+    pub fn has_untold(&self) -> bool {
+        self.0.iter().any(|row| row.has_ended && row.over == Some(HoldEnd::DaemonEnds))
+    }
+
+    /// The motors that are held.
+    pub fn held_motors(&self) -> Motors {
+        self.0.iter().filter(|row| row.is_live()).fold(Motors::NONE, |all, row| all.and(row.motors))
+    }
+
+    /// The motors that a panel request has set in motion and that go on, as far as the reports tell.
+    pub fn going_by_panel(&self, motion: Motion) -> Motors {
+        let rows = self.0.iter().filter(|row| row.way == Way::Panel);
+        rows.fold(Motors::NONE, |all, row| all.and(row.motors)).without(motion.standing)
+    }
+
+    /// Of these, those that the log has not named yet, now that the panel is gone.
+    pub fn newly_alone(&mut self, motion: Motion) -> Motors {
+        let mut alone = Motors::NONE;
+        for row in self.0.iter_mut().filter(|row| row.way == Way::Panel) {
+            let going = row.motors.without(motion.standing).without(row.told);
+            row.told.add(going);
+            alone.add(going);
+        }
+        alone
+    }
+
+    /// Whether a motor may still jog by line for `client`.
+    pub fn jogs_by_line(&self, client: u64, now: Instant) -> bool {
+        let mut rows = self.0.iter().filter(|row| row.way == Way::Line && row.client == client);
+        rows.any(|row| !row.going(now).is_empty())
+    }
+
+    /// Whether a row ends with `client`, or its holder has not been told yet why it is over.
+    pub fn is_of(&self, client: u64) -> bool {
+        self.0.iter().any(|row| row.client == client)
+    }
+
+    /// Jogs that are held.
+    pub fn holds(&self) -> usize {
+        self.0.iter().filter(|row| row.is_live()).count()
+    }
+
+    /// When something is to be done if nothing happens.
+    pub fn next_moment(&self) -> Option<Instant> {
+        self.0.iter().filter_map(Row::next_moment).min()
+    }
+
+    /// When the first row of the clients that are there (`is_there`) runs out unless it is renewed.
+    pub fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
+        let rows = self.0.iter().filter(|row| row.over.is_none() && is_there(row.client));
+        rows.filter_map(|row| row.until).min()
+    }
+}
+
+/// Tells the log why the `motors` of `row` are stopped.
+fn tell_lapse(row: &Row, motors: Motors) {
+    let mask = motors.bits();
+    match (row.way, row.over) {
+        (Way::Held(_), None) => {
+            warn!(target: "audit", "a held jog is stopped (mask {mask:#04x}): its holder is gone or silent");
+        }
+        (Way::Held(_), Some(end)) => {
+            warn!(target: "audit", "{end}; its motors (mask {mask:#04x}) are stopped")
+        }
+        (_, over) => {
+            let why = if over.is_some() { "pmacd ends" } else { "who had asked for it is gone or silent" };
+            warn!(target: "audit", "motor {motors} jogged by command line: {why}; pmacd stops it");
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "ledger_tests.rs"]
+mod tests;

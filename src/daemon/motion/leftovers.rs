@@ -1,0 +1,245 @@
+//! Lines that lie in the board's own rotary buffers and that nobody expects to run: who starts that program hears of them first.
+//!
+//! A rotary stream leaves them when it ends early, and the daemon finds some there. The daemon does not know what there was
+//! before its own start, nor how far a program came that was streamed whole and then aborted: so it asks the board before that
+//! coordinate system is started.
+//!
+//! The stream has pointed the coordinate system at its rotary buffer with `B0` ("point to rotary buffer", Software Reference,
+//! on-line `B`), and neither `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
+//!
+//! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
+//! line takes it away or points elsewhere, and at a reset: a board keeps no rotary buffer over one.
+
+use super::effect::Starts;
+use crate::map::Systems;
+use crate::protocol::CallError;
+
+/// The error of `PR` without a rotary buffer.
+const NO_BUFFER: u16 = 3;
+
+/// What one coordinate system has left.
+#[derive(Debug, Clone, Copy, Default)]
+struct Left {
+    lines: u64,
+    /// The daemon knows that these are all.
+    is_known: bool,
+    /// The board told of them, and no stream.
+    is_found: bool,
+    /// The board was asked since a stream has left something, or a start was refused.
+    is_asked: bool,
+    /// The rotary buffer may hold lines that nobody counts: a stream was fed whole, or somebody has started what was left all the
+    /// same, or has pointed the coordinate system away from it.
+    is_whole: bool,
+}
+
+/// What every coordinate system has left.
+#[derive(Debug, Default)]
+pub struct Leftovers([Left; u32::BITS as usize]);
+
+impl Leftovers {
+    /// Of a board that has just been reset: nothing is left.
+    pub fn after_reset() -> Self {
+        Self([Left { is_known: true, ..Left::default() }; u32::BITS as usize])
+    }
+
+    /// A stream that fed `systems` has ended and left `lines` that nobody expects.
+    pub fn set(&mut self, systems: Systems, lines: u64) {
+        let left = Left { lines, is_known: true, is_whole: lines == 0, ..Left::default() };
+        self.of(systems).for_each(|row| *row = left);
+    }
+
+    /// The board counts `lines` in the rotary buffer of each of `systems`.
+    pub fn find(&mut self, systems: Systems, lines: u64) {
+        self.of(systems).for_each(|row| {
+            let is_found = row.is_found || row.lines == 0;
+            let is_whole = lines == 0;
+            *row = Left { lines, is_known: true, is_found, is_asked: true, is_whole };
+        });
+    }
+
+    /// The board refuses to count them by this `error`. Of one that does not say that there is no buffer, nobody knows whose it is: what
+    /// a stream has left counts then.
+    pub fn refused(&mut self, systems: Systems, error: u16) {
+        if error != NO_BUFFER && self.of(systems).any(|row| row.lines > 0) {
+            self.of(systems).for_each(|row| row.is_asked = true);
+        } else {
+            self.find(systems, 0);
+        }
+    }
+
+    /// The programs of `systems` were ended, or point at their rotary buffers again: of what nobody counts there, the board is asked.
+    pub fn aborted(&mut self, systems: Systems) {
+        self.of(systems).for_each(|row| row.is_known &= !row.is_whole);
+    }
+
+    /// What `systems` had left may be gone. A line that names none may have meant another one.
+    pub fn forget(&mut self, systems: Systems) {
+        for row in self.of(systems) {
+            row.is_known |= systems != Systems::ALL;
+            (row.is_whole, row.lines) = (true, 0);
+        }
+    }
+
+    /// Of the programs to be started, those of which the board is to be asked what is left: the daemon does not know, or a stream has
+    /// left something there, which the board may have lost since.
+    pub fn to_ask(&self, starts: Starts) -> Systems {
+        let asks = |system: &usize| {
+            let row = self.0[system - 1];
+            !row.is_known || row.lines > 0 && !row.is_asked
+        };
+        if starts.confirmed { Systems::NONE } else { starts.systems.numbers().filter(asks).collect() }
+    }
+
+    /// Whether programs may be started. They can be started by the panel where it `has_panel`.
+    ///
+    /// # Errors
+    /// What would run.
+    pub fn check(&mut self, starts: Starts, has_panel: bool) -> Result<(), CallError> {
+        if starts.confirmed {
+            self.forget(starts.systems);
+        }
+        let Some(cs) = starts.systems.numbers().find(|system| self.0[system - 1].lines > 0) else {
+            return Ok(());
+        };
+        self.of(starts.systems).for_each(|row| row.is_asked = false);
+        let Left { lines, is_found, .. } = self.0[cs - 1];
+        let what = if is_found {
+            format!(
+                "{lines} lines of an earlier program are left in &{cs}'s rotary buffer, and would run now"
+            )
+        } else {
+            format!(
+                "the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its rotary buffer"
+            )
+        };
+        Err(CallError::Refused {
+            reason: format!(
+                "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 instead, send \
+                 '&{cs}B5' first",
+                start_anyway(cs, has_panel)
+            ),
+        })
+    }
+
+    fn of(&mut self, systems: Systems) -> impl Iterator<Item = &mut Left> {
+        (1..).zip(&mut self.0).filter_map(move |(number, row)| systems.contains(number).then_some(row))
+    }
+}
+
+/// The commands that start coordinate system `cs` whatever is left.
+pub fn start_anyway(cs: impl std::fmt::Display, has_panel: bool) -> String {
+    let by_line = format!("pmacctl send --yes '&{cs}R'");
+    if has_panel { format!("pmacctl panel start {cs} --continue, or {by_line},") } else { by_line }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::motion::effect::LineEffect;
+
+    #[test]
+    fn b1_5_what_is_left_is_told_until_it_may_be_gone() {
+        let start = |systems, confirmed| Starts { systems: Systems::from_bits(systems), confirmed };
+        let left = || {
+            let mut left = Leftovers::default();
+            left.set(Systems::of(2), 7);
+            left
+        };
+        assert!(left().check(start(0b01, false), true).is_ok(), "another one");
+        let told = left().check(start(0b11, false), true).unwrap_err().to_string();
+        assert!(told.contains("into &2") && told.contains("7 lines of it"), "{told}");
+        assert!(
+            told.contains("pmacctl panel start 2 --continue, or pmacctl send --yes '&2R', runs them"),
+            "{told}"
+        );
+        let told = left().check(start(0b10, false), false).unwrap_err().to_string();
+        assert!(told.contains("pmacctl send --yes '&2R' runs them") && !told.contains("panel"), "{told}");
+        assert!(left().check(start(u32::MAX, false), true).is_err());
+        assert!(Leftovers::after_reset().check(start(0b10, false), true).is_ok(), "the board was reset");
+        let mut confirmed = left();
+        assert!(confirmed.check(start(0b10, true), true).is_ok());
+        assert!(confirmed.check(start(0b10, false), true).is_ok(), "they run");
+        let mut forgotten = left();
+        forgotten.forget(Systems::ALL);
+        assert!(forgotten.check(start(0b10, false), true).is_ok());
+    }
+
+    #[test]
+    fn what_was_left_is_asked_about_again_once_another_program_or_a_part_of_it_has_run() {
+        let start = Starts { systems: Systems::of(1), confirmed: false };
+        let effect = |left: &mut Leftovers, line: &str| {
+            let LineEffect { forgets, aborts, .. } = LineEffect::of(line, false, Some(2));
+            left.forget(forgets);
+            left.aborted(aborts);
+        };
+        let mut left = Leftovers::default();
+        left.set(Systems::of(1), 7);
+        effect(&mut left, "&1B5");
+        assert_eq!((left.to_ask(start).bits(), left.check(start, true).is_ok()), (0, true), "PROG 5 runs");
+        effect(&mut left, "&1B0");
+        assert_eq!(left.to_ask(start).bits(), 0b1);
+        for end in ["&1A", "&1Q"] {
+            left.find(Systems::of(1), 7);
+            assert!(left.check(Starts { confirmed: true, ..start }, true).is_ok());
+            assert_eq!(left.to_ask(start).bits(), 0, "they run");
+            effect(&mut left, end);
+            assert_eq!(left.to_ask(start).bits(), 0b1, "{end}");
+        }
+    }
+
+    #[test]
+    fn the_board_is_asked_again_at_each_start_of_what_is_left() {
+        let start = Starts { systems: Systems::of(1), confirmed: false };
+        let mut left = Leftovers::default();
+        left.set(Systems::of(1), 7);
+        for still in [7, 5, 5] {
+            assert_eq!(left.to_ask(start).bits(), 0b1);
+            left.find(Systems::of(1), still);
+            assert_eq!(left.to_ask(start).bits(), 0, "asked");
+            let told = left.check(start, true).unwrap_err().to_string();
+            assert!(told.contains(&format!("{still} lines of it")), "{told}");
+        }
+        // Another host, or a reset that nobody saw, has taken it.
+        assert_eq!(left.to_ask(start).bits(), 0b1);
+        left.refused(Systems::of(1), NO_BUFFER);
+        assert!(left.check(start, true).is_ok());
+    }
+
+    #[test]
+    fn b1_5_what_is_left_is_not_known_until_the_board_was_asked_or_it_is_gone() {
+        let start = Starts { systems: Systems::first(4), confirmed: false };
+        let mut left = Leftovers::default();
+        assert_eq!(left.to_ask(start).bits(), 0b1111);
+        assert_eq!(left.to_ask(Starts { confirmed: true, ..start }).bits(), 0, "they are to run");
+        left.set(Systems::of(1), 0);
+        left.find(Systems::of(2), 7);
+        left.forget(Systems::ALL);
+        assert_eq!(left.to_ask(start).bits(), 0b1100, "a line without a number is no answer");
+        left.find(Systems::of(2), 7);
+        left.forget(Systems::of(3));
+        assert_eq!(left.to_ask(start).bits(), 0b1000);
+        let told = left.check(start, true).unwrap_err().to_string();
+        assert!(told.contains("7 lines of an earlier program are left in &2's rotary buffer"), "{told}");
+        // A program that was streamed whole, and aborted.
+        left.set(Systems::of(1), 0);
+        assert_eq!(left.to_ask(start).bits(), 0b1010, "&1 runs to its end, and &2 was refused");
+        left.aborted(Systems::first(2));
+        assert_eq!(left.to_ask(start).bits(), 0b1011, "&2 still has what it had");
+        left.find(Systems::of(1), 0);
+        // The board refuses to say: it has no buffer, or a program had an error.
+        let one = Starts { systems: Systems::of(1), confirmed: false };
+        for (error, may_start) in [(5, false), (NO_BUFFER, true)] {
+            left.set(Systems::of(1), 200);
+            assert_eq!(left.to_ask(one).bits(), 0b1);
+            left.refused(Systems::of(1), error);
+            assert_eq!(
+                (left.to_ask(one).bits(), left.check(one, true).is_ok()),
+                (0, may_start),
+                "ERR{error:03}"
+            );
+        }
+        left = Leftovers::after_reset();
+        assert_eq!(left.to_ask(start), Systems::NONE, "no rotary buffer is kept over a reset");
+        assert!(left.check(start, true).is_ok());
+    }
+}

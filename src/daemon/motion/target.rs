@@ -1,0 +1,136 @@
+//! What a stop stops, and the command line that does it.
+//!
+//! `#nJ/` stops a jog, `&nA` aborts and `&nH` holds a coordinate system. The address that `#n` and `&n` change is everybody's
+//! (User Manual p. 29), so the line puts it back.
+
+use std::fmt;
+
+use crate::daemon::shared::queue::{LINE_MAX, Text};
+use crate::map::status::{StatusTable, reply_has};
+use crate::map::{Motors, Systems};
+
+/// The digits of a status that is whole: two words of 24 bits.
+const STATUS_DIGITS: usize = 12;
+
+/// What the board has told of its motors' loops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Loops {
+    /// The motors of which it has told.
+    pub told: Motors,
+    /// Of these, those whose loop is open.
+    pub open: Motors,
+}
+
+/// What is to be stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// Motors that jog.
+    Motors(Motors),
+    /// The programs of coordinate systems, by this on-line command.
+    Systems(Systems, char),
+}
+
+impl Target {
+    /// Asks what is addressed, and then for the status of each motor. That leaves the last one addressed. The addressed motor's
+    /// status stands between: on Turbo boards `##n` is a command of its own (Turbo Software Reference p. 270).
+    pub fn question(self) -> Text<LINE_MAX> {
+        let Self::Motors(motors) = self else { return Text::from("&") };
+        let status: String = motors.numbers().map(|motor| format!("#{motor}?")).collect();
+        Text::of(&format_args!("#?{status}"))
+    }
+
+    /// The loops of its motors as the board's answers to [`Self::question`] tell.
+    pub fn loops(self, answers: &[String], motor: &'static [StatusTable]) -> Loops {
+        let mut loops = Loops::default();
+        for (number, status) in self.motors().numbers().zip(answers.iter().skip(2)) {
+            if status.trim().len() >= STATUS_DIGITS {
+                loops.told.add(Motors::of(number));
+                if reply_has(status, motor, "open_loop") {
+                    loops.open.add(Motors::of(number));
+                }
+            }
+        }
+        loops
+    }
+
+    /// The line that stops it, but not the motors in `open`, whose loops it would close. Then addresses `addressed` again.
+    /// `None` when nothing is left to do.
+    pub fn line(self, open: Motors, addressed: Option<u32>) -> Option<Text<LINE_MAX>> {
+        let (mut line, sign): (String, _) = match self {
+            Self::Motors(motors) => {
+                (motors.without(open).numbers().map(|number| format!("#{number}J/")).collect(), '#')
+            }
+            Self::Systems(systems, letter) => {
+                (systems.numbers().map(|number| format!("&{number}{letter}")).collect(), '&')
+            }
+        };
+        if let Some(addressed) = addressed {
+            line += &format!("{sign}{addressed}");
+        }
+        (!line.is_empty()).then(|| Text::of(&line))
+    }
+
+    /// The coordinate systems that it aborts.
+    pub const fn aborted(self) -> Systems {
+        match self {
+            Self::Systems(systems, 'A') => systems,
+            Self::Systems(..) | Self::Motors(_) => Systems::NONE,
+        }
+    }
+
+    /// Its motors.
+    pub const fn motors(self) -> Motors {
+        match self {
+            Self::Motors(motors) => motors,
+            Self::Systems(..) => Motors::NONE,
+        }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Motors(motors) => write!(f, "motor {motors}"),
+            Self::Systems(systems, _) => write!(f, "coordinate system {systems}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motors(bits: u32) -> Motors {
+        Motors::from_bits(bits)
+    }
+
+    #[test]
+    fn b2_6_the_line_stops_what_is_closed_and_puts_the_address_back() {
+        let line = |target: Target, open, addressed| {
+            target.line(motors(open), addressed).map(|line| line.to_string())
+        };
+        assert_eq!(line(Target::Motors(motors(0b101)), 0, Some(2)).unwrap(), "#1J/#3J/#2");
+        assert_eq!(line(Target::Motors(motors(0b101)), 0b001, None).unwrap(), "#3J/");
+        assert_eq!(
+            line(Target::Motors(motors(0b101)), 0b111, Some(1)).unwrap(),
+            "#1",
+            "killed motors stay killed"
+        );
+        assert_eq!(line(Target::Motors(motors(0b101)), 0b111, None), None);
+        assert_eq!(line(Target::Systems(Systems::of(2), 'A'), 0b11, Some(1)).unwrap(), "&2A&1");
+        assert_eq!(Target::Motors(motors(0b101)).to_string(), "motor 1, 3");
+        assert_eq!(&*Target::Motors(motors(0b101)).question(), "#?#1?#3?");
+        assert!(Target::Motors(motors(u32::MAX)).question().ends_with("#32?"), "all fit into a line");
+    }
+
+    #[test]
+    fn b2_6_the_status_of_each_motor_tells_of_its_loop() {
+        let answers = ["1", "846000804401", "812000804401", "846000804401", "8460"].map(str::to_owned);
+        let loops = |count: usize| {
+            Target::Motors(motors(0b1101)).loops(&answers[..count], crate::map::TURBO2.status.motor)
+        };
+        assert_eq!(loops(5), Loops { told: motors(0b101), open: motors(0b100) }, "the last one is not whole");
+        assert_eq!(loops(3), Loops { told: motors(0b1), open: Motors::NONE });
+        assert_eq!(loops(2), Loops::default());
+    }
+}

@@ -1,0 +1,157 @@
+//! Keeps the ledger of motion: what each command has done to it, what lapses, and what stops every motor.
+
+use std::time::Instant;
+
+use log::warn;
+
+use super::Service;
+use super::replies::not_sent;
+use crate::daemon::motion::effect::{CommandEffect, LineEffect};
+use crate::daemon::motion::ledger::Lapsed;
+use crate::daemon::motion::target::Target;
+use crate::daemon::motion::timing::PANEL_STOP_TAKES;
+use crate::daemon::shared::caller::Caller;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::open_buffer::Account;
+use crate::daemon::shared::queue::{Outcome, dropped_by};
+use crate::daemon::socket::call_table::{Ended, Then};
+use crate::daemon::socket::connection::Client;
+use crate::map::Motors;
+use crate::protocol::Function;
+use crate::protocol::line_ends::RESET;
+
+impl Service {
+    /// Takes note of what the command of `ended` has done to motion, as far as the board has carried it out, or may have.
+    pub(super) fn note_effect(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
+        let CommandEffect { ends, stops_all, jogs } = std::mem::take(&mut ended.effect);
+        let caller = ended.caller;
+        if outcome == Outcome::Done
+            && let Some(ends) = ends.as_ref().filter(|ends| !ends.unnamed)
+        {
+            let motors = Motors::from_bits(ends.motors);
+            self.ledger.commanded(motors);
+            self.let_go(motors, now);
+        }
+        if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
+            match outcome {
+                Outcome::Done => self.ledger.jog_by_line(caller.client, carried_out, silence, now),
+                Outcome::Error(_) => self.ledger.may_jog_by_line(caller.client, refused, silence, now),
+                outcome if outcome.is_unsent() => {}
+                // How far the board came nobody knows.
+                _ => self.ledger.may_jog_by_line(caller.client, carried_out.and(refused), silence, now),
+            }
+        }
+        if outcome.is_unsent() || matches!(outcome, Outcome::Error(_)) {
+            return;
+        }
+        self.ledger.jog_by_panel(jogs);
+        if let Some(ends) = ends {
+            if ends.what == RESET {
+                self.resets.was_sent(now);
+            }
+            let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };
+            if ends.buffer && sequence.is_none() {
+                self.end_closed_streams(caller.peer, now);
+            }
+            self.sent_stops.add(ends, caller, sequence, now);
+        }
+        if let Some(character) = stops_all.filter(|_| outcome == Outcome::Done) {
+            let holders = self.ledger.all_stopped();
+            self.withdraw_holds(&holders, now);
+            self.end_streams(caller.peer, character, now);
+        }
+    }
+
+    /// `caller` stops all motion by `character`, which is on its way to the board. A jog that is to be held and was not handed over
+    /// would begin behind it, and be held by nobody. Where it `drops_lines`, no line and no request of the panel that waits here is
+    /// sent any more, nor a line that a sequence would send, nor what other clients have sent and nobody has read yet.
+    pub(super) fn stop_all_begins(&mut self, caller: Caller, character: u8, drops_lines: bool, now: Instant) {
+        self.ledger.stop_all_begins(character, now);
+        let all: Vec<u64> = self.clients.iter().map(|(client, _)| client).collect();
+        self.withdraw_holds(&all, now);
+        if drops_lines {
+            let reason = dropped_by(caller.peer.uid.as_raw(), character);
+            self.clients.outdate(reason, caller.client);
+            self.sequences.drop_lines(reason);
+            for ended in self.calls.drop_what_waits(&reason.to_string()) {
+                self.on_end(ended, Outcome::Dropped(reason), now);
+            }
+        }
+    }
+
+    /// What `caller` asked to stop has been stopped: nobody holds it any more, and no stream goes on feeding it.
+    pub(super) fn has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
+        self.ledger.stopped(caller.client, caller.peer.account(), target.motors(), now);
+        self.end_streams_of(target.aborted(), caller.peer, now);
+    }
+
+    /// Stops what moves for clients that are gone, or silent while the daemon does nothing for them, and sees to the stops under way.
+    pub(super) fn tend_motion(&mut self, now: Instant) {
+        let Self { ledger, clients, .. } = self;
+        ledger.hear(|client| clients.get(client).is_some_and(Client::waits_for_board), now);
+        let Lapsed { motors, holders } = ledger.lapse(|client| clients.hears(client), now);
+        if motors.is_empty() {
+        } else if self.uses(Function::Panel) {
+            self.stops.begin_due(motors, now);
+        } else {
+            self.stop_by_line(Target::Motors(motors), None, true, now);
+        }
+        self.withdraw_holds(&holders, now);
+        self.tend_stops(now);
+    }
+
+    /// Takes the jogs out of the queue that these clients asked for and no longer hold: after its stop a jog would have no end.
+    fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
+        for client in clients {
+            if let Some(caller) = self.calls.take_back_hold(*client) {
+                let end = self.ledger.renew(*client, now).err().flatten();
+                self.answer(caller, Err(not_sent(end)), now);
+            }
+            if self.clients.get(*client).is_none() {
+                self.ledger.forget(*client);
+            }
+        }
+    }
+
+    /// The daemon ends now: requests the stop of everything that is held once more, if there is room for the request. The bus thread
+    /// carries it out before its own end.
+    pub(super) fn stop_at_the_end(&mut self, now: Instant) {
+        let motors = self.ledger.held_motors().and(self.stops.due_motors());
+        if !motors.is_empty() {
+            self.calls.send_now(Job::EndHold(motors.bits()), now + PANEL_STOP_TAKES);
+        }
+    }
+
+    /// The board does not read the control panel any more: `by` has switched it off, or it is not known who.
+    pub(super) fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
+        self.ledger.panel_ended(by, now);
+        let going = self.ledger.newly_alone(self.info.motion());
+        if !going.is_empty() {
+            warn!(target: "audit", "{}", self.without_panel(going));
+        }
+    }
+
+    /// What is told of the motors that were set in motion by the panel and go on, while it is off.
+    pub(super) fn jogs_without_panel(&self) -> Option<String> {
+        let going = self.ledger.going_by_panel(self.info.motion());
+        let is_off = self.info.enabling().panel == Some(false);
+        (is_off && !going.is_empty()).then(|| self.without_panel(going))
+    }
+
+    fn without_panel(&self, motors: Motors) -> String {
+        let cure = if self.uses(Function::Ascii) {
+            "pmacctl panel jog-stop stops it by command line, pmacctl abort everything"
+        } else {
+            "pmacd sends no command lines, so nothing of it stops it until the panel is on again"
+        };
+        format!(
+            "motor {motors} was set in motion by the control panel, which is off (I{} is not 3), and may go on: {cure}",
+            self.info.family().i.panel.unwrap_or_default()
+        )
+    }
+
+    /// Whether the daemon may use `function` of the board now.
+    pub(super) fn uses(&self, function: Function) -> bool {
+        self.info.why_not(function).is_none()
+    }
+}
