@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use pmac_dpram::device::{FileBoard, Interrupt, InterruptSource};
 use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
+use pmac_dpram::function::ascii::DpramPort;
+use pmac_dpram::function::line_port::{AsciiEvent, LinePort};
 use pmac_dpram::map::Family;
 
 use crate::rig::Rig;

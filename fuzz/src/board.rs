@@ -3,13 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-use pmac_dpram::device::BusError;
 use pmac_dpram::format::TextOrder;
-use pmac_dpram::function::ascii::{AsciiEvent, DpramPort};
+use pmac_dpram::function::ascii::DpramPort;
 use pmac_dpram::function::background::{BackgroundPoll, BackgroundReader};
 use pmac_dpram::function::gather::{
     GatherBuffer, GatherPoll, GatherReader, GatherStart, chunk_longs, report_cycles,
 };
+use pmac_dpram::function::line_port::{AsciiEvent, LinePort, PortError};
 use pmac_dpram::function::mailbox::{MailboxPort, MailboxSettings, MailboxSignal};
 use pmac_dpram::function::panel::{FeedOverride, Panel, PanelAction, PanelRequest};
 use pmac_dpram::function::rotary::{RotaryError, RotarySetup, RotaryStream};
@@ -93,7 +93,13 @@ pub fn body(data: &[u8]) {
 }
 
 impl Functions {
-    fn step(&mut self, bus: &mut RamBus, function: u8, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn step(
+        &mut self,
+        bus: &mut RamBus,
+        function: u8,
+        how: u8,
+        tape: &mut Tape<'_>,
+    ) -> Result<(), PortError> {
         bus.take_accesses();
         match function {
             6 => self.servo(bus, how),
@@ -111,7 +117,7 @@ impl Functions {
         }
     }
 
-    fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+    fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), PortError> {
         let block = &self.family.servo;
         match how {
             0 => self.servo.set_motors(0),
@@ -139,7 +145,7 @@ impl Functions {
         Ok(())
     }
 
-    fn background(&mut self, bus: &mut RamBus, how: u8) -> Result<(), BusError> {
+    fn background(&mut self, bus: &mut RamBus, how: u8) -> Result<(), PortError> {
         let block = &self.family.background;
         match how {
             0 => self.background.set_numbers(3),
@@ -161,7 +167,7 @@ impl Functions {
         Ok(())
     }
 
-    fn ascii(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn ascii(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         let now = self.now;
         match how {
             0 => {
@@ -207,7 +213,7 @@ impl Functions {
         Ok(())
     }
 
-    fn panel(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn panel(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         let (Some(panel), Some(block)) = (&mut self.panel, &self.family.panel) else { return Ok(()) };
         let number = usize::from(tape.u8() & 15);
         match how {
@@ -233,7 +239,7 @@ impl Functions {
         Ok(())
     }
 
-    fn variable_read(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn variable_read(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         match how {
             0 => self.reader.release(bus)?,
             1..=3 => {
@@ -269,7 +275,7 @@ impl Functions {
         Ok(())
     }
 
-    fn variable_write(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn variable_write(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         match how {
             0 => self.writer.release(bus)?,
             1 => {
@@ -310,7 +316,7 @@ impl Functions {
         Ok(())
     }
 
-    fn gather(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn gather(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         if how < 3 || self.gather.is_none() {
             let mode = if how == 0 { GatherMode::Stop } else { GatherMode::Wrap };
             let buffer = GatherBuffer {
@@ -356,7 +362,7 @@ impl Functions {
         Ok(())
     }
 
-    fn rotary(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), BusError> {
+    fn rotary(&mut self, bus: &mut RamBus, how: u8, tape: &mut Tape<'_>) -> Result<(), PortError> {
         // Of the 16 of a Turbo board, two.
         let which = usize::from(how & 1) * (self.rotary.len() - 1);
         let (stream, set_up) = &mut self.rotary[which];
@@ -369,7 +375,7 @@ impl Functions {
             };
             match stream.set_up(bus, &setup) {
                 Ok(()) => *set_up = Some(setup),
-                Err(RotaryError::Bus(error)) => return Err(error),
+                Err(RotaryError::Bus(error)) => return Err(error.into()),
                 Err(_) => {
                     bus.assert_written("a rotary buffer refused", |_| false);
                     return Ok(());
@@ -399,7 +405,7 @@ impl Functions {
             }
         };
         if let Err(RotaryError::Bus(error)) = result {
-            return Err(error);
+            return Err(error.into());
         }
         assert!(bus.take_accesses() <= 3 + 9 + 4 * 9);
         let ring = setup.start.bytes()..setup.start.bytes() + 4 * setup.size_longs;

@@ -10,7 +10,7 @@ use super::config::ports::{MailboxConfig, Use};
 use super::exit::Failure;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::device::{ByteBusError, Inherited, System};
-use crate::function::ascii::AsciiEvent;
+use crate::function::line_port::AsciiEvent;
 use crate::map::Family;
 
 /// What every family answers to.

@@ -37,38 +37,14 @@ use line_cut::cut;
 
 use crate::device::{Bus, BusError};
 use crate::format::{Text, TextOrder};
+use crate::function::line_port::{AsciiEvent, LinePort, PortError, ResponseText, Stopped};
 use crate::map::AsciiPort;
-use crate::map::functions::{RESPONSE_BYTES, response};
+use crate::map::functions::response;
 use crate::protocol::control::CANCEL;
 
 /// How long the port rests at the start, behind `^X` and behind a command that was given up, so that nothing is written over a line
 /// that the board is just reading.
 pub const REST: Duration = Duration::from_millis(50);
-/// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
-pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
-
-/// What a poll found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AsciiEvent {
-    /// A line of the reply to the command under way.
-    Line(ResponseText),
-    /// The command under way ended: acknowledged, or refused with an error number.
-    Done(Result<(), u16>),
-    /// The response to a `CMD"..."` in a PMAC program.
-    ProgramResponse(ResponseText),
-    /// A `SEND"..."` from a PMAC program.
-    ProgramMessage(ResponseText),
-    /// A response nobody waits for any more, dropped; the value is its control word.
-    Stale(u16),
-    /// The board has taken the control character under way, whose reply has no end mark. What comes is told as its reply's until
-    /// the caller has settled by a line of his own where that ends ([`DpramPort::settled`]).
-    Taken,
-    /// An error came while a line was under way: the line's own, which is over then, or a program's. What comes is told as the
-    /// line's until the caller has settled which ([`DpramPort::settled`]). 0: a control word that no manual has.
-    Error(u16),
-    /// A program's error, of which nobody's command is the cause.
-    ProgramError(u16),
-}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
@@ -134,74 +110,18 @@ impl DpramPort {
         }
     }
 
-    /// Whether a line of ours lies before the board, or it has the first part of one and the second is to follow, as far as was seen.
-    #[must_use]
-    pub const fn line_lies(&self) -> bool {
-        matches!(self.state, State::Loaded { .. })
-    }
-
     /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
     /// (a board that was deaf must not act on it later), the response, which is nobody's.
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn release(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn release(&mut self, bus: &mut dyn Bus) -> Result<(), BusError> {
         self.lying = None;
         bus.write16(self.words.command_loaded.word, 0)?;
         bus.write16(self.words.control_character, 0)?;
         bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
         Ok(())
-    }
-
-    /// Whether [`DpramPort::begin`] may be called.
-    #[must_use]
-    pub fn is_idle(&self) -> bool {
-        matches!(self.state, State::Idle | State::Unsettled)
-    }
-
-    /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too long is not sent.
-    pub fn begin(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
-        if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
-            return Ok(false);
-        }
-        // A response that is there now is nobody's. A poll takes it first.
-        if self.has_response(bus)? || self.is_loaded(bus)? {
-            return Ok(false);
-        }
-        self.line[..line.len()].copy_from_slice(line);
-        self.length = line.len();
-        self.open_ended = false;
-        self.load(bus, 0)?;
-        Ok(true)
-    }
-
-    /// As [`DpramPort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines first,
-    /// until [`DpramPort::finish`].
-    ///
-    /// # Errors
-    /// As [`DpramPort::begin`].
-    pub fn begin_open_ended(&mut self, bus: &mut impl Bus, line: &[u8]) -> Result<bool, BusError> {
-        let begun = self.begin(bus, line)?;
-        self.open_ended = begun;
-        Ok(begun)
-    }
-
-    /// The reply to an open-ended line has come.
-    pub fn finish(&mut self, now: Instant) {
-        if std::mem::take(&mut self.open_ended) {
-            self.end_command(now);
-        }
-    }
-
-    /// What comes from now on belongs to nobody: the error was the line's, or the reply has ended.
-    pub fn settled(&mut self, now: Instant) {
-        if self.state == State::Unsettled {
-            self.end_command(now);
-        }
     }
 
     /// A command has ended: the board has done the lines before.
@@ -219,12 +139,12 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn is_loaded(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    pub fn is_loaded(&self, bus: &mut dyn Bus) -> Result<bool, BusError> {
         Ok(self.words.command_loaded.is_set(bus.read16(self.words.command_loaded.word)?))
     }
 
     /// Writes the part of the line that starts at `from`, then raises the flag.
-    fn load(&mut self, bus: &mut impl Bus, from: usize) -> Result<(), BusError> {
+    fn load(&mut self, bus: &mut dyn Bus, from: usize) -> Result<(), BusError> {
         let rest = &self.line[from..self.length];
         let first_of_two = rest.len() > self.first_part();
         let part = match first_of_two {
@@ -249,7 +169,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn is_out_of_reach(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    pub fn is_out_of_reach(&self, bus: &mut dyn Bus) -> Result<bool, BusError> {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
@@ -258,7 +178,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn last_line<const N: usize>(&self, bus: &mut impl Bus) -> Result<Text<N>, BusError> {
+    pub fn last_line<const N: usize>(&self, bus: &mut dyn Bus) -> Result<Text<N>, BusError> {
         let mut bytes = [0; N];
         for (index, pair) in bytes.chunks_exact_mut(2).enumerate() {
             let word = bus.read16(self.words.command.plus_words(index))?;
@@ -272,7 +192,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn has_response(&self, bus: &mut impl Bus) -> Result<bool, BusError> {
+    pub fn has_response(&self, bus: &mut dyn Bus) -> Result<bool, BusError> {
         Ok(bus.read16(self.words.response_control)? != 0)
     }
 
@@ -281,7 +201,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn take_back(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, BusError> {
+    pub fn take_back(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<bool, BusError> {
         let word = match self.state {
             State::Loaded { sent } if sent <= self.first_part() => self.words.command_loaded.word,
             State::Control => self.words.control_character,
@@ -303,7 +223,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    fn withdraw_line(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+    fn withdraw_line(&self, bus: &mut dyn Bus) -> Result<(), BusError> {
         bus.write16(self.words.command_loaded.word, 0)?;
         bus.order_writes();
         Ok(())
@@ -313,7 +233,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn clear_flag(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+    pub fn clear_flag(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
         self.withdraw_line(bus)?;
         self.rest(now);
         Ok(())
@@ -329,44 +249,10 @@ impl DpramPort {
         }
     }
 
-    /// Whether the board has taken the whole command under way, as far as polls have seen.
-    #[must_use]
-    pub fn was_taken(&self) -> bool {
-        matches!(self.state, State::Replying | State::Unsettled)
-    }
-
-    /// Whether the board takes neither lines nor control characters, as far as it was asked.
-    #[must_use]
-    pub const fn is_unheard(&self) -> bool {
-        self.unheard
-    }
-
-    /// Gives up on the command under way, and ends what the board has not taken of it. Whether the board has done it, does
-    /// it still or will do it is not known.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
-        match self.state {
-            State::Idle | State::Emptied | State::Held(_) | State::Resting { .. } => return Ok(()),
-            State::Loaded { .. } => {
-                self.unheard = self.is_loaded(bus)?;
-                return self.end_line(bus, now);
-            }
-            // Another one may lie there by now.
-            State::Control if std::mem::take(&mut self.question_taken) => {}
-            State::Control => self.withdraw_control(bus)?,
-            State::Unsettled if self.is_loaded(bus)? => return self.end_line(bus, now),
-            State::Replying | State::Unsettled => {}
-        }
-        self.abandon(false, now);
-        Ok(())
-    }
-
     /// Ends a line that the board has not taken, as far as was seen. Of one part it becomes empty where it lies: its first byte becomes
     /// the NUL that ends it. That is one byte, so the board finds the line or none, and the flag goes on telling when the board is
     /// done, with the line if it was at that already. A part that has no end loses its flag.
-    fn end_line(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+    fn end_line(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
         if self.has_parts() {
             self.withdraw_line(bus)?;
             self.abandon(true, now);
@@ -380,12 +266,6 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether the line under way, or the last one, went in two parts.
-    #[must_use]
-    pub const fn has_parts(&self) -> bool {
-        self.length > self.first_part()
-    }
-
     /// Whatever still comes belongs to nobody. The board may have the first half of a line, before which it would put the next one.
     fn abandon(&mut self, has_half: bool, now: Instant) {
         self.open_ended = false;
@@ -393,11 +273,136 @@ impl DpramPort {
             if has_half { State::Held(Hold::new(CANCEL, now)) } else { State::Resting { until: now + REST } };
     }
 
-    /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<AsciiEvent>, BusError> {
+    /// Whose a response is.
+    fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
+        match control {
+            response::TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
+            response::MESSAGE => return AsciiEvent::ProgramMessage(text),
+            // Nothing is there.
+            u16::MAX => return AsciiEvent::Stale(control),
+            response::LINE | response::ACKNOWLEDGE => {}
+            _ => return self.classify_error(control, now),
+        }
+        match (self.state, control) {
+            (State::Idle | State::Emptied | State::Held(_) | State::Resting { .. }, _) => {
+                AsciiEvent::Stale(control)
+            }
+            (_, response::LINE) => AsciiEvent::Line(text),
+            (State::Control, _) => AsciiEvent::Stale(control),
+            // The board has not all of the line: this is no end of its reply.
+            (State::Loaded { sent }, _) if sent < self.length => AsciiEvent::Stale(control),
+            (state, _) => {
+                if !self.open_ended && state != State::Unsettled {
+                    self.end_command(now);
+                }
+                AsciiEvent::Done(Ok(()))
+            }
+        }
+    }
+}
+
+impl LinePort for DpramPort {
+    fn is_idle(&self) -> bool {
+        matches!(self.state, State::Idle | State::Unsettled)
+    }
+
+    fn was_taken(&self) -> bool {
+        matches!(self.state, State::Replying | State::Unsettled)
+    }
+
+    fn line_lies(&self) -> bool {
+        matches!(self.state, State::Loaded { .. })
+    }
+
+    fn is_unheard(&self) -> bool {
+        self.unheard
+    }
+
+    fn has_parts(&self) -> bool {
+        self.length > self.first_part()
+    }
+
+    fn begin(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError> {
+        if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
+            return Ok(false);
+        }
+        // A response that is there now is nobody's. A poll takes it first.
+        if self.has_response(bus)? || self.is_loaded(bus)? {
+            return Ok(false);
+        }
+        self.line[..line.len()].copy_from_slice(line);
+        self.length = line.len();
+        self.open_ended = false;
+        self.load(bus, 0)?;
+        Ok(true)
+    }
+
+    fn begin_open_ended(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError> {
+        let begun = self.begin(bus, line)?;
+        self.open_ended = begun;
+        Ok(begun)
+    }
+
+    fn finish(&mut self, now: Instant) {
+        if std::mem::take(&mut self.open_ended) {
+            self.end_command(now);
+        }
+    }
+
+    fn settled(&mut self, now: Instant) {
+        if self.state == State::Unsettled {
+            self.end_command(now);
+        }
+    }
+
+    fn control(
+        &mut self,
+        bus: &mut dyn Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, PortError> {
+        Ok(Self::control(self, bus, character, has_reply, now)?)
+    }
+
+    fn control_pending(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<bool, PortError> {
+        Ok(Self::control_pending(self, bus, now)?)
+    }
+
+    fn flag_is_characters(&self) -> bool {
+        Self::flag_is_characters(self)
+    }
+
+    fn withdraw_control(&mut self, bus: &mut dyn Bus, _now: Instant) -> Result<(), PortError> {
+        Ok(Self::withdraw_control(self, bus)?)
+    }
+
+    fn stop(&mut self, bus: &mut dyn Bus, character: u8, now: Instant) -> Result<Stopped, PortError> {
+        Ok(Self::stop(self, bus, character, now)?)
+    }
+
+    fn withdraw(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError> {
+        Ok(Self::withdraw(self, bus, now)?)
+    }
+
+    fn give_up(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError> {
+        match self.state {
+            State::Idle | State::Emptied | State::Held(_) | State::Resting { .. } => return Ok(()),
+            State::Loaded { .. } => {
+                self.unheard = self.is_loaded(bus)?;
+                return Ok(self.end_line(bus, now)?);
+            }
+            // Another one may lie there by now.
+            State::Control if std::mem::take(&mut self.question_taken) => {}
+            State::Control => self.withdraw_control(bus)?,
+            State::Unsettled if self.is_loaded(bus)? => return Ok(self.end_line(bus, now)?),
+            State::Replying | State::Unsettled => {}
+        }
+        self.abandon(false, now);
+        Ok(())
+    }
+
+    fn poll(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
         if self.state == State::Control
             && (std::mem::take(&mut self.question_taken) || !self.control_pending(bus, now)?)
         {
@@ -438,33 +443,6 @@ impl DpramPort {
         bus.order_reads();
         self.take_response(bus)?;
         Ok(Some(self.classify(control, text, now)))
-    }
-
-    /// Whose a response is.
-    fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
-        match control {
-            response::TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
-            response::MESSAGE => return AsciiEvent::ProgramMessage(text),
-            // Nothing is there.
-            u16::MAX => return AsciiEvent::Stale(control),
-            response::LINE | response::ACKNOWLEDGE => {}
-            _ => return self.classify_error(control, now),
-        }
-        match (self.state, control) {
-            (State::Idle | State::Emptied | State::Held(_) | State::Resting { .. }, _) => {
-                AsciiEvent::Stale(control)
-            }
-            (_, response::LINE) => AsciiEvent::Line(text),
-            (State::Control, _) => AsciiEvent::Stale(control),
-            // The board has not all of the line: this is no end of its reply.
-            (State::Loaded { sent }, _) if sent < self.length => AsciiEvent::Stale(control),
-            (state, _) => {
-                if !self.open_ended && state != State::Unsettled {
-                    self.end_command(now);
-                }
-                AsciiEvent::Done(Ok(()))
-            }
-        }
     }
 }
 

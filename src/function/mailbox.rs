@@ -23,7 +23,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::ascii::{AsciiEvent, ResponseText};
+use super::line_port::{AsciiEvent, ResponseText};
 use crate::device::{ByteBus, ByteBusError};
 use crate::protocol::control::CANCEL;
 
@@ -126,7 +126,7 @@ enum State {
     },
     /// PMAC has the whole line.
     Replying,
-    /// An error came: the line's own, or a program's, as at [`super::ascii::AsciiEvent::Error`]. Where replies are let come with
+    /// An error came: the line's own, or a program's, as at [`AsciiEvent::Error`]. Where replies are let come with
     /// commands alone, the next one is not let come into the line that is sent next.
     Refused,
     /// A control character with a reply was sent; a line came last at `quiet_since`.

@@ -103,6 +103,7 @@ pub mod gather;
 #[cfg(test)]
 mod gather_tests;
 pub mod host_port;
+pub mod line_port;
 pub mod mailbox;
 pub mod panel;
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use std::time::Instant;
 
-use super::ascii::{AsciiEvent, DpramPort};
+use super::ascii::DpramPort;
+use super::line_port::{AsciiEvent, LinePort};
 use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
 use super::testing::two_sides;
 use crate::device::board::mapping::Mapping;

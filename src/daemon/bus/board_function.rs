@@ -3,8 +3,8 @@
 
 use crate::clock::Clock;
 use crate::daemon::bus::command_intake::CommandIntake;
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::device::{Bus, BusError};
+use crate::function::line_port::PortError;
 use crate::mirror::Transition;
 use crate::segment::{Counter, Publisher};
 

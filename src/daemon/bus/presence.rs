@@ -3,8 +3,9 @@
 use log::{info, warn};
 
 use crate::daemon::bus::board::{BoardBus, OpenBus, usable};
-use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
+use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::device::{Interrupt, Presence};
+use crate::function::line_port::PortError;
 
 /// What has become of the board.
 pub enum Change {
@@ -116,7 +117,7 @@ impl BoardPresence {
         bus: &mut BoardBus,
         ports: &mut CommandPorts,
     ) -> Result<Option<Change>, PortError> {
-        if !ports.has_page() {
+        if !ports.page().is_some() {
             return Ok(None);
         }
         let out_of_reach = ports.dpram.is_out_of_reach(bus)?;

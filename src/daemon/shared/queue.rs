@@ -16,7 +16,7 @@ use super::open_buffer::{Barred, Writer};
 pub use super::origin::{GivenUp, Origin, REASON_MAX};
 use super::status::BoardStatus;
 pub use crate::format::Text;
-use crate::function::ascii::ResponseText;
+use crate::function::line_port::ResponseText;
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 use crate::protocol::{CommandPort, MessageKind, control, deadlines};

@@ -13,7 +13,7 @@ pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
-use crate::function::ascii::ResponseText;
+use crate::function::line_port::ResponseText;
 use crate::function::variable_read::VariableEntry;
 use crate::map::Motors;
 use crate::protocol::{CallError, control};

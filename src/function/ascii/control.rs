@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use super::stop::{goes_over_foreign, may_come_twice};
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
+use crate::function::line_port::LinePort;
 use crate::map::HostOffset;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
 
@@ -28,15 +29,15 @@ pub(super) struct Lying {
 
 impl DpramPort {
     /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
-    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, [`super::AsciiEvent::Taken`] comes, and its
-    /// lines as [`super::AsciiEvent::Line`]; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
+    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, [`AsciiEvent::Taken`] comes, and its
+    /// lines as [`AsciiEvent::Line`]; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
     /// not taken, which is given up, and over one of the port's own.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn control(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut dyn Bus,
         character: u8,
         has_reply: bool,
         now: Instant,
@@ -77,7 +78,7 @@ impl DpramPort {
     /// Writes `character` to its word, `over` one that may lie there.
     pub(super) fn put_control(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut dyn Bus,
         character: u8,
         over: bool,
         now: Instant,
@@ -94,7 +95,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn control_pending(&mut self, bus: &mut impl Bus, now: Instant) -> Result<bool, BusError> {
+    pub fn control_pending(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<bool, BusError> {
         let Some(lying) = self.lying else { return Ok(false) };
         let word = bus.read16(self.words.control_character)?;
         if word == 0 && !lying.again {
@@ -153,7 +154,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw_control(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn withdraw_control(&mut self, bus: &mut dyn Bus) -> Result<(), BusError> {
         if self.flag_is_characters() {
             bus.write16(self.words.command_loaded.word, 0)?;
             bus.order_writes();

@@ -7,7 +7,8 @@
 
 use std::time::Instant;
 
-use super::{AsciiEvent, DpramPort, State};
+use super::{DpramPort, State};
+use crate::function::line_port::AsciiEvent;
 use crate::map::errors;
 
 impl DpramPort {

@@ -74,7 +74,7 @@ fn a_line_is_made_empty_that_lies_untaken_behind_an_error() {
             assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
             if stops {
                 let stopped = rig.port.stop(&mut rig.bus, ABORT, rig.now).unwrap();
-                assert_eq!(stopped, super::super::stop::Stopped::Uncertain);
+                assert_eq!(stopped, Stopped::Uncertain);
             } else {
                 rig.give_up();
             }

@@ -57,7 +57,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn look_for_half_a_line(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub fn look_for_half_a_line(&mut self, bus: &mut dyn Bus) -> Result<(), BusError> {
         let last_word = bus.read16(self.words.command.plus_words(self.words.command_bytes / 2 - 1))?;
         self.half_left = self.order.unpack(last_word)[1] != 0 && !self.is_out_of_reach(bus)?;
         if let State::Resting { until } = self.state
@@ -72,7 +72,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn withdraw(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
+    pub fn withdraw(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
         self.withdraw_control(bus)?;
         self.withdraw_line(bus)?;
         self.stop_again = None;
@@ -88,7 +88,7 @@ impl DpramPort {
     /// The response buffer is empty: goes on handing the character over.
     pub(super) fn go_on_holding(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut dyn Bus,
         mut hold: Hold,
         now: Instant,
     ) -> Result<(), BusError> {

@@ -1,14 +1,15 @@
 //! The response buffer: its text is read, and handed back.
 
-use super::{DpramPort, ResponseText};
+use super::DpramPort;
 use crate::device::{Access, Bus, BusError};
+use crate::function::line_port::ResponseText;
 use crate::map::functions::{RESPONSE_BYTES, response};
 
 impl DpramPort {
     /// Reads the text that goes with `control`; an error and an `<ACK>` have none.
     pub(super) fn read_response(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut dyn Bus,
         control: u16,
     ) -> Result<ResponseText, BusError> {
         if control & response::ERROR != 0 || control == response::ACKNOWLEDGE {
@@ -32,7 +33,7 @@ impl DpramPort {
     }
 
     /// Hands the buffer back to the board.
-    pub(super) fn take_response(&self, bus: &mut impl Bus) -> Result<(), BusError> {
+    pub(super) fn take_response(&self, bus: &mut dyn Bus) -> Result<(), BusError> {
         bus.write16(self.words.response_control, 0)?;
         bus.order_writes();
         Ok(())

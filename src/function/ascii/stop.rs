@@ -18,18 +18,8 @@ use std::time::Instant;
 
 use super::{DpramPort, State};
 use crate::device::{Bus, BusError};
+use crate::function::line_port::Stopped;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
-
-/// What a stop has done to the line under way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
-    /// Nothing: none is under way, or the board has all of it.
-    Nothing,
-    /// It is not sent: the board has not got the end of it, and does nothing before that.
-    Unsent,
-    /// The board may have carried out some of it, or all.
-    Uncertain,
-}
 
 /// Whether this character does no harm when it comes twice. A step would be another one.
 pub(super) const fn may_come_twice(character: u8) -> bool {
@@ -57,7 +47,7 @@ impl DpramPort {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn stop(&mut self, bus: &mut impl Bus, character: u8, now: Instant) -> Result<Stopped, BusError> {
+    pub fn stop(&mut self, bus: &mut dyn Bus, character: u8, now: Instant) -> Result<Stopped, BusError> {
         let lacks_end = match self.state {
             State::Loaded { sent } => sent < self.length,
             State::Unsettled => false,

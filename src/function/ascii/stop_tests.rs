@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::function::ascii::control::goes_over_line;
-use crate::function::ascii::stop::Stopped;
+use crate::function::line_port::Stopped;
 use crate::protocol::control::{CANCEL, HOLD, KILL, QUIT};
 
 /// A line of two parts.

@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use super::BoardLoop;
 use crate::daemon::bus::phase::Phase;
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::presence::Change;
 use crate::daemon::shared::queue::Command;
+use crate::function::line_port::PortError;
 use crate::protocol::Function;
 use crate::segment::Counter;
 
@@ -119,7 +119,7 @@ impl BoardLoop {
     pub(super) fn reach_dpram(&mut self) {
         let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
         let ports = self.functions.ascii.queue().ports();
-        let waits = ports.has_page() && self.clock.now() < *until;
+        let waits = ports.page().is_some() && self.clock.now() < *until;
         if waits && !matches!(ports.dpram.is_out_of_reach(&mut self.bus), Ok(false)) {
             *due_ns = self.clock.ns() + REACH_POLL_NS;
             return;

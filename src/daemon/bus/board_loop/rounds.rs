@@ -6,9 +6,9 @@ use super::{BOARD_CHECK_NS, BoardLoop, HEARTBEAT_NS};
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::Polled;
 use crate::daemon::bus::guard_time::Turn;
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::readable::Readable;
 use crate::daemon::shared::info::WatchedThread;
+use crate::function::line_port::PortError;
 use crate::protocol::Function;
 use crate::segment::State;
 

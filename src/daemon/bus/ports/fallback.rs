@@ -7,8 +7,10 @@
 
 use std::time::{Duration, Instant};
 
-use crate::daemon::bus::ports::command_port::{Answer, CommandPorts, PortError};
+use crate::daemon::bus::ports::command_port::CommandPorts;
+use crate::daemon::bus::ports::mailbox::MailboxQuestion;
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::CommandPort;
 
 /// How long a command may stay unread in the DPRAM before the board is asked. It takes commands within milliseconds.
@@ -88,13 +90,14 @@ impl Fallback {
         bus: &mut impl Bus,
         now: Instant,
     ) -> Result<Option<Change>, PortError> {
-        let Some(answer) = ports.take_answer() else { return Ok(None) };
+        let Some(answer) = ports.take_answer(MailboxQuestion::Enable) else { return Ok(None) };
         self.next_question = now + AGAIN;
-        let out_of_reach = answer != Answer::None && ports.dpram.is_out_of_reach(bus)?;
-        Ok(match (ports.in_use(), answer) {
-            (CommandPort::Dpram, Answer::Off | Answer::On) if out_of_reach => Some(Change::OutOfReach),
-            (CommandPort::Dpram, Answer::Off) => Some(Change::Disabled),
-            (CommandPort::Mailbox, Answer::On) if !out_of_reach && !under_way => Some(Change::Enabled),
+        let is_enabled = answer.value.map(|value| value != 0);
+        let out_of_reach = is_enabled.is_some() && ports.dpram.is_out_of_reach(bus)?;
+        Ok(match (ports.in_use(), is_enabled) {
+            (CommandPort::Dpram, Some(_)) if out_of_reach => Some(Change::OutOfReach),
+            (CommandPort::Dpram, Some(false)) => Some(Change::Disabled),
+            (CommandPort::Mailbox, Some(true)) if !out_of_reach && !under_way => Some(Change::Enabled),
             _ => None,
         })
     }
@@ -113,7 +116,7 @@ impl Fallback {
         let has_reason = if in_dpram {
             self.stuck_since.is_some_and(|since| now >= since + STUCK)
         } else {
-            !waiting.under_way && ports.is_idle()
+            !waiting.under_way && ports.current().is_idle()
         };
         if has_reason && ports.ask(waiting.buffer_open.is_some(), now)? {
             self.next_question = now + AGAIN;

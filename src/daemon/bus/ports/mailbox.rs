@@ -3,17 +3,41 @@
 //! The port's state is in its interrupts alone ([`crate::function::mailbox`]), so without them nothing is begun. They
 //! come on two descriptors: v is looked at first, because PMAC raised v-1 before it; what is seen of v-1 after
 //! that is then never older.
+//!
+//! The daemon asks the board for I58 here, too, whichever way lines go ([`MailboxDriver::ask`]). Meanwhile no line is begun.
 
 use std::os::fd::BorrowedFd;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::daemon::bus::board::{self, link};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
 use crate::device::board::refusal::OpenError;
-use crate::device::{ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
+use crate::device::{Bus, ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
+use crate::function::line_port::{AsciiEvent, LinePort, PortError};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
+use crate::protocol::answer;
+
+/// How long the board may take to answer the daemon's question.
+const ANSWER_LIMIT: Duration = Duration::from_millis(500);
+
+/// A question of the daemon's, whichever way lines go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MailboxQuestion {
+    /// For the variable that enables the DPRAM's port (I58).
+    Enable,
+    /// For a program buffer.
+    Buffer,
+}
+
+/// What the board has answered to such a question.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MailboxAnswer {
+    question: MailboxQuestion,
+    /// A number; `None`: nothing that is understood.
+    pub value: Option<i64>,
+}
 
 /// The circuit.
 pub struct MailboxDriver {
@@ -24,6 +48,9 @@ pub struct MailboxDriver {
     pub port: MailboxPort,
     taken: Option<InterruptLink>,
     reply: Option<InterruptLink>,
+    /// The question under way, the number that has come so far, and until when the board may answer.
+    asked: Option<(MailboxAnswer, Instant)>,
+    answer: Option<MailboxAnswer>,
 }
 
 fn open(
@@ -62,6 +89,8 @@ impl MailboxDriver {
             config,
             taken,
             reply,
+            asked: None,
+            answer: None,
         })
     }
 
@@ -102,7 +131,68 @@ impl MailboxDriver {
     /// # Errors
     /// When the registers cannot be reached.
     pub fn start(&mut self, now: Instant) -> Result<(), ByteBusError> {
+        self.asked = None;
         if self.config.when == Use::Never { Ok(()) } else { self.port.start(&mut self.registers, now) }
+    }
+
+    /// Asks the board `question` by `line`; false: not now. [`MailboxDriver::take_answer`] has the answer.
+    ///
+    /// # Errors
+    /// When the registers cannot be reached.
+    pub fn ask(
+        &mut self,
+        question: MailboxQuestion,
+        line: &[u8],
+        now: Instant,
+    ) -> Result<bool, ByteBusError> {
+        let begun = self.may_begin() && self.port.begin(&mut self.registers, line)?;
+        if begun {
+            self.asked = Some((MailboxAnswer { question, value: None }, now + ANSWER_LIMIT));
+        }
+        Ok(begun)
+    }
+
+    /// Whether the daemon's question is under way.
+    #[must_use]
+    pub const fn is_asking(&self) -> bool {
+        self.asked.is_some()
+    }
+
+    /// What the board has answered to `question`, once.
+    pub fn take_answer(&mut self, question: MailboxQuestion) -> Option<MailboxAnswer> {
+        self.answer.take_if(|answer| answer.question == question)
+    }
+
+    fn may_begin(&self) -> bool {
+        self.asked.is_none() && self.is_connected()
+    }
+
+    /// Keeps what belongs to the daemon's question; gives back what does not.
+    fn see_answer(
+        &mut self,
+        event: Option<AsciiEvent>,
+        now: Instant,
+    ) -> Result<Option<AsciiEvent>, PortError> {
+        let Some((answer, until)) = &mut self.asked else { return Ok(event) };
+        match event {
+            Some(AsciiEvent::Line(text)) => {
+                answer.value = std::str::from_utf8(text.as_bytes()).ok().and_then(answer::integer);
+                return Ok(None);
+            }
+            Some(AsciiEvent::Done(Ok(()))) => {}
+            Some(AsciiEvent::Done(Err(_))) => answer.value = None,
+            Some(AsciiEvent::Error(_)) => {
+                answer.value = None;
+                self.port.settled();
+            }
+            None if now >= *until => {
+                answer.value = None;
+                self.port.give_up(&mut self.registers, now)?;
+            }
+            _ => return Ok(event),
+        }
+        self.answer = self.asked.take().map(|(answer, _)| answer);
+        Ok(None)
     }
 
     /// Whether both interrupts are there to tell where PMAC is.
@@ -135,5 +225,61 @@ impl MailboxDriver {
             self.port.signal(MailboxSignal::ReplyReady);
         }
         taken.saturating_add(reply)
+    }
+}
+
+impl LinePort for MailboxDriver {
+    fn is_idle(&self) -> bool {
+        self.port.is_idle() && !self.is_asking()
+    }
+
+    fn was_taken(&self) -> bool {
+        self.port.was_taken()
+    }
+
+    fn begin(&mut self, _bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError> {
+        Ok(self.may_begin() && self.port.begin(&mut self.registers, line)?)
+    }
+
+    fn begin_open_ended(&mut self, _bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError> {
+        Ok(self.may_begin() && self.port.begin_open_ended(&mut self.registers, line)?)
+    }
+
+    fn finish(&mut self, _now: Instant) {
+        self.port.finish();
+    }
+
+    fn settled(&mut self, _now: Instant) {
+        self.port.settled();
+    }
+
+    fn control(
+        &mut self,
+        _bus: &mut dyn Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, PortError> {
+        Ok(self.is_connected() && self.port.control(&mut self.registers, character, has_reply, now)?)
+    }
+
+    fn control_pending(&mut self, _bus: &mut dyn Bus, _now: Instant) -> Result<bool, PortError> {
+        Ok(self.port.control_pending())
+    }
+
+    fn withdraw_control(&mut self, _bus: &mut dyn Bus, now: Instant) -> Result<(), PortError> {
+        Ok(self.port.withdraw_control(&mut self.registers, now)?)
+    }
+
+    fn give_up(&mut self, _bus: &mut dyn Bus, now: Instant) -> Result<(), PortError> {
+        Ok(self.port.give_up(&mut self.registers, now)?)
+    }
+
+    fn poll(&mut self, _bus: &mut dyn Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
+        if self.config.when == Use::Never {
+            return Ok(None);
+        }
+        let event = self.port.poll(&mut self.registers, now)?;
+        self.see_answer(event, now)
     }
 }

@@ -38,7 +38,7 @@ use wait::Wait;
 use crate::clock::Clock;
 use crate::daemon::bus::identify::Identifier;
 use crate::daemon::bus::memory_scan::MemoryScan;
-use crate::daemon::bus::ports::command_port::{CommandPorts, PortError};
+use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
 use crate::daemon::bus::work::kill::Kill;
@@ -49,6 +49,7 @@ use crate::daemon::shared::queue::{
 use crate::daemon::shared::rotary_address::AddressFirst;
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
+use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
@@ -248,7 +249,7 @@ impl AsciiQueue {
         if let Some(pending) = self.control_pending.take() {
             let taken = self.ports.dpram.is_out_of_reach(bus)? || !self.ports.control_pending(bus, now)?;
             self.control_lost = Some((pending.ticket, taken));
-            self.ports.withdraw_control(bus, now)?;
+            self.ports.current_mut().withdraw_control(bus, now)?;
         }
         if let Some(under_way) = &mut self.under_way {
             under_way.deadline = now;
@@ -261,7 +262,7 @@ impl AsciiQueue {
         self.characters = Characters::new(now);
         self.ports.dpram.forget_characters();
         self.programs.may_have_started(self.clock.ns());
-        self.ports.withdraw(bus, now)?;
+        self.ports.current_mut().withdraw(bus, now)?;
         self.check.reset();
         self.poll_now(now);
         self.ports.start(now)
@@ -409,12 +410,12 @@ impl AsciiQueue {
         if self.outbox.is_empty() {
             self.expire(bus, events, publisher, now)?;
         }
-        if self.ports.is_unheard() {
+        if self.ports.current().is_unheard() {
             self.state = CommandState::Silent;
         }
         self.keep_page(now)?;
         self.scan.pass(self.others_hold(), now);
-        if self.outbox.is_empty() && self.under_way.is_none() && self.ports.is_idle() {
+        if self.outbox.is_empty() && self.under_way.is_none() && self.ports.current().is_idle() {
             self.begin_next(bus, events, publisher, now)?;
         }
         self.next_poll = now + self.patience(now);
@@ -502,7 +503,7 @@ impl AsciiQueue {
                 }
                 None => {}
             }
-            if self.ports.begin(bus, line)? {
+            if self.ports.current_mut().begin(bus, line)? {
                 self.lines.pop_front();
                 self.buffer.begin(line, next.writer, now);
                 self.identifier.line_goes(line, now);
@@ -530,13 +531,13 @@ impl AsciiQueue {
         let most_lines = self.line_pace.most_lines();
         if identifies {
             if let Some((line, patience)) = self.identifier.next_line(most_lines, now)
-                && self.ports.begin(bus, line.as_bytes())?
+                && self.ports.current_mut().begin(bus, line.as_bytes())?
             {
                 self.identifier.sent();
                 self.start(InFlight::Identify, now + patience, publisher, now);
             }
         } else if let Some((line, patience)) = self.scan.next_line(most_lines, now)
-            && self.ports.begin(bus, line.as_bytes())?
+            && self.ports.current_mut().begin(bus, line.as_bytes())?
         {
             self.scan.sent(now);
             self.start(InFlight::Scan, now + patience, publisher, now);

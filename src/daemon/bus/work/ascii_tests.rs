@@ -8,7 +8,8 @@ use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
 use crate::device::FileBoard;
 use crate::format::TextOrder;
-use crate::function::ascii::{AsciiEvent, REST};
+use crate::function::ascii::REST;
+use crate::function::line_port::AsciiEvent;
 use crate::map::PMAC;
 use crate::map::functions::response;
 use crate::protocol::control::CANCEL;
@@ -67,10 +68,10 @@ impl Rig {
         let mut port = CommandPorts::new(&PMAC, TextOrder::LowFirst, None);
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         // The board has taken a control character before.
-        assert!(port.control(&mut bus, b'F' - 64, true, now).unwrap());
+        assert!(port.current_mut().control(&mut bus, b'F' - 64, true, now).unwrap());
         bus.write16(PMAC.ascii.control_character, 0).unwrap();
         assert_eq!(port.poll(&mut bus, now).unwrap(), Some(AsciiEvent::Taken));
-        port.settled(now);
+        port.current_mut().settled(now);
         let (events, told) = queue(16).unwrap();
         Self {
             bus,

@@ -7,7 +7,6 @@ use log::warn;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::ports::host_port::HostPortDriver;
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
@@ -15,6 +14,7 @@ use crate::daemon::bus::readable::{Interrupts, Readable};
 use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::shared::status::HostPortCounts;
 use crate::device::{Bus, BusError, Interrupt};
+use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::Counter;
 

@@ -2,8 +2,8 @@
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::device::{Bus, BusError};
+use crate::function::line_port::PortError;
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror};
 use crate::segment::Counter;
 

@@ -11,11 +11,11 @@ use log::warn;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::bus::work::open_loops::OpenLoops;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, dropped_by};
 use crate::device::{Bus, BusError};
+use crate::function::line_port::PortError;
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest, SETTLE};
 use crate::map::Family;
 use crate::protocol::control;

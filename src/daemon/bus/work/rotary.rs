@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
+use crate::function::line_port::PortError;
 use crate::function::rotary::{RotaryError, RotarySetup, RotaryStream};
 use crate::map::Family;
 

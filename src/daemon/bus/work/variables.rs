@@ -2,9 +2,9 @@
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::bus::work::write::WriteQueue;
 use crate::device::{Bus, BusError};
+use crate::function::line_port::PortError;
 use crate::mirror::VariableMirror;
 
 /// Background variables: those that are read, and those that are written.

@@ -138,7 +138,7 @@ mod tests {
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
     use crate::daemon::shared::status::BoardStatus;
     use crate::device::Trace;
-    use crate::function::ascii::ResponseText;
+    use crate::function::line_port::ResponseText;
     use crate::map::{PMAC, TURBO2};
     use crate::protocol::function::Functions;
     use crate::protocol::{BoardInfo, BoardSettings};

@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::function::ascii::AsciiEvent;
+use crate::function::line_port::AsciiEvent;
 
 /// An interrupt and its response are no further apart.
 const APART: Duration = Duration::from_millis(100);

@@ -6,7 +6,7 @@ use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::{Event, Outcome, Sender, Text, Unsolicited};
-use crate::function::ascii::{AsciiEvent, ResponseText};
+use crate::function::line_port::{AsciiEvent, ResponseText};
 use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::{CommandState, MessageKind};
 use crate::segment::{Counter, Publisher};

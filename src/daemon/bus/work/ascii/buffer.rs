@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight, WaitingLine};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::{QUESTION, Unsaid};
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::answer;
 use crate::segment::Publisher;
 
@@ -55,7 +55,7 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if self.ports.begin(bus, QUESTION)? {
+        if self.ports.current_mut().begin(bus, QUESTION)? {
             self.buffer_question.number = None;
             self.start(InFlight::Buffer, now + PATIENCE, publisher, now);
         }
@@ -69,7 +69,7 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
-        if self.ports.begin(bus, b"&")? {
+        if self.ports.current_mut().begin(bus, b"&")? {
             self.buffer_question.number = None;
             self.start(InFlight::Address, now + PATIENCE, publisher, now);
         }
@@ -91,7 +91,7 @@ impl AsciiQueue {
         now: Instant,
     ) -> Result<(), PortError> {
         let line: Text<LINE_MAX> = Text::of(&format_args!("&{system}"));
-        if self.ports.begin(bus, line.as_bytes())? {
+        if self.ports.current_mut().begin(bus, line.as_bytes())? {
             self.start(InFlight::PutBack, now + PATIENCE, publisher, now);
         }
         Ok(())

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::Publisher;
 
@@ -69,7 +69,8 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<bool, PortError> {
-        let asked = self.control_pending.is_none() && self.ports.control(bus, QUESTION, true, now)?;
+        let asked =
+            self.control_pending.is_none() && self.ports.current_mut().control(bus, QUESTION, true, now)?;
         if asked {
             self.start(InFlight::Character, now + PATIENCE, publisher, now);
         } else {

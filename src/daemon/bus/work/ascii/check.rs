@@ -22,10 +22,10 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight, UnderWay};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::{CommandState, answer};
 use crate::segment::Publisher;
 
@@ -251,7 +251,7 @@ impl AsciiQueue {
             _ => shown.as_ref().map(Text::as_bytes),
         };
         let line = self.check.next(asks, before);
-        if now >= self.check.not_before && self.ports.begin_open_ended(bus, line)? {
+        if now >= self.check.not_before && self.ports.current_mut().begin_open_ended(bus, line)? {
             self.check.sent(asks, before);
             self.start(InFlight::Check, self.check_deadline(now), publisher, now);
         }
@@ -296,7 +296,7 @@ impl AsciiQueue {
     /// never carries out would use up those that can be told apart (`tests/models/ascii.pml`).
     pub(super) fn check_lies(&mut self) -> bool {
         let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
-            && self.ports.line_lies();
+            && self.ports.current().line_lies();
         if lies {
             self.state = CommandState::Silent;
         }
@@ -344,7 +344,7 @@ impl AsciiQueue {
         if self.check.asks == Asks::Handshake || is_settled {
             self.end_doubt(now);
         } else {
-            self.ports.finish(now);
+            self.ports.current_mut().finish(now);
         }
     }
 

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use super::letters::may_move;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::origin::SHOWN_MAX;
 use crate::daemon::shared::queue::{Event, Outcome, Sender};
 use crate::device::Bus;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
-use crate::function::ascii::stop::Stopped;
+use crate::function::line_port::PortError;
+use crate::function::line_port::Stopped;
 use crate::protocol::control::CANCEL;
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
@@ -38,7 +38,7 @@ impl AsciiQueue {
                 self.kills += u64::from(pending.character == control::KILL);
                 self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));
             } else if now >= pending.wait.deadline {
-                self.ports.withdraw_control(bus, now)?;
+                self.ports.current_mut().withdraw_control(bus, now)?;
                 self.control_pending = None;
                 // One that answered so far may have taken it in this moment.
                 let taken = self.state != CommandState::Silent;
@@ -48,8 +48,8 @@ impl AsciiQueue {
         }
         // One with a reply has to wait until the port is idle, one without for the line that lies there. What stops a machine
         // does not wait, nor behind them.
-        let is_idle = self.ports.is_idle() && !self.ports.in_doubt();
-        let line_lies = self.ports.line_lies();
+        let is_idle = self.ports.current().is_idle() && !self.ports.in_doubt();
+        let line_lies = self.ports.current().line_lies();
         let ready = |WaitingControl { character, wait, .. }: &WaitingControl| {
             let may_go = !control_has_reply(*character) && (!line_lies || goes_over_line(*character));
             now < wait.begin_by && (is_idle || may_go)
@@ -65,7 +65,7 @@ impl AsciiQueue {
         let behind_line = self.line_may_move();
         self.stop_line(bus, &first, now)?;
         let has_reply = control_has_reply(first.character);
-        if self.ports.control(bus, first.character, has_reply, now)? {
+        if self.ports.current_mut().control(bus, first.character, has_reply, now)? {
             self.controls.remove(index);
             self.last_event = now;
             self.stop_again(first.character, behind_line);
@@ -143,7 +143,7 @@ impl AsciiQueue {
         if !goes_over_line(character) || origin.is_none_or(|origin| origin.stays) {
             return Ok(());
         }
-        let stopped = self.ports.stop(bus, character, now)?;
+        let stopped = self.ports.current_mut().stop(bus, character, now)?;
         let unsettled = self.unsettled.as_mut().map(|unsettled| &mut unsettled.under_way);
         let Some(under_way) = self.under_way.as_mut().or(unsettled) else { return Ok(()) };
         // Behind `^X` it ends when the board has taken that.

@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 
 use super::wait::Wait;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
-use crate::daemon::bus::ports::command_port::PortError;
 use crate::daemon::shared::open_buffer::Standing;
 use crate::daemon::shared::queue::{
     Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
 };
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 use crate::protocol::control::{self, CANCEL};
 use crate::segment::{Counter, Publisher};
@@ -62,7 +62,7 @@ impl AsciiQueue {
             // Wherever it stands: one that waits longer may be before it.
             let late = self.lines.iter().position(|line| now >= line.wait.begin_by);
             let Some(late) = late.and_then(|index| self.lines.remove(index)) else { break };
-            if self.under_way.is_none() && self.ports.is_idle() {
+            if self.under_way.is_none() && self.ports.current().is_idle() {
                 self.ports.clear_flag(bus, now)?;
             }
             self.not_begun(events, publisher, late.ticket, late.wait, now);
@@ -82,7 +82,7 @@ impl AsciiQueue {
         self.ports.give_up(bus, now)?;
         if under_way.ended_by.is_some_and(|ended| ended.character == CANCEL) {
             // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
-            self.ports.withdraw(bus, now)?;
+            self.ports.current_mut().withdraw(bus, now)?;
         }
         self.end_given_up(events, publisher, under_way, now);
         Ok(())

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::AsciiQueue;
-use crate::daemon::bus::ports::command_port::PortError;
+use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 
 /// How often it is written.

@@ -11,7 +11,7 @@ use super::check::REPLY_LINES;
 use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Sender, Text, stopped_by};
-use crate::function::ascii::ResponseText;
+use crate::function::line_port::ResponseText;
 use crate::protocol::MessageKind;
 use crate::segment::Publisher;
 
@@ -34,11 +34,11 @@ impl AsciiQueue {
     /// An error came to the line under way.
     pub(super) fn refuse(&mut self, events: &Sender<Event>, publisher: &Publisher, error: u16, now: Instant) {
         let Some(under_way) = self.under_way.take() else {
-            self.ports.settled(now);
+            self.ports.current_mut().settled(now);
             return self.program_error(events, publisher, error);
         };
         if !self.programs_may_report(&under_way) {
-            self.ports.settled(now);
+            self.ports.current_mut().settled(now);
             if error == 0 && !self.programs.is_replay {
                 // A control word that no manual has may not have been the end.
                 self.ports.doubt();
@@ -52,7 +52,7 @@ impl AsciiQueue {
     pub(super) fn character_taken(&mut self, now: Instant) {
         match self.under_way.take() {
             Some(under_way) => self.unsettle(under_way, None, now),
-            None => self.ports.settled(now),
+            None => self.ports.current_mut().settled(now),
         }
     }
 
@@ -166,7 +166,7 @@ impl AsciiQueue {
             self.end_check(result, now);
         } else {
             // Nothing else is to come.
-            self.ports.settled(now);
+            self.ports.current_mut().settled(now);
             self.ports.end_doubt(now);
         }
         self.end_command(events, under_way, result, now);
@@ -204,7 +204,7 @@ impl AsciiQueue {
     fn refuses_size(&mut self, events: &Sender<Event>, error: u16, now: Instant) {
         let Some(Unsettled { under_way, .. }) = self.unsettled.take() else { return };
         self.under_way = None;
-        self.ports.finish(now);
+        self.ports.current_mut().finish(now);
         self.end_command(events, under_way, Err(error), now);
     }
 

@@ -5,9 +5,10 @@ use std::time::Instant;
 use log::{info, warn};
 
 use super::{AsciiQueue, InFlight};
-use crate::daemon::bus::ports::command_port::{BufferAnswer, PortError};
 use crate::daemon::bus::ports::fallback::{Change, Waiting};
+use crate::daemon::bus::ports::mailbox::MailboxQuestion;
 use crate::device::Bus;
+use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 
 impl AsciiQueue {
@@ -17,8 +18,8 @@ impl AsciiQueue {
             return Ok(());
         }
         let under_way = self.is_under_way();
-        if let Some(BufferAnswer(size)) = self.ports.take_buffer_answer() {
-            self.buffer.learn(size, now);
+        if let Some(answer) = self.ports.take_answer(MailboxQuestion::Buffer) {
+            self.buffer.learn(answer.value, now);
             if !self.buffer.is_open() {
                 self.fallback.ask_again(now);
             }
@@ -26,7 +27,7 @@ impl AsciiQueue {
         if let Some(change) = self.fallback.wanted(&mut self.ports, under_way, bus, now)? {
             if change == Change::Enabled || self.take_back(bus, now)? {
                 // What a command given up has left there must not be carried out when the port is switched on again.
-                self.ports.withdraw(bus, now)?;
+                self.ports.current_mut().withdraw(bus, now)?;
                 self.change_port(change, now);
             } else {
                 self.fallback.ask_again(now);
@@ -58,7 +59,7 @@ impl AsciiQueue {
     /// Whether a command waits that the board has not touched, as far as known.
     fn has_untouched(&self, now: Instant) -> bool {
         match self.under_way {
-            Some(under_way) => !under_way.taken && !self.ports.was_taken(),
+            Some(under_way) => !under_way.taken && !self.ports.current().was_taken(),
             None => {
                 let has_question = self.ports.in_doubt() || self.identifier.due_in(now).is_zero();
                 let asks = has_question && self.questions_barred_for(now).is_zero();

@@ -1,0 +1,165 @@
+//! What a port for command lines does, whichever way the lines go: the DPRAM's ASCII buffers ([`super::ascii`]) or the VME mailboxes
+//! ([`super::mailbox`]).
+//!
+//! The two end a control character's reply in different ways. Through the DPRAM a line of the daemon's own settles by the board's
+//! order of answers where the reply ends ([`AsciiEvent::Taken`]). The mailboxes hold the host's group and the board's in the same
+//! sixteen registers (User Manual p. 263-267): a line sent while the reply is due would be written over it, or it over the line. So
+//! there an `<ACK>` ends the reply, or a silence.
+
+use std::time::Instant;
+
+use crate::device::{Bus, BusError, ByteBusError};
+use crate::format::Text;
+use crate::map::functions::RESPONSE_BYTES;
+
+/// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
+pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
+
+/// What a poll found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AsciiEvent {
+    /// A line of the reply to the command under way.
+    Line(ResponseText),
+    /// The command under way ended: acknowledged, or refused with an error number.
+    Done(Result<(), u16>),
+    /// The response to a `CMD"..."` in a PMAC program.
+    ProgramResponse(ResponseText),
+    /// A `SEND"..."` from a PMAC program.
+    ProgramMessage(ResponseText),
+    /// A response nobody waits for any more, dropped; the value is its control word.
+    Stale(u16),
+    /// The board has taken the control character under way, whose reply has no end mark. What comes is told as its reply's until
+    /// the caller has settled by a line of his own where that ends ([`LinePort::settled`]).
+    Taken,
+    /// An error came while a line was under way: the line's own, which is over then, or a program's. What comes is told as the
+    /// line's until the caller has settled which ([`LinePort::settled`]). 0: a control word that no manual has.
+    Error(u16),
+    /// A program's error, of which nobody's command is the cause.
+    ProgramError(u16),
+}
+
+/// What a stop has done to the line under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    /// Nothing: none is under way, or the board has all of it.
+    Nothing,
+    /// It is not sent: the board has not got the end of it, and does nothing before that.
+    Unsent,
+    /// The board may have carried out some of it, or all.
+    Uncertain,
+}
+
+/// A port cannot be reached.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PortError {
+    /// The DPRAM.
+    #[error(transparent)]
+    Dpram(#[from] BusError),
+    /// The mailboxes, or the host port.
+    #[error(transparent)]
+    Registers(#[from] ByteBusError),
+}
+
+/// The host's half of a port: one command line at a time. Each method that takes the `bus` fails when the port cannot be reached.
+pub trait LinePort {
+    /// Whether a line may be begun.
+    fn is_idle(&self) -> bool;
+
+    /// Whether the board has taken the whole command under way, as far as polls have seen.
+    fn was_taken(&self) -> bool;
+
+    /// Whether a line of ours lies before the board, which may take its flag for a control character's.
+    fn line_lies(&self) -> bool {
+        false
+    }
+
+    /// Whether the board takes neither lines nor control characters, as far as it was asked.
+    fn is_unheard(&self) -> bool {
+        false
+    }
+
+    /// Whether the line under way, or the last one, went in two parts of which the board might answer the first.
+    fn has_parts(&self) -> bool {
+        false
+    }
+
+    /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later. The line must
+    /// have passed [`crate::protocol::check_line`]; the port does not send a longer one than the board takes.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn begin(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError>;
+
+    /// As [`LinePort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines first,
+    /// until [`LinePort::finish`] or [`LinePort::give_up`].
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn begin_open_ended(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError>;
+
+    /// The reply to an open-ended line has come.
+    fn finish(&mut self, now: Instant);
+
+    /// Responses from now on belong to nobody: the error was the line's, or the reply has ended.
+    fn settled(&mut self, now: Instant);
+
+    /// Hands a control character to the board; `Ok(false)`: try later. See [`super::ascii::DpramPort::control`] and
+    /// [`super::mailbox::MailboxPort::control`].
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn control(
+        &mut self,
+        bus: &mut dyn Bus,
+        character: u8,
+        has_reply: bool,
+        now: Instant,
+    ) -> Result<bool, PortError>;
+
+    /// Whether a control character waits for the board to take it.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn control_pending(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<bool, PortError>;
+
+    /// Whether the port set the flag of an empty line for the control character that waits.
+    fn flag_is_characters(&self) -> bool {
+        false
+    }
+
+    /// Takes back a control character that the board has not taken.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn withdraw_control(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError>;
+
+    /// Ends the line under way before a control character that goes over it. From a mailbox nothing can be taken back.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn stop(&mut self, _bus: &mut dyn Bus, _character: u8, _now: Instant) -> Result<Stopped, PortError> {
+        Ok(Stopped::Nothing)
+    }
+
+    /// Gives up on the command under way. The board may have done it, may be at it, or may still do it. The port is not idle before
+    /// the board has shown, as far as it can, that it is free.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn give_up(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError>;
+
+    /// Takes back, at once, all that lies before the board and is ours. From a mailbox nothing can be taken back.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn withdraw(&mut self, _bus: &mut dyn Bus, _now: Instant) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn poll(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError>;
+}
