@@ -130,7 +130,7 @@ impl Functions {
                 if let ServoPoll::Update(timer) | ServoPoll::First(timer) = look {
                     assert!(timer < 1 << block.timer.bits());
                 }
-                let _ = self.servo.global_status();
+                let _ = self.servo.whole_board();
             }
         }
         assert!(self.servo.image().len() <= block.words());

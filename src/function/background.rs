@@ -19,7 +19,7 @@ use std::ops::Range;
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::Flag;
-use crate::map::{BackgroundBlock, Selection};
+use crate::map::{BackgroundBlock, Selection, WholeBoard};
 
 /// What a poll of the background report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -122,10 +122,11 @@ impl BackgroundReader {
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// The words of `???` at the last report; `None` where the report has none.
+    /// What the last report says of the whole board; `None` where the report does not tell.
     #[must_use]
-    pub fn global_status(&self) -> Option<[u32; 2]> {
-        self.block.global_status.as_ref()?.words(&self.image, self.block.region.start)
+    pub fn whole_board(&self) -> Option<WholeBoard> {
+        let status = self.block.global_status.as_ref()?;
+        Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
     /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is

@@ -30,7 +30,7 @@ use std::ops::Range;
 use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::format::{join32, split32};
-use crate::map::{BusyRule, Flag, HostOffset, Motors, Selection, ServoBlock};
+use crate::map::{BusyRule, Flag, HostOffset, Motors, Selection, ServoBlock, WholeBoard};
 
 /// How the buffer is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
@@ -222,10 +222,11 @@ impl ServoReader {
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
-    /// The words of `???` at the last update; `None` where the report has none.
+    /// What the last update says of the whole board; `None` where the report does not tell.
     #[must_use]
-    pub fn global_status(&self) -> Option<[u32; 2]> {
-        self.block.global_status.as_ref()?.words(&self.image, self.block.region.start)
+    pub fn whole_board(&self) -> Option<WholeBoard> {
+        let status = self.block.global_status.as_ref()?;
+        Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
     /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.

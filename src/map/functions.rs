@@ -168,6 +168,24 @@ impl GlobalStatus {
         let [first, second] = self.longs;
         Some([long(first)?, long(second)?])
     }
+
+    /// What these words say of the whole board.
+    #[must_use]
+    pub const fn whole_board(&self, [first, second]: [u32; 2]) -> WholeBoard {
+        WholeBoard {
+            program_buffer_open: second & self.program_buffer_open != 0,
+            gathering: first & self.gathering != 0,
+        }
+    }
+}
+
+/// What a report says of the whole board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WholeBoard {
+    /// A program buffer is open.
+    pub program_buffer_open: bool,
+    /// The board gathers data.
+    pub gathering: bool,
 }
 
 /// The servo report: motor data that PMAC copies every so many servo cycles.

@@ -45,6 +45,7 @@ pub use function::{Function, UnknownFunction};
 pub use functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Controller, Flag, GatherPlace, IVariables, PanelBlock,
     ReportStart, RotaryHeaders, Run, ServoBlock, StartRule, Timer, VariableKind, VariableRead, VariableWrite,
+    WholeBoard,
 };
 pub use layout::{Entry, Layout, MapRecord, records};
 pub use masks::{Motors, Systems};

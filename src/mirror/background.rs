@@ -8,7 +8,7 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundPoll, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{BackgroundBlock, Selection};
+use crate::map::{BackgroundBlock, Selection, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -35,9 +35,11 @@ pub fn region(block: &BackgroundBlock, period_ns: u64) -> RegionSpec {
 /// Mirrors the background fixed data.
 pub struct BackgroundMirror {
     block: &'static BackgroundBlock,
-    reader: BackgroundReader,
+    /// Which blocks the report has.
+    pub reader: BackgroundReader,
     timer: ServoTimer,
-    freshness: Freshness,
+    /// Whether reports come, and after which time they are stale.
+    pub freshness: Freshness,
     period_ns: u64,
     due_ns: u64,
     last_poll_ns: u64,
@@ -58,8 +60,7 @@ struct Told {
     time_ns: u64,
     /// When it was asked for: it was begun later.
     asked_ns: u64,
-    /// The words of `???`; `None` where the report has none.
-    global_status: Option<[u32; 2]>,
+    whole_board: Option<WholeBoard>,
 }
 
 /// A report that was asked for.
@@ -134,23 +135,10 @@ impl BackgroundMirror {
         self.freshness.is_live()
     }
 
-    /// The words of `???`; `None` while no reports come that have them.
-    fn global_status(&self) -> Option<[u32; 2]> {
-        self.told.global_status.filter(|_| self.is_live())
-    }
-
-    /// Whether a program buffer is open on the board; `None` where no report tells that is at most `age_ns` old at `now`.
+    /// What the last report says of the whole board; `None` while none come that tell.
     #[must_use]
-    pub fn program_buffer_open(&self, now: u64, age_ns: u64) -> Option<bool> {
-        let [_, second] = self.global_status().filter(|_| self.is_new(now, age_ns))?;
-        Some(second & self.block.global_status.as_ref()?.program_buffer_open != 0)
-    }
-
-    /// Whether the board gathers data; `None` where no report tells.
-    #[must_use]
-    pub fn gathering(&self) -> Option<bool> {
-        let [first, _] = self.global_status()?;
-        Some(first & self.block.global_status.as_ref()?.gathering != 0)
+    pub fn whole_board(&self) -> Option<WholeBoard> {
+        self.told.whole_board.filter(|_| self.is_live())
     }
 
     /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.
@@ -171,7 +159,8 @@ impl BackgroundMirror {
 
     /// Whether the last report is at most `age_ns` old at `now`. Of reports that come more seldom nobody looks in time whether they
     /// have become too old.
-    fn is_new(&self, now: u64, age_ns: u64) -> bool {
+    #[must_use]
+    pub fn is_new(&self, now: u64, age_ns: u64) -> bool {
         self.period_ns <= age_ns && now.saturating_sub(self.told.time_ns) <= age_ns
     }
 
@@ -179,12 +168,6 @@ impl BackgroundMirror {
     #[must_use]
     pub fn reports(&self) -> u64 {
         self.reports
-    }
-
-    /// Reports are stale after this time.
-    #[must_use]
-    pub fn stale_after_ns(&self) -> u64 {
-        self.freshness.limit_ns()
     }
 
     /// Starts over, as with another board.
@@ -210,14 +193,6 @@ impl BackgroundMirror {
     fn ask_anew(&mut self) {
         self.reader.reset();
         self.asked = None;
-    }
-
-    /// Puts the host's words that say what is reported back as they were found.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.reader.give_back(bus)
     }
 
     /// The report is not used any more: what was seen of it says nothing about the board.
@@ -307,7 +282,7 @@ impl BackgroundMirror {
                 );
                 publisher.counters().add(Counter::BackgroundUpdates, 1);
                 self.reports += 1;
-                self.told = Told { time_ns, asked_ns: at_ns, global_status: self.reader.global_status() };
+                self.told = Told { time_ns, asked_ns: at_ns, whole_board: self.reader.whole_board() };
                 self.due_ns = (at_ns + self.period_ns).max(now);
                 let transition = self.freshness.on_update(now);
                 if transition.is_some() {

@@ -328,8 +328,8 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     }
     assert_eq!(bus.accesses() - before, 2 + 10 + 16 * 64 + 2);
 
-    let told = (mirror.program_buffer_open(START, SECOND), mirror.gathering());
-    assert_eq!(told, (Some(true), Some(false)));
+    let told = WholeBoard { program_buffer_open: true, gathering: false };
+    assert!(mirror.whole_board() == Some(told) && mirror.is_new(START, SECOND));
 
     let mut sample = Sample::new();
     subscriber.latest(RegionId::Background, &mut sample).unwrap().unwrap();

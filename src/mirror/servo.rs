@@ -10,7 +10,7 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{BusyRule, Selection, ServoBlock};
+use crate::map::{BusyRule, Selection, ServoBlock, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -45,12 +45,14 @@ pub fn region(block: &ServoBlock) -> RegionSpec {
 pub struct ServoMirror {
     block: &'static ServoBlock,
     time: Clock,
-    reader: ServoReader,
+    /// Which motors the report has, and what it says of them.
+    pub reader: ServoReader,
     clock: UpdateClock,
     timer: ServoTimer,
     continuity: Continuity,
     gaps: UpdateCounter,
-    freshness: Freshness,
+    /// Whether updates come, and after which time they are stale.
+    pub freshness: Freshness,
     last_poll_ns: u64,
     /// The period the segment was last told.
     published_period_ns: u64,
@@ -165,23 +167,10 @@ impl ServoMirror {
         self.freshness.is_live()
     }
 
-    /// The words of `???`; `None` while no servo data come that have them.
-    fn global_status(&self) -> Option<[u32; 2]> {
-        self.reader.global_status().filter(|_| self.is_live())
-    }
-
-    /// Whether a program buffer is open on the board; `None` while no servo data come that tell.
+    /// What the servo data say of the whole board; `None` while none come that tell.
     #[must_use]
-    pub fn program_buffer_open(&self) -> Option<bool> {
-        let [_, second] = self.global_status()?;
-        Some(second & self.block.global_status.as_ref()?.program_buffer_open != 0)
-    }
-
-    /// Whether the board gathers data; `None` while no servo data come that tell.
-    #[must_use]
-    pub fn gathering(&self) -> Option<bool> {
-        let [first, _] = self.global_status()?;
-        Some(first & self.block.global_status.as_ref()?.gathering != 0)
+    pub fn whole_board(&self) -> Option<WholeBoard> {
+        self.reader.whole_board().filter(|_| self.is_live())
     }
 
     /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.
@@ -202,46 +191,11 @@ impl ServoMirror {
         self.updates
     }
 
-    /// Updates are stale after this time.
-    #[must_use]
-    pub fn stale_after_ns(&self) -> u64 {
-        self.freshness.limit_ns()
-    }
-
     /// Starts over, as with another board: what lies in the buffer now is old.
     pub fn reset(&mut self) {
         self.reader.reset();
         self.timer.reset();
         self.continuity.reset();
-    }
-
-    /// The board was reset. Its updates go on; the host's words that say what is reported are written again.
-    pub fn board_was_reset(&mut self) {
-        self.reader.mask_is_lost();
-    }
-
-    /// Which motors somebody else has taken out of the report, bit n-1 for motor n, if that has changed since the last call.
-    pub fn take_taken_out(&mut self) -> Option<u32> {
-        self.reader.take_taken_out()
-    }
-
-    /// The motors that are not read because the host's words are left as they are found, bit n-1 for motor n.
-    #[must_use]
-    pub fn left_out(&self) -> u32 {
-        self.reader.left_out()
-    }
-
-    /// Whether to leave the host's words that say what is reported as they are found.
-    pub fn keep_as_found(&mut self, as_found: bool) {
-        self.reader.keep_as_found(as_found);
-    }
-
-    /// Puts the host's words that say what is reported back as they were found.
-    ///
-    /// # Errors
-    /// When the bus cannot be reached.
-    pub fn give_back(&mut self, bus: &mut impl Bus) -> Result<(), BusError> {
-        self.reader.give_back(bus)
     }
 
     /// The report is not used any more: what was seen of it says nothing about the board.

@@ -218,7 +218,7 @@ fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
     rig.put(0x0072, 0);
     updates(&mut rig, 1000);
     assert_eq!(shown(&rig), [3]);
-    assert_eq!(rig.mirror.take_taken_out(), Some(1 | 1 << 31));
+    assert_eq!(rig.mirror.reader.take_taken_out(), Some(1 | 1 << 31));
     rig.put(0x0072, 0x8000);
     updates(&mut rig, 2000);
     assert_eq!(shown(&rig), [3, 32], "back as soon as it is seen");
@@ -237,7 +237,7 @@ fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
     // It comes back with what was in its memory at power-on.
     rig.put(0x0070, 0x9B0C);
     rig.put(0x0072, 0xB0DE);
-    rig.mirror.board_was_reset();
+    rig.mirror.reader.mask_is_lost();
     for timer in 3..6 {
         rig.update(timer);
         rig.poll();
@@ -250,7 +250,7 @@ fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
 #[test]
 fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_came_in_later() {
     let mut rig = Rig::new(ServoReading::Optimistic);
-    rig.mirror.keep_as_found(true);
+    rig.mirror.reader.keep_as_found(true);
     rig.put(0x0070, 1);
     rig.put(0x0072, 0);
     for timer in 0..3 {
@@ -262,7 +262,7 @@ fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_c
         (stamp.servo_timer, data.motors.iter().map(|motor| motor.motor).collect::<Vec<_>>())
     };
     let [(before, first), after] = [shown(&rig), {
-        rig.mirror.keep_as_found(false);
+        rig.mirror.reader.keep_as_found(false);
         // This one lies there before the mask is written.
         rig.update(3);
         rig.poll();
@@ -302,11 +302,11 @@ fn c1_the_mask_is_put_back_as_it_was_found_also_behind_a_reset_that_kept_it() {
     for timer in 0..3 {
         rig.update(timer);
         rig.poll();
-        rig.mirror.board_was_reset();
+        rig.mirror.reader.mask_is_lost();
     }
     let mask = |rig: &mut Rig| [0x0070, 0x0072].map(|at| rig.bus.read16(HostOffset::new(at)).unwrap());
     assert_eq!(mask(&mut rig), split32(MASK));
-    rig.mirror.give_back(&mut rig.bus).unwrap();
+    rig.mirror.reader.give_back(&mut rig.bus).unwrap();
     assert_eq!(mask(&mut rig), [1, 0]);
 }
 

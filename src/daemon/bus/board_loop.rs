@@ -240,7 +240,7 @@ impl BoardLoop {
         match function {
             Function::Servo => {
                 if let Some(transition) = transition {
-                    self.reporter.servo(transition, self.functions.servo.stale_after_ns());
+                    self.reporter.servo(transition, self.functions.servo.freshness.limit_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                         let change = self.presence.check_answers(&mut self.bus);
@@ -258,12 +258,12 @@ impl BoardLoop {
             }
             Function::Background => {
                 if let Some(transition) = transition {
-                    self.reporter.background(transition, self.functions.background.stale_after_ns());
+                    self.reporter.background(transition, self.functions.background.freshness.limit_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                     }
                 }
-                self.see_global_status();
+                self.functions.see_whole_board();
             }
             Function::Ascii => {
                 let queue = self.functions.ascii.queue();
@@ -278,16 +278,10 @@ impl BoardLoop {
 
     /// Passes on what the servo report tells, of all updates since the last call.
     fn see_servo(&mut self) {
-        self.see_global_status();
-        if let Some(motors) = self.functions.servo.take_taken_out() {
+        self.functions.see_whole_board();
+        if let Some(motors) = self.functions.servo.reader.take_taken_out() {
             self.reporter.taken_out(motors);
         }
-    }
-
-    /// Tells the command lines what a report says of the whole board.
-    fn see_global_status(&mut self) {
-        self.functions.see_buffer();
-        self.functions.see_programs();
     }
 
     /// Data have stopped: the board may have been reset, or be gone.

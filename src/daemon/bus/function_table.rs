@@ -25,7 +25,7 @@ use crate::function::rotary::RotarySetup;
 use crate::function::servo::Motion;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
-use crate::map::{BufferLayout, HostOffset};
+use crate::map::{BufferLayout, HostOffset, WholeBoard};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
 use crate::protocol::{BoardSettings, Function, Functions, control};
 use crate::segment::{Counter, Publisher};
@@ -62,8 +62,7 @@ pub struct FunctionTable {
 pub struct ServoTold {
     motion: Motion,
     loops: [u32; 3],
-    program_buffer: Option<bool>,
-    gathers: Option<bool>,
+    whole_board: Option<WholeBoard>,
 }
 
 impl FunctionTable {
@@ -102,7 +101,7 @@ impl FunctionTable {
     /// Until it is known where the board's M-variables point, what it reports stays as it is found.
     fn keep_as_found(&mut self) {
         let asks = self.ascii.queue().scan.is_wanted();
-        self.servo.keep_as_found(asks && !self.shared.has(Function::Servo));
+        self.servo.reader.keep_as_found(asks && !self.shared.has(Function::Servo));
         self.background.keep_as_found(asks && !self.shared.has(Function::Background));
     }
 
@@ -162,8 +161,7 @@ impl FunctionTable {
         ServoTold {
             motion: self.servo.motion(),
             loops: [self.open_loops(), self.loops_left_open(), self.loops_untold()],
-            program_buffer: self.servo.program_buffer_open(),
-            gathers: self.servo.gathering(),
+            whole_board: self.servo.whole_board(),
         }
     }
 
@@ -265,25 +263,25 @@ impl FunctionTable {
     /// The motors of whose loops nothing is known, because the report leaves them out until it is known where M-variables point.
     #[must_use]
     pub fn loops_untold(&self) -> u32 {
-        if self.panel.is_some() { 0 } else { self.servo.left_out() }
+        if self.panel.is_some() { 0 } else { self.servo.reader.left_out() }
     }
 
     /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.
     #[must_use]
-    pub fn program_buffer_open(&self) -> Option<(bool, u64)> {
+    fn program_buffer_open(&self) -> Option<(bool, u64)> {
         let Self { servo, background, clock, .. } = self;
         let age_ns = u64::try_from(ANSWER_AGE.as_nanos()).unwrap_or(u64::MAX);
-        let by_servo = servo.program_buffer_open().map(|open| (open, servo.updates()));
+        let by_servo = servo.whole_board().map(|board| (board.program_buffer_open, servo.updates()));
         by_servo.or_else(|| {
-            let open = background.program_buffer_open(clock.ns(), age_ns)?;
-            Some((open, background.reports().saturating_mul(ASKED_REPORT)))
+            let board = background.whole_board().filter(|_| background.is_new(clock.ns(), age_ns))?;
+            Some((board.program_buffer_open, background.reports().saturating_mul(ASKED_REPORT)))
         })
     }
 
     /// Whether the board gathers; `None` while no report tells.
     #[must_use]
     pub fn gathers(&self) -> Option<bool> {
-        self.servo.gathering().or_else(|| self.background.gathering())
+        self.servo.whole_board().or_else(|| self.background.whole_board()).map(|board| board.gathering)
     }
 
     /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
@@ -292,16 +290,12 @@ impl FunctionTable {
         self.background.programs_run(self.clock.ns(), REPORT_AGE_NS).map(|(systems, _)| systems)
     }
 
-    /// Tells the command lines what the reports say of program buffers.
-    pub fn see_buffer(&mut self) {
-        let told = self.program_buffer_open();
-        self.ascii.queue_mut().see_buffer(told);
-    }
-
-    /// Tells the command lines what the reports say of motion programs. The control panel starts some, too.
-    pub fn see_programs(&mut self) {
+    /// Tells the command lines what the reports say of program buffers and of motion programs. The control panel starts some, too.
+    pub fn see_whole_board(&mut self) {
+        let buffer = self.program_buffer_open();
         let told = self.background.programs_run(self.clock.ns(), REPORT_AGE_NS);
         let queue = self.ascii.queue_mut();
+        queue.see_buffer(buffer);
         queue.see_programs(told.map(|(systems, asked_ns)| (systems != 0, asked_ns)));
         if self.panel.as_ref().is_some_and(PanelQueue::is_busy) {
             queue.may_start_program();
@@ -363,7 +357,7 @@ impl FunctionTable {
             Function::ALL.into_iter().for_each(|function| self.uses.begin(function));
         }
         if outcome != ScanOutcome::More {
-            self.servo.keep_as_found(false);
+            self.servo.reader.keep_as_found(false);
             self.background.keep_as_found(false);
         }
         self.follow_use(&before, context)

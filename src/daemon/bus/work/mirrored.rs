@@ -20,12 +20,12 @@ impl<B: Bus> BoardFunction<B> for ServoMirror {
         Ok(self.release(context.bus)?)
     }
     fn reset(&mut self, _context: &mut Context<'_, B>) -> Result<(), PortError> {
-        self.board_was_reset();
+        self.reader.mask_is_lost();
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
         let released = self.release(bus);
-        released.and(self.give_back(bus))
+        released.and(self.reader.give_back(bus))
     }
     fn is_live(&self) -> Option<bool> {
         Some(ServoMirror::is_live(self))
@@ -57,7 +57,7 @@ impl<B: Bus> BoardFunction<B> for BackgroundMirror {
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
         let released = self.release(bus);
-        released.and(self.give_back(bus))
+        released.and(self.reader.give_back(bus))
     }
     fn is_live(&self) -> Option<bool> {
         Some(BackgroundMirror::is_live(self))
