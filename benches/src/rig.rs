@@ -132,7 +132,7 @@ impl Rig {
         // Until then it asks the board where its M-variables point, which takes time of both.
         let mut connection = self.connection();
         until_within(DEFINITIONS, "the M-variables' definitions", || {
-            connection.info().is_ok_and(|info| info.definitions.read == info.definitions.of)
+            connection.info().is_ok_and(|info| info.lines.definitions.read == info.lines.definitions.of)
         });
     }
 

@@ -162,7 +162,7 @@ impl Scene {
         let mut info = Info::new(family, BoardInfo::default(), settings);
         if way & 2 == 0 {
             // Jobs ask first.
-            info.take(BoardStatus { enabled: Enabled::ASCII, ..BoardStatus::UNKNOWN });
+            info.take(BoardStatus { enabled: Enabled::ASCII, ..BoardStatus::default() });
         }
         let options = ServeOptions {
             max_clients: if way & 4 == 0 { 64 } else { 4 },

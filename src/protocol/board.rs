@@ -105,27 +105,12 @@ pub struct BoardInfo {
     pub segment: String,
     /// The automatic functions at work: `servo`, `background`, `ascii`, `interrupt`.
     pub enabled: Vec<String>,
-    /// Which port command lines go through now.
-    #[serde(default)]
-    pub command_port: CommandPort,
-    /// What became of the last command line.
-    #[serde(default)]
-    pub command_state: CommandState,
-    /// The board answers command lines through the DPRAM, but marks no end of its replies.
-    #[serde(default)]
-    pub reply_end_missing: bool,
-    /// The board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
-    #[serde(default)]
-    pub answers_otherwise: bool,
-    /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
-    #[serde(default)]
-    pub control_characters: Option<bool>,
+    /// How the board takes command lines. In the message its fields stand beside the others.
+    #[serde(flatten)]
+    pub lines: CommandLinesInfo,
     /// The program buffer that is open, as far as known.
     #[serde(default)]
     pub open_buffer: Option<OpenBufferInfo>,
-    /// The board does not say whether another host has opened one: no report tells, and it refuses the question.
-    #[serde(default)]
-    pub open_buffer_unsaid: bool,
     /// The interrupt controller behind the board's host port, where the daemon serves it.
     #[serde(default)]
     pub host_port: Option<HostPortInfo>,
@@ -147,9 +132,6 @@ pub struct BoardInfo {
     /// Functions that are not used yet: the board is asked where its M-variables point.
     #[serde(default)]
     pub waiting: Vec<Function>,
-    /// How far that is.
-    #[serde(default)]
-    pub definitions: DefinitionsRead,
     /// Functions into whose words M-variables of the board point.
     #[serde(default)]
     pub program_words: Vec<ProgramWords>,
@@ -158,7 +140,27 @@ pub struct BoardInfo {
     pub replay: Option<Replay>,
 }
 
-impl BoardInfo {
+/// How the board takes command lines, as the bus thread tells it and `GetInfo` passes it on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CommandLinesInfo {
+    /// Which port command lines go through now.
+    pub command_port: CommandPort,
+    /// What became of the last command line.
+    pub command_state: CommandState,
+    /// The board answers command lines through the DPRAM, but marks no end of its replies.
+    pub reply_end_missing: bool,
+    /// The board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    pub answers_otherwise: bool,
+    /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
+    pub control_characters: Option<bool>,
+    /// The board does not say whether another host has opened a program buffer: no report tells, and it refuses the question.
+    pub open_buffer_unsaid: bool,
+    /// How far the board has told where its M-variables point.
+    pub definitions: DefinitionsRead,
+}
+
+impl CommandLinesInfo {
     /// What is wrong with the DPRAM's command port, as far as the board has shown: a sentence each, with the cure.
     #[must_use]
     pub fn port_faults(&self) -> Vec<&'static str> {
@@ -169,7 +171,9 @@ impl BoardInfo {
         ];
         faults.into_iter().filter_map(|(is_so, text)| is_so.then_some(text)).collect()
     }
+}
 
+impl BoardInfo {
     /// The board's family, with as much DPRAM as the board has.
     ///
     /// # Errors
@@ -340,7 +344,15 @@ pub struct HostPortInfo {
     pub controller: String,
     /// The line, 0 to 7.
     pub line: u32,
-    /// Interrupts served since the daemon's start.
+    /// Its interrupts since the daemon's start. In the message its fields stand beside the others.
+    #[serde(flatten)]
+    pub counts: HostPortCounts,
+}
+
+/// The interrupts of a host port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct HostPortCounts {
+    /// Interrupts served.
     pub served: u32,
     /// Of these, how many were old ones: no response was there any more.
     pub old: u32,
@@ -555,6 +567,19 @@ pub struct RotaryStateReply {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_parts_of_the_board_stand_beside_each_other_in_the_message_and_an_older_daemon_lacks_some() {
+        let info = BoardInfo { host_port: Some(HostPortInfo::default()), ..BoardInfo::default() };
+        let mut message = serde_json::to_value(&info).unwrap();
+        assert_eq!((&message["command_port"], &message["control_characters"]), (&"dpram".into(), &().into()));
+        assert_eq!((&message["definitions"]["of"], &message["host_port"]["served"]), (&0.into(), &0.into()));
+        assert_eq!(message.as_object().unwrap().get("lines"), None);
+        for name in ["command_port", "reply_end_missing", "control_characters", "definitions"] {
+            assert!(message.as_object_mut().unwrap().remove(name).is_some(), "{name}");
+        }
+        assert_eq!(serde_json::from_value::<BoardInfo>(message).unwrap(), info);
+    }
 
     #[test]
     fn enabled_functions_have_names() {

@@ -29,7 +29,8 @@ pub mod transport;
 
 pub use crate::map::Function;
 pub use board::{
-    BoardInfo, CommandPort, CommandState, Enabled, HostPortInfo, Message, MessageKind, OpenBufferInfo, State,
+    BoardInfo, CommandLinesInfo, CommandPort, CommandState, Enabled, HostPortCounts, HostPortInfo, Message,
+    MessageKind, OpenBufferInfo, State,
 };
 pub use error::CallError;
 pub use frame::Inbox;

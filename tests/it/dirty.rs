@@ -81,7 +81,7 @@ fn c1_a_board_that_takes_its_time_for_every_line_of_a_reply_refuses_no_line() {
     let config = "family = \"turbo2\"\nask_m_variables = true\n";
     let site = VirtualSite::configured(&["--family", "turbo2"], config);
     site.wait_until("the board's scales", || site.has_scales());
-    let definitions = || site.connection().info().unwrap().definitions;
+    let definitions = || site.connection().info().unwrap().lines.definitions;
     site.wait_until("the definitions", || definitions().read == definitions().of);
     site.control("fault ascii_slow_lines 60ms");
     let mut connection = site.connection();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pmac_dpram::protocol::HostPortInfo;
+use pmac_dpram::protocol::HostPortCounts;
 use pmac_dpram::segment::Counter;
 
 use crate::support::{PATIENCE, VirtualSite, counter};
@@ -22,8 +22,8 @@ fn board(family: &str) -> VirtualSite {
     site
 }
 
-fn counts(site: &VirtualSite) -> HostPortInfo {
-    site.connection().info().unwrap().host_port.expect("a host port")
+fn counts(site: &VirtualSite) -> HostPortCounts {
+    site.connection().info().unwrap().host_port.expect("a host port").counts
 }
 
 /// The mask register as the controller has it.
@@ -51,7 +51,7 @@ fn every_response_is_announced_because_every_interrupt_is_acknowledged() {
             site.wait_until("its interrupt", || counter(&subscriber, Counter::Interrupts) > before);
             assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["5"]);
         }
-        let HostPortInfo { served, old, .. } = counts(&site);
+        let HostPortCounts { served, old, .. } = counts(&site);
         assert!(served >= 20 && old <= served, "{family}: {served} {old}");
         let (_, stdout, _) = site.pmacctl(&["status"]);
         assert!(stdout.contains("host port       p"), "{stdout}");

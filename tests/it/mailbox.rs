@@ -50,7 +50,7 @@ fn shipped(more: &str) -> String {
 }
 
 fn port(site: &VirtualSite) -> CommandPort {
-    site.connection().info().unwrap().command_port
+    site.connection().info().unwrap().lines.command_port
 }
 
 fn identified(site: &VirtualSite) {

@@ -132,7 +132,7 @@ fn the_client_asks_and_hears() {
     assert_eq!((info.name.as_str(), info.motors, info.state), ("pmac0", 8, State::Live));
     assert_eq!(info.firmware.as_deref(), Some("1.16D"));
     assert_eq!(info.enabled, ["servo", "ascii"]);
-    bench.report(BoardStatus { state: State::Stale, ..Bench::LIVE });
+    bench.report(BoardStatus { state: State::Stale, ..Bench::live() });
     assert_eq!(board.info().unwrap().state, State::Stale);
 
     assert_eq!(board.send("a,b,c", PATIENCE).unwrap(), ["a", "b", "c"]);

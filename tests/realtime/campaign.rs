@@ -355,7 +355,7 @@ impl<'a> Campaign<'a> {
         // A slow board takes long to tell where its M-variables point; as long as it tells more of them all is well.
         let look = || {
             let info = site.connection().info();
-            info.map(|info| (info.waiting.is_empty(), info.definitions.read))
+            info.map(|info| (info.waiting.is_empty(), info.lines.definitions.read))
         };
         while let Ok((false, read)) = look() {
             wait_until("more definitions", || look().is_ok_and(|(is_over, now)| is_over || now != read));

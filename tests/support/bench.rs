@@ -94,16 +94,14 @@ impl Bench {
         };
         let bus = Some(std::thread::spawn(move || bus.run()));
         let bench = Self { socket, seen, events, server: Some(server), bus, stop, _directory: directory };
-        bench.report(Self::LIVE);
+        bench.report(Self::live());
         bench
     }
 
     /// The status of a board that answers.
-    pub const LIVE: BoardStatus = BoardStatus {
-        state: State::Live,
-        enabled: Enabled::SERVO.union(Enabled::ASCII),
-        ..BoardStatus::UNKNOWN
-    };
+    pub fn live() -> BoardStatus {
+        BoardStatus { state: State::Live, enabled: Enabled::SERVO | Enabled::ASCII, ..BoardStatus::default() }
+    }
 
     /// Has the bus thread report `status`, which every later call then sees.
     pub fn report(&self, status: BoardStatus) {

@@ -74,7 +74,7 @@ fn send(context: &mut Context, character: u8, keeps_queue: bool) -> Result<Verdi
     let sent =
         if keeps_queue { connection.control_keeping_queue(character) } else { connection.control(character) };
     let sent = sent.map_err(LineError::from);
-    if connection.info().is_ok_and(|info| info.control_characters == Some(false)) {
+    if connection.info().is_ok_and(|info| info.lines.control_characters == Some(false)) {
         let _ = writeln!(io::stderr(), "pmacctl: {NO_CONTROL_CHARACTERS}");
     }
     if context.output.is_json() {

@@ -26,8 +26,8 @@ use crate::protocol::board::REPLAY_OVER;
 use crate::protocol::function::{NO_FAMILY, UNKNOWN_FAMILY};
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{
-    BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortInfo,
-    ServoSettings, State,
+    BackgroundSettings, BoardInfo, BoardSettings, CommandPort, CommandState, Function, HostPortCounts,
+    HostPortInfo, ServoSettings, State,
 };
 use crate::segment::{Condition, Identity, RegionId, RegionState};
 
@@ -65,13 +65,13 @@ const LATELY: Duration = Duration::from_secs(60);
 
 /// Checks whether the board takes command lines.
 fn commands(report: &mut Report, info: &BoardInfo) {
-    let (port, enabled) = match (info.command_port, info.known_family()) {
+    let (port, enabled) = match (info.lines.command_port, info.known_family()) {
         (CommandPort::Dpram, Ok(family)) => ("the DPRAM", format!("I{}=1", family.i.ascii_enable)),
         (CommandPort::Dpram, Err(_)) => ("the DPRAM", "ASCII communication switched on".to_owned()),
         (CommandPort::Mailbox, _) => ("the VME mailboxes", "I3=2".to_owned()),
     };
     let answers = info.enabled.iter().any(|name| name == "ascii");
-    let (level, text) = match info.command_state {
+    let (level, text) = match info.lines.command_state {
         _ if answers => (Level::Ok, format!("the board takes command lines through {port}")),
         CommandState::Silent => {
             let cure = format!(
@@ -86,7 +86,7 @@ fn commands(report: &mut Report, info: &BoardInfo) {
         ),
     };
     report.add(level, "commands", text);
-    for fault in info.port_faults() {
+    for fault in info.lines.port_faults() {
         report.add(Level::Warn, "commands", fault.to_owned());
     }
     if let Some(open) = &info.open_buffer {
@@ -451,7 +451,7 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     }
     if !info.waiting.is_empty() {
         let names: Vec<_> = info.waiting.iter().map(|function| function.name()).collect();
-        let why = waits_for(info.open_buffer.is_some(), &info.definitions);
+        let why = waits_for(info.open_buffer.is_some(), &info.lines.definitions);
         report.add(Level::Warn, "functions", format!("not used yet: {}: {why}", names.join(", ")));
     }
     for words in &info.program_words {
@@ -467,7 +467,8 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         report.add(Level::Ok, "interrupt", "none comes: replies are polled for, at least every 20 ms");
     }
     if let Some(host_port) = &info.host_port {
-        let HostPortInfo { controller, line, served, old, unannounced } = host_port;
+        let HostPortInfo { controller, line, counts: HostPortCounts { served, old, unannounced } } =
+            host_port;
         let counts =
             format!("{controller} line {line}, {served} interrupts served, {old} of them without a response");
         if *unannounced == 0 {

@@ -186,13 +186,13 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     match asked {
         Ok((info, settings)) => json!({ "path": path, "reachable": true, "version": info.version,
             "board": info.board, "enabled": info.enabled, "functions": settings.functions,
-            "command_port": info.command_port, "port_faults": info.port_faults(),
-            "control_characters": info.control_characters, "open_buffer": open_buffer(info.open_buffer.as_ref()),
-            "open_buffer_unsaid": info.open_buffer_unsaid,
+            "command_port": info.lines.command_port, "port_faults": info.lines.port_faults(),
+            "control_characters": info.lines.control_characters, "open_buffer": open_buffer(info.open_buffer.as_ref()),
+            "open_buffer_unsaid": info.lines.open_buffer_unsaid,
             "replay": info.replay.map(|replay| json!({ "over": replay.over,
                 "differences": replay.differences, "text": replay.to_string() })),
             "host_port": info.host_port, "unfinished": info.unfinished,
-            "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting, "definitions": info.definitions,
+            "elsewhere": elsewhere::documents(&info.elsewhere), "waiting": info.waiting, "definitions": info.lines.definitions,
             "program_words": info.program_words.iter().map(program_words).collect::<Vec<_>>() }),
         Err(error) => json!({ "path": path, "reachable": false, "reason": error.to_string() }),
     }

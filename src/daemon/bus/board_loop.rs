@@ -23,7 +23,7 @@ use crate::clock::Clock;
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
-use crate::daemon::bus::function_table::{FunctionTable, ServoTold};
+use crate::daemon::bus::function_table::FunctionTable;
 use crate::daemon::bus::guard_time::GuardTime;
 use crate::daemon::bus::phase::Phase;
 use crate::daemon::bus::presence::BoardPresence;
@@ -33,11 +33,12 @@ use crate::daemon::bus::waits::Waits;
 use crate::daemon::config::board_settings::CheckedSettings;
 use crate::daemon::shared::info::Pulse;
 use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
+use crate::daemon::shared::status::MotorsStatus;
 use crate::device::{Bus, BusError, Presence};
 use crate::function::line_port::PortError;
-use crate::map::HostOffset;
+use crate::map::{HostOffset, WholeBoard};
 use crate::mirror::Transition;
-use crate::protocol::{CommandState, Enabled, Function};
+use crate::protocol::{Function, State};
 use crate::segment::identity::first_motors;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
 
@@ -86,7 +87,7 @@ pub struct BoardLoop {
     phase: Phase,
     ahead: Ahead,
     /// What the servo report told then.
-    told: ServoTold,
+    told: (MotorsStatus, Option<WholeBoard>),
     /// Short rounds have polled it since, and passed nothing on.
     is_unseen: bool,
     began_ns: u64,
@@ -190,36 +191,8 @@ impl BoardLoop {
 
     /// Tells the clients what has changed; of counts only `with_counts`.
     fn tell_clients(&mut self, with_counts: bool, now: Instant) {
-        let FunctionTable { servo, background, ascii, .. } = &self.functions;
-        let queue = ascii.queue();
-        let replay = self.bus.replay();
-        let mut enabled = Enabled::empty();
-        enabled.set(Enabled::SERVO, servo.is_live());
-        enabled.set(Enabled::BACKGROUND, background.is_live());
-        enabled.set(Enabled::ASCII, queue.state() == CommandState::Answers);
-        enabled.set(Enabled::INTERRUPT, queue.has_interrupt());
-        enabled.set(Enabled::GATHER, self.functions.gathers() == Some(true));
-        self.reporter.note(|status| {
-            status.enabled = enabled;
-            status.enabling = queue.identifier.enabling();
-            status.changes = queue.identifier.changes();
-            status.reply_end_missing = queue.reply_end_missing();
-            status.control_characters = queue.takes_characters();
-            status.answers_otherwise = queue.is_answered_otherwise();
-            (status.buffer, status.holds_port) = queue.standing(now);
-            status.open_loops = self.functions.open_loops();
-            status.loops_left_open = self.functions.loops_left_open();
-            status.loops_untold = self.functions.loops_untold();
-            status.motion = servo.motion();
-            status.gathers = self.functions.gathers();
-            status.programs_run = self.functions.programs_run();
-            status.uses = *self.functions.uses_of_all();
-            status.replay = replay;
-            if with_counts {
-                status.definitions = queue.scan.progress();
-                status.host_port = ascii.host_port_counts().unwrap_or(status.host_port);
-            }
-        });
+        self.functions.tell(&mut self.reporter.status, with_counts, now);
+        self.reporter.status.replay = self.bus.replay();
         self.reporter.send(self.connections.intake.events());
     }
 
@@ -267,7 +240,7 @@ impl BoardLoop {
             }
             Function::Ascii => {
                 let queue = self.functions.ascii.queue();
-                self.reporter.port(queue.ports().in_use(), queue.state(), self.clock.now());
+                self.reporter.port(queue.ports().in_use(), queue.state());
                 self.take_identity();
                 self.take_pointers()?;
             }
@@ -466,7 +439,7 @@ impl BoardLoop {
         if let Some(state) = self.reporter.board(self.shows_life(), may_begin) {
             self.publisher.set_state(state);
         }
-        if self.reporter.state().is_some() {
+        if self.reporter.status.state != State::Init {
             let result = self.check_page();
             self.note_failure(result);
         }

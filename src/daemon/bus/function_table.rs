@@ -19,15 +19,15 @@ use crate::daemon::shared::function_use::{FunctionUse, Pointers, Use};
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
+use crate::daemon::shared::status::{BoardStatus, MotorsStatus};
 use crate::device::{Bus, BusError};
 use crate::function::line_port::PortError;
 use crate::function::rotary::RotarySetup;
-use crate::function::servo::Motion;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
-use crate::map::{BufferLayout, HostOffset, WholeBoard};
+use crate::map::{BufferLayout, HostOffset, Motors, Systems, WholeBoard};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
-use crate::protocol::{BoardSettings, Function, Functions, control};
+use crate::protocol::{BoardSettings, CommandState, Enabled, Function, Functions, control};
 use crate::segment::{Counter, Publisher};
 
 /// What is told of a function that is not used.
@@ -54,15 +54,6 @@ pub struct FunctionTable {
     gather: GatherMirror,
     variables: Variables,
     rotary: RotaryQueue,
-}
-
-/// What the clients are told of the servo report, beside its data. The copies of the global status are not among it as they lie:
-/// some of their bits come and go by themselves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ServoTold {
-    motion: Motion,
-    loops: [u32; 3],
-    whole_board: Option<WholeBoard>,
 }
 
 impl FunctionTable {
@@ -155,16 +146,6 @@ impl FunctionTable {
         })
     }
 
-    /// What the clients are told of the servo report, beside its data.
-    #[must_use]
-    pub fn servo_told(&self) -> ServoTold {
-        ServoTold {
-            motion: self.servo.motion(),
-            loops: [self.open_loops(), self.loops_left_open(), self.loops_untold()],
-            whole_board: self.servo.whole_board(),
-        }
-    }
-
     /// The others that are used and have something to do: when, for how long it can wait, and which.
     fn others<'a, B: Bus + 'a>(
         &'a self,
@@ -247,23 +228,49 @@ impl FunctionTable {
         used.filter_map(|(_, row)| row.is_live()).reduce(|one, other| one || other)
     }
 
-    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure.
-    #[must_use]
-    pub fn open_loops(&self) -> u32 {
-        self.panel.as_ref().map_or(0, |panel| panel.open_loops())
+    /// What the reports tell of the motors. Of open loops a panel knows more than the servo report.
+    fn motors(&self) -> MotorsStatus {
+        let (open, left_open, untold) = match &self.panel {
+            Some(panel) => (panel.open_loops(), panel.open_loops(), 0),
+            None => (0, self.servo.open_loops(), self.servo.reader.left_out()),
+        };
+        MotorsStatus {
+            motion: self.servo.motion(),
+            open_loops: Motors::from_bits(open),
+            loops_left_open: Motors::from_bits(left_open),
+            loops_untold: Motors::from_bits(untold),
+        }
     }
 
-    /// The motors whose loop a jog would close: as [`Self::open_loops`], and where there is no panel as the servo report says. What
-    /// is left out by that is a jog; a stop must not be, lest an old report leave a motor moving.
+    /// What the daemon passes on of the servo report, beside its data. The copies of the global status are not among it as they lie:
+    /// some of their bits come and go by themselves.
     #[must_use]
-    pub fn loops_left_open(&self) -> u32 {
-        self.panel.as_ref().map_or_else(|| self.servo.open_loops(), |panel| panel.open_loops())
+    pub fn servo_told(&self) -> (MotorsStatus, Option<WholeBoard>) {
+        (self.motors(), self.servo.whole_board())
     }
 
-    /// The motors of whose loops nothing is known, because the report leaves them out until it is known where M-variables point.
-    #[must_use]
-    pub fn loops_untold(&self) -> u32 {
-        if self.panel.is_some() { 0 } else { self.servo.reader.left_out() }
+    /// Writes into `status` what the functions know `now`; counts only if it is `with_counts`.
+    pub fn tell(&self, status: &mut BoardStatus, with_counts: bool, now: Instant) {
+        let Self { servo, background, ascii, .. } = self;
+        ascii.queue().tell(&mut status.lines, with_counts, now);
+        status.motors = self.motors();
+        let board = servo.whole_board().or_else(|| background.whole_board());
+        status.gathers = board.map(|board| board.gathering);
+        let programs = background.programs_run(self.clock.ns(), REPORT_AGE_NS);
+        status.programs_run = programs.map(|(systems, _)| Systems::from_bits(systems));
+        status.uses = self.uses;
+        let at_work = [
+            (Enabled::SERVO, servo.is_live()),
+            (Enabled::BACKGROUND, background.is_live()),
+            (Enabled::ASCII, ascii.queue().state() == CommandState::Answers),
+            (Enabled::INTERRUPT, ascii.queue().has_interrupt()),
+            (Enabled::GATHER, status.gathers == Some(true)),
+        ];
+        status.enabled =
+            at_work.into_iter().filter_map(|(function, is_on)| is_on.then_some(function)).collect();
+        if let Some(counts) = ascii.host_port_counts().filter(|_| with_counts) {
+            status.host_port = counts;
+        }
     }
 
     /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.
@@ -276,18 +283,6 @@ impl FunctionTable {
             let board = background.whole_board().filter(|_| background.is_new(clock.ns(), age_ns))?;
             Some((board.program_buffer_open, background.reports().saturating_mul(ASKED_REPORT)))
         })
-    }
-
-    /// Whether the board gathers; `None` while no report tells.
-    #[must_use]
-    pub fn gathers(&self) -> Option<bool> {
-        self.servo.whole_board().or_else(|| self.background.whole_board()).map(|board| board.gathering)
-    }
-
-    /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
-    #[must_use]
-    pub fn programs_run(&self) -> Option<u32> {
-        self.background.programs_run(self.clock.ns(), REPORT_AGE_NS).map(|(systems, _)| systems)
     }
 
     /// Tells the command lines what the reports say of program buffers and of motion programs. The control panel starts some, too.

@@ -8,7 +8,6 @@ use log::{Level, error, info, log, warn};
 use crate::clock::Clock;
 use crate::daemon::bus::memory_scan::{Outcome, Unclear};
 use crate::daemon::shared::function_use::FunctionUse;
-use crate::daemon::shared::info::InfoReport;
 use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
@@ -56,13 +55,14 @@ pub struct Reporter {
     family: &'static Family,
     /// What to look at when servo data are stale, when background data are, and when no command line is answered.
     hints: [String; 3],
-    info: InfoReport,
-    state: Option<State>,
-    port: Option<(CommandPort, CommandState)>,
+    /// What the clients are to be told; [`Self::send`] tells them.
+    pub status: BoardStatus,
+    sent: BoardStatus,
+    /// The queue had no room for the last change.
+    is_untold: bool,
     /// As the log has it: a port that is in doubt and answers as before has not changed.
     port_logged: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
-    known: Option<KnownIdentity>,
     /// As the log has it.
     uses: FunctionUse,
     bus_error: bool,
@@ -92,13 +92,12 @@ impl Reporter {
                 format!("is I{background}=1{reported}?"),
                 format!("is I{}=1?", i.ascii_enable),
             ],
-            info: InfoReport::default(),
-            state: None,
-            port: None,
+            status: BoardStatus::default(),
+            sent: BoardStatus::default(),
+            is_untold: false,
             port_logged: None,
             identity: None,
-            known: None,
-            uses: FunctionUse::UNKNOWN,
+            uses: FunctionUse::default(),
             bus_error: false,
             log: ChangeLog { quota: None, clock },
         }
@@ -111,20 +110,20 @@ impl Reporter {
         self
     }
 
-    /// Notes a change of the status that clients see. [`Self::send`] tells them.
-    pub fn note(&mut self, change: impl FnOnce(&mut BoardStatus)) {
-        self.info.set(change);
-    }
-
-    /// Tells the clients what has changed.
+    /// Tells the clients what has changed since the last call, in one event. A full queue is tried again by the next call.
     pub fn send(&mut self, events: &Sender<Event>) {
-        self.info.poll(events);
+        // Compared where they lie: most calls find no change, and a copy costs more than they do.
+        let is_new = self.status != self.sent;
+        self.is_untold = is_new && events.try_send(Event::Info(self.status)).is_err();
+        if is_new && !self.is_untold {
+            self.sent = self.status;
+        }
     }
 
     /// Whether the clients have been told all of it; a full queue is to be tried again.
     #[must_use]
     pub const fn is_told(&self) -> bool {
-        !self.info.is_untold()
+        !self.is_untold
     }
 
     /// Ends what the log holds back, if its time is over. To be called now and then.
@@ -132,24 +131,17 @@ impl Reporter {
         self.log.sum_up(self.log.clock.now());
     }
 
-    /// The state that was told; `None` before the first.
-    #[must_use]
-    pub const fn state(&self) -> Option<State> {
-        self.state
-    }
-
     /// The board does something, or nothing that could be seen. `may_begin`: it has had no time yet to show anything. Gives
     /// the state when it has changed.
     pub fn board(&mut self, shows_life: bool, may_begin: bool) -> Option<State> {
-        let state = match (shows_life, self.state) {
+        let state = match (shows_life, self.status.state) {
             (true, _) => State::Live,
-            (false, None) if may_begin => return None,
+            (false, State::Init) if may_begin => return None,
             (false, _) => State::Stale,
         };
-        if self.state.replace(state) == Some(state) {
+        if std::mem::replace(&mut self.status.state, state) == state {
             return None;
         }
-        self.info.set(|status| status.state = state);
         if shows_life {
             self.log.tell(Level::Info, format_args!("board: live"));
         } else {
@@ -161,8 +153,8 @@ impl Reporter {
 
     /// The loop ends, and with it what the clients see.
     pub fn end(&mut self, events: &Sender<Event>) {
-        self.info.set(|status| status.state = State::Dead);
-        self.info.poll(events);
+        self.status.state = State::Dead;
+        self.send(events);
     }
 
     /// Somebody else has taken `motors` out of the servo report's mask, bit 0 being motor 1; 0: they are in it again.
@@ -204,15 +196,8 @@ impl Reporter {
         self.log.tell(Level::Info, format_args!("the board was reset, or its memory cleared"));
     }
 
-    /// The port that command lines go through, and what has become of the last one by `now`.
-    pub fn port(&mut self, port: CommandPort, state: CommandState, now: Instant) {
-        if self.port.replace((port, state)) == Some((port, state)) {
-            return;
-        }
-        self.info.set(|status| {
-            (status.command_port, status.command_state) = (port, state);
-            status.silent_since = (state == CommandState::Silent).then_some(now);
-        });
+    /// The port that command lines go through, and what has become of the last one.
+    pub fn port(&mut self, port: CommandPort, state: CommandState) {
         if state == CommandState::Unknown || self.port_logged.replace((port, state)) == Some((port, state)) {
             return;
         }
@@ -242,11 +227,10 @@ impl Reporter {
             servo_period_ns: identity.servo_period_ps.map(|ps| ps / 1000),
         };
         self.identity = Some(identity);
-        if self.known.replace(known) == Some(known) {
+        if self.status.identity.replace(known) == Some(known) {
             // A scale, say.
             return;
         }
-        self.info.set(|status| status.identity = Some(known));
         if let (Some(board_type), Some(firmware)) = (&known.board_type, &known.firmware) {
             info!("the board is {board_type}, firmware {firmware}, reports {motors} motors");
         }
@@ -306,7 +290,10 @@ impl Reporter {
 mod tests {
     use super::*;
     use crate::clock::ManualTime;
+    use crate::daemon::shared::info::Info;
+    use crate::daemon::shared::queue::queue;
     use crate::map::{PMAC, TURBO2};
+    use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
     #[test]
     fn what_to_look_at_goes_by_the_family() {
@@ -340,6 +327,47 @@ mod tests {
         assert_eq!(reporter.board(false, false), Some(State::Stale));
         assert_eq!(reporter.board(false, true), None, "that is known");
         assert_eq!(reporter.board(true, false), Some(State::Live));
-        assert_eq!(reporter.state(), Some(State::Live));
+        assert_eq!(reporter.status.state, State::Live);
+    }
+
+    #[test]
+    fn what_changes_is_reported_once_and_read() {
+        let (events, told) = queue(1).unwrap();
+        let mut reporter = Reporter::new(&PMAC, Clock::real());
+        let board = BoardInfo {
+            name: "pmac0".to_owned(),
+            firmware: Some("1.16D".to_owned()),
+            ..BoardInfo::default()
+        };
+        let mut info = Info::new(&PMAC, board, BoardSettings::default());
+        let mut take = |reporter: &mut Reporter| {
+            reporter.send(&events);
+            let event = told.try_receive();
+            if let Some(Event::Info(status)) = event {
+                info.take(status);
+            }
+            (event.is_some(), info.board().clone(), info.pulse().board())
+        };
+        assert!(!take(&mut reporter).0, "nothing has changed");
+        reporter.status.state = State::Live;
+        reporter.status.enabled = Enabled::SERVO | Enabled::INTERRUPT;
+        reporter.status.lines.info.command_state = CommandState::Silent;
+        let (reported, board, seen) = take(&mut reporter);
+        assert!(reported && board == seen);
+        assert_eq!((board.state, board.lines.command_state), (State::Live, CommandState::Silent));
+        assert_eq!(
+            (board.enabled, board.firmware.as_deref()),
+            (vec!["servo".to_owned(), "interrupt".to_owned()], Some("1.16D"))
+        );
+        assert!(!take(&mut reporter).0, "it was told");
+        reporter.status.identity =
+            Some(KnownIdentity { firmware: None, board_type: None, motors: 4, servo_period_ns: Some(5) });
+        assert!(events.try_send(Event::Info(BoardStatus::default())).is_ok());
+        reporter.send(&events);
+        assert!(!reporter.is_told());
+        told.try_receive();
+        let (reported, board, _) = take(&mut reporter);
+        assert!(reported && reporter.is_told(), "a full queue is tried again");
+        assert_eq!((board.motors, board.servo_period_ns, board.firmware), (4, Some(5), None));
     }
 }

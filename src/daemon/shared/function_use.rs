@@ -6,13 +6,14 @@ use crate::protocol::{BoardSettings, ProgramWords};
 const COUNT: usize = Function::ALL.len();
 
 /// Whether a function is used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Use {
     /// The configuration leaves it out.
     Off,
     /// Not yet: the board is asked where its M-variables point.
     Waits,
     /// It is used.
+    #[default]
     On,
     /// It is not used: M-variables point into its words.
     Held,
@@ -29,17 +30,15 @@ pub struct Pointers {
     pub others: u16,
 }
 
-/// The use of every function. Held in place: passing it on allocates nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The use of every function; before the bus thread has told, the daemon uses what the configuration has. Held in place: passing it on
+/// allocates nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FunctionUse {
     uses: [Use; COUNT],
     pointers: [Option<Pointers>; COUNT],
 }
 
 impl FunctionUse {
-    /// Before the bus thread has told: whatever the configuration has is used.
-    pub const UNKNOWN: Self = Self { uses: [Use::On; COUNT], pointers: [None; COUNT] };
-
     /// As `settings` say. If the board `is_asked` first where its M-variables point, all wait for that but command lines and those
     /// that are used wherever these point.
     #[must_use]
@@ -51,7 +50,7 @@ impl FunctionUse {
             }
             true => Use::On,
         });
-        Self { uses, ..Self::UNKNOWN }
+        Self { uses, ..Self::default() }
     }
 
     /// Whether `function` is used.

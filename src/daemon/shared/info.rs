@@ -1,4 +1,4 @@
-//! What is known of the board. The bus thread reports it by events, the socket's thread answers `GetInfo` from it, and the
+//! What is known of the board. The bus thread tells it by events, the socket's thread answers `GetInfo` from it, and the
 //! first thread shows it to the service manager.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::function_use::Use;
-use super::queue::{Event, GivenUp, Sender};
-use super::status::{BoardStatus, Enabling, HostPortCounts, KnownIdentity};
+use super::origin::GivenUp;
+use super::status::{BoardStatus, Enabling, KnownIdentity};
 use crate::function::servo::Motion;
-use crate::map::{Family, Function, Motors};
+use crate::map::{Family, Function, Motors, Systems};
 use crate::protocol::board::{Elsewhere, Replay};
 use crate::protocol::program_words::waits_for;
 use crate::protocol::{BoardInfo, BoardSettings, Enabled, State};
@@ -17,38 +17,6 @@ use crate::recording::Replies;
 
 /// How long no command line is answered until that is told: a single one may be slow.
 const SILENT: Duration = Duration::from_secs(2);
-
-/// The bus thread's side: reports what has changed.
-#[derive(Debug, Default)]
-pub struct InfoReport {
-    now: BoardStatus,
-    reported: BoardStatus,
-    /// The queue had no room for the last change.
-    is_untold: bool,
-}
-
-impl InfoReport {
-    /// Takes note of a change. [`Self::poll`] reports it.
-    pub fn set(&mut self, change: impl FnOnce(&mut BoardStatus)) {
-        change(&mut self.now);
-    }
-
-    /// Reports what has changed since the last report, in one event. A full queue is tried again by the next call.
-    pub fn poll(&mut self, events: &Sender<Event>) {
-        // Compared where they lie: most calls find no change, and a copy costs more than they do.
-        let is_new = self.now != self.reported;
-        self.is_untold = is_new && events.try_send(Event::Info(self.now)).is_err();
-        if is_new && !self.is_untold {
-            self.reported = self.now;
-        }
-    }
-
-    /// Whether the last call of [`Self::poll`] found no room for a change.
-    #[must_use]
-    pub const fn is_untold(&self) -> bool {
-        self.is_untold
-    }
-}
 
 /// The socket's side: the daemon's present knowledge of its board, and its settings.
 #[derive(Debug)]
@@ -130,7 +98,7 @@ impl Info {
             Use::Waits => Some(format!(
                 "the function `{}` is not used yet: {}",
                 function.name(),
-                waits_for(self.status.buffer.is_open, &self.status.definitions)
+                waits_for(self.status.lines.buffer.is_open, &self.status.lines.info.definitions)
             )),
             Use::Held => {
                 let all = &self.board.program_words;
@@ -148,31 +116,31 @@ impl Info {
     /// The motors that a jog leaves alone, because it would close their loop.
     #[must_use]
     pub fn loops_left_open(&self) -> Motors {
-        Motors::from_bits(self.status.loops_left_open)
+        self.status.motors.loops_left_open
     }
 
     /// The motors of whose loops nothing is known yet.
     #[must_use]
     pub fn loops_untold(&self) -> Motors {
-        Motors::from_bits(self.status.loops_untold)
+        self.status.motors.loops_untold
     }
 
     /// The command that holds the port for command lines: one that was given up, or a slow line.
     #[must_use]
     pub fn holds_port(&self) -> Option<GivenUp> {
-        self.status.holds_port
+        self.status.lines.holds_port
     }
 
     /// Which motors move.
     #[must_use]
     pub fn motion(&self) -> Motion {
-        self.status.motion
+        self.status.motors.motion
     }
 
     /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
     #[must_use]
     pub fn programs_run(&self) -> Option<u32> {
-        self.status.programs_run
+        self.status.programs_run.map(Systems::bits)
     }
 
     /// Whether the board gathers; `None` while no report tells.
@@ -185,7 +153,7 @@ impl Info {
     #[must_use]
     pub fn elsewhere(&self, gathers: bool, now: Instant) -> Vec<Elsewhere> {
         let ago_ms = |since: Instant| u64::try_from(now.saturating_duration_since(since).as_millis()).ok();
-        let changes = self.status.changes.iter().flatten();
+        let changes = self.status.lines.changes.iter().flatten();
         let mut all: Vec<Elsewhere> = changes
             .map(|change| Elsewhere {
                 what: format!("I{}", change.variable),
@@ -195,13 +163,13 @@ impl Info {
             })
             .collect();
         let plain = |what: &str| Elsewhere { what: what.to_owned(), was: None, is: None, ago_ms: None };
-        if self.status.buffer.is_open && self.status.buffer.opened.is_none() {
+        if self.status.lines.buffer.is_open && self.status.lines.buffer.opened.is_none() {
             all.push(plain("program_buffer"));
         }
         if self.gathers() == Some(true) && !gathers {
             all.push(plain("gather"));
         }
-        let silent = self.status.silent_since.filter(|since| now >= *since + SILENT);
+        let silent = self.status.lines.silent_since.filter(|since| now >= *since + SILENT);
         if let Some(since) = silent.filter(|_| self.status.state == State::Live) {
             all.push(Elsewhere { ago_ms: ago_ms(since), ..plain("command_lines") });
         }
@@ -211,8 +179,8 @@ impl Info {
     /// What the board said of the I-variables that switch functions on.
     #[must_use]
     pub fn enabling(&self) -> Enabling {
-        let Enabling { asked, .. } = self.status.enabling;
-        Enabling { asked: asked.max(self.confirmed), ..self.status.enabling }
+        let Enabling { asked, .. } = self.status.lines.enabling;
+        Enabling { asked: asked.max(self.confirmed), ..self.status.lines.enabling }
     }
 
     /// The board has said at `now` that background variables are switched on.
@@ -222,25 +190,18 @@ impl Info {
 
     /// Takes what the bus thread reports. Gives the motors whose loop has opened.
     pub fn take(&mut self, status: BoardStatus) -> Motors {
-        let opened = Motors::from_bits(status.open_loops & !self.status.open_loops);
+        let opened = status.motors.open_loops.without(self.status.motors.open_loops);
         self.status = status;
         let board = &mut self.board;
         board.state = status.state;
         board.enabled = status.enabled.names();
-        board.command_port = status.command_port;
-        board.command_state = status.command_state;
-        board.reply_end_missing = status.reply_end_missing;
-        board.answers_otherwise = status.answers_otherwise;
-        board.control_characters = status.control_characters;
-        board.open_buffer = status.buffer.info();
-        board.open_buffer_unsaid = status.buffer.is_unsaid;
+        board.lines = status.lines.info;
+        board.open_buffer = status.lines.buffer.info();
         board.replay = status.replay.or(board.replay);
         board.waiting = status.uses.waiting().collect();
-        board.definitions = status.definitions;
         board.program_words = status.uses.program_words(self.family).collect();
         if let Some(host_port) = &mut board.host_port {
-            let HostPortCounts { served, old, unannounced } = status.host_port;
-            (host_port.served, host_port.old, host_port.unannounced) = (served, old, unannounced);
+            host_port.counts = status.host_port;
         }
         if let Some(KnownIdentity { firmware, board_type, motors, servo_period_ns }) = status.identity {
             board.firmware = firmware.as_deref().map(str::to_owned);
@@ -298,59 +259,5 @@ impl Pulse {
     #[must_use]
     pub fn board(&self) -> BoardInfo {
         self.board.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::daemon::shared::queue::queue;
-    use crate::map::PMAC;
-    use crate::protocol::{CommandState, State};
-
-    #[test]
-    fn what_changes_is_reported_once_and_read() {
-        let (events, told) = queue(1).unwrap();
-        let mut report = InfoReport::default();
-        let board = BoardInfo {
-            name: "pmac0".to_owned(),
-            firmware: Some("1.16D".to_owned()),
-            ..BoardInfo::default()
-        };
-        let mut info = Info::new(&PMAC, board, BoardSettings::default());
-        let mut take = |report: &mut InfoReport| {
-            report.poll(&events);
-            let event = told.try_receive();
-            if let Some(Event::Info(status)) = event {
-                info.take(status);
-            }
-            (event.is_some(), info.board().clone(), info.pulse().board())
-        };
-        assert!(!take(&mut report).0, "nothing has changed");
-        report.set(|status| {
-            status.state = State::Live;
-            status.enabled = Enabled::SERVO | Enabled::INTERRUPT;
-            status.command_state = CommandState::Silent;
-        });
-        let (reported, board, seen) = take(&mut report);
-        assert!(reported && board == seen);
-        assert_eq!((board.state, board.command_state), (State::Live, CommandState::Silent));
-        assert_eq!(
-            (board.enabled, board.firmware.as_deref()),
-            (vec!["servo".to_owned(), "interrupt".to_owned()], Some("1.16D"))
-        );
-        assert!(!take(&mut report).0, "it was told");
-        report.set(|status| {
-            let identity =
-                KnownIdentity { firmware: None, board_type: None, motors: 4, servo_period_ns: Some(5) };
-            status.identity = Some(identity);
-        });
-        assert!(events.try_send(Event::Info(BoardStatus::default())).is_ok());
-        report.poll(&events);
-        assert!(report.is_untold());
-        told.try_receive();
-        let (reported, board, _) = take(&mut report);
-        assert!(reported && !report.is_untold(), "a full queue is tried again");
-        assert_eq!((board.motors, board.servo_period_ns, board.firmware), (4, Some(5), None));
     }
 }

@@ -95,7 +95,7 @@ impl BoardLoop {
     /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
     /// reset if it `is_new`.
     pub(super) fn after_reset(&mut self, is_new: bool) -> Result<(), PortError> {
-        self.reporter.note(|status| status.resets += u32::from(is_new));
+        self.reporter.status.resets += u32::from(is_new);
         self.write_page();
         self.functions.ascii.open_line()?;
         let (functions, mut context) = self.functions_in_context();

@@ -87,7 +87,7 @@ impl BoardLoop {
         }
         // Beat at once when the board comes to life, so that waiting clients need not wait 50 ms.
         let beats = now + HEARTBEAT_SPARE_NS >= self.heartbeat_due_ns;
-        if beats || self.shows_life() && self.reporter.state() != Some(State::Live) {
+        if beats || self.shows_life() && self.reporter.status.state != State::Live {
             self.heartbeat_due_ns = now + HEARTBEAT_NS;
             self.beat(now);
             self.reporter.tend_log();

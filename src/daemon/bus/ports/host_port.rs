@@ -10,13 +10,13 @@ use log::{info, warn};
 
 use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::config::ports::HostPortConfig;
-use crate::daemon::shared::status::HostPortCounts;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::HostPort;
 use crate::function::line_port::PortError;
 use crate::map::Controller;
 use crate::protocol::CommandPort;
+use crate::protocol::HostPortCounts;
 
 /// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
 /// acknowledged all the same.

@@ -6,6 +6,7 @@ use super::*;
 use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::shared::open_buffer::{Account, Barred};
 use crate::daemon::shared::queue::{Receive, queue};
+use crate::daemon::shared::status::LinesStatus;
 use crate::device::FileBoard;
 use crate::format::TextOrder;
 use crate::function::ascii::REST;
@@ -37,6 +38,13 @@ struct Rig {
 }
 
 impl Rig {
+    /// What the queue knows now.
+    fn status(&self) -> LinesStatus {
+        let mut status = LinesStatus::default();
+        self.queue.tell(&mut status, true, self.now);
+        status
+    }
+
     /// What the socket was told, with the lines of replies and the texts of programs.
     fn told(&self) -> Vec<String> {
         let shown = |event| match event {
@@ -394,7 +402,7 @@ fn a_board_that_marks_no_end_is_named_and_does_not_hold_up_the_line_that_mends_i
     rig.now += Duration::from_secs(1);
     rig.poll();
     rig.rest();
-    assert!(rig.queue.state() == CommandState::Answers && rig.queue.reply_end_missing());
+    assert!(rig.queue.state() == CommandState::Answers && rig.status().info.reply_end_missing);
     rig.send(2, "I3=2", Duration::from_secs(1));
     rig.poll();
     rig.poll();

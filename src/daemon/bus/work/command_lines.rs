@@ -12,10 +12,9 @@ use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::daemon::bus::readable::{Interrupts, Readable};
 use crate::daemon::bus::work::ascii::AsciiQueue;
-use crate::daemon::shared::status::HostPortCounts;
 use crate::device::{Bus, BusError, Interrupt};
 use crate::function::line_port::PortError;
-use crate::protocol::{CommandPort, CommandState};
+use crate::protocol::{CommandPort, CommandState, HostPortCounts};
 use crate::segment::Counter;
 
 /// Command lines: who waits for whom, and how a response is announced.

@@ -136,9 +136,10 @@ mod tests {
     use crate::daemon::shared::info::Info;
     use crate::daemon::shared::job::Job;
     use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
-    use crate::daemon::shared::status::BoardStatus;
+    use crate::daemon::shared::status::{BoardStatus, MotorsStatus};
     use crate::device::Trace;
     use crate::function::line_port::ResponseText;
+    use crate::map::Motors;
     use crate::map::{PMAC, TURBO2};
     use crate::protocol::function::Functions;
     use crate::protocol::{BoardInfo, BoardSettings};
@@ -193,7 +194,10 @@ mod tests {
         others.push(client(&mut server, &jog("PanelHold", 1, true), now));
         settle(&mut server, now);
         assert_eq!(server.kept().leases, 1);
-        let open = BoardStatus { open_loops: 1, ..BoardStatus::UNKNOWN };
+        let open = BoardStatus {
+            motors: MotorsStatus { open_loops: Motors::of(1), ..MotorsStatus::default() },
+            ..BoardStatus::default()
+        };
         assert!(answers.try_send(Event::Info(open)).is_ok());
         settle(&mut server, now);
         let mut reply = [0; 512];

@@ -17,7 +17,7 @@ fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
             assert_eq!(rig.ended(), [(1, Outcome::Done)]);
         } else {
             assert_eq!(rig.ended(), [(1, Outcome::Barred(Barred::Open(None)))]);
-            assert!(rig.queue.standing(rig.now).0.is_open);
+            assert!(rig.status().buffer.is_open);
         }
     }
 }
@@ -69,9 +69,9 @@ fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
     rig.respond(response::ACKNOWLEDGE);
     rig.poll();
     assert_eq!(rig.take(), "P5=7");
-    assert!(rig.queue.standing(rig.now).0.is_unsaid);
+    assert!(rig.status().buffer.is_unsaid);
     rig.queue.see_buffer(Some((false, 1)));
-    assert!(!rig.queue.standing(rig.now).0.is_unsaid, "a report tells");
+    assert!(!rig.status().buffer.is_unsaid, "a report tells");
 }
 
 #[test]

@@ -216,6 +216,16 @@ impl Check {
         self.given_up = None;
     }
 
+    /// Whether the board answers, but marks no end of its replies.
+    pub(super) const fn marks_no_end(&self) -> bool {
+        self.marks_no_end
+    }
+
+    /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    pub(super) const fn is_answered_otherwise(&self) -> bool {
+        self.tries >= TRIES
+    }
+
     /// The command that was given up and holds the port.
     pub(super) const fn given_up(&self) -> Option<GivenUp> {
         self.given_up
@@ -223,18 +233,6 @@ impl Check {
 }
 
 impl AsciiQueue {
-    /// Whether the board answers, but marks no end of its replies.
-    #[must_use]
-    pub fn reply_end_missing(&self) -> bool {
-        self.check.marks_no_end
-    }
-
-    /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
-    #[must_use]
-    pub fn is_answered_otherwise(&self) -> bool {
-        self.check.tries >= TRIES
-    }
-
     /// Sends the line.
     pub(super) fn begin_check(
         &mut self,
@@ -318,7 +316,7 @@ impl AsciiQueue {
         }
         self.check.not_before = now + AGAIN;
         self.check.tries = self.check.tries.saturating_add(u8::from(self.check.is_answered));
-        let is_otherwise = self.check.tries >= TRIES;
+        let is_otherwise = self.check.is_answered_otherwise();
         match self.check.asks {
             Asks::Handshake if is_otherwise && self.programs.is_replay => {
                 self.state = CommandState::Answers;

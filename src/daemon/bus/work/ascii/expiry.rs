@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use super::wait::Wait;
 use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
-use crate::daemon::shared::open_buffer::Standing;
 use crate::daemon::shared::queue::{
     Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
 };
+use crate::daemon::shared::status::LinesStatus;
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
@@ -185,13 +185,26 @@ impl AsciiQueue {
         self.check.given_up().or(line)
     }
 
-    /// The program buffer that is open, as far as known, and what holds the port: not of each quick line, lest the socket is
-    /// told twice of every one.
-    #[must_use]
-    pub fn standing(&self, now: Instant) -> (Standing, Option<GivenUp>) {
+    /// Writes into `status` what the queue knows `now`; how far the board is with its M-variables only if it is `with_counts`. Which
+    /// line holds the port is not told of each quick line, lest the socket is told twice of every one.
+    pub fn tell(&self, status: &mut LinesStatus, with_counts: bool, now: Instant) {
         let is_given_up = self.check.given_up().is_some();
-        let holds = self.holds_port().filter(|holds| is_given_up || now >= holds.since + SLOW);
-        (self.buffer.standing(), holds)
+        status.holds_port = self.holds_port().filter(|holds| is_given_up || now >= holds.since + SLOW);
+        status.buffer = self.buffer.standing();
+        status.enabling = self.identifier.enabling();
+        status.changes = self.identifier.changes();
+        let is_silent = self.state == CommandState::Silent;
+        status.silent_since = status.silent_since.or(Some(now)).filter(|_| is_silent);
+        let info = &mut status.info;
+        info.command_port = self.ports.in_use();
+        info.command_state = self.state;
+        info.reply_end_missing = self.check.marks_no_end();
+        info.answers_otherwise = self.check.is_answered_otherwise();
+        info.control_characters = self.takes_characters();
+        info.open_buffer_unsaid = status.buffer.is_unsaid;
+        if with_counts {
+            info.definitions = self.scan.progress();
+        }
     }
 
     /// Tells a caller that nothing of his command was sent, and why.

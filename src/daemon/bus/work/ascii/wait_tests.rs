@@ -79,11 +79,11 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
     let by = Origin { uid: 1000, shown: Text::of(&"SLOW"), stays: false };
     let holds = GivenUp { by, since: begun };
     assert_eq!(rig.ended(), [(3, Outcome::Refused(holds.reason(rig.now)))]);
-    assert_eq!(rig.queue.standing(rig.now).1, Some(holds), "so those are told who wait before the socket");
+    assert_eq!(rig.status().holds_port, Some(holds), "so those are told who wait before the socket");
     rig.respond(response::ACKNOWLEDGE);
     rig.poll();
     assert_eq!(rig.take(), "P2=1");
-    assert_eq!(rig.queue.standing(rig.now).1, None, "not of every quick line");
+    assert_eq!(rig.status().holds_port, None, "not of every quick line");
 }
 
 #[test]
