@@ -22,8 +22,8 @@ use pmac_dpram::function::variable_write::{POLL_RECORDS, VariableWriter, WriteRe
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::functions::VARIABLE_READ_ENTRIES;
 use pmac_dpram::map::{
-    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, PMAC, Region, Space, TURBO2_8K,
-    VariableKind,
+    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, Motors, PMAC, Region, Space,
+    TURBO2_8K, VariableKind,
 };
 use pmac_dpram::protocol::check_line;
 
@@ -120,9 +120,9 @@ impl Functions {
     fn servo(&mut self, bus: &mut RamBus, how: u8) -> Result<(), PortError> {
         let block = &self.family.servo;
         match how {
-            0 => self.servo.set_motors(0),
-            1 => self.servo.set_motors(0xFF),
-            2 => self.servo.set_motors(u32::MAX),
+            0 => self.servo.set_motors(Motors::NONE),
+            1 => self.servo.set_motors(Motors::first(8)),
+            2 => self.servo.set_motors(Motors::ALL),
             3 => self.servo.reset(),
             4 => ServoReader::release(block, bus)?,
             _ => {

@@ -26,11 +26,11 @@ use pmac_dpram::function::variable_read::{VariableEntry, VariableMode};
 use pmac_dpram::function::variable_write::WriteRecord;
 use pmac_dpram::gather::GatherMode;
 use pmac_dpram::map::{
-    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, PMAC, Space, TURBO2_8K, VariableKind,
+    BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, Motors, PMAC, Space, TURBO2_8K,
+    VariableKind,
 };
 use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
 use pmac_dpram::protocol::{BoardSettings, Function};
-use pmac_dpram::segment::identity::first_motors;
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
 use super::bus::{RamBus, register};
@@ -180,7 +180,7 @@ impl Bench<'_> {
                 self.in_context(|functions, context| functions.acquire(context).unwrap());
             }
             7 => self.functions.servo.configure(
-                first_motors(tape.u8().into()),
+                Motors::first(tape.u8().into()),
                 Some(u64::from(tape.u32())),
                 Some(tape.u32()),
             ),

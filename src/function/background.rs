@@ -19,7 +19,7 @@ use std::ops::Range;
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::Flag;
-use crate::map::{BackgroundBlock, Selection, WholeBoard};
+use crate::map::{BackgroundBlock, Motors, Selection, Systems, WholeBoard};
 
 /// What a poll of the background report gave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,33 +129,32 @@ impl BackgroundReader {
         Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
-    /// The motors whose amplifier was off at the last report, bit n-1 for motor n: killed ones; only of those whose status is
-    /// read.
+    /// The motors whose amplifier was off at the last report: killed ones; only of those whose status is read.
     #[must_use]
-    pub fn amplifiers_off(&self) -> u32 {
-        let Some(flag) = self.block.amplifier_enabled else { return 0 };
-        self.flags(flag).fold(0, |mask, (at, is_set)| mask | u32::from(!is_set) << at)
+    pub fn amplifiers_off(&self) -> Motors {
+        let Some(flag) = self.block.amplifier_enabled else { return Motors::NONE };
+        self.flags(flag).filter_map(|(motor, is_set)| (!is_set).then_some(motor)).collect()
     }
 
-    /// The coordinate systems that ran a motion program at the last report, bit 0 being number 1; `None` where not every one's status
-    /// is read.
+    /// The coordinate systems that ran a motion program at the last report; `None` where not every one's status is read.
     #[must_use]
-    pub fn programs_run(&self) -> Option<u32> {
-        let (count, mask) = self
-            .flags(self.block.program_runs)
-            .fold((0, 0), |(count, mask), (at, is_set)| (count + 1, mask | u32::from(is_set) << at));
-        (count == self.block.blocks.count).then_some(mask)
+    pub fn programs_run(&self) -> Option<Systems> {
+        let flags = || self.flags(self.block.program_runs);
+        (flags().count() == self.block.blocks.count)
+            .then(|| flags().filter_map(|(system, is_set)| is_set.then_some(system)).collect())
     }
 
-    /// A flag of each block that is read, by the blocks' places, from 0.
+    /// A flag of each block that is read, by the blocks' numbers, from 1.
     fn flags(&self, flag: Flag) -> impl Iterator<Item = (usize, bool)> + '_ {
         let blocks = &self.block.blocks;
         let word = flag.word.words_since(blocks.first);
         let is_read = self.runs.iter().any(|run| run.contains(&word));
         let status = self.image.iter().skip(self.block.index(flag.word)).step_by(blocks.words);
-        let read = status.take(if is_read { self.count() } else { 0 }).enumerate();
-        read.filter(|(at, _)| self.selection.has_number(at + 1))
-            .map(move |(at, word)| (at, flag.is_set(*word)))
+        let read = status.take(if is_read { self.count() } else { 0 });
+        (1..)
+            .zip(read)
+            .filter(|(number, _)| self.selection.has_number(*number))
+            .map(move |(number, word)| (number, flag.is_set(*word)))
     }
 
     /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.

@@ -20,7 +20,7 @@ use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
     VARIABLE_WRITE_COUNT,
 };
-use crate::map::{Family, HostOffset, Layout, PMAC, Region, VariableKind};
+use crate::map::{Family, HostOffset, Layout, Motors, PMAC, Region, VariableKind};
 use crate::rotary::START_OF_LINE;
 
 pub const PLACE: Region =
@@ -75,7 +75,7 @@ fn servo() {
     ] {
         for n in 0..=8 {
             let (mut rig, mut reader) = (Rig::new(), ServoReader::new(&PMAC.servo, reading));
-            reader.set_motors((1 << n) - 1);
+            reader.set_motors(Motors::first(n as usize));
             reader.poll(&mut rig.host).unwrap();
             rig.put(SERVO_PMAC_STATUS, 1);
             let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());

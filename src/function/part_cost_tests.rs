@@ -14,7 +14,7 @@ use crate::map::pmac::{
     BACKGROUND_DATA_READY, BACKGROUND_SERVO_TIMER, DATA_READY, SERVO_HOST_STATUS, SERVO_MOTOR,
     SERVO_PMAC_STATUS, VARIABLE_READ_CONTROL,
 };
-use crate::map::{Layout, PMAC, Selection, ServoBlock, TURBO, TURBO2};
+use crate::map::{Layout, Motors, PMAC, Selection, ServoBlock, TURBO, TURBO2};
 
 const ALL: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -41,7 +41,7 @@ fn a_part_of_the_servo_report() {
     ] {
         let mut rig = Rig::new();
         let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
-        reader.set_motors((1 << reported) - 1);
+        reader.set_motors(Motors::first(reported as usize));
         reader.poll(&mut rig.host).unwrap();
         for word in 0..PMAC.servo.words() {
             rig.put(SERVO_HOST_STATUS.plus_words(word), 0x1111);
@@ -89,7 +89,7 @@ fn a_part_of_the_background_report() {
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
     let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
-    reader.set_motors((1 << motors) - 1);
+    reader.set_motors(Motors::first(motors as usize));
     reader.poll(&mut rig.host).unwrap();
     for word in 0..PMAC.servo.words() {
         rig.put(SERVO_HOST_STATUS.plus_words(word), word as u16);
@@ -192,7 +192,7 @@ fn c5_an_update_of_a_turbo_board() {
             for n in [1, 8, 32] {
                 let mut rig = Rig::of(family, access);
                 let mut reader = ServoReader::new(&family.servo, reading);
-                reader.set_motors(all(n));
+                reader.set_motors(Motors::from_bits(all(n)));
                 turbo_report(&mut rig, &family.servo, 1);
                 let (first, _) = rig.cost(|bus| reader.poll(bus).unwrap());
                 assert_eq!(first, ServoPoll::First(1));

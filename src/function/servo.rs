@@ -88,10 +88,10 @@ pub struct ServoReader {
     block: &'static ServoBlock,
     reading: ServoReading,
     selection: Selection,
-    /// The motors the board is said to report, bit n-1 for motor n; `None` until somebody says it.
-    told: Option<u32>,
+    /// The motors the board is said to report; `None` until somebody says it.
+    told: Option<Motors>,
     /// Of those the ones it does report.
-    motors: u32,
+    motors: Motors,
     /// The report's mask is to be written.
     mask_due: bool,
     /// But not now: words of motors that the board was not told to report may be somebody's.
@@ -101,7 +101,7 @@ pub struct ServoReader {
     /// So many updates more until the mask is read again.
     mask_updates: u32,
     /// Of the motors told, those that somebody else has taken out of the mask, and whether that has changed.
-    taken_out: u32,
+    taken_out: Motors,
     taken_out_changed: bool,
     /// What is read of the motors' blocks, in words from the first one's start.
     runs: Vec<Range<usize>>,
@@ -109,7 +109,7 @@ pub struct ServoReader {
     clock: Clock,
     image: Box<[u16]>,
     /// What the motors' status in it says.
-    open_loops: u32,
+    open_loops: Motors,
     motion: Motion,
 }
 
@@ -128,22 +128,22 @@ impl ServoReader {
             reading,
             selection,
             told: None,
-            motors: u32::MAX,
+            motors: Motors::ALL,
             mask_due: false,
             as_found: false,
             mask_found: None,
             mask_updates: 0,
-            taken_out: 0,
+            taken_out: Motors::NONE,
             taken_out_changed: false,
             // Room for any selection, so that it is not allocated later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
             clock: Clock::real(),
             image: vec![0; block.words()].into_boxed_slice(),
-            open_loops: 0,
+            open_loops: Motors::NONE,
             motion: Motion::default(),
         };
-        reader.read_motors(u32::MAX);
+        reader.read_motors(Motors::ALL);
         reader
     }
 
@@ -166,24 +166,24 @@ impl ServoReader {
         self.block.timer.bits()
     }
 
-    /// Reads from now on the motors that the board reports, bit n-1 for motor n. PMAC leaves the blocks of the others as
+    /// Reads from now on the motors that the board reports. PMAC leaves the blocks of the others as
     /// they are, so those are not read. Where the report has a mask, the next poll has the board report them.
-    pub fn set_motors(&mut self, motors: u32) {
+    pub fn set_motors(&mut self, motors: Motors) {
         self.told = Some(motors);
         self.mask_due = self.block.mask.is_some();
         self.mask_updates = 0;
         self.read_motors(motors);
     }
 
-    /// Which motors somebody else has taken out of the mask, bit n-1 for motor n, if that has changed since the last call.
-    pub fn take_taken_out(&mut self) -> Option<u32> {
+    /// Which motors somebody else has taken out of the mask, if that has changed since the last call.
+    pub fn take_taken_out(&mut self) -> Option<Motors> {
         std::mem::take(&mut self.taken_out_changed).then_some(self.taken_out)
     }
 
-    /// The motors that are not read because the report's mask is left as it is found, bit n-1 for motor n.
+    /// The motors that are not read because the report's mask is left as it is found.
     #[must_use]
-    pub fn left_out(&self) -> u32 {
-        if self.as_found { self.told.unwrap_or_default() & !self.motors } else { 0 }
+    pub fn left_out(&self) -> Motors {
+        if self.as_found { self.told.unwrap_or_default().without(self.motors) } else { Motors::NONE }
     }
 
     /// Whether to leave the report's mask as it is found, and read the motors that it has.
@@ -198,19 +198,19 @@ impl ServoReader {
         }
     }
 
-    fn read_motors(&mut self, motors: u32) {
+    fn read_motors(&mut self, motors: Motors) {
         self.motors = motors;
         let ServoBlock { motors: blocks, .. } = self.block;
         self.reported().runs(blocks.words, blocks.count, &mut self.runs);
         let read = self.masked();
         let image = &mut self.image[self.block.index(blocks.first)..];
-        let others = image.chunks_mut(blocks.words).enumerate().filter(|(at, _)| read >> at & 1 == 0);
+        let others = (1..).zip(image.chunks_mut(blocks.words)).filter(|(motor, _)| !read.contains(*motor));
         others.for_each(|(_, block)| block.fill(0));
         self.see_motors();
     }
 
     fn reported(&self) -> Selection {
-        self.selection.among(self.motors)
+        self.selection.among(self.motors.bits())
     }
 
     /// The buffer as last taken, from the region's first word on, up to the last motor read. The mask, where the report
@@ -229,9 +229,9 @@ impl ServoReader {
         Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
-    /// The motors whose loop was open at the last update, bit n-1 for motor n; only of those whose status is read.
+    /// The motors whose loop was open at the last update; only of those whose status is read.
     #[must_use]
-    pub fn open_loops(&self) -> u32 {
+    pub fn open_loops(&self) -> Motors {
         self.open_loops
     }
 
@@ -244,16 +244,13 @@ impl ServoReader {
     fn see_motors(&mut self) {
         self.open_loops = self.motors_with(self.block.open_loop);
         let known = self.motors_with(self.block.activated);
-        let standing = self.motors_with(self.block.standing) | self.open_loops;
-        self.motion = Motion {
-            moving: Motors::from_bits(known & !standing),
-            standing: Motors::from_bits(known & standing),
-        };
+        let standing = self.motors_with(self.block.standing).and(self.open_loops);
+        self.motion = Motion { moving: known.without(standing), standing: known.among(standing) };
     }
 
-    fn motors_with(&self, flag: Flag) -> u32 {
+    fn motors_with(&self, flag: Flag) -> Motors {
         let status = self.image[self.block.index(flag.word)..].chunks(self.block.motors.words);
-        status.enumerate().fold(0, |mask, (motor, words)| mask | u32::from(flag.is_set(words[0])) << motor)
+        (1..).zip(status).filter_map(|(motor, words)| flag.is_set(words[0]).then_some(motor)).collect()
     }
 
     /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an
@@ -340,23 +337,21 @@ impl ServoReader {
             return Ok(());
         }
         let seen = read32(bus, mask)?;
-        let (motors, before) = if writes {
-            (self.told.unwrap_or(u32::MAX), seen)
-        } else {
-            (self.told.unwrap_or(u32::MAX) & seen, self.motors)
-        };
+        let (told, in_mask) = (self.told.unwrap_or(Motors::ALL), Motors::from_bits(seen));
+        let (motors, before) = if writes { (told, in_mask) } else { (told.among(in_mask), self.motors) };
         if motors != self.motors {
             self.read_motors(motors);
         }
         // What is left as it is found says nothing of others.
-        let taken_out = if self.as_found { self.taken_out } else { self.told.unwrap_or_default() & !motors };
+        let taken_out =
+            if self.as_found { self.taken_out } else { self.told.unwrap_or_default().without(motors) };
         self.taken_out_changed |= std::mem::replace(&mut self.taken_out, taken_out) != taken_out;
-        if motors & !before != 0 {
+        if !before.has_all(motors) {
             // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
             self.last_timer = None;
         }
         if writes {
-            let masked = self.masked();
+            let masked = self.masked().bits();
             let found =
                 self.mask_found.filter(|[_, written]| *written == seen).map_or(seen, |[found, _]| found);
             self.mask_found = Some([found, masked]);
@@ -367,9 +362,9 @@ impl ServoReader {
         Ok(())
     }
 
-    /// The motors that are read, bit n-1 for motor n.
-    fn masked(&self) -> u32 {
-        self.reported().mask(self.block.motors.count)
+    /// The motors that are read.
+    fn masked(&self) -> Motors {
+        Motors::from_bits(self.reported().mask(self.block.motors.count))
     }
 
     /// Whether the host clears PMAC's flag.
@@ -439,7 +434,7 @@ impl ServoReader {
         self.image[block.index(block.pmac_status.word)] = before.flag;
         if let Some(mask) = block.mask {
             let at = block.index(mask);
-            let motors = split32(self.masked());
+            let motors = split32(self.masked().bits());
             self.image[at..at + 2].copy_from_slice(&motors);
             self.mask_updates = self.mask_updates.saturating_sub(1);
         }

@@ -35,7 +35,7 @@ fn an_update_costs_the_words_it_needs() {
     for (reading, overhead) in [(ServoReading::Optimistic, 2), (ServoReading::Handshake, 5)] {
         for motors in 0..=8 {
             let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, reading));
-            reader.set_motors((1 << motors) - 1);
+            reader.set_motors(Motors::first(motors as usize));
             reader.poll(&mut bus).unwrap();
             update(&mut bus, 1);
             let before = bus.accesses();

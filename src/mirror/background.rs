@@ -8,7 +8,7 @@ use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
 use crate::function::background::{BackgroundPoll, BackgroundReader};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{BackgroundBlock, Selection, WholeBoard};
+use crate::map::{BackgroundBlock, Motors, Selection, Systems, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -141,17 +141,16 @@ impl BackgroundMirror {
         self.told.whole_board.filter(|_| self.is_live())
     }
 
-    /// The motors whose amplifier is off, bit n-1 for motor n, as far as the reports tell: none while none come.
+    /// The motors whose amplifier is off, as far as the reports tell: none while none come.
     #[must_use]
-    pub fn amplifiers_off(&self) -> u32 {
-        if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { 0 }
+    pub fn amplifiers_off(&self) -> Motors {
+        if self.is_live() && self.reports > 0 { self.reader.amplifiers_off() } else { Motors::NONE }
     }
 
-    /// The coordinate systems that run a motion program, bit 0 being number 1, and when the report was asked for that says so; `None`
-    /// where no report tells that is at most
-    /// `age_ns` old at `now`.
+    /// The coordinate systems that run a motion program, and when the report was asked for that says so; `None` where no report tells
+    /// that is at most `age_ns` old at `now`.
     #[must_use]
-    pub fn programs_run(&self, now: u64, age_ns: u64) -> Option<(u32, u64)> {
+    pub fn programs_run(&self, now: u64, age_ns: u64) -> Option<(Systems, u64)> {
         let is_told = self.is_live() && self.reports > 0 && self.is_new(now, age_ns);
         let runs = if is_told { self.reader.programs_run() } else { None };
         runs.map(|runs| (runs, self.told.asked_ns))

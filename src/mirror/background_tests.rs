@@ -100,7 +100,7 @@ impl Rig {
 fn whether_a_motion_program_runs_is_told_where_every_coordinate_system_is_reported() {
     let mut rig = Rig::new();
     rig.run_to_next();
-    let told = |rig: &Rig| rig.mirror.programs_run(rig.now, SECOND).map(|(systems, _)| systems != 0);
+    let told = |rig: &Rig| rig.mirror.programs_run(rig.now, SECOND).map(|(systems, _)| !systems.is_empty());
     assert_eq!(told(&rig), None, "the report has two of eight");
     rig.mirror.configure(8);
     let third = PMAC.background.program_runs.word.plus_words(2 * PMAC.background.blocks.words);

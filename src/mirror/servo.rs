@@ -10,7 +10,7 @@ use crate::clock::Clock;
 use crate::device::{Bus, BusError};
 use crate::function::servo::{Motion, ServoPoll, ServoReader, ServoReading};
 use crate::function::servo_timer::ServoTimer;
-use crate::map::{BusyRule, Selection, ServoBlock, WholeBoard};
+use crate::map::{BusyRule, Motors, Selection, ServoBlock, WholeBoard};
 use crate::segment::freshness::limit_ns;
 use crate::segment::{BlockPlace, Counter, Publisher, RegionId, RegionSpec, RegionState, Stamp};
 
@@ -119,9 +119,9 @@ impl ServoMirror {
         ServoReader::release(self.block, bus)
     }
 
-    /// Takes what the board said: the motors it reports, bit n-1 for motor n, its servo period, and the report's period
+    /// Takes what the board said: the motors it reports, its servo period, and the report's period
     /// in servo cycles, 0 where it has none.
-    pub fn configure(&mut self, motors: u32, servo_period_ns: Option<u64>, cycles: Option<u32>) {
+    pub fn configure(&mut self, motors: Motors, servo_period_ns: Option<u64>, cycles: Option<u32>) {
         self.reader.set_motors(motors);
         if let Some(cycles) = cycles
             && self.gaps.cycles() != Some(cycles)
@@ -173,10 +173,10 @@ impl ServoMirror {
         self.reader.whole_board().filter(|_| self.is_live())
     }
 
-    /// The motors whose loop is open, bit n-1 for motor n, as far as the servo data tell: none while no data come.
+    /// The motors whose loop is open, as far as the servo data tell: none while no data come.
     #[must_use]
-    pub fn open_loops(&self) -> u32 {
-        if self.is_live() { self.reader.open_loops() } else { 0 }
+    pub fn open_loops(&self) -> Motors {
+        if self.is_live() { self.reader.open_loops() } else { Motors::NONE }
     }
 
     /// Which motors move, as far as the servo data tell: nothing is known while no data come.

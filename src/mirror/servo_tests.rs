@@ -38,7 +38,7 @@ impl Rig {
         directory.path().clone_into(&mut options.directory);
         let time = ManualTime::at(1_000_000_000_000);
         let mut mirror = ServoMirror::new(&TURBO2.servo, reading, time.clock());
-        mirror.configure(MASK, Some(CYCLE_NS), Some(1));
+        mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(1));
         let mut rig = Self {
             bus: Counted::new(FileBoard::from_file(&file, length).unwrap()),
             mirror,
@@ -184,7 +184,7 @@ fn other_motors_than_before_leave_nothing_of_those_before() {
     rig.poll();
     rig.update(2);
     rig.poll();
-    rig.mirror.configure(0b100, Some(CYCLE_NS), Some(1));
+    rig.mirror.configure(Motors::of(3), Some(CYCLE_NS), Some(1));
     rig.update(3);
     assert_eq!(rig.poll().1, 4 + 24 + 5, "the mask, looked at and written, the update");
     let (_, data) = rig.latest().unwrap();
@@ -218,7 +218,7 @@ fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
     rig.put(0x0072, 0);
     updates(&mut rig, 1000);
     assert_eq!(shown(&rig), [3]);
-    assert_eq!(rig.mirror.reader.take_taken_out(), Some(1 | 1 << 31));
+    assert_eq!(rig.mirror.reader.take_taken_out(), Some(Motors::from_bits(1 | 1 << 31)));
     rig.put(0x0072, 0x8000);
     updates(&mut rig, 2000);
     assert_eq!(shown(&rig), [3, 32], "back as soon as it is seen");
@@ -285,7 +285,7 @@ fn c3_a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_ne
     rig.put(0x0072, 0);
     // It lies there with what was motor 32's before.
     rig.update(3);
-    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(1));
+    rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(1));
     rig.poll();
     let servo_timer = |rig: &Rig| rig.latest().unwrap().1.servo_timer;
     assert_eq!(servo_timer(&rig), 2);
@@ -353,7 +353,7 @@ fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     // Section 4: with I57=1 "when more than I50 servo cycles have passed since the last copy", with I47=0 when the host has
     // taken the last one. What the daemon was told before no longer counts.
-    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(0));
+    rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(0));
     let mut timer = 1000;
     rig.update(timer);
     rig.poll();
@@ -364,7 +364,7 @@ fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
         rig.poll();
     }
     assert_eq!((rig.counter(Counter::Updates), rig.counter(Counter::Missed)), (200, 0));
-    rig.mirror.configure(MASK, Some(CYCLE_NS), Some(10));
+    rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(10));
     rig.time.advance(Duration::from_nanos(CYCLE_NS * 29));
     rig.update(timer + 30);
     rig.poll();
@@ -384,7 +384,7 @@ fn c1_a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
         let (mut wake, mut last_quarter) = (0, 0);
         for cycle in 0..CYCLES {
             if cycle == told_at {
-                rig.mirror.configure(MASK, Some(CYCLE_NS), Some(0));
+                rig.mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(0));
                 rig.mirror.set_on_request(true);
             }
             while wake < start + cycle * CYCLE_NS {

@@ -147,7 +147,7 @@ fn c1_the_host_takes_every_update_of_the_motors() {
             bench.set(48, 1.0);
             let mut bus = bench.bus();
             let mut reader = ServoReader::new(&crate::map::TURBO2.servo, reading);
-            reader.set_motors(1 << 31 | 1);
+            reader.set_motors(crate::map::Motors::from_bits(1 << 31 | 1));
             let mut timers = Vec::new();
             for _ in 0..60 {
                 bench.run(1);

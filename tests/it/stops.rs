@@ -457,7 +457,7 @@ fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
     use pmac_dpram::daemon::shared::queue::{Event, Outcome, Ticket};
     use pmac_dpram::device::{Bus, FileBoard};
     use pmac_dpram::function::panel::{PanelAction, PanelRequest};
-    use pmac_dpram::map::{PMAC, pmac};
+    use pmac_dpram::map::{Motors, PMAC, pmac};
     let words = &pmac::PANEL_BLOCK;
     let file = tempfile::tempfile().unwrap();
     file.set_len(PMAC.length.into()).unwrap();
@@ -473,7 +473,7 @@ fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
     };
     assert!(told.contains("It has been withdrawn"), "{told}");
     // The board had begun with the jog: it clears the mask, in which lies a stop by now.
-    queue.end_hold(Ticket(2), 1, late + Duration::from_millis(100), late);
+    queue.end_hold(Ticket(2), Motors::of(1), late + Duration::from_millis(100), late);
     assert!(queue.poll(&mut bus, late).unwrap().is_none());
     assert_eq!(bus.read16(words.request_enable).unwrap(), 1, "the stop does not rest");
     bus.write16(words.request_enable, 0).unwrap();

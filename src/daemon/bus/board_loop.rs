@@ -36,10 +36,9 @@ use crate::daemon::shared::queue::{Command, Event, Outcome, READ_MAX};
 use crate::daemon::shared::status::MotorsStatus;
 use crate::device::{Bus, BusError, Presence};
 use crate::function::line_port::PortError;
-use crate::map::{HostOffset, WholeBoard};
+use crate::map::{HostOffset, Motors, WholeBoard};
 use crate::mirror::Transition;
 use crate::protocol::{Function, State};
-use crate::segment::identity::first_motors;
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
 
 /// How often the segment's heartbeat is written, in the round that is nearest to it.
@@ -275,7 +274,7 @@ impl BoardLoop {
         }
         let motors = identity.reported_motors().map_or(self.configured.motors, |motors| motors as usize);
         self.functions.servo.configure(
-            identity.motor_mask.unwrap_or(first_motors(motors as u32)),
+            identity.motor_mask.map_or(Motors::first(motors), Motors::from_bits),
             identity.servo_period_ps.map(|ps| ps / 1000),
             identity.servo_report_cycles,
         );

@@ -25,7 +25,7 @@ use crate::function::line_port::PortError;
 use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
-use crate::map::{BufferLayout, HostOffset, Motors, Systems, WholeBoard};
+use crate::map::{BufferLayout, HostOffset, Motors, WholeBoard};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
 use crate::protocol::{BoardSettings, CommandState, Enabled, Function, Functions, control};
 use crate::segment::{Counter, Publisher};
@@ -178,7 +178,7 @@ impl FunctionTable {
         }
         let polled = self.row(function).poll(context)?;
         if let (Function::Servo | Function::Background, Some(panel)) = (function, &mut self.panel) {
-            let off = if self.servo.is_live() { 0 } else { self.background.amplifiers_off() };
+            let off = if self.servo.is_live() { Motors::NONE } else { self.background.amplifiers_off() };
             panel.loops_mut().see_servo(self.servo.open_loops(), self.servo.updates());
             panel.loops_mut().see_background(off, self.background.reports());
         }
@@ -230,16 +230,11 @@ impl FunctionTable {
 
     /// What the reports tell of the motors. Of open loops a panel knows more than the servo report.
     fn motors(&self) -> MotorsStatus {
-        let (open, left_open, untold) = match &self.panel {
-            Some(panel) => (panel.open_loops(), panel.open_loops(), 0),
-            None => (0, self.servo.open_loops(), self.servo.reader.left_out()),
+        let (open_loops, loops_left_open, loops_untold) = match &self.panel {
+            Some(panel) => (panel.open_loops(), panel.open_loops(), Motors::NONE),
+            None => (Motors::NONE, self.servo.open_loops(), self.servo.reader.left_out()),
         };
-        MotorsStatus {
-            motion: self.servo.motion(),
-            open_loops: Motors::from_bits(open),
-            loops_left_open: Motors::from_bits(left_open),
-            loops_untold: Motors::from_bits(untold),
-        }
+        MotorsStatus { motion: self.servo.motion(), open_loops, loops_left_open, loops_untold }
     }
 
     /// What the daemon passes on of the servo report, beside its data. The copies of the global status are not among it as they lie:
@@ -257,7 +252,7 @@ impl FunctionTable {
         let board = servo.whole_board().or_else(|| background.whole_board());
         status.gathers = board.map(|board| board.gathering);
         let programs = background.programs_run(self.clock.ns(), REPORT_AGE_NS);
-        status.programs_run = programs.map(|(systems, _)| Systems::from_bits(systems));
+        status.programs_run = programs.map(|(systems, _)| systems);
         status.uses = self.uses;
         let at_work = [
             (Enabled::SERVO, servo.is_live()),
@@ -291,7 +286,7 @@ impl FunctionTable {
         let told = self.background.programs_run(self.clock.ns(), REPORT_AGE_NS);
         let queue = self.ascii.queue_mut();
         queue.see_buffer(buffer);
-        queue.see_programs(told.map(|(systems, asked_ns)| (systems != 0, asked_ns)));
+        queue.see_programs(told.map(|(systems, asked_ns)| (!systems.is_empty(), asked_ns)));
         if self.panel.as_ref().is_some_and(PanelQueue::is_busy) {
             queue.may_start_program();
         }
@@ -430,7 +425,7 @@ impl FunctionTable {
             }
             Job::EndHold(motors) => {
                 let Some(panel) = &mut self.panel else { return Ok(Some(Event::Done(ticket, no_panel()))) };
-                panel.end_hold(ticket, motors, deadline, now);
+                panel.end_hold(ticket, Motors::from_bits(motors), deadline, now);
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {

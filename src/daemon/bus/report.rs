@@ -11,7 +11,7 @@ use crate::daemon::shared::function_use::FunctionUse;
 use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
-use crate::map::{Family, LACKS_DPRAM, ReportStart, lacks_dpram};
+use crate::map::{Family, LACKS_DPRAM, Motors, ReportStart, lacks_dpram};
 use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState};
 use crate::segment::{Identity, State};
@@ -157,9 +157,9 @@ impl Reporter {
         self.send(events);
     }
 
-    /// Somebody else has taken `motors` out of the servo report's mask, bit 0 being motor 1; 0: they are in it again.
-    pub fn taken_out(&mut self, motors: u32) {
-        let (level, text) = match motors.count_ones() {
+    /// Somebody else has taken `motors` out of the servo report's mask; none: they are in it again.
+    pub fn taken_out(&mut self, motors: Motors) {
+        let (level, text) = match motors.len() {
             0 => (Level::Info, "servo data: every motor is reported again".to_owned()),
             count => (
                 Level::Warn,

@@ -1,6 +1,6 @@
 //! Which motors' scales a command line may change: until the board has told them again, they are not known.
 
-use crate::map::IVariables;
+use crate::map::{IVariables, Motors};
 use crate::protocol::i_lines::{Numbers, settings};
 use crate::protocol::line::resets;
 use crate::segment::Identity;
@@ -16,14 +16,14 @@ pub fn scale_tables(identity: &mut Identity) -> [&mut [Option<i32>]; IVariables:
 /// What is in doubt.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ScaleDoubts {
-    /// Of each of [`IVariables::SCALES`] the motors whose value is, bit n-1 for motor n.
-    motors: [u32; IVariables::SCALES.len()],
+    /// Of each of [`IVariables::SCALES`] the motors whose value is.
+    motors: [Motors; IVariables::SCALES.len()],
     /// I10, which is the scale of velocities in seconds and of the feed rate override.
     servo_period: bool,
 }
 
 impl ScaleDoubts {
-    const ALL: Self = Self { motors: [u32::MAX; IVariables::SCALES.len()], servo_period: true };
+    const ALL: Self = Self { motors: [Motors::ALL; IVariables::SCALES.len()], servo_period: true };
 
     /// The scales that `line` may change: those that it sets by number; all of them where it gives a range or an expression,
     /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
@@ -41,8 +41,8 @@ impl ScaleDoubts {
         for setting in settings {
             let Numbers::One(number) = setting.numbers else { return Some(Self::ALL) };
             let scale = IVariables::SCALES.iter().position(|scale| *scale == number as usize % 100);
-            if let (motor @ 1..=32, Some(index)) = (number / 100, scale) {
-                doubts.motors[index] |= 1 << (motor - 1);
+            if let Some(index) = scale {
+                doubts.motors[index].add(Motors::of(number as usize / 100));
             }
             doubts.servo_period |= number == u32::from(I10);
         }
@@ -52,7 +52,7 @@ impl ScaleDoubts {
     /// More doubts.
     pub fn add(&mut self, more: Self) {
         for (motors, more) in self.motors.iter_mut().zip(more.motors) {
-            *motors |= more;
+            motors.add(more);
         }
         self.servo_period |= more.servo_period;
     }
@@ -65,8 +65,8 @@ impl ScaleDoubts {
             identity.i10 = None;
         }
         for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.motors) {
-            for (index, scale) in table.iter_mut().enumerate() {
-                *scale = scale.filter(|_| motors >> index & 1 == 0);
+            for (motor, scale) in (1..).zip(table) {
+                *scale = scale.filter(|_| !motors.contains(motor));
             }
         }
         identity
@@ -88,7 +88,7 @@ mod tests {
             ("I8=1 I9908=1 I109>I108", [0; 4]),
             ("M1->X:$C000,8", [0; 4]),
         ] {
-            let expected = ScaleDoubts { motors: expected, servo_period: false };
+            let expected = ScaleDoubts { motors: expected.map(Motors::from_bits), servo_period: false };
             assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(expected), "{line}");
         }
         for line in ["I100..199=0", "I108,8,100=96", "I(P1)=7", "$$$"] {

@@ -171,7 +171,7 @@ impl BoardLoop {
     /// Sets the servo period and the time of an access, which a clock of the test's own would not show.
     #[cfg(test)]
     pub(crate) fn learn(&mut self, servo_period_ns: u64, access_ns: u64) {
-        self.functions.servo.configure(0xFF, Some(servo_period_ns), Some(1));
+        self.functions.servo.configure(crate::map::Motors::first(8), Some(servo_period_ns), Some(1));
         (0..100).for_each(|_| self.guard.took(100, Duration::from_nanos(100 * access_ns)));
     }
 }

@@ -6,10 +6,12 @@
 //! While no servo data come, after a reset for one, the background report tells which amplifiers are off: a killed motor's is,
 //! and a jog enables it (FACTS 3.2).
 
+use crate::map::Motors;
+
 /// Updates after a request was taken until the report is believed. The first may have been under way.
 const UPDATES: u64 = 2;
 
-/// What is known of the motors' loops; bit 0 is motor 1.
+/// What is known of the motors' loops.
 #[derive(Debug, Default)]
 pub struct OpenLoops {
     servo: Told,
@@ -19,52 +21,52 @@ pub struct OpenLoops {
 /// What one report says.
 #[derive(Debug, Default)]
 struct Told {
-    open: u32,
+    open: Motors,
     updates: u64,
     /// Motors of whose loops nothing is known, until that update.
-    doubted: u32,
+    doubted: Motors,
     until: u64,
 }
 
 impl Told {
-    const fn see(&mut self, open: u32, updates: u64) {
+    const fn see(&mut self, open: Motors, updates: u64) {
         (self.open, self.updates) = (open, updates);
         if updates >= self.until {
-            self.doubted = 0;
+            self.doubted = Motors::NONE;
         }
     }
 
-    const fn doubt(&mut self, motors: u32) {
-        self.doubted |= motors;
+    const fn doubt(&mut self, motors: Motors) {
+        self.doubted.add(motors);
         self.until = self.updates + UPDATES;
     }
 
-    const fn known(&self) -> u32 {
-        self.open & !self.doubted
+    const fn known(&self) -> Motors {
+        self.open.without(self.doubted)
     }
 }
 
 impl OpenLoops {
     /// The servo report was updated for the `updates`th time, and calls these loops open.
-    pub const fn see_servo(&mut self, open: u32, updates: u64) {
+    pub const fn see_servo(&mut self, open: Motors, updates: u64) {
         self.servo.see(open, updates);
     }
 
     /// The background report came for the `reports`th time, and calls these amplifiers off; none while servo data come.
-    pub const fn see_background(&mut self, off: u32, reports: u64) {
+    pub const fn see_background(&mut self, off: Motors, reports: u64) {
         self.background.see(off, reports);
     }
 
     /// A request to the panel may have changed the loops of `motors` by now.
-    pub const fn doubt(&mut self, motors: u32) {
+    pub const fn doubt(&mut self, motors: Motors) {
         self.servo.doubt(motors);
         self.background.doubt(motors);
     }
 
     /// The motors whose loop is open for sure.
     #[must_use]
-    pub const fn known(&self) -> u32 {
-        self.servo.known() | self.background.known()
+    pub const fn known(&self) -> Motors {
+        self.servo.known().and(self.background.known())
     }
 }
 
@@ -75,28 +77,28 @@ mod tests {
     #[test]
     fn a_report_from_before_a_request_is_not_believed() {
         let mut loops = OpenLoops::default();
-        loops.see_servo(0b11, 7);
-        assert_eq!(loops.known(), 0b11);
-        loops.doubt(0b01);
+        loops.see_servo(Motors::from_bits(0b11), 7);
+        assert_eq!(loops.known().bits(), 0b11);
+        loops.doubt(Motors::from_bits(0b01));
         for update in [7, 8] {
-            loops.see_servo(0b11, update);
-            assert_eq!(loops.known(), 0b10, "update {update}");
+            loops.see_servo(Motors::from_bits(0b11), update);
+            assert_eq!(loops.known().bits(), 0b10, "update {update}");
         }
-        loops.see_servo(0b11, 9);
-        assert_eq!(loops.known(), 0b11, "the motor was killed again");
-        loops.see_servo(0, 9);
-        assert_eq!(loops.known(), 0, "no data come");
+        loops.see_servo(Motors::from_bits(0b11), 9);
+        assert_eq!(loops.known().bits(), 0b11, "the motor was killed again");
+        loops.see_servo(Motors::from_bits(0), 9);
+        assert_eq!(loops.known().bits(), 0, "no data come");
     }
 
     #[test]
     fn each_report_has_its_own_count() {
         let mut loops = OpenLoops::default();
-        loops.see_servo(0, 1000);
-        loops.see_background(0b1, 3);
-        loops.doubt(0b1);
-        loops.see_background(0b1, 4);
-        assert_eq!(loops.known(), 0, "a report that may be older than the request");
-        loops.see_background(0b1, 5);
-        assert_eq!(loops.known(), 0b1);
+        loops.see_servo(Motors::from_bits(0), 1000);
+        loops.see_background(Motors::from_bits(0b1), 3);
+        loops.doubt(Motors::from_bits(0b1));
+        loops.see_background(Motors::from_bits(0b1), 4);
+        assert_eq!(loops.known().bits(), 0, "a report that may be older than the request");
+        loops.see_background(Motors::from_bits(0b1), 5);
+        assert_eq!(loops.known().bits(), 0b1);
     }
 }

@@ -17,7 +17,7 @@ use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, droppe
 use crate::device::{Bus, BusError};
 use crate::function::line_port::PortError;
 use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest, SETTLE};
-use crate::map::Family;
+use crate::map::{Family, Motors};
 use crate::protocol::control;
 
 /// How often to ask whether the board has taken a request.
@@ -134,9 +134,9 @@ impl PanelQueue {
         self.next_poll = now;
     }
 
-    /// Takes in the stop of motors whose held jog is over; bit 0 is motor 1.
-    pub fn end_hold(&mut self, ticket: Ticket, motors: u32, deadline: Instant, now: Instant) {
-        let request = PanelRequest::jog_stop(motors);
+    /// Takes in the stop of motors whose held jog is over.
+    pub fn end_hold(&mut self, ticket: Ticket, motors: Motors, deadline: Instant, now: Instant) {
+        let request = PanelRequest::jog_stop(motors.bits());
         self.waiting.push_back(Waiting::new(ticket, request, deadline, true));
         self.next_poll = now;
     }
@@ -194,12 +194,12 @@ impl PanelQueue {
         &mut self.open_loops
     }
 
-    /// The motors whose loop is open, bit 0 being motor 1, as far as that is known for sure: not of those for which a request
+    /// The motors whose loop is open, as far as that is known for sure: not of those for which a request
     /// lies in the panel, which may close it at any time.
     #[must_use]
-    pub fn open_loops(&self) -> u32 {
-        let requested = self.pending.map_or(0, |pending| pending.request.mask());
-        self.open_loops.known() & !requested
+    pub fn open_loops(&self) -> Motors {
+        let requested = self.pending.map_or(Motors::NONE, |pending| motors_of(&pending.request));
+        self.open_loops.known().without(requested)
     }
 
     /// Forgets every request that waits and is not a stop, and makes one of those that are, or two where jogs that were held are
@@ -260,7 +260,7 @@ impl PanelQueue {
         self.next_poll = now + POLL;
         if let Some(pending) = self.pending {
             let Pending { ticket, request, deadline, again, .. } = pending;
-            self.open_loops.doubt(request.mask());
+            self.open_loops.doubt(motors_of(&request));
             if again {
                 if self.panel.begin(bus, &request)? {
                     self.pending = Some(Pending { again: false, ..pending });
@@ -327,17 +327,23 @@ impl PanelQueue {
 
     /// Of the stop of a held jog, what is left without the motors whose loop is open.
     fn without_open_loops(&self, stop: PanelRequest) -> PanelRequest {
-        let open = stop.mask() & self.open_loops.known();
-        if open == 0 {
+        let (motors, open) = (motors_of(&stop), self.open_loops.known());
+        if !motors.meets(open) {
             return stop;
         }
         warn!(
             target: "audit",
-            "a held jog is over, and its motors (mask {open:#04x}) get no stop: their loops are open (killed, a fault, or a reset), \
-             and a stop would close them"
+            "a held jog is over, and its motors (mask {:#04x}) get no stop: their loops are open (killed, a fault, or a reset), \
+             and a stop would close them",
+            motors.among(open).bits()
         );
-        PanelRequest::jog_stop(stop.mask() & !open)
+        PanelRequest::jog_stop(motors.without(open).bits())
     }
+}
+
+/// The motors that a request may move: a number of it may be a coordinate system's, whose motors nobody here knows.
+fn motors_of(request: &PanelRequest) -> Motors {
+    Motors::from_bits(request.mask())
 }
 
 impl<B: Bus> BoardFunction<B> for PanelQueue {
