@@ -1,6 +1,5 @@
 //! `pmacctl send`: sends a command line or a control character, and prints the board's reply.
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -9,6 +8,7 @@ use serde_json::json;
 use crate::cli::act::lines::entered_note;
 use crate::cli::args::values::seconds;
 use crate::cli::console::late::warn_if_late;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::programs::what_runs;
 use crate::client::CommandError;
@@ -59,10 +59,9 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
                     if lines.is_empty() && resets(line.as_bytes()) && begun.elapsed() < timeout =>
                 {
                     // Before the time was over: the board has let go of the line.
-                    // If stderr is closed, the note is lost.
-                    let note =
+                    let why =
                         "sent; no board has to acknowledge a reset. pmacctl status shows when it is back";
-                    let _ = writeln!(io::stderr(), "{note}");
+                    note(why);
                     Ok(SendReply { lines: Vec::new(), entered: None })
                 }
                 reply => reply,
@@ -76,8 +75,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     match reply {
         Ok(SendReply { lines, entered }) => {
             if let Some(open) = entered {
-                // If stderr is closed, the note is lost.
-                let _ = writeln!(io::stderr(), "{}", entered_note(line, &open));
+                note(entered_note(line, &open));
             }
             if json {
                 context.output.json(&json!({ "lines": lines, "error": null }))?;
@@ -96,8 +94,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
             }
             context.output.flush()?;
             if let Some(what_runs) = board_runs(context, code) {
-                // If stderr is closed, the note is lost.
-                let _ = writeln!(io::stderr(), "{what_runs}");
+                note(what_runs);
             }
             return Err(error.into());
         }

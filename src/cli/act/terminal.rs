@@ -28,6 +28,7 @@ use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, entered_note};
 use crate::cli::act::piped;
 use crate::cli::act::reset_watch::ResetWatch;
+use crate::cli::console::note::note;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, Messages, OwnBuffer};
@@ -209,8 +210,7 @@ impl Session {
             None => watch.look(&mut self.connection),
         } {
             self.all_taken = false;
-            // If stderr is closed, the message is lost.
-            let _ = writeln!(io::stderr(), "{reset}");
+            note(reset);
         }
     }
 
@@ -240,8 +240,7 @@ impl Session {
     /// Says of the last line what [`entered_note`] does.
     fn tell_entered(&mut self, line: &str) {
         if let Some(open) = self.entered.take() {
-            // If stderr is closed, the note is lost.
-            let _ = writeln!(io::stderr(), "{}", entered_note(line.trim(), &open));
+            note(entered_note(line.trim(), &open));
         }
     }
 
@@ -254,12 +253,10 @@ impl Session {
         // Of a CLOSE that was the last line the daemon may hear in this moment.
         std::thread::sleep(CLOSING);
         if let Some(open) = own() {
-            // If stderr is closed, the message is lost.
-            let _ = writeln!(
-                io::stderr(),
+            note(format_args!(
                 "{} is still open: lines that you send enter it, others' are refused; CLOSE closes it",
                 open.name()
-            );
+            ));
         }
     }
 }
@@ -366,7 +363,7 @@ fn save_history(editor: &mut DefaultEditor, file: &std::path::Path) {
         .map_err(ReadlineError::from)
         .and_then(|()| editor.save_history(file));
     if let Err(error) = saved {
-        let _ = writeln!(io::stderr(), "{}: the history was not saved: {error}", file.display());
+        note(format_args!("{}: the history was not saved: {error}", file.display()));
     }
 }
 
@@ -377,8 +374,7 @@ fn piped(
     raw: bool,
 ) -> Result<Verdict, Failure> {
     let listening = Listening::begin(messages, move |text| {
-        // If stderr is closed, the message is lost.
-        let _ = writeln!(io::stderr(), "{}", reply(&text, raw));
+        note(reply(&text, raw));
     });
     let mut watch = ResetWatch::begin(&mut session.connection);
     for text in piped::lines() {
@@ -411,7 +407,7 @@ fn piped(
         // Flush, so that a reader of both streams sees them in order.
         context.output.flush()?;
         if let Some(error) = error {
-            let _ = writeln!(io::stderr(), "{}", reply(&error, raw));
+            note(reply(&error, raw));
         }
     }
     session.see_reset(&mut watch, None);

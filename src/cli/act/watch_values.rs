@@ -1,13 +1,13 @@
 //! `pmacctl variable watch`: the values of registers that PMAC copies, and of P, Q, M and I variables, which are asked for by
 //! command line, side by side.
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 
 use crate::cli::args::values::{rate, seconds};
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::number::{digits, short};
@@ -229,8 +229,7 @@ impl Copies {
         }
         if let Some(stale) = found.as_ref().and_then(|view| view.stale).filter(|_| self.fresh && is_late) {
             self.fresh = false;
-            // Nobody reads it: nothing to be done.
-            let _ = writeln!(io::stderr(), "STALE: {stale}; check that the board runs and I55=1");
+            note(format_args!("STALE: {stale}; check that the board runs and I55=1"));
         }
         self.after = found.map_or(self.after, |view| view.sequence);
         Ok(None)

@@ -1,8 +1,9 @@
 //! A warning in good time, while something that stops a machine is still under way.
 
-use std::io::{self, Write};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
+
+use crate::cli::console::note::note;
 
 /// How long `pmacd` may be silent before somebody who wants to stop a machine is told.
 pub const SILENCE: Duration = Duration::from_secs(1);
@@ -17,7 +18,7 @@ pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
         let (done, over) = channel::<()>();
         scope.spawn(move || {
             if over.recv_timeout(SILENCE) == Err(RecvTimeoutError::Timeout) {
-                let _ = writeln!(io::stderr(), "pmacctl: {UNANSWERED}");
+                note(format_args!("pmacctl: {UNANSWERED}"));
             }
         });
         let stopped = stop();

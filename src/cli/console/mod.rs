@@ -4,6 +4,7 @@ pub mod confirm;
 pub mod interrupt;
 pub mod keys;
 pub mod late;
+pub mod note;
 pub mod output;
 pub mod progress;
 pub mod sink;

@@ -14,6 +14,7 @@ use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::context::Failure;
 
 /// The most symbolic links to follow, as in the kernel.
@@ -376,7 +377,7 @@ fn open_fifo(options: &OpenOptions, path: &Path, there: &Metadata, stop: &Interr
             return Err(io::Error::other("interrupted while waiting for a reader of this FIFO"));
         }
         if !std::mem::replace(&mut said, true) {
-            let _ = writeln!(io::stderr(), "{}: waiting for a reader of this FIFO", path.display());
+            note(format_args!("{}: waiting for a reader of this FIFO", path.display()));
         }
         std::thread::sleep(Duration::from_millis(LOOK_MS.into()));
     }

@@ -7,7 +7,6 @@ mod parcel;
 mod report;
 
 use std::fs;
-use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,6 +17,7 @@ use serde_json::json;
 
 use self::report::{Level, Report};
 use crate::cli::args::values;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;
@@ -134,13 +134,11 @@ fn once_up(context: &Context, system: &System) -> Report {
             return report;
         }
         if !std::mem::replace(&mut is_told, true) {
-            // If stderr is closed, the note is lost.
-            let _ = writeln!(
-                io::stderr(),
+            note(format_args!(
                 "the board was reset {} s ago; waiting for it to come up, until {} s after the reset",
                 ago.as_secs(),
                 COMES_UP.as_secs()
-            );
+            ));
         }
         std::thread::sleep(LOOK);
     }

@@ -10,11 +10,12 @@ use serde_json::json;
 
 use super::mistakes::mistaken;
 use crate::cli::console::confirm::{board_of, confirm, sending};
+use crate::cli::console::note::note;
 use crate::cli::console::sink;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings::read;
 use crate::cli::files::meaning;
-use crate::cli::files::saved::{Saved, What, complain, finish, name};
+use crate::cli::files::saved::{Saved, What, finish, name};
 use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
@@ -180,7 +181,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     };
     let (port, changes): (Vec<&Entry>, Vec<&Entry>) = changes.partition(is_port);
     for entry in &port {
-        complain(format_args!(
+        note(format_args!(
             "{file}:{}: {} stays at {}: the link to the board depends on it",
             entry.line,
             entry.item,
@@ -268,18 +269,18 @@ impl Report<'_> {
                 LineOutcome::NotSent => "stopped before this line",
                 _ => "stopped at this line; the board may or may not have executed it",
             };
-            complain(format_args!("{}:{}: {what}", self.file, entry.line));
+            note(format_args!("{}:{}: {what}", self.file, entry.line));
             self.errors.push((entry, failure.message.clone()));
             ran?;
             let over = board.finish()?;
             self.reset(&over, first, &owners, &lines);
-            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
+            note(left(taken, lines.len(), &over.notes));
             return Err(Failure::Refused(failure.message));
         }
         if !ran? {
             let over = board.finish()?;
             let was_reset = self.reset(&over, first, &owners, &lines);
-            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
+            note(left(taken, lines.len(), &over.notes));
             let Some((entry, _)) = parts.next().filter(|_| !was_reset) else { return Ok(()) };
             let why = "pmacd ended the sequence before this line".to_owned();
             self.errors.push((entry, why.clone()));
@@ -289,10 +290,10 @@ impl Report<'_> {
         let held = read(&mut board, accepted().map(|entry| entry.item));
         let over = board.finish()?;
         if self.reset(&over, first, &owners, &lines) {
-            complain(format_args!("{}", left(taken, lines.len(), &over.notes)));
+            note(left(taken, lines.len(), &over.notes));
             return Ok(());
         }
-        over.notes.iter().for_each(|note| complain(format_args!("{note}")));
+        over.notes.iter().for_each(note);
         let held = held?;
         for entry in accepted().collect::<Vec<_>>() {
             let now = held.get(&entry.item).map_or("", String::as_str);
@@ -307,7 +308,7 @@ impl Report<'_> {
         let plcs = self.changes.iter().filter(|entry| matches!(entry.item, Item::Plc(_)));
         let names: Vec<String> = plcs.map(|entry| entry.item.to_string()).collect();
         if !names.is_empty() {
-            complain(format_args!(
+            note(format_args!(
                 "disabled since their OPEN, to be enabled by ENABLE PLC: {}",
                 names.join(", ")
             ));
@@ -340,7 +341,7 @@ impl Report<'_> {
 
 impl<'a> Report<'a> {
     fn fail(&mut self, entry: &'a Entry, what: String, line: &str) {
-        complain(format_args!("{}:{}: {what}: {line}", self.file, entry.line));
+        note(format_args!("{}:{}: {what}: {line}", self.file, entry.line));
         self.errors.push((entry, what));
     }
 
@@ -359,7 +360,7 @@ impl<'a> Report<'a> {
         let number = usize::try_from(behind).unwrap_or(usize::MAX).min(lines.len().saturating_sub(1));
         match (owners.get(number), lines.get(number)) {
             (Some(entry), Some(line)) => self.fail(entry, failure.message.clone(), line),
-            _ => complain(format_args!("{}: {}", self.file, failure.message)),
+            _ => note(format_args!("{}: {}", self.file, failure.message)),
         }
         true
     }

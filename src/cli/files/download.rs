@@ -5,7 +5,7 @@
 //! somebody else has open is left alone: nothing is sent then.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +17,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::mistakes::mistaken;
 use super::prose;
+use crate::cli::console::note::note;
 use crate::cli::console::progress::LineProgress;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
@@ -177,7 +178,7 @@ impl Run<'_> {
             // Asked now: the file may have set it.
             for (system, place) in circles_of(self.lines) {
                 if let Some(warning) = circles::warning(&mut connection, place, system) {
-                    say(format_args!("{warning}"));
+                    note(format_args!("{warning}"));
                 }
             }
         }
@@ -213,7 +214,7 @@ impl Run<'_> {
     fn line_failed(&mut self, reply: &RunLinesReply) {
         let line = reply.line.and_then(|number| self.lines.get(usize::try_from(number).ok()?));
         if let (Some(failure), Some(line)) = (&reply.failure, line) {
-            say(format_args!("{}: {}: {}", line.place, Visible(&failure.message), line.text));
+            note(format_args!("{}: {}: {}", line.place, Visible(&failure.message), line.text));
             self.failed.push(Failed {
                 line: line.clone(),
                 code: failure.code,
@@ -225,9 +226,9 @@ impl Run<'_> {
     /// Says what is on the board now.
     fn leave(&self, notes: &[String], is_whole: bool) {
         if is_whole {
-            notes.iter().for_each(|note| say(format_args!("warning: {note}")));
+            notes.iter().for_each(|warning| note(format_args!("warning: {warning}")));
         } else {
-            say(format_args!("{}", left(self.taken, self.lines.len(), notes)));
+            note(left(self.taken, self.lines.len(), notes));
         }
     }
 
@@ -249,9 +250,4 @@ impl Run<'_> {
         }
         Ok(())
     }
-}
-
-fn say(what: std::fmt::Arguments<'_>) {
-    // Nobody reads it: nothing to be done.
-    let _ = writeln!(io::stderr(), "{what}");
 }

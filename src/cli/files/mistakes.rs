@@ -1,8 +1,7 @@
 //! Prints the mistakes in files before anything is sent.
 
-use std::io::{self, Write};
-
 use super::preprocess::Mistake;
+use crate::cli::console::note::note;
 use crate::cli::context::Failure;
 
 /// The most mistakes to print.
@@ -11,8 +10,7 @@ const MISTAKES_MAX: usize = 50;
 /// Prints each mistake as `FILE:LINE: message` on stderr. Nothing is sent if there is any.
 pub fn mistaken(mistakes: &[Mistake]) -> Failure {
     for mistake in mistakes.iter().take(MISTAKES_MAX) {
-        // If stderr is closed, the message is lost.
-        let _ = writeln!(io::stderr(), "{mistake}");
+        note(mistake);
     }
     let count = mistakes.len();
     Failure::Request(format!("{count} mistake{}; nothing was sent", if count == 1 { "" } else { "s" }))

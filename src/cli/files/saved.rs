@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
 
 use clap::ValueEnum;
 use serde_json::json;
 
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::console::time::rfc3339_now;
 use crate::cli::context::Failure;
 use crate::cli::files::listings::read;
@@ -213,14 +213,8 @@ fn variables_of(family: &str) -> u16 {
 /// Ends a sequence, and says what it leaves on the board.
 pub fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
     let over = sequence.finish()?;
-    over.notes.iter().for_each(|note| complain(format_args!("{note}")));
+    over.notes.iter().for_each(note);
     over.failure.map_or(Ok(()), |failure| Err(Failure::Refused(failure.message)))
-}
-
-/// Tells on stderr.
-pub fn complain(text: std::fmt::Arguments<'_>) {
-    // If stderr is closed, the message is lost.
-    let _ = writeln!(io::stderr(), "{text}");
 }
 
 #[cfg(test)]

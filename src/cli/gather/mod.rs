@@ -13,6 +13,7 @@ pub use self::prepared::Prepared;
 use crate::cli::act::lines::LineError;
 use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -157,8 +158,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     if let Err(failure) = outcome {
         // A daemon that is gone has been told of.
         if let (Ok(_) | Err(CommandError::Refused(_)), Some(trouble)) = (&stopped, trouble(&stopped)) {
-            // Nobody reads it: nothing to be done.
-            let _ = writeln!(io::stderr(), "{trouble}");
+            note(trouble);
         }
         return Err(failure);
     }

@@ -3,7 +3,7 @@
 //! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
+use std::io;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -13,6 +13,7 @@ use nix::fcntl::OFlag;
 use super::row::GAP;
 use super::series::{MOST, newest, place, series};
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::console::sink::{is_in_use, is_stdout};
 use crate::cli::console::table_file::{Form, TableFile};
 use crate::cli::context::Failure;
@@ -268,7 +269,7 @@ impl Files {
                 self.remove_oldest();
             }
             Err(failure) => {
-                let _ = writeln!(io::stderr(), "{failure}; {} goes on", self.present().display());
+                note(format_args!("{failure}; {} goes on", self.present().display()));
                 self.rotates_from = Some(Instant::now() + TRY_AGAIN);
             }
         }
@@ -316,8 +317,7 @@ impl Files {
         match put {
             Err(failure) if self.file.resume_full() => {
                 if !std::mem::replace(&mut self.is_full, true) {
-                    let _ =
-                        writeln!(io::stderr(), "{failure}; what finds no room is lost, until there is some");
+                    note(format_args!("{failure}; what finds no room is lost, until there is some"));
                 }
                 self.pending.drain(..).for_each(|meaning| self.unwritten.add_unwritten(meaning));
                 self.full_until = Some(Instant::now() + TRY_AGAIN);
@@ -351,7 +351,7 @@ impl Files {
             match std::fs::remove_file(&path) {
                 Ok(()) => bytes = bytes.saturating_sub(taken),
                 Err(error) => {
-                    let _ = writeln!(io::stderr(), "{}: {error}; it stays", path.display());
+                    note(format_args!("{}: {error}; it stays", path.display()));
                 }
             }
         }

@@ -19,6 +19,7 @@ use self::trigger::{Before, Condition};
 use self::wait::{SILENCE, Silence, Wait};
 use crate::cli::args::values::{bytes, number, seconds};
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::console::sink::is_stdout;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
@@ -233,7 +234,7 @@ impl Run<'_> {
             before.keep(update.time_ns, Meaning::Update, rows.update(update));
             return Ok(());
         }
-        let _ = writeln!(io::stderr(), "triggered at update {}", update.sequence);
+        note(format_args!("triggered at update {}", update.sequence));
         rows.update(update);
         let trigger = rows.zero();
         for (meaning, mut row) in before.take() {
@@ -276,13 +277,12 @@ fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -
     let unscaled = rows.unscaled(&first.data);
     if !unscaled.is_empty() {
         let names = unscaled.join(", ");
-        let _ = writeln!(
-            io::stderr(),
+        note(format_args!(
             "{names}: the board has not told the scale: values are the registers' integers, and time without one is in servo cycles"
-        );
+        ));
     }
     if let Some(why) = options.trigger.as_ref().and_then(|trigger| trigger.lacks_scale(&first.data)) {
-        let _ = writeln!(io::stderr(), "{why}");
+        note(why);
     }
     let fields = rows.fields();
     let numbers =
@@ -295,8 +295,7 @@ fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -
     let unknown = rows.without_value(&first.data);
     if !unknown.is_empty() {
         let names = unknown.join(", ");
-        let _ =
-            writeln!(io::stderr(), "{names}: pmacd does not have it from the board; it is NaN until it does");
+        note(format_args!("{names}: pmacd does not have it from the board; it is NaN until it does"));
     }
     let rotation = Rotation { bytes: options.rotate_bytes, age: options.rotate_seconds, keep: options.keep };
     Ok(Output { rows, files: Files::open(&options.output, fields, rotation, stop)? })

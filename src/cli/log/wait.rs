@@ -1,8 +1,8 @@
 //! What a log waits for, and what it says meanwhile.
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
+use crate::cli::console::note::note;
 use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 
@@ -21,7 +21,7 @@ impl Wait {
     pub fn go_on(&mut self, silent: Duration, text: impl FnOnce() -> String) -> Duration {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         if waited >= silent && !std::mem::replace(&mut self.said, true) {
-            let _ = writeln!(io::stderr(), "{}", text());
+            note(text());
         }
         waited
     }
@@ -46,7 +46,7 @@ impl Silence {
                 format!("{}: no updates ({why}); waiting for some", board.name())
             });
         } else if std::mem::take(&mut self.wait).said {
-            let _ = writeln!(io::stderr(), "{}: updates come again", board.name());
+            note(format_args!("{}: updates come again", board.name()));
         }
     }
 }

@@ -3,7 +3,6 @@
 //! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual's drawing has the code of ABS, INC and FRAX in two
 //! places, and a board of the other one would take an INC for an ABS and move elsewhere. What it lists is what it would do.
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -12,6 +11,7 @@ use serde_json::json;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
 use super::stream::own_buffer;
 use crate::cli::args::values::number;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
 use crate::map::DEFAULT_FAMILY;
@@ -82,7 +82,7 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
         program.lines.truncate(*taken);
     }
     if let Some(warning) = circle_warning(&mut board, name, &program, options.cs) {
-        let _ = writeln!(io::stderr(), "{warning}");
+        note(warning);
     }
     let mut problems = differences(name, &program, &listing, &settings);
     if !problems.is_empty() {

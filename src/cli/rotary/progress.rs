@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
+use crate::cli::console::note::note;
+
 /// The width of the bar.
 const CELLS: usize = 30;
 const EVERY_ON_TERMINAL: Duration = Duration::from_millis(100);
@@ -62,7 +64,7 @@ impl Progress {
     /// Prints a line of text between two displays.
     pub fn say(&mut self, text: &str) {
         self.clear();
-        let _ = writeln!(io::stderr(), "{text}");
+        note(text);
     }
 
     pub fn clear(&mut self) {

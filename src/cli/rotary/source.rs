@@ -2,12 +2,13 @@
 
 use std::fmt::Display;
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::Path;
 
 use clap::Args;
 use serde::Deserialize;
 
+use crate::cli::console::note::note;
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};
 use crate::map::readings::RotaryCode2;
@@ -133,8 +134,7 @@ pub fn listing<T: Display>(name: &str, kind: &str, report: &Report<T>) -> String
 
 pub fn warn<T: Display>(name: &str, report: &Report<T>) {
     if !report.is_empty() {
-        // If stderr is closed, the warning is lost.
-        let _ = writeln!(io::stderr(), "{}", listing(name, "warning: ", report));
+        note(listing(name, "warning: ", report));
     }
 }
 

@@ -2,7 +2,6 @@
 //!
 //! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far they are.
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -12,6 +11,7 @@ use super::progress::Progress;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream, shown};
 use crate::cli::args::values::number;
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use crate::map::status::reply_has;
@@ -106,7 +106,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
     }
     if let Some(warning) = circle_warning(&mut board, shown(&options.file), &program, options.cs) {
-        let _ = writeln!(io::stderr(), "{warning}");
+        note(warning);
     }
     let interrupt = Interrupt::listen()?;
     let place = RotaryPlace {

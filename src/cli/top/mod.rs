@@ -21,7 +21,7 @@ mod trace;
 mod tty;
 mod watches;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -31,6 +31,7 @@ use signal_hook::consts::{SIGCONT, SIGTSTP};
 
 use crate::cli::args::values::rate;
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::console::output::Output;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors;
@@ -95,7 +96,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
     let faults = hand.end();
     drop(tty);
     for fault in faults {
-        let _ = writeln!(io::stderr(), "pmacctl: {fault}");
+        note(format_args!("pmacctl: {fault}"));
     }
     ended.map(|()| Verdict::Yes)
 }

@@ -7,7 +7,6 @@
 //! send the daemon tells; what another host sends nobody does.
 
 use std::collections::BTreeSet;
-use std::io::{self, Write};
 use std::time::Duration;
 
 use serde_json::json;
@@ -15,6 +14,7 @@ use serde_json::json;
 use super::motors::{fault, position, stands};
 use super::stops::{ends_program, system_of};
 use super::{Awaited, BEGINS, Look, Progress, Watch};
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
@@ -111,11 +111,10 @@ pub fn wait_for_programs(
     })?;
     let unseen = unseen_motors(&watch.snapshot()?, numbers);
     if !unseen.is_empty() {
-        let _ = writeln!(
-            io::stderr(),
+        note(format_args!(
             "pmacctl: whether motor {} stands is not known: nothing reports it (I59; [servo] motors in pmacd's configuration)",
             unseen.join(", ")
-        );
+        ));
     }
     if context.output.is_json() {
         context.output.json(&json!({ "coordinate_systems": numbers, "failed": failed }))?;
