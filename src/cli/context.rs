@@ -227,3 +227,15 @@ impl Context {
         }
     }
 }
+
+/// Refuses numbers of motors or coordinate systems that `family` does not have. Nothing has been sent to the board yet.
+pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
+    let (what, count) = match for_motors {
+        true => ("motor", family.motors),
+        false => ("coordinate system", family.coordinate_systems),
+    };
+    match numbers.iter().find(|number| usize::from(**number) > count) {
+        Some(number) => Err(Failure::Request(format!("there is no {what} {number}; write 1 to {count}"))),
+        None => Ok(()),
+    }
+}

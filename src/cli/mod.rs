@@ -6,14 +6,14 @@
 //! | room | what is in it |
 //! |---|---|
 //! | `args` | the command line |
-//! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `map`, `read`, `decode` |
+//! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `read`, `board map`, `board decode` |
 //! | `top` | the screen: everything live, and jog keys |
 //! | `act` | commands that do one thing on the board: `send`, `write`, `jog`, `panel`, `variable`, `abort`, `kill`, `terminal` |
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
-//! | `setup` | lines that set a board up, absolute positions |
+//! | `setup` | lines that set a board up, `board absolute` |
 //! | `tune` | moves a motor and tells how it answered |
-//! | `capture` | a board in a directory of plain files |
+//! | `capture` | `board capture`: a board in a directory of plain files |
 //! | `doctor` | what is wrong, and what to do |
 //! | `console` | terminal, tables, output files, signals |
 
@@ -35,22 +35,22 @@ mod top;
 mod tune;
 
 use std::ffi::OsString;
-use std::io::{self, Write};
+use std::io;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
-
+use crate::cli::console::note::note;
 use crate::format::Visible;
 use crate::process::survive_file_size_limit;
 use crate::segment::end_on_bus_error;
 use crate::usage::usage;
 
 use act::{jog, panel, registers, send, stop, terminal, write};
-use args::{Args, Command, Global};
+use args::{Args, Command, Global, Rare};
 use console::output::Output;
 use context::{Context, Failure, Verdict};
 use files::{backup, download};
-use show::{coordinates, decode, demo, map, motors, read, status, watch};
+use show::watch::{self, Part};
+use show::{decode, demo, map, read, status};
 
 pub use files::{preprocess, settings_file};
 pub use rotary::words as rotary_words;
@@ -58,7 +58,7 @@ pub use rotary::words as rotary_words;
 /// The command line's definition, for manual pages and completions.
 #[must_use]
 pub fn command() -> clap::Command {
-    Args::command()
+    args::command()
 }
 
 /// What is said when mapped memory is gone.
@@ -70,9 +70,15 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     // Without this, a full file ends the program as before, and without a word.
     let _ = survive_file_size_limit();
     let _ = end_on_bus_error(SEGMENT_GONE, 2);
-    let args = match Args::try_parse_from(args) {
+    let args = match args::parse(args) {
         Ok(args) => args,
-        Err(error) => return usage("pmacctl", &error),
+        Err(error) => match args::right_verb(&error) {
+            Some(text) => {
+                note(format_args!("pmacctl: {text}"));
+                return ExitCode::from(2);
+            }
+            None => return usage("pmacctl", &error),
+        },
     };
     match execute(args) {
         Ok(Verdict::Yes) => ExitCode::SUCCESS,
@@ -83,14 +89,14 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::Refused(text)) => {
             // The message may contain the board's text: show control characters as escapes.
             for line in text.split('\n') {
-                let _ = writeln!(io::stderr(), "{}", Visible(line));
+                note(Visible(line));
             }
             ExitCode::from(1)
         }
         Err(failure) => {
             for (index, line) in failure.to_string().split('\n').enumerate() {
                 let program = if index == 0 { "pmacctl: " } else { "" };
-                let _ = writeln!(io::stderr(), "{program}{}", Visible(line));
+                note(format_args!("{program}{}", Visible(line)));
             }
             ExitCode::from(2)
         }
@@ -104,18 +110,15 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Demo(options) => demo::run(&mut context, &options),
         Command::Status => status::run(&mut context),
         Command::Doctor(options) => doctor::run(&mut context, &options),
-        Command::Capture(options) => capture::run(&mut context, &options),
-        Command::Motors => motors::run(&mut context),
-        Command::Coordinates => coordinates::run(&mut context),
+        Command::Motors => watch::once(&mut context, Part::Motors),
+        Command::Coordinates => watch::once(&mut context, Part::Coordinates),
         Command::Watch(options) => watch::run(&mut context, &options),
         Command::Top(options) => top::run(&mut context, &options),
-        Command::Map(options) => map::run(&mut context, &options),
         Command::Read(options) => read::run(&mut context, &options),
         Command::Write(options) => write::run(&mut context, &options),
         Command::Jog(options) => jog::run(&mut context, &options),
         Command::Panel(options) => panel::run(&mut context, &options),
         Command::Send(options) => send::run(&mut context, &options),
-        Command::Decode(options) => decode::run(&mut context, &options),
         Command::Rotary(options) => rotary::run(&mut context, &options),
         Command::Variable(options) => registers::run(&mut context, &options),
         Command::Gather(options) => gather::run(&mut context, &options),
@@ -130,7 +133,12 @@ fn execute(args: Args) -> Result<Verdict, Failure> {
         Command::Diff(options) => backup::diff(&mut context, &options),
         Command::Restore(options) => backup::restore(&mut context, &options),
         Command::Setup(options) => setup::send::run(&mut context, &options),
-        Command::Absolute(options) => setup::send::absolute(&mut context, &options),
+        Command::Board { command } | Command::Rare(command) => match command {
+            Rare::Map(options) => map::run(&mut context, &options),
+            Rare::Decode(options) => decode::run(&mut context, &options),
+            Rare::Capture(options) => capture::run(&mut context, &options),
+            Rare::Absolute(options) => setup::send::absolute(&mut context, &options),
+        },
     }?;
     context.output.flush()?;
     Ok(verdict)

@@ -60,8 +60,8 @@ fn a_synopsis_shows_the_values_that_options_take() {
     let panel = synopsis("pmacctl-panel.1");
     assert_eq!(
         panel.matches("pmacctl panel ").count(),
-        PanelAction::ALL.len() + 2,
-        "each action, feed and show: {panel}"
+        PanelAction::ALL.len() - 3 + 2,
+        "each action but the jogs, feed and show: {panel}"
     );
 }
 
@@ -79,7 +79,7 @@ fn the_lists_of_names_are_the_codes_own() {
         assert_eq!(listed(page, "ROLES"), ["observe", "stop", "operate", "engineer"], "{page}");
     }
     let names = |families: &[&Family]| families.iter().map(|family| family.name).collect::<Vec<_>>();
-    for page in ["pmacctl-map.1", "pmacctl-decode.1", "pmacctl-read.1", "pmacctl-setup.1", "pmacd.toml.5"] {
+    for page in ["pmacctl-board.1", "pmacctl-read.1", "pmacctl-setup.1", "pmacd.toml.5"] {
         assert_eq!(listed(page, "FAMILIES"), names(FAMILIES), "{page}");
     }
     assert_eq!(listed("pmacctl-panel.1", "ACTIONS"), PanelAction::ALL.map(PanelAction::name));
@@ -212,6 +212,7 @@ fn e4_completions_know_boards_and_registers() {
             }
             assert_eq!(text.contains("ls /run/pmacd"), is_pmacctl, "{shell}");
             assert!(!text.contains("BOARDS"), "{shell}");
+            assert!(!text.contains("jog-stop"), "{shell}: an old spelling");
         }
     }
 }

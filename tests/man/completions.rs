@@ -17,7 +17,7 @@ const LIST_BOARDS: &str = "ls /run/pmacd $XDG_RUNTIME_DIR/pmacd 2>/dev/null | se
 /// The completions of `program` for `shell`.
 pub fn completions(shell: Shell, program: Command) -> String {
     let name = program.get_name().to_owned();
-    let mut program = if name == "pmacctl" { with_values(program) } else { program };
+    let mut program = if name == "pmacctl" { with_values(shown(&program)) } else { program };
     let mut text = Vec::new();
     generate(shell, &mut program, name, &mut text);
     let text = String::from_utf8_lossy(&text).into_owned();
@@ -25,6 +25,20 @@ pub fn completions(shell: Shell, program: Command) -> String {
         Shell::Bash => text.replace(BOARDS, &format!("$({LIST_BOARDS})")),
         Shell::Zsh => text.replace(&format!("({BOARDS})"), &format!("{{compadd -- $({LIST_BOARDS})}}")),
         _ => text.replace(&format!("{BOARDS}\\t''"), &format!("({LIST_BOARDS})")),
+    }
+}
+
+/// Without old spellings, which the shells would offer, too.
+fn shown(command: &Command) -> Command {
+    let shown = command.get_subcommands().filter(|sub| !sub.is_hide_set()).map(self::shown);
+    let mut without =
+        Command::new(command.get_name().to_owned()).args(command.get_arguments()).subcommands(shown);
+    if let Some(about) = command.get_about() {
+        without = without.about(about.clone());
+    }
+    match command.get_version() {
+        Some(version) => without.version(version.to_owned()),
+        None => without,
     }
 }
 

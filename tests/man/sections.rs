@@ -52,7 +52,7 @@ fn roles() -> Names {
 }
 
 fn words() -> Names {
-    let about = "Words of the DPRAM, as the manual prints addresses (Y and DP: low word, X and F: see pmacctl-map(1)), a host \
+    let about = "Words of the DPRAM, as the manual prints addresses (Y and DP: low word, X and F: see pmacctl-board(1)), a host \
                  offset, or some bits of a word (lowest bit, width):";
     let names = ["Y:$D001", "X:$D009", "DP:$D200", "D:$D014", "L:$D09A", "F:$D210", "0x0024", "Y:$D001,8,4"];
     list("REGISTER SPELLINGS", about, names)
@@ -140,7 +140,7 @@ pub fn names(page: &str) -> Vec<Names> {
             ),
         ],
         "pmacctl" => vec![families(), functions(), roles()],
-        "pmacctl-map" | "pmacctl-decode" | "pmacctl-doctor" | "pmacctl-demo" => vec![families()],
+        "pmacctl-board" | "pmacctl-doctor" | "pmacctl-demo" => vec![families()],
         "pmacctl-read" | "pmacctl-write" => vec![words(), families()],
         "pmacctl-gather" | "pmacctl-top" | "pmacctl-variable" => vec![registers()],
         "pmacctl-panel" => {
@@ -156,7 +156,6 @@ pub fn names(page: &str) -> Vec<Names> {
             ),
             families(),
         ],
-        "pmacctl-absolute" => vec![families()],
         _ => Vec::new(),
     }
 }
@@ -223,10 +222,18 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Everything on one screen:", &["pmacctl top"]),
             ("With a variable and a register:", &["pmacctl top P1 1.actual_position"]),
         ],
-        "pmacctl-map" => &[
-            ("The printed map:", &["pmacctl map"]),
-            ("As firmware 1.16D has it, for a program:", &["pmacctl map --firmware 1.16D --json"]),
-            ("Of a Turbo PMAC2:", &["pmacctl map --family turbo2"]),
+        "pmacctl-board" => &[
+            ("The printed map:", &["pmacctl board map"]),
+            ("As firmware 1.16D has it, for a program:", &["pmacctl board map --firmware 1.16D --json"]),
+            ("An image that was copied from a board:", &["pmacctl board decode image.bin --motors 4"]),
+            ("Two seconds of a board, for a test or for somebody else:", &["pmacctl board capture board-7"]),
+            ("A moment, without variables:", &["pmacctl board capture board-8 --seconds 0.1 --no-variables"]),
+            ("What Ix10 of a PMAC reads:", &["pmacctl board absolute --ix10 0x8D0010"]),
+        ],
+        "pmacctl-jog" => &[
+            ("To a position in counts:", &["pmacctl jog 1 =5000 --wait"]),
+            ("Motors 1 and 3 until they are stopped:", &["pmacctl jog 1,3 +", "pmacctl jog 1,3 stop"]),
+            ("Only while the command runs, two seconds at most:", &["pmacctl jog 1 + --hold --seconds 2"]),
         ],
         "pmacctl-read" => &[(
             "Three registers, and four bits of one:",
@@ -237,14 +244,7 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("Four bits of it, from bit 8 on:", &["pmacctl write 'Y:$D800,8,4' 3"]),
         ],
         "pmacctl-panel" => &[
-            (
-                "Jog motors 1 and 3 until they are stopped:",
-                &["pmacctl panel jog+ 1 3", "pmacctl panel jog-stop 1 3"],
-            ),
-            (
-                "Jog motor 1 only while the command runs, two seconds at most:",
-                &["pmacctl panel jog+ 1 --hold --seconds 2"],
-            ),
+            ("Home motors 1 and 2:", &["pmacctl panel home 1 2"]),
             ("Half the feed rate in coordinate system 1:", &["pmacctl panel feed 1 50%"]),
         ],
         "pmacctl-send" => &[
@@ -252,9 +252,6 @@ pub fn examples(page: &str) -> &'static [Example] {
             ("A command that moves:", &["pmacctl send '#1J=3000'"]),
             ("A control character:", &["pmacctl send '^K'"]),
         ],
-        "pmacctl-decode" => {
-            &[("An image that was copied from a board:", &["pmacctl decode image.bin --motors 4"])]
-        }
         "pmacctl-rotary" => &[
             ("What a program compiles to:", &["pmacctl rotary encode engrave.pmc"]),
             (
@@ -302,10 +299,6 @@ pub fn examples(page: &str) -> &'static [Example] {
                 &["pmacctl log -o run.csv --rotate-bytes 100M --keep 10G"],
             ),
         ],
-        "pmacctl-capture" => &[
-            ("Two seconds of a board, for a test or for somebody else:", &["pmacctl capture board-7"]),
-            ("A moment, without variables:", &["pmacctl capture board-8 --seconds 0.1 --no-variables"]),
-        ],
         "pmacctl-plot" => &[
             ("What gather or log wrote:", &["pmacctl plot run.csv -o run.svg"]),
             ("One column of it:", &["pmacctl plot run.csv --columns 1.following_error -o run.svg"]),
@@ -343,7 +336,6 @@ pub fn examples(page: &str) -> &'static [Example] {
                 &["pmacctl setup enable servo background --send --port /dev/ttyS0"],
             ),
         ],
-        "pmacctl-absolute" => &[("What Ix10 of a PMAC reads:", &["pmacctl absolute --ix10 0x8D0010"])],
         "pmacd.toml" => &[(
             "A UIO board. Live data are for group pmac alone; two groups may do more than look:",
             &[

@@ -1,16 +1,19 @@
-//! `pmacctl panel jog+ --hold`: a jog that lasts as long as its command runs, and somebody can see what the motors do.
+//! `pmacctl jog MOTOR + --hold`: a jog that lasts as long as its command runs, and somebody can see what the motors do.
 
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::os::fd::AsFd;
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
+use crate::cli::args::values::seconds;
 use crate::cli::console::interrupt::Interrupt;
-use crate::cli::context::{Context, Failure, Verdict};
-use crate::client::{Board, CommandError, Connection, HeldJog};
+use crate::cli::console::note::note;
+use crate::cli::context::{Context, Failure, Verdict, check_numbers};
+use crate::client::{Board, CommandError, HeldJog};
 use crate::function::panel::PanelAction;
 
 /// Period of the checks during a held jog, in milliseconds.
@@ -18,14 +21,27 @@ const LOOK: u16 = 20;
 /// How long the answer to a stop, or the data, may stay away until the user is warned.
 pub const SILENCE: Duration = Duration::from_millis(600);
 
-/// Jogs the motors `numbers` over `connection`, for `seconds` at most.
+/// `--hold` and `--seconds`.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Hold {
+    /// Jog only while this command runs: until ^C, the end of its input, or --seconds, or when the data are not live any more.
+    /// After a kill the motors jog on for at most 200 ms
+    #[arg(long)]
+    pub hold: bool,
+    /// End the held jog after this time, in seconds
+    #[arg(long, value_name = "S", requires = "hold", value_parser = seconds, allow_negative_numbers = true)]
+    pub seconds: Option<Duration>,
+}
+
+/// Jogs the motors `numbers`, for `seconds` at most.
 pub fn hold(
     context: &Context,
-    connection: Connection,
     action: PanelAction,
     numbers: &[u8],
     seconds: Option<Duration>,
 ) -> Result<Verdict, Failure> {
+    let mut connection = context.connection()?;
+    check_numbers(Context::family(None, &mut connection)?, true, numbers)?;
     let interrupt = Interrupt::listen()?;
     // An input that has ended before the jog begins holds nothing: the time alone ends it then.
     let holds = !input_ended();
@@ -49,11 +65,10 @@ pub fn hold(
     }
     let Some(why) = lost else { return stop(held, numbers) };
     let motors = listed(numbers);
-    let _ = writeln!(
-        io::stderr(),
+    note(format_args!(
         "pmacctl: the data are not live ({why}), so nobody can see what motor {motors} does: it MAY BE MOVING; the hold \
          ends with a stop"
-    );
+    ));
     stop(held, numbers)?;
     Err(Failure::Refused(format!(
         "the hold of motor {motors} was ended: the data were not live; the stop was taken"
@@ -97,7 +112,7 @@ fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
     let (tell, told) = channel();
     std::thread::spawn(move || tell.send(held.stop()));
     let stopped = told.recv_timeout(SILENCE).or_else(|_| {
-        let _ = writeln!(io::stderr(), "pmacctl: {warning}");
+        note(format_args!("pmacctl: {warning}"));
         told.recv()
     });
     match stopped {
@@ -112,8 +127,9 @@ fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
 pub fn may_be_moving(numbers: &[u8]) -> String {
     format!(
         "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does \
-         not: use the emergency stop, pmacctl panel jog-stop, pmacctl abort, or ^A over the serial port",
-        listed(numbers)
+         not: use the emergency stop, pmacctl jog {} stop, pmacctl abort, or ^A over the serial port",
+        listed(numbers),
+        listed(numbers).replace(' ', "")
     )
 }
 

@@ -1,13 +1,14 @@
-//! `pmacctl jog`: moves one motor by hand: to a position, in a direction, or to a stop.
+//! `pmacctl jog`: moves motors by hand: to a position, in a direction, or to a stop.
 //!
 //! Directions and stops are keys of the control panel. A position goes by command line, which the daemon makes.
 
 use clap::Args;
 
+use crate::cli::act::hold::{Hold, hold};
 use crate::cli::act::lines::LineError;
-use crate::cli::act::panel::{check_numbers, press};
+use crate::cli::act::panel::press;
 use crate::cli::act::wait::{Goal, Wait, Watch, wait_for_motors};
-use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::client::Connection;
 use crate::client::number::short;
 use crate::function::panel::PanelAction;
@@ -19,13 +20,15 @@ const COUNTS: &str = "counts";
 /// `jog`.
 #[derive(Debug, Args)]
 pub struct Jog {
-    /// The motor, by its number or its name in the configuration
-    #[arg(value_name = "MOTOR")]
-    pub motor: String,
+    /// The motor, by its number or its name in the configuration. Several, as 1,3, go in a direction or to a stop
+    #[arg(value_name = "MOTOR", value_delimiter = ',', required = true, num_args = 1)]
+    pub motors: Vec<String>,
     /// Where to: a position in counts (=5000) or in the motor's unit (=12.5deg; then counts are =5000counts); + or -, until
     /// something stops it; or stop
     #[arg(value_name = "=POSITION|+|-|stop", value_parser = destination, allow_hyphen_values = true)]
     pub to: Destination,
+    #[command(flatten)]
+    pub hold: Hold,
     #[command(flatten)]
     pub wait: Wait,
 }
@@ -67,10 +70,23 @@ fn number_length(text: &str) -> usize {
 }
 
 pub fn run(context: &mut Context, options: &Jog) -> Result<Verdict, Failure> {
-    let number = motor(&options.motor, || Ok(context.board()?.identity()?))?;
-    match &options.to {
-        Destination::Key(action) => press(context, *action, &[number], options.wait, false),
-        Destination::Position(value, unit) => move_to(context, number, *value, unit.as_deref(), options.wait),
+    let Jog { motors, to, hold, wait } = options;
+    let number = |text: &String| motor(text, || Ok(context.board()?.identity()?));
+    let numbers = motors.iter().map(number).collect::<Result<Vec<u8>, _>>()?;
+    match to {
+        Destination::Key(action @ (PanelAction::JogPlus | PanelAction::JogMinus))
+            if hold.hold && !wait.wait =>
+        {
+            self::hold(context, *action, &numbers, hold.seconds)
+        }
+        _ if hold.hold => {
+            Err(Failure::request("--hold goes with + or -, and not with --wait; nothing was sent"))
+        }
+        Destination::Key(action) => press(context, *action, &numbers, *wait, false),
+        Destination::Position(value, unit) => match numbers[..] {
+            [number] => move_to(context, number, *value, unit.as_deref(), *wait),
+            _ => Err(Failure::request("one motor goes to a position at a time; nothing was sent")),
+        },
     }
 }
 

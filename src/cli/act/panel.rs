@@ -1,17 +1,17 @@
-//! `pmacctl panel`: jog, home, run, stop and feed rate override through the control panel of the DPRAM (I2=3).
+//! `pmacctl panel`: home, run, stop and feed rate override through the control panel of the DPRAM (I2=3).
 
-use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::cli::act::hold::hold;
+use crate::cli::act::hold::{Hold, hold};
 use crate::cli::act::wait::{Goal, Wait, Watch, see_programs_begin, wait_for_motors, wait_for_programs};
 use crate::cli::args::values::number;
 use crate::cli::console::late::warn_if_late;
+use crate::cli::console::note::note;
 use crate::cli::console::table::{Align, Table};
-use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::client::Connection;
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
 use crate::map::Family;
@@ -29,12 +29,13 @@ pub struct Panel {
 #[derive(Debug, Subcommand)]
 pub enum PanelCommand {
     /// Jog motors in the positive direction until they are stopped
-    #[command(name = "jog+")]
+    #[command(name = "jog+", hide = true)]
     JogPlus(Jog),
     /// Jog motors in the negative direction until they are stopped
-    #[command(name = "jog-")]
+    #[command(name = "jog-", hide = true)]
     JogMinus(Jog),
     /// Stop jogging motors
+    #[command(hide = true)]
     JogStop(Motions),
     /// Jog motors to the pre-jog position: where the last stop or hold of a program, or the last J==, left them
     PreJog(Motors),
@@ -59,13 +60,8 @@ pub enum PanelCommand {
 pub struct Jog {
     #[command(flatten)]
     pub motors: Motors,
-    /// Jog only while this command runs: until ^C, the end of its input, or --seconds, or when the data are not live any more.
-    /// After a kill the motors jog on for at most 200 ms
-    #[arg(long)]
-    pub hold: bool,
-    /// End the held jog after this time, in seconds
-    #[arg(long, value_name = "S", requires = "hold", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
-    pub seconds: Option<Duration>,
+    #[command(flatten)]
+    pub hold: Hold,
 }
 
 #[derive(Debug, Args)]
@@ -139,10 +135,8 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
     let motions = |motions: &Motions| (motions.motors.numbers.clone(), motions.wait);
     let at_once = |numbers: &[u8]| (numbers.to_owned(), Wait::default());
     let (action, (numbers, wait)) = match &options.command {
-        PanelCommand::JogPlus(jog) if jog.hold => return held(context, PanelAction::JogPlus, jog),
-        PanelCommand::JogMinus(jog) if jog.hold => return held(context, PanelAction::JogMinus, jog),
-        PanelCommand::JogPlus(jog) => (PanelAction::JogPlus, at_once(&jog.motors.numbers)),
-        PanelCommand::JogMinus(jog) => (PanelAction::JogMinus, at_once(&jog.motors.numbers)),
+        PanelCommand::JogPlus(jog) => return self::jog(context, PanelAction::JogPlus, jog),
+        PanelCommand::JogMinus(jog) => return self::jog(context, PanelAction::JogMinus, jog),
         PanelCommand::JogStop(motors) => (PanelAction::JogStop, motions(motors)),
         PanelCommand::PreJog(motors) => (PanelAction::PreJog, at_once(&motors.numbers)),
         PanelCommand::Home(motors) => (PanelAction::Home, motions(motors)),
@@ -203,10 +197,9 @@ pub fn press(
     match start {
         Some(Ok(mut watch)) => return see_programs_begin(&mut connection, &mut watch, numbers),
         Some(Err(failure)) => {
-            let _ = writeln!(
-                io::stderr(),
+            note(format_args!(
                 "pmacctl: the start was taken; whether the program runs is not known: {failure}"
-            );
+            ));
         }
         None => {}
     }
@@ -219,22 +212,12 @@ pub fn press(
     }
 }
 
-/// Refuses numbers of motors or coordinate systems that `family` does not have. Nothing has been sent to the board yet.
-pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
-    let (what, count) = match for_motors {
-        true => ("motor", family.motors),
-        false => ("coordinate system", family.coordinate_systems),
-    };
-    match numbers.iter().find(|number| usize::from(**number) > count) {
-        Some(number) => Err(Failure::Request(format!("there is no {what} {number}; write 1 to {count}"))),
-        None => Ok(()),
+fn jog(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
+    let numbers = &jog.motors.numbers;
+    match jog.hold {
+        Hold { hold: true, seconds } => hold(context, action, numbers, seconds),
+        _ => press(context, action, numbers, Wait::default(), false),
     }
-}
-
-fn held(context: &Context, action: PanelAction, jog: &Jog) -> Result<Verdict, Failure> {
-    let mut connection = context.connection()?;
-    check_numbers(Context::family(None, &mut connection)?, true, &jog.motors.numbers)?;
-    hold(context, connection, action, &jog.motors.numbers, jog.seconds)
 }
 
 fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
@@ -263,8 +246,8 @@ fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
     };
     let notes = connection.feed_override(feed.system, value.map(FeedOverride::raw))?;
     let percent = value.zip(i10).and_then(|(value, i10)| value.percent(i10));
-    for note in &notes {
-        let _ = writeln!(io::stderr(), "&{}: {note}", feed.system);
+    for told in &notes {
+        note(format_args!("&{}: {told}", feed.system));
     }
     if context.output.is_json() {
         let raw = value.map(FeedOverride::raw);

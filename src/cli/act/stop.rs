@@ -1,15 +1,13 @@
 //! `pmacctl abort` and `pmacctl kill`: control characters that overtake every queued line.
 
-use std::io::{self, Write};
-
 use clap::Args;
 use serde_json::json;
 
 use crate::cli::act::lines::LineError;
-use crate::cli::act::panel::check_numbers;
 use crate::cli::args::values::number;
 use crate::cli::console::late::warn_if_late;
-use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::console::note::note;
+use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::protocol::board::NO_CONTROL_CHARACTERS;
 use crate::protocol::control;
 
@@ -75,7 +73,7 @@ fn send(context: &mut Context, character: u8, keeps_queue: bool) -> Result<Verdi
         if keeps_queue { connection.control_keeping_queue(character) } else { connection.control(character) };
     let sent = sent.map_err(LineError::from);
     if connection.info().is_ok_and(|info| info.lines.control_characters == Some(false)) {
-        let _ = writeln!(io::stderr(), "pmacctl: {NO_CONTROL_CHARACTERS}");
+        note(format_args!("pmacctl: {NO_CONTROL_CHARACTERS}"));
     }
     if context.output.is_json() {
         let name = control::name(character);

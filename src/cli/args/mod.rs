@@ -2,9 +2,11 @@
 
 pub mod values;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Args as ClapArgs, Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue};
+use clap::{Args as ClapArgs, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::cli::act::jog::Jog;
 use crate::cli::act::panel::Panel;
@@ -34,9 +36,7 @@ use crate::cli::tune::Tune;
 /// Reads and commands a PMAC through its daemon pmacd.
 #[derive(Debug, Parser)]
 #[command(name = "pmacctl", version, arg_required_else_help = true, disable_help_subcommand = true)]
-#[command(
-    after_help = "Exit status: 0 done; 1 the answer is no, or the board or the daemon refused; 2 the request could not be made."
-)]
+#[command(override_help = include_str!("help.txt"))]
 pub struct Args {
     #[command(flatten)]
     pub global: Global,
@@ -71,9 +71,6 @@ pub enum Command {
     Status,
     /// Check everything between this user and live data, and say what to do. Find boards in this machine
     Doctor(Doctor),
-    /// Record a board for somebody else to look at, or for a test: identity, variables, images of the DPRAM, what pmacd reads and
-    /// writes. Only reads; role engineer
-    Capture(Capture),
     /// Show positions, velocities and status of the motors that are activated (Ix00=1)
     Motors,
     /// Show the coordinate systems' targets and status
@@ -82,21 +79,17 @@ pub enum Command {
     Watch(Watch),
     /// Show motors, coordinate systems, health and watched values on one screen; jog with keys that are armed first
     Top(Top),
-    /// List the registers of the DPRAM with their addresses (needs no daemon)
-    Map(Map),
     /// Read DPRAM addresses, written as in the manual
     Read(Read),
     /// Write words or bits of the DPRAM's free area; with --engineer any word
     Write(Write),
-    /// Move one motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
+    /// Move a motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
     Jog(Jog),
-    /// Jog, home, run, stop and override the feed rate through the control panel (I2=3). Role operate; to
-    /// stop and hold, role stop
+    /// Home motors, run, step, hold and stop programs, and override the feed rate, through the control panel (I2=3). Role operate;
+    /// to stop and hold, role stop
     Panel(Panel),
     /// Send a command line (role engineer), or a control character as '^K', and print the reply
     Send(Send),
-    /// Decode a raw image of the DPRAM from a file
-    Decode(Decode),
     /// Compile motion programs to binary rotary commands, decode them, or stream them to the board
     Rotary(Rotary),
     /// Have PMAC copy or write registers in its background (I55=1)
@@ -126,31 +119,148 @@ pub enum Command {
     Restore(Restore),
     /// Show and explain the lines that set up a board; --send sends them
     Setup(Setup),
+    /// Do what is rare: list the registers, decode an image, record the board, explain a setting
+    Board {
+        #[command(subcommand)]
+        command: Rare,
+    },
+    /// The spellings of old.
+    #[command(flatten)]
+    Rare(Rare),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Rare {
+    /// List the registers of the DPRAM with their addresses (needs no daemon)
+    Map(Map),
+    /// Decode a raw image of the DPRAM from a file
+    Decode(Decode),
+    /// Record a board for somebody else to look at, or for a test: identity, variables, images of the DPRAM, what pmacd reads and
+    /// writes. Only reads; role engineer
+    Capture(Capture),
     /// Explain what an absolute-position setting makes PMAC read (needs no daemon)
     Absolute(Absolute),
+}
+
+/// The definition. It hides what is spelled as of old.
+pub fn command() -> clap::Command {
+    let hidden = |command: clap::Command, old: &clap::Command| {
+        command.mut_subcommand(old.get_name(), |old| old.hide(true))
+    };
+    let rare = Rare::augment_subcommands(clap::Command::new("board"));
+    rare.get_subcommands().fold(Args::command(), hidden)
+}
+
+/// Reads a command line.
+///
+/// # Errors
+/// Those of clap.
+pub fn parse(line: impl IntoIterator<Item = OsString>) -> Result<Args, clap::Error> {
+    let mut command = command();
+    let matches = command.try_get_matches_from_mut(line)?;
+    Args::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// What names a wrong verb, and the right one, where `error` is about a verb that is known to be meant for another.
+pub fn right_verb(error: &clap::Error) -> Option<String> {
+    let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return None };
+    let right = match typed.as_str() {
+        "stop" | "halt" => "abort, or for one motor pmacctl jog MOTOR stop",
+        "home" => "panel home MOTOR",
+        "run" | "start" | "step" | "hold" | "feed" => "panel",
+        "move" | "jog+" | "jog-" | "jog-stop" => "jog",
+        "motor" | "position" | "positions" | "axes" => "motors",
+        "system" | "systems" | "coordinate" | "cs" => "coordinates",
+        "monitor" | "live" | "follow" => "watch",
+        "info" | "health" => "status",
+        "boards" | "check" | "diagnose" => "doctor",
+        "get" | "peek" | "dump" => "read",
+        "set" | "poke" => "write",
+        "command" | "ask" | "query" => "send",
+        "console" | "shell" | "talk" => "terminal",
+        "encode" | "stream" => "rotary",
+        "load" | "upload" => "download",
+        "save" => "backup",
+        "record" | "trace" => "log",
+        "sample" | "scope" => "gather",
+        "draw" => "plot",
+        "registers" | "addresses" => "board map",
+        "enable" | "isa" | "vme" => "setup",
+        "sim" | "simulate" => "demo",
+        "compare" => "diff",
+        "help" => "--help",
+        _ => return None,
+    };
+    Some(format!("there is no command {typed}; it is pmacctl {right}"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_tree_is_sound() {
-        Args::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn the_help_fits_a_screen_and_names_every_verb_once() {
+        let help = command().render_help().to_string();
+        assert!(help.lines().count() <= 40 && help.lines().all(|line| line.chars().count() <= 100), "{help}");
+        let rows = help.lines().skip(4).take_while(|line| !line.is_empty());
+        let cells = rows.map(|row| row.chars().skip(10).take(29).collect::<String>());
+        let mut told: Vec<String> =
+            cells.flat_map(|cell| cell.split(" · ").map(first_word).collect::<Vec<_>>()).collect();
+        let command = command();
+        let mut verbs: Vec<String> = command
+            .get_subcommands()
+            .filter(|verb| !verb.is_hide_set())
+            .map(|verb| verb.get_name().to_owned())
+            .collect();
+        told.sort();
+        verbs.sort();
+        assert_eq!(told, verbs);
+    }
+
+    fn first_word(text: &str) -> String {
+        text.split_whitespace().next().unwrap_or_default().to_owned()
+    }
+
+    #[test]
+    fn old_spellings_do_the_same() {
+        for line in
+            ["map --family turbo2", "decode x.bin --motors 2", "capture x", "absolute --ix10 0x8D0010"]
+        {
+            let of = |start: &str| {
+                let line = format!("{start} {line}");
+                format!("{:?}", parse(line.split(' ').map(OsString::from)).unwrap().command)
+            };
+            let (old, new) = (of("pmacctl"), of("pmacctl board"));
+            assert_eq!(
+                new,
+                old.replacen("Rare(", "Board { command: ", 1).trim_end_matches(')').to_owned() + ") }"
+            );
+        }
+    }
+
+    #[test]
+    fn a_wrong_verb_is_told_the_right_one() {
+        let told = |verb: &str| right_verb(&parse(["pmacctl", verb].map(OsString::from)).unwrap_err());
+        assert_eq!(told("save").as_deref(), Some("there is no command save; it is pmacctl backup"));
+        assert_eq!(told("frobnicate"), None);
     }
 
     #[test]
     fn global_options_stand_before_or_after_the_command() {
         for line in ["pmacctl --name rig --json motors", "pmacctl motors --json --name rig"] {
-            let args = Args::try_parse_from(line.split(' ')).unwrap();
+            let args = parse(line.split(' ').map(OsString::from)).unwrap();
             assert_eq!((args.global.name.as_deref(), args.global.json), (Some("rig"), true));
         }
     }
 
     #[test]
     fn the_options_of_every_command_stand_apart_in_its_help() {
-        let mut command = Args::command();
+        let mut command = command();
         command.build();
         for name in ["gather", "watch", "backup"] {
             let help = command.find_subcommand_mut(name).unwrap().render_help().to_string();

@@ -1,11 +1,9 @@
-//! `pmacctl capture`: a board in a directory of plain files ([`crate::recording`]). Only reads.
+//! `pmacctl board capture`: a board in a directory of plain files ([`crate::recording`]). Only reads.
 
 mod image;
 mod latency;
 mod private;
 mod take;
-
-use std::io::{self, Write as _};
 
 use serde_json::json;
 
@@ -13,6 +11,7 @@ pub use self::private::without_users;
 pub use self::take::{Capture, Taken};
 use self::take::{Summary, Taking};
 use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 
 /// `capture`.
@@ -31,7 +30,7 @@ pub fn run(context: &mut Context, options: &Capture) -> Result<Verdict, Failure>
     }
     context.output.flush()?;
     if let Some(why) = &taken.summary.cut_short {
-        let _ = writeln!(io::stderr(), "{}: cut short: {why}", options.directory.display());
+        note(format_args!("{}: cut short: {why}", options.directory.display()));
     }
     let is_whole = taken.summary.cut_short.is_none() && !taken.summary.lacks_answers;
     taken.failure.map_or(Ok(is_whole.into()), Err)

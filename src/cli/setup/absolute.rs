@@ -1,4 +1,4 @@
-//! `pmacctl absolute`: explains what an absolute-position setting makes PMAC read, and decodes given words.
+//! `pmacctl board absolute`: explains what an absolute-position setting makes PMAC read, and decodes given words.
 
 use std::fmt::Write;
 

@@ -1,6 +1,5 @@
-//! `pmacctl setup` and `pmacctl absolute` as commands: prints the answers, and sends set-up lines on request.
+//! `pmacctl setup` and `pmacctl board absolute` as commands: prints the answers, and sends set-up lines on request.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -10,6 +9,7 @@ use serde_json::{Value, json};
 use super::lines::{self as setup, SetupCommand};
 use crate::cli::act::lines::LineError;
 use crate::cli::console::confirm::{board_of, confirm, sending as question};
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
@@ -222,8 +222,7 @@ fn report(
     }
     context.output.flush()?;
     let Some(error) = sent.error else { return Ok(Verdict::Yes) };
-    // If stderr is closed, the message is lost.
-    let _ = writeln!(io::stderr(), "{}", stopped(taken, rest));
+    note(stopped(taken, rest));
     Err(error.into())
 }
 

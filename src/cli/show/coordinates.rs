@@ -1,29 +1,17 @@
-//! `pmacctl coordinates`: the coordinate systems of the background data, as a table or JSON.
+//! The coordinate systems of the background data, as a table, a line or JSON.
 
 use serde_json::{Value, json};
 
 use crate::cli::act::panel::panel_words;
 use crate::cli::console::table::{Align, Table};
-use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::show::motors::{reason, stamp};
-use crate::cli::show::screen::{Live, state};
+use crate::cli::context::Context;
+use crate::cli::show::motors::stamp;
+use crate::cli::show::screen::{Live, state, update};
 use crate::client::number::{NOT_READ, fixed, short};
 use crate::client::{Snapshot, Staleness};
 use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
 use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
-
-pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let mut board = context.board()?;
-    let snapshot = board.snapshot()?;
-    let overrides = Overrides::ask(context, snapshot.identity.i10);
-    if context.output.is_json() {
-        context.output.json(&document(&snapshot, &overrides))?;
-    } else {
-        context.output.text(text(&snapshot, &overrides, |stale| reason(&mut board, stale)))?;
-    }
-    Ok(snapshot.background.is_some_and(|background| background.is_fresh()).into())
-}
 
 /// The control panel's overrides of the feed rate, as far as they can be asked for. `%` and whatever else Ix93 points at are
 /// the board's own.
@@ -70,7 +58,7 @@ impl Overrides {
     }
 }
 
-/// The coordinate systems, for `watch`.
+/// The coordinate systems, as they are shown.
 pub struct Systems<'a> {
     snapshot: &'a Snapshot,
     overrides: Overrides,
@@ -84,16 +72,28 @@ impl<'a> Systems<'a> {
 }
 
 impl Live for Systems<'_> {
-    fn sequence(&self) -> u64 {
-        self.snapshot.background.as_ref().map_or(0, |background| background.sequence)
+    fn update(&self) -> (u64, bool) {
+        update(self.snapshot.background.as_ref())
     }
 
     fn document(&self) -> Value {
-        document(self.snapshot, &self.overrides)
+        let background = self.snapshot.background.as_ref();
+        let mut document = json!({ "background": stamp(background, self.snapshot.stale) });
+        add(&mut document, background.map(|background| &background.data));
+        for system in document["coordinate_systems"].as_array_mut().into_iter().flatten() {
+            let number = system["coordinate_system"].as_u64().and_then(|number| usize::try_from(number).ok());
+            system["feed_override"] = number.map_or(Value::Null, |number| self.overrides.document(number));
+        }
+        document
     }
 
-    fn text(&self, _: Option<usize>) -> String {
-        text(self.snapshot, &self.overrides, |stale| stale.to_string())
+    fn text(&self, _: Option<usize>, why: &mut dyn FnMut(Staleness) -> String) -> String {
+        let Some(background) = &self.snapshot.background else {
+            let why = why(self.snapshot.stale.unwrap_or(Staleness::Off));
+            return format!("STALE: there are no background data yet: {why}\n");
+        };
+        let note = background.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
+        note + &table(&background.data, &self.overrides)
     }
 
     fn line(&self) -> String {
@@ -115,30 +115,11 @@ impl Live for Systems<'_> {
     }
 }
 
-fn document(snapshot: &Snapshot, overrides: &Overrides) -> Value {
-    let mut document = json!({ "background": stamp(snapshot.background.as_ref(), snapshot.stale) });
-    add(&mut document, snapshot.background.as_ref().map(|background| &background.data));
-    for system in document["coordinate_systems"].as_array_mut().into_iter().flatten() {
-        let number = system["coordinate_system"].as_u64().and_then(|number| usize::try_from(number).ok());
-        system["feed_override"] = number.map_or(Value::Null, |number| overrides.document(number));
-    }
-    document
-}
-
 /// Adds the background data to a document. Without data the parts are empty.
 pub fn add(document: &mut Value, data: Option<&BackgroundData>) {
     document["coordinate_systems"] = data.map_or(json!([]), |data| json!(data.coordinate_systems));
     document["background_motors"] = data.map_or(json!([]), |data| json!(data.motors));
     document["ports"] = data.map_or(Value::Null, |data| json!(data.ports));
-}
-
-fn text(snapshot: &Snapshot, overrides: &Overrides, why: impl FnOnce(Staleness) -> String) -> String {
-    let Some(background) = &snapshot.background else {
-        let why = why(snapshot.stale.unwrap_or(Staleness::Off));
-        return format!("STALE: there are no background data yet: {why}\n");
-    };
-    let note = background.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
-    note + &table(&background.data, overrides)
 }
 
 /// The table of the coordinate systems, and the board's ports.

@@ -1,4 +1,4 @@
-//! `pmacctl decode`: decodes a raw image of the DPRAM from a file, with the code that decodes live data.
+//! `pmacctl board decode`: decodes a raw image of the DPRAM from a file, with the code that decodes live data.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -3,7 +3,6 @@
 //! It starts the daemon on a simulated board, jogs motors back and forth, and shows them live from the shared memory,
 //! as any program could. The last line gives the counts.
 
-use std::io::{self, Write as _};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -11,7 +10,9 @@ use clap::Args;
 use crate::cli::args::values::{family, rate, seconds};
 use crate::cli::console::interrupt::Interrupt;
 use crate::cli::console::keys::Keys;
+use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::motors::Motors;
 use crate::cli::show::screen::Screen;
 use crate::cli::show::stage::Stage;
 use crate::client::{Board, ClientError};
@@ -57,13 +58,12 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     let interactive = context.output.is_terminal();
     let keys = Keys::listen(interactive);
     let socket = stage.socket().display().to_string();
-    let note = format!("try: pmacctl --socket {socket} send '#1P'");
+    let hint = format!("try: pmacctl --socket {socket} send '#1P'");
     if !interactive && !context.output.is_quiet() {
-        // Nobody reads it: nothing to be done.
-        let _ = writeln!(io::stderr(), "{note}");
+        note(&hint);
     }
-    let mut screen = Screen::new(interactive).with_note(note);
-    let hint = if keys.are_heard() { "; q ends it" } else { "" };
+    let mut screen = Screen::new(interactive).with_note(hint);
+    let ends = if keys.are_heard() { "; q ends it" } else { "" };
 
     let began = Instant::now();
     let first = board.subscriber().counter(Counter::Updates);
@@ -87,7 +87,11 @@ pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
         if let Some(servo) = &mut snapshot.servo {
             servo.data.motors.truncate(SHOWN);
         }
-        screen.show(&mut context.output, &format!("{} (simulated{hint})", board.name()), &snapshot)?;
+        screen.show(
+            &mut context.output,
+            &format!("{} (simulated{ends})", board.name()),
+            &Motors(&snapshot),
+        )?;
         context.output.flush()?;
         let over = options.seconds.is_some_and(|seconds| began.elapsed() >= seconds);
         if over || signal.came() || keys.quit_within(options.rate) {

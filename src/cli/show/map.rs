@@ -1,10 +1,9 @@
-//! `pmacctl map`: lists the registers and their addresses from the register table.
-
-use std::io::{self, Write as _};
+//! `pmacctl board map`: lists the registers and their addresses from the register table.
 
 use clap::Args;
 
 use crate::cli::args::values::family;
+use crate::cli::console::note::note;
 use crate::cli::console::table::{Align, Table};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord};
@@ -31,8 +30,7 @@ pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
         (None, Some((family, info))) => {
             let firmware = options.firmware.or(board);
             let version = firmware.map_or_else(String::new, |firmware| format!(", firmware {firmware}"));
-            // If stderr is closed, it is lost.
-            let _ = writeln!(io::stderr(), "the map of {}: {}{version}", info.name, family.title);
+            note(format_args!("the map of {}: {}{version}", info.name, family.title));
             (*family, firmware)
         }
         (None, None) => (DEFAULT_FAMILY, options.firmware),

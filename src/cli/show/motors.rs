@@ -1,31 +1,67 @@
-//! `pmacctl motors`: the motors, as a table or JSON.
+//! The motors, as a table, a line or JSON.
 
 use serde_json::{Value, json};
 
 use crate::cli::console::table::{Align, Table};
 use crate::cli::console::time::rfc3339;
-use crate::cli::context::{Context, Failure, Verdict};
+use crate::cli::show::screen::{Live, state, update};
 use crate::client::motor::Motor;
 use crate::client::number::labelled;
 use crate::client::{Board, Connection, Snapshot, Staleness, View, identity};
 use crate::map::DEFAULT_FAMILY;
 use crate::protocol::board::REPLAY_OVER;
 
-pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
-    let mut board = context.board()?;
-    let snapshot = board.snapshot()?;
-    if context.output.is_json() {
-        context.output.json(&document(&snapshot))?;
-    } else {
-        context.output.text(table_or_why(&snapshot, None, |stale| reason(&mut board, stale)))?;
-    }
-    Ok(snapshot.servo.is_some_and(|servo| servo.is_fresh()).into())
-}
+/// The activated motors, as they are shown.
+pub struct Motors<'a>(pub &'a Snapshot);
 
-/// The document of `motors --json`.
-pub fn document(snapshot: &Snapshot) -> Value {
-    let motors: Vec<Value> = shown(snapshot).iter().map(Motor::document).collect();
-    json!({ "servo": stamp(snapshot.servo.as_ref(), snapshot.stale), "motors": motors })
+impl Live for Motors<'_> {
+    fn update(&self) -> (u64, bool) {
+        update(self.0.servo.as_ref())
+    }
+
+    fn document(&self) -> Value {
+        let motors: Vec<Value> = shown(self.0).iter().map(Motor::document).collect();
+        json!({ "servo": stamp(self.0.servo.as_ref(), self.0.stale), "motors": motors })
+    }
+
+    fn text(&self, width: Option<usize>, why: &mut dyn FnMut(Staleness) -> String) -> String {
+        let Some(servo) = &self.0.servo else {
+            let why = why(self.0.stale.unwrap_or(Staleness::Off));
+            return format!("STALE: there are no servo data yet: {why}\n");
+        };
+        let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
+        let motors = shown(self.0);
+        if motors.is_empty() && !servo.data.motors.is_empty() {
+            return note + "no motor of the servo report is activated (Ix00=1)\n";
+        }
+        if motors.is_empty() {
+            return note
+                + "no motor is in the servo report: the board is told to report none, or pmacd leaves that as found until it \
+                   knows the M-variables (pmacctl status)\n";
+        }
+        let table = table(&motors);
+        let table = match width {
+            Some(width) => table.fitting(width, &SPARE),
+            None => table.to_string(),
+        };
+        let notes = motors.iter().filter_map(Motor::why_p_differs).map(|why| why + "\n");
+        note + &table + &notes.collect::<String>()
+    }
+
+    /// Of each motor the actual position, the following error and the flags.
+    fn line(&self) -> String {
+        let motors = shown(self.0);
+        let motors = motors.iter().map(|motor| {
+            let (number, position) = (motor.servo.motor, labelled(motor.servo.actual_position));
+            let (error, flags) = (labelled(motor.servo.following_error), motor.flags().join(","));
+            let user = motor.user_position().map_or_else(String::new, |position| {
+                let name = motor.name().unwrap_or("user");
+                format!(" {name}={}", position.replace(' ', ""))
+            });
+            format!(" #{number}={position}{user} following_error={error} flags={flags}")
+        });
+        state(self.0.servo.as_ref(), self.0.stale) + &motors.collect::<String>()
+    }
 }
 
 /// The motors of the servo report, with what fresh background data add.
@@ -72,36 +108,6 @@ pub fn reason(board: &mut Board, stale: Staleness) -> String {
     let is_over =
         may_be_over && board.connection().and_then(Connection::info).is_ok_and(|info| info.is_over());
     if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
-}
-
-/// The text of `motors`; as narrow as `width`, if that is given.
-pub fn text(snapshot: &Snapshot, width: Option<usize>) -> String {
-    table_or_why(snapshot, width, |stale| stale.to_string())
-}
-
-/// As [`text`], with `why` the data are stale.
-fn table_or_why(snapshot: &Snapshot, width: Option<usize>, why: impl FnOnce(Staleness) -> String) -> String {
-    let Some(servo) = &snapshot.servo else {
-        let why = why(snapshot.stale.unwrap_or(Staleness::Off));
-        return format!("STALE: there are no servo data yet: {why}\n");
-    };
-    let note = servo.stale.map_or_else(String::new, |stale| format!("STALE: {}\n", why(stale)));
-    let motors = shown(snapshot);
-    if motors.is_empty() && !servo.data.motors.is_empty() {
-        return note + "no motor of the servo report is activated (Ix00=1)\n";
-    }
-    if motors.is_empty() {
-        return note
-            + "no motor is in the servo report: the board is told to report none, or pmacd leaves that as found until it knows \
-               the M-variables (pmacctl status)\n";
-    }
-    let table = table(&motors);
-    let table = match width {
-        Some(width) => table.fitting(width, &SPARE),
-        None => table.to_string(),
-    };
-    let notes = motors.iter().filter_map(Motor::why_p_differs).map(|why| why + "\n");
-    note + &table + &notes.collect::<String>()
 }
 
 /// The motors, in counts, counts a second, and where the configuration has one in their unit.

@@ -7,9 +7,7 @@ use serde_json::Value;
 
 use crate::cli::console::output::Output;
 use crate::cli::context::Failure;
-use crate::cli::show::motors::{document, shown, text};
-use crate::client::number::labelled;
-use crate::client::{Snapshot, Staleness, View};
+use crate::client::{Staleness, View};
 
 /// Move the cursor to the top left; clear its line; clear from the cursor to the end of the screen.
 const HOME: &str = "\x1b[H";
@@ -37,14 +35,14 @@ impl Screen {
         self
     }
 
-    pub fn show(&mut self, output: &mut Output, title: &str, live: &impl Live) -> Result<(), Failure> {
+    pub fn show(&mut self, output: &mut Output, title: &str, live: &dyn Live) -> Result<(), Failure> {
         if output.is_json() {
             output.json_line(&live.document())?;
         } else if self.repaint {
             let size = size();
-            let text = live.text(size.map(|(columns, _)| columns));
+            let text = live.text(size.map(|(columns, _)| columns), &mut |stale| stale.to_string());
             let note = wrapped(&self.note, size);
-            let screen = format!("{title}  update {}\n{note}{text}", live.sequence());
+            let screen = format!("{title}  update {}\n{note}{text}", live.update().0);
             output.text(HOME)?;
             // Cleared before and not behind the text: behind the last column that would take the last letter away.
             for line in fitting(&screen, size) {
@@ -60,33 +58,14 @@ impl Screen {
 
 /// What is shown live.
 pub trait Live {
-    /// The number of the update.
-    fn sequence(&self) -> u64;
+    /// The number of the update, and whether it is live.
+    fn update(&self) -> (u64, bool);
     /// As JSON.
     fn document(&self) -> Value;
-    /// As a table; as narrow as `width`, if that is given.
-    fn text(&self, width: Option<usize>) -> String;
+    /// As a table, as narrow as `width` if that is given; `why` explains in a sentence why data are stale.
+    fn text(&self, width: Option<usize>, why: &mut dyn FnMut(Staleness) -> String) -> String;
     /// On one line.
     fn line(&self) -> String;
-}
-
-/// The motors.
-impl Live for Snapshot {
-    fn sequence(&self) -> u64 {
-        self.servo.as_ref().map_or(0, |servo| servo.sequence)
-    }
-
-    fn document(&self) -> Value {
-        document(self)
-    }
-
-    fn text(&self, width: Option<usize>) -> String {
-        text(self, width)
-    }
-
-    fn line(&self) -> String {
-        plain(self)
-    }
 }
 
 /// The window's size, which may change. `None` if the terminal does not tell.
@@ -117,23 +96,12 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
     lines.take(shown).chain(std::iter::once(rest.as_str())).map(cut).collect()
 }
 
-/// One line: the update's number, whether it is live, and of each motor the actual position, the following error and the flags.
-fn plain(snapshot: &Snapshot) -> String {
-    let state = state(snapshot.servo.as_ref(), snapshot.stale);
-    let motors = shown(snapshot);
-    let motors = motors.iter().map(|motor| {
-        let (number, position) = (motor.servo.motor, labelled(motor.servo.actual_position));
-        let (error, flags) = (labelled(motor.servo.following_error), motor.flags().join(","));
-        let user = motor.user_position().map_or_else(String::new, |position| {
-            let name = motor.name().unwrap_or("user");
-            format!(" {name}={}", position.replace(' ', ""))
-        });
-        format!(" #{number}={position}{user} following_error={error} flags={flags}")
-    });
-    state + &motors.collect::<String>()
+/// The number of the update in `view`, and whether it is live.
+pub fn update<T>(view: Option<&View<T>>) -> (u64, bool) {
+    view.map_or((0, false), |view| (view.sequence, view.is_fresh()))
 }
 
-/// Which update it is, and whether it is live.
+/// The same on a line.
 pub fn state<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> String {
     let Some(view) = view else {
         return format!("update=0 stale={}", otherwise.map_or("no_data", Staleness::name));

@@ -1,4 +1,4 @@
-//! `pmacctl watch`: shows the motors or coordinate systems live, also across restarts of the daemon.
+//! `pmacctl motors` and `pmacctl coordinates`, and `pmacctl watch`, which shows the same live, also across restarts of the daemon.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,15 +11,25 @@ use crate::cli::args::values::{rate, seconds};
 use crate::cli::console::keys::Keys;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::coordinates::Systems;
-use crate::cli::show::screen::Screen;
-use crate::client::View;
+use crate::cli::show::motors::{Motors, reason};
+use crate::cli::show::screen::{Live, Screen};
+use crate::client::Snapshot;
 use crate::segment::RegionId;
 
-/// What is watched.
+/// What is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Part {
     Motors,
     Coordinates,
+}
+
+impl Part {
+    fn of<'a>(self, context: &Context, snapshot: &'a Snapshot) -> Box<dyn Live + 'a> {
+        match self {
+            Self::Motors => Box::new(Motors(snapshot)),
+            Self::Coordinates => Box::new(Systems::new(context, snapshot)),
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -40,6 +50,19 @@ pub struct Watch {
 
 /// Longest time between prints without new data.
 const NO_NEWS: Duration = Duration::from_millis(500);
+
+/// Shows `what` once.
+pub fn once(context: &mut Context, what: Part) -> Result<Verdict, Failure> {
+    let mut board = context.board()?;
+    let snapshot = board.snapshot()?;
+    let live = what.of(context, &snapshot);
+    if context.output.is_json() {
+        context.output.json(&live.document())?;
+    } else {
+        context.output.text(live.text(None, &mut |stale| reason(&mut board, stale)))?;
+    }
+    Ok(live.update().1.into())
+}
 
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
@@ -64,17 +87,9 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         let region = if options.what == Part::Motors { RegionId::Servo } else { RegionId::Background };
         board.wait_for(region, after, left(end).min(NO_NEWS))?;
         let snapshot = board.snapshot()?;
-        (after, fresh) = match options.what {
-            Part::Motors => {
-                screen.show(&mut context.output, &title, &snapshot)?;
-                told(snapshot.servo.as_ref())
-            }
-            Part::Coordinates => {
-                let systems = Systems::new(context, &snapshot);
-                screen.show(&mut context.output, &title, &systems)?;
-                told(snapshot.background.as_ref())
-            }
-        };
+        let live = options.what.of(context, &snapshot);
+        screen.show(&mut context.output, &title, &*live)?;
+        (after, fresh) = live.update();
         context.output.flush()?;
         printed += 1;
         if options.count.is_some_and(|count| printed >= count) {
@@ -86,11 +101,6 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
         }
     }
     Ok(fresh.into())
-}
-
-/// The number of the update that is shown, and whether it is live.
-fn told<T>(view: Option<&View<T>>) -> (u64, bool) {
-    view.map_or((0, false), |view| (view.sequence, view.is_fresh()))
 }
 
 fn left(end: Option<Instant>) -> Duration {

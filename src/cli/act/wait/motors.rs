@@ -151,11 +151,10 @@ pub fn motors_end(
     goal: Goal,
     timeout: Duration,
 ) -> Result<Vec<String>, Failure> {
-    let list: Vec<String> = numbers.iter().map(ToString::to_string).collect();
-    let (commas, blanks) = (list.join(", "), list.join(" "));
-    let moving = format!(
-        "motor {commas} MAY BE MOVING: only the wait has ended; pmacctl panel jog-stop {blanks} stops it"
-    );
+    let list = numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+    let told = list.replace(',', ", ");
+    let moving =
+        format!("motor {told} MAY BE MOVING: only the wait has ended; pmacctl jog {list} stop stops it");
     // Since when each one has stood.
     let mut stood = BTreeMap::new();
     // Who waits for a stop does not mind another one.
