@@ -106,15 +106,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     if options.plot.is_some() {
         check_drawable(output)?;
     }
-    if let Some(line) = &options.then {
-        check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
-        if let Some(Effect::Opens(_)) = effect(line.as_bytes()) {
-            let why = format!(
-                "--then: {line:?} opens a program buffer, which would keep the end of the gather from the board"
-            );
-            return Err(Failure::Request(why));
-        }
-    }
+    options.then.as_deref().map_or(Ok(()), check_then)?;
     let named = |layout: &Layout| options.source.iter().map(|text| Source::parse(text, layout)).collect();
     let mode = if options.once { GatherMode::Stop } else { GatherMode::Wrap };
     let mut prepared = Prepared::new(context, named, options.period, mode, options.buffer)?;
@@ -206,6 +198,17 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     }
     said.extend(drawn.err().map(|failure| failure.to_string()));
     Err(Failure::Refused(said.join("; ")))
+}
+
+/// Refuses a line of `--then` that the board could not take, or that would keep it from more.
+fn check_then(line: &str) -> Result<(), Failure> {
+    check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
+    match effect(line.as_bytes()) {
+        Some(Effect::Opens(_)) => Err(Failure::Request(format!(
+            "--then: {line:?} opens a program buffer, which would keep the end of the gather from the board"
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Sends the line that was to follow once the board gathers.

@@ -9,7 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
-use super::stream::own_buffer;
+use super::stream::{check_system, own_buffer};
 use crate::cli::args::values::number;
 use crate::cli::console::note::note;
 use crate::cli::context::{Context, Failure, Verdict};
@@ -48,10 +48,7 @@ pub struct Check {
 pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     let mut board = context.connection()?;
     let family = Context::family(None, &mut board)?;
-    if usize::from(options.cs) > family.coordinate_systems {
-        let text = format!("--cs {}: the board has 1 to {}", options.cs, family.coordinate_systems);
-        return Err(Failure::Request(text));
-    }
+    check_system(options.cs, family)?;
     let told = options.format.over(&board.settings()?.rotary_format().of(family))?;
     // What nobody has told is tried.
     let settings =

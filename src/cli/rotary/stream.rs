@@ -71,26 +71,11 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     let family = Context::family(None, &mut board)?;
     let start = options.start.as_deref().map(|text| TypedAddress::parse(text, family));
     let start = start.transpose().map_err(|error| Failure::Request(format!("--start: {error}")))?;
-    if usize::from(options.cs) > family.coordinate_systems {
-        let text = format!("--cs {}: the board has 1 to {}", options.cs, family.coordinate_systems);
-        return Err(Failure::Request(text));
-    }
+    check_system(options.cs, family)?;
     let of_the_daemon = board.settings()?;
     let mut settings = options.format.over(&of_the_daemon.rotary_format().of(family))?;
     // Find a line that can never fit the buffer now, not in the middle of the program.
-    let buffers = family.rotary.headers.len();
-    let buffer = options.buffer.unwrap_or_else(|| own_buffer(family, options.cs));
-    if usize::from(buffer) > buffers {
-        let text = format!("--buffer {buffer}: the board has 1 to {buffers}");
-        return Err(Failure::Request(text));
-    }
-    if family.rotary.one_a_system && buffer != own_buffer(family, options.cs) {
-        let text = format!(
-            "--buffer {buffer}: on a {} buffer {buffer} is that of coordinate system {buffer}; leave --buffer out",
-            family.title
-        );
-        return Err(Failure::Request(text));
-    }
+    let buffer = buffer(options, family)?;
     let kept = of_the_daemon.plan.rotary_longs(family).get(usize::from(buffer) - 1);
     let kept = kept.copied().unwrap_or_default();
     if kept == 0 && options.size.is_none() {
@@ -180,6 +165,31 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         ));
     }
     stopped.map_or(Ok(Verdict::Yes), Err)
+}
+
+/// The number of the buffer that is fed.
+fn buffer(options: &Stream, family: &Family) -> Result<u8, Failure> {
+    let (own, buffers) = (own_buffer(family, options.cs), family.rotary.headers.len());
+    let buffer = options.buffer.unwrap_or(own);
+    if usize::from(buffer) > buffers {
+        return Err(Failure::Request(format!("--buffer {buffer}: the board has 1 to {buffers}")));
+    }
+    if family.rotary.one_a_system && buffer != own {
+        return Err(Failure::Request(format!(
+            "--buffer {buffer}: on a {} buffer {buffer} is that of coordinate system {buffer}; leave --buffer out",
+            family.title
+        )));
+    }
+    Ok(buffer)
+}
+
+/// Refuses a coordinate system that the board does not have.
+pub(super) fn check_system(cs: u8, family: &Family) -> Result<(), Failure> {
+    let count = family.coordinate_systems;
+    if usize::from(cs) <= count {
+        return Ok(());
+    }
+    Err(Failure::Request(format!("--cs {cs}: the board has 1 to {count}")))
 }
 
 /// The number of the buffer that coordinate system `cs` is fed from, unless told otherwise.

@@ -228,10 +228,6 @@ fn text(document: &Value) -> String {
 pub fn lines(document: &Value) -> Vec<(String, String)> {
     let mut lines = Vec::new();
     let mut say = |what: &str, value: String| lines.push((what.to_owned(), Visible(value).to_string()));
-    let plain = |value: &Value| match value {
-        Value::String(text) => text.clone(),
-        other => other.to_string(),
-    };
     say("name", plain(&document["name"]));
     let reason = document["reason"].as_str().map_or_else(String::new, |reason| format!(": {reason}"));
     say("condition", plain(&document["condition"]) + &reason);
@@ -281,61 +277,72 @@ pub fn lines(document: &Value) -> Vec<(String, String)> {
     let counts = ["updates", "lost", "missed", "skipped", "retries", "bus_errors"];
     say("counters", counts.map(|name| format!("{name}={}", counters[name])).join(" "));
     let socket = &document["socket"];
-    if socket["reachable"] == true {
-        if let Some(text) = socket["replay"]["text"].as_str() {
-            say("replay", text.to_owned());
-        }
-        let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
-        say("socket", plain(&socket["path"]));
-        say("enabled", enabled.join(" "));
-        let functions = socket["functions"].as_array();
-        let used: Vec<_> = functions.into_iter().flatten().map(plain).collect();
-        if used.is_empty() {
-            say("functions", format!("none: {UNKNOWN_FAMILY}"));
-        } else if used.len() < Function::ALL.len() {
-            say("functions", used.join(" "));
-        }
-        let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));
-        let port = match &socket["command_port"] {
-            _ if !taken => "off by the daemon's configuration",
-            Value::String(port) if port == "mailbox" => "through the VME mailboxes",
-            _ => "through the DPRAM",
-        };
-        say("command lines", port.to_owned());
-        for fault in socket["port_faults"].as_array().into_iter().flatten() {
-            say("warning", plain(fault));
-        }
-        if let Some(text) = socket["open_buffer"]["text"].as_str() {
-            say("open buffer", text.to_owned());
-        } else if socket["open_buffer_unsaid"] == true {
-            say("open buffer", "not known: no report tells, and the board refuses SIZE".to_owned());
-        }
-        let host_port = &socket["host_port"];
-        if !host_port.is_null() {
-            let count = |name: &str| plain(&host_port[name]);
-            let (name, line) = (plain(&host_port["controller"]), count("line"));
-            let counts = ["served", "old", "unannounced"].map(|name| format!("{name}={}", count(name)));
-            say("host port", format!("{name} line {line}: {}", counts.join(" ")));
-        }
-        for change in socket["elsewhere"].as_array().into_iter().flatten() {
-            say("elsewhere", plain(&change["text"]));
-        }
-        let waiting: Vec<_> = socket["waiting"].as_array().into_iter().flatten().map(plain).collect();
-        if !waiting.is_empty() {
-            let definitions = serde_json::from_value(socket["definitions"].clone()).unwrap_or_default();
-            let why = waits_for(!socket["open_buffer"].is_null(), &definitions);
-            say("not used yet", format!("{}: {why}", waiting.join(", ")));
-        }
-        for words in socket["program_words"].as_array().into_iter().flatten() {
-            say("programs' words", plain(&words["text"]));
-        }
-        for sentence in socket["unfinished"].as_array().into_iter().flatten() {
-            say("unfinished", plain(sentence));
-        }
-    } else {
-        say("socket", plain(&socket["reason"]));
+    match socket["reachable"] == true {
+        true => socket_lines(socket, say),
+        false => say("socket", plain(&socket["reason"])),
     }
     lines
+}
+
+fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// Says what the daemon told over its socket.
+fn socket_lines(socket: &Value, mut say: impl FnMut(&str, String)) {
+    if let Some(text) = socket["replay"]["text"].as_str() {
+        say("replay", text.to_owned());
+    }
+    let enabled: Vec<_> = socket["enabled"].as_array().into_iter().flatten().map(plain).collect();
+    say("socket", plain(&socket["path"]));
+    say("enabled", enabled.join(" "));
+    let functions = socket["functions"].as_array();
+    let used: Vec<_> = functions.into_iter().flatten().map(plain).collect();
+    if used.is_empty() {
+        say("functions", format!("none: {UNKNOWN_FAMILY}"));
+    } else if used.len() < Function::ALL.len() {
+        say("functions", used.join(" "));
+    }
+    let taken = functions.is_some_and(|functions| functions.iter().any(|name| name == "ascii"));
+    let port = match &socket["command_port"] {
+        _ if !taken => "off by the daemon's configuration",
+        Value::String(port) if port == "mailbox" => "through the VME mailboxes",
+        _ => "through the DPRAM",
+    };
+    say("command lines", port.to_owned());
+    for fault in socket["port_faults"].as_array().into_iter().flatten() {
+        say("warning", plain(fault));
+    }
+    if let Some(text) = socket["open_buffer"]["text"].as_str() {
+        say("open buffer", text.to_owned());
+    } else if socket["open_buffer_unsaid"] == true {
+        say("open buffer", "not known: no report tells, and the board refuses SIZE".to_owned());
+    }
+    let host_port = &socket["host_port"];
+    if !host_port.is_null() {
+        let count = |name: &str| plain(&host_port[name]);
+        let (name, line) = (plain(&host_port["controller"]), count("line"));
+        let counts = ["served", "old", "unannounced"].map(|name| format!("{name}={}", count(name)));
+        say("host port", format!("{name} line {line}: {}", counts.join(" ")));
+    }
+    for change in socket["elsewhere"].as_array().into_iter().flatten() {
+        say("elsewhere", plain(&change["text"]));
+    }
+    let waiting: Vec<_> = socket["waiting"].as_array().into_iter().flatten().map(plain).collect();
+    if !waiting.is_empty() {
+        let definitions = serde_json::from_value(socket["definitions"].clone()).unwrap_or_default();
+        let why = waits_for(!socket["open_buffer"].is_null(), &definitions);
+        say("not used yet", format!("{}: {why}", waiting.join(", ")));
+    }
+    for words in socket["program_words"].as_array().into_iter().flatten() {
+        say("programs' words", plain(&words["text"]));
+    }
+    for sentence in socket["unfinished"].as_array().into_iter().flatten() {
+        say("unfinished", plain(sentence));
+    }
 }
 
 #[cfg(test)]

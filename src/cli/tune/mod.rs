@@ -215,13 +215,7 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     let away = watch.away_from(number, start, start + size).filter(|away| {
         (record.interrupted || !failed.is_empty()) && !(common.stay && (away - size).abs() <= NEAR)
     });
-    failed.extend(away.map(|away| {
-        format!(
-            "motor {number} stands {} counts from where it was; pmacctl jog {number} ={} brings it back",
-            fixed(away, 1),
-            short(start)
-        )
-    }));
+    failed.extend(away.map(|away| is_away(number, start, away)));
     // Of a move that did not come to its end, or was not seen to, there is nothing to tell.
     let is_seen = record.failure.is_none() && !record.interrupted && has_stopped;
     let is_whole = |response: &Response| is_seen && (response.size - size).abs() <= NEAR + 0.01 * size.abs();
@@ -232,15 +226,7 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
             "samples": record.recording.times.len(), "lost": record.lost, "response": response, "failed": failed,
         }))?;
     } else {
-        context.output.line(format_args!("samples={} lost={}", record.recording.times.len(), record.lost))?;
-        for line in response.iter().flat_map(said) {
-            context.output.line(line)?;
-        }
-        // Of a motor that was killed the board commands where it is: there was no move to a place.
-        if response.is_none() {
-            let most = record.recording.following_error().into_iter().map(f64::abs).fold(0.0, f64::max);
-            context.output.line(format_args!("following error  {} counts at the most", fixed(most, 2)))?;
-        }
+        print(context, &record, response.as_ref())?;
     }
     if let (Some(path), Some(form)) = (&common.output, form) {
         write(path, form, &record, &stop)?;
@@ -257,6 +243,28 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
         failed.push("the commanded position did not move".to_owned());
     }
     if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+}
+
+/// Prints the counts, and how the motor answered where that was seen.
+fn print(context: &mut Context, record: &Record, response: Option<&Response>) -> Result<(), Failure> {
+    context.output.line(format_args!("samples={} lost={}", record.recording.times.len(), record.lost))?;
+    for line in response.into_iter().flat_map(said) {
+        context.output.line(line)?;
+    }
+    // Of a motor that was killed the board commands where it is: there was no move to a place.
+    if response.is_none() {
+        let most = record.recording.following_error().into_iter().map(f64::abs).fold(0.0, f64::max);
+        context.output.line(format_args!("following error  {} counts at the most", fixed(most, 2)))?;
+    }
+    Ok(())
+}
+
+/// Says that motor `number` was not brought back to `start`.
+fn is_away(number: u8, start: f64, away: f64) -> String {
+    let (away, start) = (fixed(away, 1), short(start));
+    format!(
+        "motor {number} stands {away} counts from where it was; pmacctl jog {number} ={start} brings it back"
+    )
 }
 
 fn question(
