@@ -1,5 +1,7 @@
 //! What a call is refused with.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 /// An error that the service answers, named on the wire with its interface.
@@ -126,6 +128,11 @@ fn so_far(lines: &[String]) -> String {
 }
 
 impl CallError {
+    /// It cannot be done, for this reason; nothing has been written.
+    pub fn refused(reason: impl fmt::Display) -> Self {
+        Self::Refused { reason: reason.to_string() }
+    }
+
     /// The same with the cause behind its reason, where it has one.
     #[must_use]
     pub fn because(mut self, cause: &Self) -> Self {

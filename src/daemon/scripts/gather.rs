@@ -20,7 +20,7 @@ pub use self::call::GatherCall;
 use super::end_retry::{EndRetry, is_kept_back, was_set_meanwhile};
 use super::report_watch::report_runs;
 use super::script::{Io, Script};
-use super::{Request, Resource, first};
+use super::{Request, Resource, first, with_notes};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{Outcome, Text};
@@ -130,7 +130,7 @@ impl<'a> Gather<'a> {
         self.reports = first(&report) == "1" && self.family.servo.start == ReportStart::Gather;
         if self.reports && !call.uses_report {
             // A board that reports takes another number of GATHERs than one that does not.
-            return Err(refused(format!(
+            return Err(CallError::refused(format!(
                 "I{}=1, and gathering then takes the function `servo`, which is switched off: `functions` in the \
                  daemon's configuration leaves it out",
                 i.servo_enable
@@ -140,7 +140,7 @@ impl<'a> Gather<'a> {
         self.period = Some(first(&period).to_owned());
         self.check_report_is_frequent(call)?;
         if self.gathers(&self.io.line("???").await.result?) {
-            return Err(refused(
+            return Err(CallError::refused(
                 "the board gathers already, and no client of this pmacd began that: it was begun by hand, on the serial port, \
                  by another host, or through a pmacd that was killed; `pmacctl gather --stop` ends it",
             ));
@@ -173,7 +173,7 @@ impl<'a> Gather<'a> {
         }
         let i = &self.family.i;
         let reported = i.reported.map_or_else(String::new, |number| format!(" (is I{number} above 0?)"));
-        Err(refused(format!(
+        Err(CallError::refused(format!(
             "I{}=1 and GATHER start no servo report{reported}, so turns of the buffer cannot be counted",
             i.servo_enable
         )))
@@ -211,7 +211,7 @@ impl<'a> Gather<'a> {
                 let check = self.io.check().await;
                 check_due = self.io.now() + CHECK_EVERY;
                 if check.result.is_ok() && self.was_reset(check.resets) {
-                    return Err(refused(self.was_ended(true)));
+                    return Err(CallError::refused(self.was_ended(true)));
                 }
             }
             match call.buffer.mode {
@@ -221,7 +221,7 @@ impl<'a> Gather<'a> {
                     self.io.answer(Ok(Reply::done())).await;
                     self.io.asked().await;
                 }
-                GatherMode::Wrap => return Err(refused(self.was_ended(false))),
+                GatherMode::Wrap => return Err(CallError::refused(self.was_ended(false))),
             }
         }
     }
@@ -372,7 +372,7 @@ impl<'a> Gather<'a> {
             return Ok(());
         }
         let (i, found) = (&self.family.i, self.period.as_deref().unwrap_or_default());
-        Err(refused(format!(
+        Err(CallError::refused(format!(
             "the servo report would come once in {} s (I{} is {found}, this gather takes {}), and pmacd waits at most {} s to \
              see it: gather more often, set a smaller I{}, or switch the report off (I{}=0); nothing was sent",
             two.as_secs() / 2,
@@ -403,11 +403,11 @@ impl<'a> Gather<'a> {
                     ReportStart::Gather => " (and the servo report where none waits: GATHER starts it again)",
                     ReportStart::Enable => "",
                 };
-                refused(format!(
+                CallError::refused(format!(
                     "{text}: {error}; if a gather waits for its trigger, `pmacctl send ENDGATHER` ends that{and_more}"
                 ))
             }
-            CallError::Board { .. } => refused(format!("{text}: {error}")),
+            CallError::Board { .. } => CallError::refused(format!("{text}: {error}")),
             error => error,
         }
     }
@@ -417,12 +417,12 @@ impl<'a> Gather<'a> {
         match call.servo_period_ns.and_then(GatherClock::host) {
             _ if self.reports || call.buffer.mode == GatherMode::Stop => Ok(GatherClock::Report),
             Some(clock) => Ok(clock),
-            None if self.family.servo.start == ReportStart::Gather => Err(refused(format!(
+            None if self.family.servo.start == ReportStart::Gather => Err(CallError::refused(format!(
                 "the servo report is off and I10 is not known, so turns of the buffer cannot be counted; switch the report on \
                  (I{}=1), or gather --once",
                 self.family.i.servo_enable
             ))),
-            None => Err(refused(
+            None => Err(CallError::refused(
                 "I10 is not known, so turns of the buffer cannot be counted; write i10 into pmacd's configuration, or \
                  gather --once",
             )),
@@ -436,13 +436,11 @@ impl<'a> Gather<'a> {
         notes.iter().for_each(|note| warn!("the end of a gather: {note}"));
         let reason = self.io.ending().map(|why| why.to_string());
         match self.failure.take() {
-            Some(CallError::Refused { reason }) if !notes.is_empty() => {
-                Err(refused(format!("{reason}; {}", notes.join("; "))))
-            }
-            Some(error) => Err(error),
-            None if self.call.is_some() && !self.started => {
-                Err(refused(format!("the gather was ended before it began: {}", reason.unwrap_or_default())))
-            }
+            Some(error) => Err(with_notes(error, &notes)),
+            None if self.call.is_some() && !self.started => Err(CallError::refused(format!(
+                "the gather was ended before it began: {}",
+                reason.unwrap_or_default()
+            ))),
             None => Reply::with(&GatherStopReply {
                 gathered: self.call.is_some() || self.ended,
                 uid: self.owner.uid.as_raw(),
@@ -458,8 +456,4 @@ impl<'a> Gather<'a> {
 /// Whether a question that came out so may be asked again.
 const fn may_ask_again(outcome: Outcome) -> bool {
     outcome.is_unsent() || matches!(outcome, Outcome::TimedOut)
-}
-
-fn refused(reason: impl Into<String>) -> CallError {
-    CallError::Refused { reason: reason.into() }
 }

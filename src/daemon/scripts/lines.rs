@@ -41,7 +41,7 @@ const NOT_OPENED: &str =
 const NO_BUFFER: u16 = 5;
 
 /// Lines to send, and how.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Batch {
     kind: String,
     lines: VecDeque<Text<LINE_MAX>>,
@@ -119,6 +119,7 @@ fn checked(lines: &[String]) -> Result<VecDeque<Text<LINE_MAX>>, CallError> {
 }
 
 /// A sequence of lines, as far as it is.
+#[derive(Default)]
 struct Lines {
     io: Io,
     kind: String,
@@ -160,27 +161,7 @@ pub fn lines(mut batch: Batch) -> Script {
     let kind = batch.kind.clone();
     let put_back = PutBack::new(batch.at_end.take().unwrap_or_default());
     Script::new(Resource::Lines, &kind.clone(), move |io| async move {
-        let mut lines = Lines {
-            io,
-            kind,
-            batch,
-            number: 0,
-            taken: 0,
-            buffer: OpenBuffer::default(),
-            open_refused: false,
-            leaves_out: false,
-            entered: 0,
-            failed: false,
-            is_unexplained: false,
-            resets: None,
-            has_reset: false,
-            checked: None,
-            doubts: 0,
-            doubts_now: 0,
-            reset: None,
-            buffer_left: None,
-            put_back,
-        };
+        let mut lines = Lines { io, kind, batch, put_back, ..Lines::default() };
         lines.send_batches().await?;
         lines.end().await
     })

@@ -203,6 +203,16 @@ pub enum Asked {
     Stop,
 }
 
+/// `error` with the notes of an end behind its reason, where it has one.
+fn with_notes(error: CallError, notes: &[String]) -> CallError {
+    match error {
+        CallError::Refused { reason } if !notes.is_empty() => {
+            CallError::refused(format!("{reason}; {}", notes.join("; ")))
+        }
+        error => error,
+    }
+}
+
 /// The first line of a reply.
 fn first(lines: &[String]) -> &str {
     lines.first().map_or("", |line| answer::text(line))

@@ -175,7 +175,7 @@ impl<'a> Rotary<'a> {
             return sent.result.map(drop);
         }
         if self.is_open(&self.io.ask("???").await.result?) == Some(true) {
-            return Err(refused(
+            return Err(CallError::refused(
                 "the rotary buffers are open for binary lines, by another host or by a pmacd that was killed: the board would \
                  read the buffer while it is set up; CLOSE by an engineer closes them",
             ));
@@ -196,7 +196,9 @@ impl<'a> Rotary<'a> {
                 self.count.kept = 0;
                 Ok(())
             }
-            left => Err(refused(format!("{left} lines are left in &{cs}'s rotary buffer after CLEAR"))),
+            left => {
+                Err(CallError::refused(format!("{left} lines are left in &{cs}'s rotary buffer after CLEAR")))
+            }
         }
     }
 
@@ -266,7 +268,7 @@ impl<'a> Rotary<'a> {
     /// Looks once whether the program is to begin, and whether it still runs. How long to rest before the next look.
     async fn look(&mut self) -> Result<Duration, CallError> {
         let fed = self.io.job(Job::RotaryState(self.call.buffer)).await;
-        fed.result.map_err(|error| refused(format!("{error}; was the board reset?")))?;
+        fed.result.map_err(|error| CallError::refused(format!("{error}; was the board reset?")))?;
         self.see(fed.rotary);
         match fed.programs_run {
             _ if self.call.run && !self.runs => {
@@ -304,7 +306,7 @@ impl<'a> Rotary<'a> {
         fed.result?;
         self.see(fed.rotary);
         if let Some(doubt) = self.count.doubt(counted, cs) {
-            return Err(refused(format!("{doubt}; R was not sent")));
+            return Err(CallError::refused(format!("{doubt}; R was not sent")));
         }
         let text = format!("&{cs}R");
         let sent = self.io.line(&text).await;
@@ -369,7 +371,7 @@ impl<'a> Rotary<'a> {
                 "an error, the serial port, another host or a program of the board ended it; no client of pmacd did",
             );
             let cs = self.call.coordinate_system;
-            return Err(refused(format!("&{cs} does not run its rotary program any more: {by}")));
+            return Err(CallError::refused(format!("&{cs} does not run its rotary program any more: {by}")));
         }
         self.runs |= runs;
         Ok(())
@@ -386,7 +388,7 @@ impl<'a> Rotary<'a> {
             let by = by.as_deref().unwrap_or(
                 "somebody sent CLOSE, on the serial port or from another host, or the board was reset; no client of pmacd did",
             );
-            return Err(refused(format!(
+            return Err(CallError::refused(format!(
                 "the rotary buffers are closed, so the board takes no more lines: {by}"
             )));
         }
@@ -408,17 +410,19 @@ impl<'a> Rotary<'a> {
             0
         };
         match (self.call.left, waiting) {
-            (Some(LeftLines::Continue), 0) if !self.call.modes.is_empty() => Err(refused(format!(
-                "{found} lines are left in &{cs}'s rotary buffer and are to run first, but {} would be in force for them already: no \
+            (Some(LeftLines::Continue), 0) if !self.call.modes.is_empty() => {
+                Err(CallError::refused(format!(
+                    "{found} lines are left in &{cs}'s rotary buffer and are to run first, but {} would be in force for them already: no \
                  board takes it behind them before rotary_code2 is told (docs/evidence.md); --clear takes them away; nothing was sent",
-                self.call.modes.join(", ")
-            ))),
+                    self.call.modes.join(", ")
+                )))
+            }
             (Some(LeftLines::Clear), _) | (Some(LeftLines::Continue), 0) => Ok(()),
-            (Some(LeftLines::Continue), _) => Err(refused(format!(
+            (Some(LeftLines::Continue), _) => Err(CallError::refused(format!(
                 "{found} lines are left in &{cs}'s rotary buffer, and the {waiting} commands that came after them are still in the \
                  DPRAM and cannot be kept: there would be a gap; --clear takes all of them away; nothing was sent"
             ))),
-            (None, _) => Err(refused(format!(
+            (None, _) => Err(CallError::refused(format!(
                 "{found} lines of an earlier program are left in &{cs}'s rotary buffer, and would run first: rotary stream --clear takes \
                  them away, --continue runs them before this program (if it still runs: pmacctl send '&{cs}Q' ends it); nothing was sent"
             ))),
@@ -445,11 +449,7 @@ impl<'a> Rotary<'a> {
 /// The reply to `line`; what the board said to it, with `hint`, if it refused it.
 fn told(done: Done, line: &str, hint: &str) -> Result<Vec<String>, CallError> {
     done.result.map_err(|error| match error {
-        CallError::Board { .. } => refused(format!("{line}: {error}{hint}")),
+        CallError::Board { .. } => CallError::refused(format!("{line}: {error}{hint}")),
         error => error,
     })
-}
-
-fn refused(reason: impl Into<String>) -> CallError {
-    CallError::Refused { reason: reason.into() }
 }

@@ -305,7 +305,7 @@ impl Script {
             match asked {
                 Asked::Lines(batch) if batch.kind() != name || exchange.is_end => {
                     let reason = format!("this connection has a {name}, which must end first");
-                    return Err(CallError::Refused { reason });
+                    return Err(CallError::refused(reason));
                 }
                 Asked::Stop => exchange.is_stopped = true,
                 asked => exchange.asked = Some(asked),

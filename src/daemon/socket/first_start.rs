@@ -49,7 +49,8 @@ impl FirstStart {
             _ if self.addressed.is_none() => {
                 let addressed = reply?.first().and_then(|line| answer::integer(line));
                 self.addressed = addressed.and_then(|number| u32::try_from(number).ok());
-                let unsaid = || refused("the board does not say which coordinate system is addressed");
+                let unsaid =
+                    || CallError::refused("the board does not say which coordinate system is addressed");
                 return self.addressed.map(|_| None).ok_or_else(unsaid);
             }
             Outcome::Error(_) => {
@@ -76,16 +77,12 @@ impl FirstStart {
     /// `has_panel`.
     pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
         let cs = self.systems.trailing_zeros() + 1;
-        refused(&format!(
+        CallError::refused(&format!(
             "not started: &{cs}'s rotary buffer may hold lines of an earlier program, and the board could not be \
              asked ({reason}). {} runs whatever is there",
             start_anyway(cs, has_panel)
         ))
     }
-}
-
-fn refused(reason: &str) -> CallError {
-    CallError::Refused { reason: reason.to_owned() }
 }
 
 #[cfg(test)]

@@ -141,7 +141,7 @@ impl Guard {
     pub(super) fn check(self, found: Option<&str>) -> Result<(), CallError> {
         let Self { variable, value, purpose, .. } = self;
         match found {
-            Some(found) if found != value => Err(refused(format!(
+            Some(found) if found != value => Err(CallError::refused(format!(
                 "I{variable} is {found}, and {purpose} needs {value}; send I{variable}={value} first"
             ))),
             _ => Ok(()),
@@ -237,10 +237,6 @@ impl JobCall {
     }
 }
 
-fn refused(reason: impl std::fmt::Display) -> CallError {
-    CallError::Refused { reason: reason.to_string() }
-}
-
 /// What a panel request is for, with numbers that the family has.
 fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, CallError> {
     let calls::Panel { action, numbers, .. } = call;
@@ -280,9 +276,9 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     let action = panel_action(&call, family)?;
     let calls::Panel { numbers, confirmed, .. } = call;
     let Some(words) = &family.panel else {
-        return Err(refused(format!("a {} has no control panel in its DPRAM", family.title)));
+        return Err(CallError::refused(format!("a {} has no control panel in its DPRAM", family.title)));
     };
-    let request = PanelRequest::of(words, action, &numbers).map_err(refused)?;
+    let request = PanelRequest::of(words, action, &numbers).map_err(CallError::refused)?;
     if hold && !matches!(action, PanelAction::JogMinus | PanelAction::JogPlus) {
         return Err(CallError::invalid("action", "jog- or jog+: nothing else can be held"));
     }
@@ -374,7 +370,7 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
 /// Its family does not, or it is older.
 pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
     let Some(since) = family.variable_write.since else {
-        return Err(refused(format!(
+        return Err(CallError::refused(format!(
             "no text tells how a {} reads the records to write, and a wrong guess writes another register: send a line instead \
              (`WX$ADDRESS,VALUE`, `WY$ADDRESS,VALUE`, `WL$ADDRESS,VALUE` for 48 bits, or `M...=VALUE`)",
             family.title
@@ -382,7 +378,7 @@ pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), Cal
     };
     let known = |text: &str| text.parse::<Firmware>().ok();
     match board.firmware.as_deref().and_then(known).zip(known(since)) {
-        Some((firmware, since)) if firmware < since => Err(refused(format!(
+        Some((firmware, since)) if firmware < since => Err(CallError::refused(format!(
             "the board's firmware is {firmware}, and PMAC writes variables from {since} on; send a line instead"
         ))),
         _ => Ok(()),
@@ -402,7 +398,7 @@ fn is_told(text: &str, entry: VariableEntry, info: &Info) -> Result<(), CallErro
         VariableKind::Y => 'Y',
         VariableKind::Long | VariableKind::Special => 'L',
     };
-    Err(refused(format!(
+    Err(CallError::refused(format!(
         "{text}: no text tells how a {} takes the address of a register to watch from {} on; send `R{letter}{number}` instead",
         family.title,
         family.print_number(VariableRead::ADDRESSES)
@@ -415,15 +411,18 @@ fn knows(name: VariableName, info: &Info) -> Result<(), CallError> {
     let VariableName::Block { .. } = name else { return Ok(()) };
     let family = info.family();
     let Some(since) = family.function_blocks_since else {
-        return Err(refused(format!("{name}: no manual tells of function blocks on a {}", family.title)));
+        return Err(CallError::refused(format!(
+            "{name}: no manual tells of function blocks on a {}",
+            family.title
+        )));
     };
     let firmware = info.board().firmware.as_deref();
     match firmware.and_then(|firmware| firmware.parse::<Firmware>().ok()) {
         Some(known) if known >= since => Ok(()),
-        Some(known) => {
-            Err(refused(format!("{name}: function blocks need firmware {since}; the board has {known}")))
-        }
-        None => Err(refused(format!(
+        Some(known) => Err(CallError::refused(format!(
+            "{name}: function blocks need firmware {since}; the board has {known}"
+        ))),
+        None => Err(CallError::refused(format!(
             "{name}: function blocks need firmware {since}, and the board has not told its own; write firmware = \"{since}\" into \
              pmacd's configuration if it has it"
         ))),

@@ -232,12 +232,10 @@ impl Sequences {
     /// Why somebody else cannot end the sequence just so.
     pub(super) fn not_yours(running: &Running, now: Instant) -> CallError {
         let uid = running.owner.peer.uid;
-        CallError::Refused {
-            reason: format!(
-                "{}; to end it, name its user: pmacctl gather --stop --of {uid}",
-                InUse(running, now)
-            ),
-        }
+        CallError::refused(format!(
+            "{}; to end it, name its user: pmacctl gather --stop --of {uid}",
+            InUse(running, now)
+        ))
     }
 
     /// Keeps what `client` would have been told of the end of its sequence.

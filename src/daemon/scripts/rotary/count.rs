@@ -79,8 +79,8 @@ impl Count {
 /// The number in the reply to `PR`.
 pub fn lines_left(reply: &[String]) -> Result<u64, CallError> {
     let number = reply.first().and_then(|line| answer::integer(line));
-    number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| CallError::Refused {
-        reason: format!("the board answers {reply:?} to PR, which should be a number of lines"),
+    number.and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
+        CallError::refused(format!("the board answers {reply:?} to PR, which should be a number of lines"))
     })
 }
 

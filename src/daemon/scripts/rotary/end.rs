@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use log::warn;
 
+use super::Rotary;
 use super::count::lines_left;
-use super::{Rotary, refused};
 use crate::daemon::scripts::end_retry::EndRetry;
-use crate::daemon::scripts::{Done, Ending, Request};
+use crate::daemon::scripts::{Done, Ending, Request, with_notes};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Outcome, Text};
 use crate::protocol::board::RotaryStopReply;
@@ -122,7 +122,7 @@ impl Rotary<'_> {
         self.left = asked.result.ok().and_then(|lines| lines_left(&lines).ok());
         if self.started && matches!(asked.outcome, Outcome::Error(_)) {
             let by = self.io.ended_by();
-            self.failure = Some(refused(format!(
+            self.failure = Some(CallError::refused(format!(
                 "{}: &{cs} has no rotary buffer any more, which it had when the stream began",
                 by.as_deref().unwrap_or("the board was reset")
             )));
@@ -133,7 +133,7 @@ impl Rotary<'_> {
                 (false, false) => self.count.doubt(self.count, cs),
                 (false, true) => Some(format!("the stream was ended before R could be sent; &{cs}R runs it")),
             };
-            self.failure = doubt.map(refused);
+            self.failure = doubt.map(CallError::refused);
         }
     }
 
@@ -176,13 +176,8 @@ impl Rotary<'_> {
         let ended = |when: &str| self.io.ending().map(|why| format!("the stream was ended{when}: {why}"));
         if !self.started {
             let before = ended(" before it began").unwrap_or_default();
-            let error = self.failure.take().unwrap_or_else(|| refused(before));
-            return Err(match error {
-                CallError::Refused { reason } if !notes.is_empty() => {
-                    refused(format!("{reason}; {}", notes.join("; ")))
-                }
-                error => error,
-            });
+            let error = self.failure.take().unwrap_or_else(|| CallError::refused(before));
+            return Err(with_notes(error, &notes));
         }
         Reply::with(&RotaryStopReply {
             reason: self.failure.as_ref().map(ToString::to_string).or_else(|| ended("")),

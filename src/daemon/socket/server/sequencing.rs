@@ -39,9 +39,7 @@ impl Service {
     ) -> Result<Option<Reply>, CallError> {
         match call {
             SequenceCall::Renew => match self.sequences.renew(caller.client, now) {
-                0 => Err(CallError::Refused {
-                    reason: "this connection has no sequence (any more)".to_owned(),
-                }),
+                0 => Err(CallError::refused("this connection has no sequence (any more)".to_owned())),
                 _ => Ok(Some(Reply::done())),
             },
             SequenceCall::Lines(batch) => {
@@ -55,14 +53,16 @@ impl Service {
                 }
             }
             SequenceCall::Gather(call) => match self.sequences.of_client(caller.client, Resource::Gather) {
-                Some(_) => Err(refused("this connection gathers already; GatherStop ends that")),
+                Some(_) => Err(CallError::refused("this connection gathers already; GatherStop ends that")),
                 None => self.begin_sequence(caller, gather(call, caller.peer), now),
             },
             SequenceCall::GatherStop { uid } => self.stop_gather(caller, uid, now),
             SequenceCall::Rotary(call) => {
                 let stream = rotary(call);
                 match self.sequences.of_client(caller.client, stream.resource()) {
-                    Some(_) => Err(refused("this connection streams already; RotaryStop ends that")),
+                    Some(_) => {
+                        Err(CallError::refused("this connection streams already; RotaryStop ends that"))
+                    }
                     None => self.begin_sequence(caller, stream, now),
                 }
             }
@@ -81,7 +81,9 @@ impl Service {
                     }
                     _ => match self.sequences.take_result(caller.client, resource) {
                         Some(result) => result.map(Some),
-                        None => Err(refused("this connection has no stream into this rotary buffer")),
+                        None => {
+                            Err(CallError::refused("this connection has no stream into this rotary buffer"))
+                        }
                     },
                 }
             }
@@ -113,7 +115,7 @@ impl Service {
     pub(super) fn own_stream(&self, caller: Caller, buffer: usize) -> Result<u64, CallError> {
         let own = self.sequences.of_client(caller.client, Resource::Rotary(buffer));
         own.ok_or_else(|| {
-            refused(
+            CallError::refused(
                 "this connection has no stream into this rotary buffer (any more): RotaryStart begins one",
             )
         })
@@ -446,8 +448,4 @@ impl Service {
 /// Who asks for the steps of a sequence of `owner`: its user, whose turn they take; but they are done whether it hears or not.
 fn step_of(owner: Peer) -> Caller {
     Caller { client: u64::MAX, peer: owner, oneway: true }
-}
-
-fn refused(reason: &str) -> CallError {
-    CallError::Refused { reason: reason.to_owned() }
 }
