@@ -1,4 +1,4 @@
-//! `docs/segment.md`, held to the code: every number of its tables, and its example.
+//! `docs/segment.md`, held to the code: every number of its tables, and its example, `examples/position.py`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -86,9 +86,15 @@ fn the_page_has_every_counter_and_region() {
     let known: Vec<(usize, String)> =
         Counter::ALL.iter().map(|counter| (*counter as usize, counter.name().to_owned())).collect();
     assert_eq!(counters, known);
+    // Each row says what the counter's own comment says.
+    let source = file("src/segment/counter.rs");
+    for (row, counter) in rows("Counters").iter().zip(Counter::ALL) {
+        let comment = format!("/// {}.\n    {counter:?} = {},", row[2], row[0]);
+        assert!(source.contains(&comment), "{comment}");
+    }
     let regions: Vec<(u64, String)> = rows("Region entry")
         .iter()
-        .filter(|row| row.len() == 3)
+        .filter(|row| !row[0].starts_with("0x"))
         .map(|row| (row[0].parse().unwrap(), row[1].clone()))
         .collect();
     let known: Vec<(u64, String)> =
@@ -100,13 +106,13 @@ fn the_page_has_every_counter_and_region() {
 fn the_page_says_the_other_numbers_as_they_are() {
     let page = page();
     for text in [
-        format!("`abi_major` | no | {}. Refuse", layout::ABI_MAJOR),
-        format!("`abi_minor` | no | {}. Accept", layout::ABI_MINOR),
+        format!("`abi_major` | {}. Refuse", layout::ABI_MAJOR),
+        format!("`abi_minor` | {}. Accept", layout::ABI_MINOR),
         format!("{:#018X}. It reads", layout::BYTE_ORDER).replace("0X", "0x"),
         format!("the bytes `{}`", String::from_utf8(layout::MAGIC.to_le_bytes().to_vec()).unwrap()),
         format!("at most {} |", layout::MAX_REGIONS),
         format!("at least {} |", layout::REGION_STRIDE),
-        format!("{}\nbytes; ignore what", identity::BYTES),
+        format!("{} bytes; ignore", identity::BYTES),
     ] {
         assert!(page.contains(&text), "{text}");
     }
@@ -278,10 +284,9 @@ fn variables_and_gathered_samples_lie_as_their_tables_say() {
     assert_eq!(rows("Gather").last().unwrap()[0], "32");
 }
 
-/// The example, as it stands on the page, against a segment whose contents are known.
+/// The example of the page, against a segment whose contents are known.
 fn example(rig: &Rig) -> (bool, String) {
-    let page = page();
-    let code = page.split_once("```python\n").unwrap().1.split_once("```").unwrap().0;
+    let code = file("examples/position.py");
     let code = code.replace("/dev/shm/pmac0", &format!("/dev/shm/{}", rig.name));
     let ran = Command::new("python3").args(["-c", &code]).output().unwrap();
     let printed = if ran.status.success() { ran.stdout } else { ran.stderr };
