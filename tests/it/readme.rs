@@ -1,4 +1,4 @@
-//! What README.md and docs/ say, tried against a simulated board.
+//! What README.md, CONTRIBUTING.md and docs/ say, tried against a simulated board.
 //!
 //! The first word behind a fence says what becomes of the block:
 //!
@@ -30,7 +30,7 @@ fn text(name: &str) -> String {
     fs::read_to_string(root().join(name)).unwrap()
 }
 
-/// README.md and every page of docs/.
+/// README.md, CONTRIBUTING.md and every page of docs/.
 fn pages() -> Vec<String> {
     let mut pages: Vec<String> = fs::read_dir(root().join("docs"))
         .unwrap()
@@ -38,7 +38,7 @@ fn pages() -> Vec<String> {
         .filter(|name| name.ends_with(".md"))
         .collect();
     pages.sort();
-    pages.insert(0, "README.md".to_owned());
+    pages.splice(0..0, ["README.md".to_owned(), "CONTRIBUTING.md".to_owned()]);
     pages
 }
 
@@ -321,6 +321,36 @@ fn the_readme_is_short_and_names_the_test_command() {
             let length = line.chars().count();
             assert!(length <= 120 || line.starts_with('|'), "{page}:{}: {length} characters", index + 1);
         }
+    }
+}
+
+/// Words of a page without its tables of registers and counters, which `tests/it/segment_page.rs` compares with the code.
+fn words(page: &str) -> usize {
+    let generated = |section: &str| {
+        page == "docs/segment.md"
+            && ["Counters\n", "Servo and background"].iter().any(|name| section.starts_with(name))
+    };
+    let counted = |section: &str| {
+        let lines = section.lines().filter(|line| !(generated(section) && line.starts_with('|')));
+        lines.map(|line| line.split_whitespace().count()).sum::<usize>()
+    };
+    text(page).split("\n## ").map(counted).sum()
+}
+
+#[test]
+fn pages_stay_as_short_as_they_are() {
+    for (page, most) in [
+        ("CHANGELOG.md", 300),
+        ("CONTRIBUTING.md", 900),
+        ("docs/assurance.md", 1600),
+        ("docs/captures.md", 400),
+        ("docs/evidence.md", 2300),
+        ("docs/gateway.md", 1600),
+        ("docs/security.md", 1300),
+        ("docs/segment.md", 3000),
+    ] {
+        let words = words(page);
+        assert!(words <= most, "{page}: {words} words");
     }
 }
 
