@@ -227,7 +227,7 @@ impl Board {
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
             )) if resets(line.as_bytes()) => {
                 match error {
-                    // Before the time was over: the board has taken the line. It need not answer it (GRAMMAR 2.9, `$$$`).
+                    // Before the time was over: the board has taken the line, and need not answer a reset.
                     CallError::TimedOut { lines } if begun.elapsed() < timeout => Ok(lines),
                     error => Err(Failure::Unanswered(error.to_string())),
                 }

@@ -340,7 +340,7 @@ fn a_gather_that_runs_already_is_joined() {
 
 #[test]
 fn the_longest_sample_of_a_turbo_pmac_is_read_whole() {
-    // FACTS-TURBO section 3: 48 sources, I5001 to I5048, of which each may have two longs.
+    // Turbo Software Reference p. 170: 48 sources, I5001 to I5048. Each may have two longs.
     let longest_sample = TURBO2.i.longest_gather_sample();
     assert_eq!((longest_sample, PMAC.i.longest_gather_sample()), (96, 48));
     let (mut reader, mut board) = pair(GatherBuffer {

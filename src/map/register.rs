@@ -125,7 +125,7 @@ mod tests {
             ("x:$0033", 0x40_0033, VariableKind::X),
             ("D:$002B", 0x80_002B, VariableKind::Long),
             ("L:$1005", 0xC0_1005, VariableKind::Long),
-            // The captured source of FACTS-TURBO section 11.
+            // I5017 of a site's board (a dump in ls-cat-org/pgpmac).
             ("Y:$07A205", 0x7_A205, VariableKind::Y),
         ];
         for (text, code, kind) in codes {

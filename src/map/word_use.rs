@@ -114,7 +114,7 @@ mod tests {
         for place in ["DP:$D800", "*", "X:$C000,0", "Y:$CFFF"] {
             assert_eq!(user_of(&PMAC, place), None, "{place}");
         }
-        // A site's words in the motor report, and its buffer of 500 floating-point values (FACTS-TURBO 19.2).
+        // Words of a site in the motor report (`M211` of ls-cat-org/pgpmac), and a site's buffer of 500 floating-point values.
         assert_eq!(user_of(&TURBO2, "DP:$060080"), Some(Servo));
         assert_eq!(user_of(&TURBO2, "Y:$060450"), Some(Gather));
     }

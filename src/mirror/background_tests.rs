@@ -304,21 +304,22 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
         bus.write16(at(word), u16::MAX).unwrap();
     }
     mirror.poll(&mut bus, &mut publisher, START).unwrap();
-    // FACTS-TURBO section 5: "0x0674 bits 0-7 highest C.S. reported (host writes), 0x0676 bit 15 host busy".
+    // Turbo User Manual p. 405: the host writes the highest coordinate system to bits 0-7 of 0x0674; Host-Busy is bit 15 of
+    // 0x0676.
     let header = [0x0674, 0x0676, 0x067A].map(|word| bus.read16(at(word)).unwrap());
     assert_eq!(header, [16, 0, 0], "all of them, PMAC is not held off, and a report is asked for");
 
-    // "copy global + C.S. 1..count, timer, ready := 1"
+    // PMAC copies the global words and each coordinate system, stores the timer, sets Data-Ready (p. 405).
     for (offset, long) in [(0x067C, 0x11_u32), (0x0680, 0x22), (0x0684, 0x33)] {
         bus.write16(at(offset), long as u16).unwrap();
     }
     for number in 1..=16_u32 {
         let block = 0x069C + 0x80 * (number - 1);
-        // "5: ?? word 1", "25: PR value".
+        // Long 5 of a block is word 1 of `??`, long 25 the value of `PR`.
         bus.write16(at(block + 4 * 5), number as u16).unwrap();
         bus.write16(at(block + 4 * 25), 100 + number as u16).unwrap();
     }
-    // "global status: ??? second word, Y:$000006": a buffer is open.
+    // The second word of `???`, Y:$000006: a buffer is open (Turbo Software Reference p. 290).
     bus.write16(at(0x068A), 1 << 3).unwrap();
     bus.write16(at(0x0678), 0x5678).unwrap();
     bus.write16(at(0x067A), 0x8012).unwrap();

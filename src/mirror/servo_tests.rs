@@ -1,5 +1,5 @@
-//! A Turbo PMAC2's motor report, from its DPRAM to named values: the proof that the family is data. What PMAC does is
-//! played by hand, from the sentences of the Turbo User Manual that FACTS-TURBO collects in section 4.
+//! A Turbo PMAC2's motor report, from its DPRAM to named values: the proof that the family is data. The test
+//! plays PMAC by hand, after the Turbo User Manual pp. 402-403.
 
 use super::*;
 use crate::clock::ManualTime;
@@ -10,10 +10,10 @@ use crate::map::{HostOffset, Space, TURBO2};
 use crate::segment::{CreateOptions, Sample, SegmentName, Subscriber};
 use std::time::Duration;
 
-/// Motors 1, 3 and 32: "bit n-1 = motor n". The mask has holes.
+/// Motors 1, 3 and 32, a mask with holes: bit n-1 is motor n.
 const MASK: u32 = 1 | 1 << 2 | 1 << 31;
 const MOTORS: [usize; 3] = [1, 3, 32];
-/// Section 13: I10 = 3713991 is 0.4427 ms.
+/// The servo period at I10=3713991, the default of a Turbo PMAC2 (Turbo Software Reference p. 402).
 const CYCLE_NS: u64 = 442_742;
 /// What nobody wrote.
 const GARBAGE: u16 = 0x5A5A;
@@ -47,7 +47,7 @@ impl Rig {
             time,
             _directory: directory,
         };
-        // Section 4: the report is 0x0068 to 0x0673; "blocks of unmasked motors keep old data".
+        // The report is 0x0068 to 0x0673 (Turbo User Manual p. 402). Blocks of motors outside the mask keep old data.
         for offset in (0x0068..0x0674).step_by(2) {
             rig.put(offset, GARBAGE);
         }
@@ -65,7 +65,7 @@ impl Rig {
         }
     }
 
-    /// "ready := 0, copy masked motors, store 24-bit timer, ready := 1".
+    /// PMAC clears Data-Ready, copies the motors of the mask, stores the timer, sets Data-Ready (Turbo User Manual p. 403).
     fn update(&mut self, timer: u32) {
         self.put(0x006E, 0);
         self.write_motors(timer);
@@ -78,7 +78,7 @@ impl Rig {
             let (motor, number) = (0x0074 + 0x30 * (motor as u32 - 1), motor as i64);
             self.put_longs(motor, &fixed48::encode(-number));
             self.put_longs(motor + 8, &[0xFFFF_0000 | number as u32]);
-            // Section 12: bit 23 of the first word of ?, "motor activated".
+            // Bit 23 of the first word of `?`: the motor is activated (Turbo Software Reference p. 284).
             self.put_longs(motor + 12, &[0x80_0000, 0x00_0400]);
             self.put_longs(motor + 20, &fixed48::encode(1 << 40));
             self.put_longs(motor + 28, &[timer & 0x7F_FFFF, 0x1111_1111, 0x1111_1111]);
@@ -112,7 +112,7 @@ impl Rig {
 
 #[test]
 fn a_turbo_pmacs_motors_come_through_the_path_of_every_family() {
-    // "0x006C timer low; 0x006E timer high": one word more than on PMAC, before the copy and after it; and the flag is cleared.
+    // The timer has a low and a high word: one word more than on PMAC, before the copy and after it; and the host clears the flag.
     let blocks = 24 * MOTORS.len() as u64;
     for (reading, cost) in [(ServoReading::Optimistic, blocks + 5), (ServoReading::Handshake, blocks + 9)] {
         let mut rig = Rig::new(reading);
@@ -163,7 +163,7 @@ fn nothing_is_taken_while_a_turbo_pmac_writes() {
         let mut rig = Rig::new(reading);
         rig.update(5);
         rig.poll();
-        // "bit 15 ... 1 = data ready": clear means that PMAC is at work.
+        // Bit 15 clear: PMAC writes.
         rig.put(0x006E, 0);
         rig.put(0x006C, 6);
         rig.write_motors(6);
@@ -335,7 +335,8 @@ fn the_segment_says_where_the_motors_lie() {
 
 #[test]
 fn addresses_of_a_turbo_pmac_go_both_ways() {
-    // Section 1: "last long 0xFFFC", $063FFF; section 4: motor n at $06001D + $0C*(n-1).
+    // Turbo User Manual p. 402: the last long, 0xFFFC, is $063FFF. Motor n begins at $06001D + $0C*(n-1), as drivers in
+    // production read it (epics-modules/tpmac).
     let last = TURBO2.host_offset(Space::X, 0x06_3FFF);
     assert_eq!(last, Some(HostOffset::new(0xFFFE)));
     assert_eq!(TURBO2.host_offset(Space::Y, 0x06_4000), None);
@@ -343,7 +344,7 @@ fn addresses_of_a_turbo_pmac_go_both_ways() {
         let block = TURBO2.servo.motors.at(motor).unwrap();
         assert_eq!(TURBO2.pmac_number(block), 0x06_001D + 0x0C * (motor as u32 - 1));
     }
-    // Section 7.1: a table at $060540 has the start word $F0.
+    // A driver in production writes $F0 for a table at $060540 (epics-modules/tpmac).
     let table = TURBO2.host_offset(Space::Y, 0x06_0540).unwrap();
     assert_eq!(TURBO2.start.start_word(table), 0xF0);
 }
@@ -373,7 +374,7 @@ fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
 
 #[test]
 fn c1_a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
-    // Section 4, step 3b: "I47 = 0: checks every servo cycle, copies only while ready = 0 (the host has taken the last set)".
+    // With I47=0 PMAC looks every servo cycle, and copies once the host has cleared Data-Ready (Turbo User Manual p. 403).
     // The board tells I47 before the first update, or in the middle. A poll wakes up late, at times very late.
     const CYCLES: u64 = 20_000;
     let late = [400_000, 90_000, 2_000_000, 20_000, 900_000];

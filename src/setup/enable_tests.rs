@@ -151,7 +151,8 @@ fn the_numbers_are_the_familys() {
     let options =
         Options { motors: 32, gather_sources: vec!["Y:$7A205".parse().unwrap(); 25], ..Options::default() };
     let lines = |function| enable::plan(&[function], &options, &TURBO2).unwrap().commands;
-    // FACTS-TURBO section 3: I47 to I49, I55, I58; I5000 to I5051. No I-variable tells how many motors are reported.
+    // I47 to I49, I55, I58 (Turbo User Manual pp. 403-410); I5000 to I5051 (Turbo Software Reference pp. 170-171). No I-variable
+    // tells how many motors are reported.
     assert_eq!(lines(Function::Ascii), ["I58=1"]);
     assert_eq!(lines(Function::Servo), ["I47=1", "I57=0", "I48=1"]);
     assert_eq!(lines(Function::Background), ["I50=0", "I49=1"]);
@@ -159,7 +160,7 @@ fn the_numbers_are_the_familys() {
     let gather = lines(Function::Gather);
     assert_eq!(gather[..5], ["I5049=1", "I5000=3", "I5050=$FFFFFF", "I5051=$000001", "I5001=$07A205"]);
     assert_eq!(gather[28..30], ["I5025=$07A205", "DEFINE GATHER 1024"]);
-    // Section 8: the header of coordinate system 16 is the last.
+    // The header of coordinate system 16 is the last.
     let sixteen = Options { coordinate_system: 16, ..Options::default() };
     let rotary = enable::plan(&[Function::Rotary], &sixteen, &TURBO2).unwrap().commands;
     assert_eq!(rotary[..2], ["WY$060416,0", "WY$060419,0"]);

@@ -53,7 +53,7 @@ fn held(site: &VirtualSite) -> Vec<(String, String)> {
 #[test]
 fn c3_a_function_into_whose_words_a_program_points_is_not_used() {
     for (family, definitions, place) in [
-        // As a site on a Turbo board has it: status words in the motor report, a buffer where one gathers (FACTS-TURBO 19.2).
+        // As sites on Turbo boards have it: status words in the motor report (ls-cat-org/pgpmac), a buffer where one gathers.
         ("turbo2", ["M211->DP:$60080", "M500->F:$60450"], "Y:$060080"),
         ("pmac", ["M211->DP:$D012", "M500->F:$D200"], "Y:$D012"),
     ] {

@@ -219,7 +219,7 @@ fn c1_command_lines_go_through_a_turbo_boards_dpram() {
     assert_eq!(site.running(&["send", "P1=1.5"]), (0, String::new(), String::new()));
     let (code, _, stderr) = site.running(&["send", "HELLO"]);
     assert!(code == 1 && stderr.starts_with("ERR003: "), "{code} {stderr}");
-    // Section 6: what does not fit 159 characters is completed in a second load.
+    // The host completes a line of more than 159 characters in a second load, as on PMAC (DPRAM manual p. 28).
     let long = format!("Q{}", "1".repeat(199));
     assert_eq!(site.running(&["send", &long]).1, "200\n");
     assert_eq!(site.board().parts, 1);
@@ -231,7 +231,8 @@ fn c1_command_lines_go_through_a_turbo_boards_dpram() {
 fn c1_a_program_buffer_that_the_background_report_shows_open_takes_no_line_of_others() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
-    // Section 12.7: "20 binary rotary open, 19 motion buffer open, 18 ASCII rotary open, 17 PLC buffer open".
+    // Open: 19 a motion buffer, 18 a rotary buffer for text, 17 a PLC buffer; 20, for binary lines, takes no text (Turbo Software
+    // Reference p. 290).
     for bit in 17..=19 {
         site.board().global[1] = 1 << bit;
         site.cycles(400);
@@ -250,7 +251,7 @@ fn c1_a_message_of_a_program_is_told_without_its_mark() {
     site.cycles(8000);
     let mut messages = site.site.connection().messages().unwrap();
     site.cycles(100);
-    // Section 3: I64=1 puts STX before it; section 6: bits 9-8 = 2 is a program's SEND.
+    // I64=1 puts STX before it (Turbo Software Reference p. 67); 2 in bits 9-8 is a program's SEND (Turbo User Manual p. 406).
     site.board().responses.push_back((0x020D, "\u{2}HELLO".to_owned()));
     site.cycles(400);
     let message = messages.next_within(Duration::from_secs(10)).unwrap().expect("a message");

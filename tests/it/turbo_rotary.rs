@@ -7,8 +7,8 @@ use pmac_dpram::client::{RotaryFeed, RotaryPlace};
 
 use crate::support::{PATIENCE, VirtualSite};
 
-/// FACTS-TURBO section 8: "headers $060414 + 3*(n-1), host 0x1050 + 12*(n-1), n = 1..16; status, C.S., host index, PMAC index, size,
-/// start".
+/// The header of coordinate system n, 1 to 16, lies at 0x1050 + 12*(n-1): status, system, host index, PMAC index, size, start
+/// (docs/evidence.md, "Binary rotary buffers").
 const HEADERS: u64 = 0x1050;
 const HEADER: u64 = 12;
 
@@ -48,7 +48,7 @@ fn c1_every_coordinate_system_of_a_turbo_board_has_a_rotary_buffer() {
         site.wait_until("the motor where the text says", || site.ask(&format!("#{motor}P")) == ["250"]);
         let number = cs.parse().unwrap();
         let [status, system, host, pmac, size, start] = header(&site, number);
-        // Section 8: "start word = offset from $060450"; the DPRAM ends at $064000, and each buffer is 512 longs.
+        // The start counts from $060450, the DPRAM ends at $064000, and each buffer is 512 longs.
         let place = (0x06_4000 - 0x06_0450 - 512 * number) as u16;
         assert_eq!([status, system, size, start], [0, number as u16, 512, place], "{cs}");
         assert_eq!((host, pmac), (6, 6));
@@ -126,7 +126,7 @@ fn c1_motors_and_variables_without_a_bit_are_refused() {
         let file = program(&site, text);
         site.run(&["rotary", "encode", file.to_str().unwrap(), "--family", family])
     };
-    // Section 8: "24-bit command format: no difference documented"; bit n-1 is motor n.
+    // No text tells a difference from PMAC's commands (docs/evidence.md): bit n-1 is motor n.
     let home = encode("HOME1,9,24\n", "turbo2");
     assert_eq!((home.stdout.as_str(), home.code), ("000F83 800101  ; 1:1 HOME1,9,24\n", Some(0)));
     for (text, family, reason) in [
@@ -164,7 +164,7 @@ fn c1_a_stream_into_a_high_coordinate_system_ends_with_its_program() {
     let mut feed = RotaryFeed::new(owner, 12, &lines);
     site.wait_until("a program that runs", || {
         feed.step().unwrap();
-        // The first word of `??`: "0 running program".
+        // Bit 0 of the first word of `??`: a program runs.
         u32::from_str_radix(&site.ask("&12??")[0][..6], 16).unwrap() & 1 == 1
     });
     site.connection().send("&12A", PATIENCE).unwrap();

@@ -76,7 +76,8 @@ enum Whose {
     System,
 }
 
-/// Whose command `word` is, in capitals; of one that is for neither, nobody's (GRAMMAR 2.3 and 2.4).
+/// Whether the command `word`, in capitals, addresses a motor or a coordinate system, or neither (Software Reference,
+/// "On-line commands", pp. 171-300).
 fn whose(word: &str) -> Option<Whose> {
     let mut letters = word.chars();
     let (first, second) = (letters.next()?, letters.next());

@@ -29,7 +29,7 @@ const LARGEST: u64 = 16 << 20;
 /// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
 /// and I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
-/// The last motion program (GRAMMAR 2.7; Software Reference, `OPEN`).
+/// The last motion program (Turbo Software Reference p. 381, `OPEN PROG`).
 const LAST_PROGRAM: u16 = 32_767;
 
 /// `backup`.

@@ -11,7 +11,7 @@ use crate::client::command::lines::LineSequence;
 const AXES_A_LINE: usize = 16;
 /// The board has no such program.
 const MISSING: u16 = 3;
-/// The board's password protects it (GRAMMAR 2.7, `LIST`).
+/// ERR002: the board's password protects the program (Software Reference p. 25).
 const PROTECTED: u16 = 2;
 
 /// Reads `items`, variables and others.

@@ -81,7 +81,7 @@ impl Copies {
     ) {
         self.numbers.resize(self.numbers.len().max(count), Vec::new());
         let list = if count == 0 { &mut self.board } else { &mut self.numbers[number - 1] };
-        // Of a long register that has one long here it is the X half (FACTS-TURBO 4, the filtered velocity).
+        // The report has one long of a 48-bit register, the filtered velocity. No text says which half; X is the likelier.
         let halves_copied = if width == Width::Pair { 0..2 } else { 1..2 };
         for (place, half) in halves_copied.enumerate() {
             let sources = sources.map(|source| halves(source)[half]);

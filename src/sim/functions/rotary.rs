@@ -15,7 +15,8 @@
 //!   that does not exist, 5 without an internal buffer. The error stays as long as its reason, and no index moves.
 //! * A header whose size is 0 is not in use. PMAC owns its index and the status while it transfers and the size is not 0;
 //!   the host sets the index up before.
-//! * A Turbo board has no I57. Each header is its coordinate system's (FACTS-TURBO 8), so that another number in it is an error.
+//! * A Turbo board has no I57. Each header belongs to one coordinate system (docs/evidence.md); another number in it is an
+//!   error.
 //! * The number of coordinate system 1 in the header is a setting.
 
 use std::ops::Range;

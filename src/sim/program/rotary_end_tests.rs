@@ -11,8 +11,9 @@ fn bench_of(tables: &'static FirmwareTables) -> Bench {
     with_axes(bench)
 }
 
-/// "Executed lines are freed at once" (GRAMMAR 4.10), the last one of a program that is ended, too: B0 points to the lines
-/// that are to come, and `PR` counts those alone. An abort loses the moves that are calculated (Turbo User Manual p. 319).
+/// The board frees a line at once when the line is executed, also the last line of a program that is ended: B0 points to the
+/// lines to come, and `PR` counts only those (Turbo Software Reference p. 286). An abort loses the
+/// calculated moves (Turbo User Manual p. 319).
 #[test]
 fn d1_no_line_that_was_executed_comes_back_when_the_program_is_ended() {
     for family in [&firmware::PMAC, &turbo::TURBO2] {

@@ -388,8 +388,8 @@ fn a_program_hold_stops_on_the_path() {
     assert!((end[0] - 20.0).abs() + end[1].abs() < 1e-6, "{end:?}");
 }
 
-/// `Q` ends the program after the moves already calculated (GRAMMAR 2.4), and one that waits for lines at once: "only Q or A
-/// ends it" (User Manual p. 213).
+/// `Q` ends a program after the moves that the board has calculated, and a program that waits for lines at once (User Manual
+/// p. 213).
 #[test]
 fn a_quit_ends_a_rotary_program_in_every_cycle_of_its_last_move() {
     for (mode, segmentation, step) in

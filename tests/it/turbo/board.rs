@@ -1,5 +1,4 @@
-//! A Turbo PMAC2's half of its DPRAM, which lies in a file, played by hand from the sentences that FACTS-TURBO collects; and the
-//! daemon on it.
+//! A Turbo PMAC2's half of its DPRAM, which lies in a file, played after the Turbo User Manual pp. 402-410; and the daemon on it.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
@@ -14,19 +13,21 @@ use crate::support::{VirtualSite, World};
 
 /// What nobody wrote.
 pub(super) const GARBAGE: u8 = 0x5A;
-/// Section 4: "host 0x006A bit 15 host busy; 0x006C timer low; 0x006E bits 0-7 timer high, bit 15 data ready; 0x0070 mask".
+/// Bit 15 of 0x006A is Host-Busy, 0x006C the timer's low word; 0x006E has its high bits in 7-0 and Data-Ready in bit 15; 0x0070 is
+/// the mask of motors (Turbo User Manual pp. 402-403).
 pub(super) const SERVO_HOST: u64 = 0x006A;
 pub(super) const SERVO_TIMER: u64 = 0x006C;
 pub(super) const SERVO_READY: u64 = 0x006E;
 pub(super) const MASK: u64 = 0x0070;
-/// Section 5: "0x0674 highest C.S. reported, 0x0676 bit 15 host busy, 0x0678/0x067A as in section 4".
+/// 0x0674 is the highest coordinate system in the report, bit 15 of 0x0676 Host-Busy; then as in the motor report (Turbo User
+/// Manual p. 405).
 pub(super) const SYSTEM_COUNT: u64 = 0x0674;
 pub(super) const SYSTEM_HOST: u64 = 0x0676;
 pub(super) const SYSTEM_TIMER: u64 = 0x0678;
 pub(super) const SYSTEM_READY: u64 = 0x067A;
 pub(super) const READY: u16 = 1 << 15;
-/// Section 6: "0x0E9C bit 0 command loaded, 0x0E9E control character, 0x0EA0 command, 0x0F40 response control word,
-/// 0x0F42 number of characters + 1, 0x0F44 response line".
+/// Bit 0 of 0x0E9C says that a command lies at 0x0EA0; 0x0E9E is the control character, 0x0F40 the response's control word, 0x0F42
+/// its characters and one more, 0x0F44 its line (Turbo User Manual pp. 405-407).
 pub(super) const LOADED: u64 = 0x0E9C;
 pub(super) const CHARACTER: u64 = 0x0E9E;
 pub(super) const COMMAND: u64 = 0x0EA0;
@@ -98,7 +99,7 @@ impl Board {
         self.memory.write_all_at(&value.to_le_bytes(), at).unwrap();
     }
 
-    /// A 48-bit register: "two such longs, low (Y) first".
+    /// A 48-bit register is two longs, the Y half first.
     fn put_pair(&self, at: u64, value: i64) {
         self.put_short(at, (value << 40 >> 40) as i32);
         self.put_short(at + 4, (value >> 24) as i32);
@@ -108,7 +109,8 @@ impl Board {
         u32::from(self.word(MASK)) | u32::from(self.word(MASK + 2)) << 16
     }
 
-    /// "if host busy = 1 skip this time; else ready := 0, copy masked motors, store 24-bit timer, ready := 1".
+    /// While Host-Busy is set, PMAC skips the report. Else it clears Data-Ready, copies the motors of the mask, stores the timer and
+    /// sets Data-Ready (Turbo User Manual p. 403).
     fn servo(&mut self) {
         self.cycles = (self.cycles + 1) & 0xFF_FFFF;
         if self.word(SERVO_HOST) & READY != 0 {
@@ -118,7 +120,7 @@ impl Board {
         for motor in (1..=self.motors).filter(|motor| self.mask() >> (motor - 1) & 1 != 0) {
             let block = 0x0074 + 0x30 * (motor as u64 - 1);
             self.put_pair(block, -3072 * motor);
-            // "motor activated", bit 23 of the first word of `?`, and "in position", bit 0 of the second.
+            // Bit 23 of the first word of `?`: the motor is activated; bit 0 of the second: in position.
             self.put_short(block + 12, 0x80_0000);
             self.put_short(block + 16, 1);
             // Previous DAC, position bias, filtered velocity.
@@ -139,7 +141,7 @@ impl Board {
     fn background(&self) {
         let count = u64::from(self.word(SYSTEM_COUNT) & 0xFF);
         let waits = [SYSTEM_HOST, SYSTEM_READY].iter().any(|word| self.word(*word) & READY != 0);
-        // "highest C.S. reported (host writes, 0-16)": nobody has written it yet.
+        // Above 16: no host has written the number yet.
         if waits || count > 16 {
             return;
         }
@@ -147,7 +149,7 @@ impl Board {
         self.put_short(0x0688, second as i32);
         self.put_short(0x068C, first as i32);
         for system in 0..count {
-            // The first word of `??`: "0 running program"; the program lines that remain.
+            // Bit 0 of the first word of `??`: a program runs; and the program lines that remain.
             self.put_short(0x069C + 0x80 * system + 20, 1);
             self.put_short(0x069C + 0x80 * system + 100, 7 + system as i32);
         }
@@ -173,7 +175,7 @@ impl Board {
                     let line = String::from_utf8(std::mem::take(&mut self.part)).unwrap();
                     self.reply(&line);
                 }
-                // "a line may be completed in a second load if no NUL was in the first".
+                // Without a NUL the host completes the line in a second load.
                 None => {
                     self.part.extend(&bytes[..159]);
                     self.parts += 1;
@@ -241,7 +243,7 @@ impl Board {
         })
     }
 
-    /// The words of `???`: "19 gathering on" of the first one.
+    /// The words of `???`. Bit 19 of the first one: the board gathers.
     fn global_status(&self) -> [u32; 2] {
         [self.global[0] | u32::from(self.gathers) << 19, self.global[1]]
     }
@@ -260,8 +262,8 @@ impl Board {
     }
 }
 
-/// Gathering, section 9: "0x113C size in 32-bit words from DEFINE GATHER n; 0x113E offset of the next item; always starts at
-/// 0x1140; sources in number order, low word first for 48 bits".
+/// Gathering (the vendor's accessory page, docs/evidence.md): `DEFINE GATHER n` puts the size in longs to 0x113C; 0x113E is the
+/// offset of the next long; the buffer starts at 0x1140. Sources come in the order of their numbers, the low word of 48 bits first.
 impl Board {
     fn define_gather(&mut self, longs: u32) {
         self.put(0x113C, longs as u16);
@@ -295,8 +297,9 @@ impl Board {
     }
 }
 
-/// Background variable read, section 7.1: "0x1044 bit 0 ready, 0x1046 timer, 0x1048 entries 1-128, 0x104A table start as offset from
-/// $060450; Y = address bits 15-0, X = type (bits 5-4: 0 Y, 1 L/D, 2 X) and address bits 18-16; data follow the table".
+/// Background variable read (Turbo User Manual pp. 407-410): bit 0 of 0x1044 is ready, 0x1046 the timer, 0x1048 the number of
+/// entries, 1 to 128, 0x104A the table's start from $060450. An entry's Y word has address bits 15-0, its X word the kind in bits
+/// 5-4 (0 Y, 1 L or D, 2 X) and address bits 18-16. The data follow the table.
 impl Board {
     fn read_variables(&mut self) {
         let count = u64::from(self.word(0x1048));

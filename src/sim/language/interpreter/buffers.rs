@@ -297,7 +297,7 @@ impl Line<'_, '_> {
                 if self.programs.systems.get(cs).is_some_and(|system| system.running) {
                     return Err(CommandError::RUNNING);
                 }
-                // Turbo deletes upwards (FACTS-TURBO 14). No page seen says so of PMAC.
+                // A Turbo board deletes upwards (Turbo Software Reference p. 315). No page seen says so of PMAC.
                 if self.board.family().generation == Generation::Turbo
                     && self.programs.store.has_rotary_before(cs)
                 {

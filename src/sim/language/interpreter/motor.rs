@@ -118,8 +118,8 @@ impl Line<'_, '_> {
                 .is_some_and(|c| matches!(c, b'+' | b'-') || crate::sim::board::axes::is_axis(c));
         let axes = &self.board.axes;
         if !given {
-            // The EPICS driver asks `&1#1->,` of every motor, and takes the one line it gets for the answer (GRAMMAR 2.2). A board that
-            // refused the comma would leave that driver, which sites run, without its axes.
+            // The EPICS driver asks `&1#1->,` of every motor, and takes the one line of the reply for the answer
+            // (`pmacController.cpp` of DiamondLightSource/pmac). If the board refused the comma, that driver would have no axes.
             let _ = generation == Generation::Turbo && self.scanner.take(b',');
             let own = axes.definition(motor).filter(|definition| definition.coordinate_system == cs);
             let text = own.map_or_else(|| "0".to_owned(), |definition| definition.text(decimals));
