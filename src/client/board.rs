@@ -1,7 +1,7 @@
 //! One board, as a user of it sees it.
 //!
-//! Attached to the daemon's segment read-only. When the daemon is restarted the board attaches to the new segment by
-//! itself; while there is none, the last data stay readable and say that they are old.
+//! A board is attached to the daemon's segment read-only. When the daemon restarts, the board attaches to the new
+//! segment; meanwhile the last data stay readable and say that they are old.
 
 pub mod gather;
 pub mod variables;
@@ -41,7 +41,7 @@ pub enum ClientError {
     Family(u32),
 }
 
-/// Where the socket of the daemon of `name` lies unless it was told otherwise: in `/run/pmacd`, or, where there is none, in
+/// The default path of the socket of the daemon `name`: in `/run/pmacd`, or, without that directory, in
 /// `$XDG_RUNTIME_DIR/pmacd`.
 #[must_use]
 pub fn socket_path(name: &SegmentName) -> PathBuf {
@@ -51,7 +51,7 @@ pub fn socket_path(name: &SegmentName) -> PathBuf {
 /// Everything the segment has, at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// Who the board is, as far as it is known.
+    /// The board's identity, as far as the segment knows it.
     pub identity: Identity,
     /// Servo data; `None` before the first.
     pub servo: Option<View<ServoData>>,
@@ -62,7 +62,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The first of the reports whose data are old, and why. Data that the board was never told to report are no fault.
+    /// The first report with old data, and why they are old. A report that the board does not make is no fault.
     #[must_use]
     pub fn old(&self) -> Option<(&'static str, Staleness)> {
         let servo = self.servo.as_ref().and_then(|view| Some(("servo", view.stale?)));
@@ -74,7 +74,7 @@ impl Snapshot {
 /// A stretch of past servo data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History {
-    /// What is still there, oldest first.
+    /// The samples that the segment still has, oldest first.
     pub samples: Vec<View<ServoData>>,
     /// How many samples of the stretch asked for were overwritten already. Exact.
     pub lost: u64,
@@ -98,7 +98,7 @@ impl Board {
     /// Attaches to the board called `name`, as in `--name`: `pmac0`.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when there is no such segment or it is not to be trusted.
+    /// [`ClientError::Segment`] without such a segment, or if this process must not trust it.
     pub fn attach(name: &str) -> Result<Self, ClientError> {
         Self::attach_in(Path::new(DIRECTORY), name)
     }
@@ -122,10 +122,10 @@ impl Board {
         })
     }
 
-    /// Attaches to the board of the daemon whose socket lies at `path`, whatever it is called.
+    /// Attaches to the board of the daemon whose socket is `path`, whatever the board's name.
     ///
     /// # Errors
-    /// [`ClientError::Socket`] when nobody answers there, else as [`Board::attach`].
+    /// [`ClientError::Socket`] if no daemon answers there, else as [`Board::attach`].
     pub fn at_socket(path: &Path) -> Result<Self, ClientError> {
         let mut connection = Connection::open(path)?;
         let name = connection.info()?.segment;
@@ -154,18 +154,18 @@ impl Board {
         &self.socket
     }
 
-    /// The segment, for what has no method here. Another one after the daemon was restarted.
+    /// The segment, for data without a method here. A restart of the daemon puts another segment in its place.
     #[must_use]
     pub fn subscriber(&self) -> &Subscriber {
         &self.subscriber
     }
 
-    /// Attaches to the segment under the board's name if that is another one than this and gives more: a new daemon's, or the one
-    /// that the same daemon has published again. Done by every other method that reads. What else is put there, as a copy or a
-    /// directory, takes nobody away from a segment that lives.
+    /// Attaches to the segment under the board's name if it differs from this one and gives more: the segment of a new
+    /// daemon, or the same daemon's after a new publication. Every other method that reads does this first. A copy or a
+    /// directory under the name takes no reader away from a living segment.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when there is a new daemon's that cannot be attached to.
+    /// [`ClientError::Segment`] if there is a new daemon's segment and this process cannot attach to it.
     pub fn refresh(&mut self) -> Result<Condition, ClientError> {
         let condition = self.subscriber.condition();
         if !condition.is_over() {
@@ -192,7 +192,7 @@ impl Board {
         }
     }
 
-    /// Who the board is, as far as it is known.
+    /// The board's identity, as far as the segment knows it.
     ///
     /// # Errors
     /// [`ClientError::Segment`] when the segment is corrupt.
@@ -200,7 +200,7 @@ impl Board {
         Ok(self.identified()?.identity.clone())
     }
 
-    /// Who the board is and how to decode its data: read from the segment once for each identity that it publishes.
+    /// The board's identity and the decoder of its data: read once for each identity that the segment publishes.
     fn identified(&mut self) -> Result<&Identified, ClientError> {
         let generation = self.subscriber.generation();
         let current =
@@ -219,10 +219,10 @@ impl Board {
         Ok(self.identified.insert(known))
     }
 
-    /// Everything the segment has now. Makes as many system calls whatever there is.
+    /// Everything that the segment has now, in a fixed number of system calls.
     ///
     /// # Errors
-    /// [`ClientError`] when the segment is corrupt or of a board that is not known here. Old data are no error.
+    /// [`ClientError`] if the segment is corrupt or its board's family unknown here. Old data are no error.
     pub fn snapshot(&mut self) -> Result<Snapshot, ClientError> {
         let condition = self.refresh()?;
         let identified = self.identified()?;
@@ -239,7 +239,7 @@ impl Board {
         })
     }
 
-    /// The number of the latest servo sample; 0 when there is none.
+    /// The number of the latest servo sample; 0 before the first.
     ///
     /// # Errors
     /// [`ClientError::Segment`] when the segment has no servo data.
@@ -247,8 +247,8 @@ impl Board {
         Ok(self.subscriber.published(RegionId::Servo)?)
     }
 
-    /// Sleeps until there is a servo sample newer than number `after`, at most `timeout`; false when there is none.
-    /// When the daemon is restarted meanwhile, the first sample of the new one is newer: its numbers start again.
+    /// Sleeps until the segment has a servo sample newer than number `after`, at most `timeout`; false without one.
+    /// After a restart of the daemon its first sample is newer, because its numbers begin again.
     ///
     /// # Errors
     /// [`ClientError::Segment`].
@@ -279,8 +279,8 @@ impl Board {
         }
     }
 
-    /// Servo samples from number `since` on, at most `most` of them, and exactly how many of that stretch are lost. Makes as many
-    /// system calls however many they are.
+    /// Servo samples from number `since` on, at most `most`, and the exact number of lost ones among them. The number
+    /// of system calls does not depend on the number of samples.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -312,8 +312,8 @@ impl Board {
         Ok(self.connection.insert(connection))
     }
 
-    /// Sends one command line through the daemon; see [`Connection::send`]. It enters no program buffer but one that lines sent in
-    /// this way, by this process, have opened; see [`OwnBuffer`].
+    /// Sends one command line through the daemon; see [`Connection::send`]. The line enters a program buffer only if
+    /// this process has opened that by this method; see [`OwnBuffer`].
     ///
     /// # Errors
     /// [`CommandError`].
@@ -324,8 +324,8 @@ impl Board {
         sent
     }
 
-    /// What `decode` makes of the latest sample of `region`, with its age; `None` when there is none, or the daemon does not mirror it
-    /// at all.
+    /// The latest sample of `region`, decoded by `decode`, with its age; `None` before the first, or if the daemon does
+    /// not mirror the region.
     pub(super) fn latest_view<T>(
         &mut self,
         region: RegionId,
@@ -360,7 +360,8 @@ impl Board {
         Ok(Some(moment.view(&self.subscriber.region(region)?, reading)))
     }
 
-    /// Copies the latest sample of `region` and returns its number; `None` when there is none, or the daemon does not mirror it at all.
+    /// Copies the latest sample of `region` and returns its number; `None` before the first, or if the daemon does not
+    /// mirror the region.
     fn latest(&mut self, region: RegionId) -> Result<Option<u64>, ClientError> {
         match self.subscriber.latest(region, &mut self.sample) {
             Ok(found) => Ok(found),
@@ -370,9 +371,9 @@ impl Board {
     }
 }
 
-/// What one sample of the board region says.
+/// The content of one sample of the board region.
 struct Identified {
-    /// The segment it is of, and the sample's number there; 0 when there is none yet.
+    /// The generation of its segment, and the sample's number there; 0 before the first.
     generation: u64,
     sequence: u64,
     identity: Identity,

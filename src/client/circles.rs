@@ -14,7 +14,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Whether `text` makes circles: `CIRCLE1`, `CIR2`, `CIRCLE 1`, and `G2` or `G03`, which call `CIRCLE` in the board's PROG 1000.
 #[must_use]
 pub fn is_circle(text: &str) -> bool {
-    // What stands in quotes is text that a program sends.
+    // Text in quotes is a program's message.
     line::commands(&text.to_ascii_uppercase()).any(|part| {
         let mut words = part.match_indices("CIR").map(|(at, word)| &part[at + word.len()..]);
         let mut codes = part.match_indices('G').filter(|(at, _)| !part[..*at].ends_with("PRO"));
@@ -27,8 +27,8 @@ pub fn is_circle(text: &str) -> bool {
     })
 }
 
-/// The warning for the circle at `place`, if the board would make none of it in the coordinate system; where none is named, in any.
-/// Nothing is said where the board cannot be asked.
+/// The warning for the circle at `place`, if the board would not make a circle in `system`, or, without one, in any
+/// system. `None` if the board cannot be asked.
 pub fn warning(connection: &mut Connection, place: impl Display, system: Option<u32>) -> Option<String> {
     let family = Family::by_name(&connection.info().ok()?.family).ok()?;
     let systems = match system {

@@ -36,7 +36,7 @@ use crate::protocol::transport::connect;
 use crate::protocol::{BOARD, BoardInfo, BoardSettings, Call, CallError, Reply, calls, control};
 use crate::segment::{SegmentName, is_trusted};
 
-/// How long the daemon itself may take: to accept, and to answer what needs no board.
+/// How long the daemon may take to accept, and to answer without the board.
 pub(super) const DAEMON_TIMEOUT: Duration = Duration::from_secs(5);
 /// How much longer than the board the daemon may take. More than the daemon's own grace.
 pub(super) const MARGIN: Duration = Duration::from_secs(2);
@@ -49,15 +49,15 @@ const USED_LOOK: Duration = Duration::from_millis(50);
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CommandError {
-    /// Nobody can be reached at the socket.
+    /// No daemon serves the socket.
     #[error("{path}: {source}; is pmacd running, and may you use its socket?")]
     Connect {
         /// The socket.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
-    /// The process at the socket belongs to a user who is not trusted.
+    /// An untrusted user's process serves the socket.
     #[error(
         "{path} is served by user {uid}, who is not trusted here: only root, pmacd and yourself are; nothing was sent"
     )]
@@ -67,7 +67,7 @@ pub enum CommandError {
         /// The user.
         uid: u32,
     },
-    /// The daemon at the socket has another board than the one that was named.
+    /// The daemon at the socket has another board than the named one.
     #[error("{path} is the socket of the board {found}, not of {wanted}; leave --name or --socket out")]
     OtherBoard {
         /// The socket.
@@ -77,7 +77,7 @@ pub enum CommandError {
         /// The daemon's.
         found: String,
     },
-    /// The connection was made before this process was forked from the one that made it.
+    /// Another process made the connection; this one was forked from it.
     #[error(
         "this connection to pmacd belongs to process {process}, from which this one was forked; open another one here; nothing was sent"
     )]
@@ -85,14 +85,14 @@ pub enum CommandError {
         /// That process.
         process: u32,
     },
-    /// The daemon did not take the whole call, so it began nothing of it.
+    /// The daemon did not take the whole call, so it began no part of it.
     #[error(
         "{path}: pmacd did not take the call ({source}); nothing of it was carried out; see whether pmacd runs (pmacctl status)"
     )]
     NotTaken {
         /// The socket.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
     /// The connection broke, or the daemon closed it, before the answer came.
@@ -102,7 +102,7 @@ pub enum CommandError {
     Broken {
         /// The socket.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
     /// The connection of a stream or a watch broke, or the daemon closed it.
@@ -110,7 +110,7 @@ pub enum CommandError {
     StreamEnded {
         /// The socket.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
     /// The daemon itself did not answer in time.
@@ -127,7 +127,7 @@ pub enum CommandError {
 }
 
 impl CommandError {
-    /// Whether the board may have been given what was asked for, or a part of it.
+    /// Whether the board may have got the command or a part of it.
     #[must_use]
     pub const fn is_uncertain(&self) -> bool {
         matches!(
@@ -146,17 +146,18 @@ impl CommandError {
 pub struct Connection {
     path: PathBuf,
     link: Option<Link>,
-    /// What ends command lines for everybody is sent, too.
+    /// The daemon also sends lines that end command lines for everybody.
     confirms: bool,
 }
 
-/// What is said of a line besides its text, as the parameters of the method `Send` are.
+/// A line's parameters besides its text, as the method `Send` has them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SendAs {
     /// It is a question, as that of [`Connection::question`].
     pub question: Option<bool>,
-    /// It enters the program buffer that this process has open, as that of [`Connection::send_into_buffer`], or opens one; or if not,
-    /// it enters none at all: it is refused while one is open, but for `CLOSE` and what is on-line only.
+    /// `true`: the line enters the program buffer that this process has open, or opens one
+    /// ([`Connection::send_into_buffer`]). `false`: the line enters no buffer; while one is open, the daemon refuses
+    /// it, but for `CLOSE` and on-line commands.
     pub into_buffer: Option<bool>,
     /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
@@ -168,7 +169,8 @@ impl Connection {
     /// Connects to the daemon at the socket `path`.
     ///
     /// # Errors
-    /// [`CommandError::Connect`]; [`CommandError::Stranger`] when whoever serves it is neither root, `pmacd` nor this user.
+    /// [`CommandError::Connect`]; [`CommandError::Stranger`] if the server's user is neither root, `pmacd` nor this
+    /// one.
     pub fn open(path: &Path) -> Result<Self, CommandError> {
         let mut connection = Self { path: path.to_owned(), link: None, confirms: false };
         connection.link = Some(connection.dial()?);
@@ -182,14 +184,14 @@ impl Connection {
         Self { path: path.to_owned(), link, confirms: false }
     }
 
-    /// The same connection. If it `confirms`, what ends command lines for everybody (`^Z`, `I58=0`), or what others have open and run
-    /// (`$$$`, `SAVE`), is sent like any other line; the daemon refuses it otherwise.
+    /// The same connection. If it `confirms`, the daemon also sends a line that ends command lines for everybody (`^Z`,
+    /// `I58=0`), or others' work (`$$$`, `SAVE`); otherwise the daemon refuses it.
     #[must_use]
     pub fn confirming(self, confirms: bool) -> Self {
         Self { confirms, ..self }
     }
 
-    /// What calls say that can carry lines.
+    /// The parameter `confirmed` of calls with lines.
     fn confirmed(&self) -> Option<bool> {
         self.confirms.then_some(true)
     }
@@ -211,7 +213,7 @@ impl Connection {
     fn dial(&self) -> Result<Link, CommandError> {
         let stream = connect(&self.path, Instant::now() + DAEMON_TIMEOUT)
             .map_err(|source| CommandError::Connect { path: self.path.clone(), source })?;
-        // Who listens, as the kernel vouches for it: a stranger's answers would be taken for the board's.
+        // The kernel vouches for the server's user: a stranger's answers would pass for the board's.
         let uid = getsockopt(&stream, PeerCredentials)
             .map_err(|errno| CommandError::Connect { path: self.path.clone(), source: errno.into() })?
             .uid();
@@ -221,8 +223,8 @@ impl Connection {
         Ok(Link::new(stream))
     }
 
-    /// The same connection, once the daemon has said that its board is the one called `name`: what is read in that segment
-    /// and what is sent here are then of one board.
+    /// The same connection, once the daemon has said that its board is `name`: then the segment and the socket are of
+    /// one board.
     ///
     /// # Errors
     /// [`CommandError::OtherBoard`], and those of [`Connection::info`].
@@ -235,7 +237,7 @@ impl Connection {
         Err(CommandError::OtherBoard { path: self.path, wanted, found })
     }
 
-    /// What the daemon knows about its board and itself.
+    /// The daemon's knowledge of its board and itself.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -243,7 +245,7 @@ impl Connection {
         self.call("GetInfo", &calls::NoParameters {}, DAEMON_TIMEOUT)
     }
 
-    /// What no document decides, as the daemon has it: where its buffers lie, and the readings of uncertain formats.
+    /// The settings that no document decides: where the buffers lie, and the readings of uncertain formats.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -260,8 +262,8 @@ impl Connection {
         self.send_as(line, timeout, SendAs::default())
     }
 
-    /// As [`Connection::send`], for a line that wants to know something by the way: where it would become a line of a program buffer
-    /// that is open, it is refused and not sent, whoever has opened that.
+    /// As [`Connection::send`], for a mere question: if the line would enter an open program buffer, the daemon refuses
+    /// it, whoever has opened the buffer.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -278,8 +280,9 @@ impl Connection {
         self.send_as(line, timeout, SendAs { into_buffer: Some(true), ..SendAs::default() })
     }
 
-    /// As [`Connection::send`], for a line whose jogs without an end (`#1J+`) end with this connection: the daemon stops the motor
-    /// when this end of it is gone, unless somebody has sent another command to it meanwhile. It has to name its motors.
+    /// As [`Connection::send`], for a line whose jogs without an end (`#1J+`) end with this connection: the daemon
+    /// stops the motor when this end is gone, unless another command has gone to the motor meanwhile. The line has to
+    /// name its motors.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -291,8 +294,8 @@ impl Connection {
         self.send_as(line, timeout, SendAs { while_connected: Some(true), ..SendAs::default() })
     }
 
-    /// Asks the board for its servo counter, which begins again at a reset, and returns how many resets the daemon has found in
-    /// this way. What two calls return differs if the board was reset between them.
+    /// Asks the board for its servo counter, which begins again at a reset, and returns the number of resets that the
+    /// daemon has found so. Two calls differ if the board was reset between them.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -330,8 +333,8 @@ impl Connection {
         self.call("Send", &parameters, timeout.saturating_add(MARGIN))
     }
 
-    /// Sends the control character `character` (1 to 31) ahead of every line that waits, and returns what the board
-    /// answered: nothing, for most of them. `^A` and `^K` drop the lines that wait in the daemon, whosever they are.
+    /// Sends the control character `character` (1 to 31) before all waiting lines, and returns the board's answer, for
+    /// most of them nothing. `^A` and `^K` drop everybody's lines that wait in the daemon.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -415,7 +418,7 @@ impl Connection {
             return Err(CommandError::Broken { path: self.path.clone(), source });
         };
         let reply = link.next_reply(after(timeout)).map_err(|error| fault(&self.path, error))?;
-        // Only a connection whose last reply has been read can be used again.
+        // A connection can be used again only after its last reply.
         self.link = Some(link);
         read_reply(reply)
     }
@@ -436,7 +439,7 @@ fn when_used<T>(mut call: impl FnMut() -> Result<T, CommandError>) -> Result<T, 
     }
 }
 
-/// Whether `link` belongs to this process, which may have been forked from the one that made it.
+/// Whether this process made `link`; a forked child did not.
 fn check_process(link: &Link) -> Result<(), CommandError> {
     match link.process {
         process if process == std::process::id() => Ok(()),

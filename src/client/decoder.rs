@@ -1,4 +1,4 @@
-//! What is needed to decode a board's words.
+//! The means to decode a board's words.
 
 use super::identity;
 use crate::decode::{BackgroundData, BackgroundDecoder, Scales, ServoData, ServoDecoder, TooShort};
@@ -40,7 +40,7 @@ impl Decoder {
     }
 }
 
-/// How many of the reported `numbers` a payload tells of: fewer when it is from before the board was told to report more.
+/// How many of the reported `numbers` a payload has: fewer if it is older than the board's present mask.
 fn held(numbers: usize, region: &RegionInfo, words: &[u16]) -> usize {
     numbers.min(region.blocks.held_in(2 * words.len()))
 }

@@ -1,4 +1,4 @@
-//! Follows every servo update, and says what is missing between two.
+//! Follows every servo update, and counts the missing ones between two.
 
 use std::time::Duration;
 
@@ -6,13 +6,13 @@ use super::{Board, ClientError, Staleness, View, identity};
 use crate::decode::ServoData;
 use crate::segment::RegionId;
 
-/// The most updates to take at once: a fraction of what the segment keeps.
+/// The most updates of one step: a fraction of the segment's ring.
 const BATCH: usize = 512;
 
 /// Servo cycles that an update may seem early: the daemon was held up between clock and board.
 const SLACK: f64 = 64.0;
 
-/// What comes next.
+/// The next event.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
     /// An update.
@@ -21,37 +21,38 @@ pub enum Step {
     Gap(Gap),
 }
 
-/// What is missing between two updates: some of them, or where both numbers are 0, board or daemon paused, or was started again.
+/// The gap between two updates: some are missing, or, if both numbers are 0, board or daemon paused or was started
+/// again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Gap {
     /// Updates that the daemon did not read in time.
     pub missed: u64,
     /// Updates that this program did not take, or could not write, in time.
     pub lost: u64,
-    /// How long board or daemon paused here, where one did. What updates the board made meanwhile, nobody can tell: they are not in
+    /// How long board or daemon paused here. No count of the board's updates in that time exists: they are not in
     /// `missed`.
     pub pause: Option<Duration>,
 }
 
-/// What is kept of the update before.
+/// The last update's part that the next one needs.
 #[derive(Debug, Clone, Copy)]
 struct Last {
     servo_timer: u64,
     time_ns: u64,
 }
 
-/// What is needed to know how many updates lie between two.
+/// The pace by which missing updates are counted.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pace {
-    /// Servo cycles from update to update; `None` where there is no period.
+    /// Servo cycles from update to update; `None` without a period.
     cycles: Option<u64>,
     /// The length of a servo cycle; `None` while it is not known.
     cycle_ns: Option<f64>,
-    /// A longer silence is a pause of the board: what it did meanwhile is no update that could have been missed.
+    /// A longer silence is a pause of the board, with no updates to miss.
     pause_ns: u64,
 }
 
-/// A reader of every servo update, of the present daemon and of those that come after it.
+/// A reader of every servo update, of the present daemon and of its successors.
 #[derive(Debug)]
 pub struct Follower {
     generation: u64,
@@ -59,7 +60,7 @@ pub struct Follower {
     last: Option<Last>,
     /// When the last update of the daemon before came, where another one has come since.
     restarted: Option<u64>,
-    /// The length of a servo cycle, as last known: the daemon forgets it at a reset, until the board has told it again.
+    /// The last known length of a servo cycle: at a reset the daemon forgets it until the board has answered again.
     cycle_ns: Option<f64>,
 }
 
@@ -86,10 +87,10 @@ impl Follower {
         self.next
     }
 
-    /// Hands the updates that have come to `take`, and returns why there is nothing live after them.
+    /// Hands new updates to `take`, and returns why no live data follow them.
     ///
     /// # Errors
-    /// [`ClientError`], or what `take` returns.
+    /// [`ClientError`], or the error of `take`.
     pub fn advance<E: From<ClientError>>(
         &mut self,
         board: &mut Board,
@@ -99,7 +100,7 @@ impl Follower {
         Ok(board.snapshot()?.servo.and_then(|servo| servo.stale))
     }
 
-    /// Hands some of the updates that have come to `take`, each behind what is missing before it. Whether there were any.
+    /// Hands some new updates to `take`, each behind its gap. Returns whether there were any.
     ///
     /// # Errors
     /// As [`Follower::advance`].
@@ -146,14 +147,14 @@ impl Follower {
     }
 }
 
-/// Servo cycles from update to update, as the board has told them. Else by the period that `pmacd` measures, which grows when
-/// many updates are missed.
+/// Servo cycles from update to update, by the board's answer. Else by the period that `pmacd` measures, which grows
+/// when many updates are missed.
 fn cycles(told: Option<u32>, cycle_ns: Option<f64>, period_ns: u64) -> Option<u64> {
     let measured = || cycle_ns.map(|cycle_ns| (period_ns as f64 / cycle_ns).round() as u64);
     told.map(u64::from).or_else(measured).filter(|cycles| *cycles > 0)
 }
 
-/// What is missing between the update `last` and the next one taken, if `lost` are missing in their numbers.
+/// The gap between the update `last` and the next taken one, if `lost` numbers are missing.
 fn between(last: Last, (servo_timer, time_ns): (u64, u64), lost: u64, pace: Pace) -> Option<Gap> {
     let silence_ns = time_ns.saturating_sub(last.time_ns);
     let passed = servo_timer.saturating_sub(last.servo_timer);

@@ -1,8 +1,8 @@
-//! A jog that lasts only as long as somebody holds it.
+//! A jog that lasts only as long as a client holds it.
 //!
-//! The daemon requests the stop by itself when it has not heard from the holder for 200 ms, whatever the reason: killed,
-//! stopped, or the machine it ran on is too busy. So the jog never outlives this process. That holds of a jog by the control panel
-//! and of one by command line; the daemon also stops the second one as soon as the holder's connection is gone.
+//! The daemon requests the stop after 200 ms without a word from the holder, whatever the reason: the holder is killed,
+//! stopped, or its machine too busy. So the jog never outlives this process, by the control panel or by command line; a
+//! jog by command line also stops as soon as the holder's connection is gone.
 
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -37,13 +37,13 @@ pub struct HeldJog {
 }
 
 impl HeldJog {
-    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on: by the control panel, or, where the
-    /// daemon does not use that, as on a Turbo board, by the command line `#1J-` or `#1J+`. The line addresses the motor, enters no
-    /// program buffer, and needs the role engineer. It keeps nobody else from the motor: a command of somebody else ends the hold,
-    /// and no stop follows then.
+    /// Begins `action` (`jog-` or `jog+`) of the motors `numbers`, and renews it from now on: by the control panel, or,
+    /// if the daemon does not use the panel, as on a Turbo board, by the command line `#1J-` or `#1J+`. The line
+    /// addresses the motor, enters no program buffer, and needs the role engineer. Other clients may still command the
+    /// motor: their command ends the hold, and no stop follows.
     ///
     /// # Errors
-    /// As [`Connection::panel`] and [`Connection::send`]. Whatever the board has taken then is stopped by the daemon.
+    /// As [`Connection::panel`] and [`Connection::send`]. The daemon stops any motor that the board has started then.
     pub fn begin(mut connection: Connection, action: &str, numbers: &[u8]) -> Result<Self, CommandError> {
         if !jogs_by_panel(&mut connection)? {
             return Self::begin_by_line(connection, action, numbers);
@@ -75,7 +75,7 @@ impl HeldJog {
         }))
     }
 
-    /// One that has begun, and is renewed by `renew`.
+    /// A jog that has begun; `renew` renews it.
     fn renewed(
         mut connection: Connection,
         numbers: &[u8],
@@ -107,16 +107,16 @@ impl HeldJog {
     /// Stops the motors, and returns when the board has taken the stop.
     ///
     /// # Errors
-    /// Why the daemon had ended the hold before (the motors were killed or aborted, or a loop has opened), or that the stop was
-    /// not taken. The daemon goes on requesting the stop by itself. [`CommandError::OtherProcess`] in a forked child; nothing is
-    /// stopped then.
+    /// Why the daemon had ended the hold before (the motors were killed or aborted, or a loop has opened), or that the
+    /// board did not take the stop. The daemon goes on requesting the stop. [`CommandError::OtherProcess`] in a forked
+    /// child, which stops nothing.
     pub fn stop(mut self) -> Result<Connection, CommandError> {
         self.end()
     }
 
     fn end(&mut self) -> Result<Connection, CommandError> {
         if self.process != std::process::id() {
-            // The thread is not in this process: neither may be waited for, nor what it may have locked be touched.
+            // The thread is in the parent: the child may not wait for it, nor touch anything that it may have locked.
             std::mem::forget((self.tell.take(), self.renewing.take()));
             return Err(CommandError::OtherProcess { process: self.process });
         }

@@ -1,10 +1,10 @@
-//! What the segment says about the board, in the terms in which its data are decoded.
+//! The segment's identity of the board, in the terms of its decoder.
 
 use crate::decode::{MotorScales, Scales};
 use crate::map::{DEFAULT_FAMILY, Family};
 use crate::segment::Identity;
 
-/// The board's family; [`DEFAULT_FAMILY`] when the segment does not say, `None` when it is one that is not known here.
+/// The board's family; [`DEFAULT_FAMILY`] if the segment does not say, `None` if this library does not know the family.
 #[must_use]
 pub fn family(identity: &Identity) -> Option<&'static Family> {
     match identity.family {
@@ -25,7 +25,7 @@ pub fn scales(identity: &Identity) -> Scales {
     Scales { motors: (0..identity.ix08.len()).map(motor).collect(), i10: identity.i10 }
 }
 
-/// How many motors, and coordinate systems, the board's reports have: what the board told where that is known, else all of `family`.
+/// How many motors and coordinate systems the board's reports have: the board's answer, else all of `family`.
 #[must_use]
 pub fn reported(identity: &Identity, family: &Family) -> usize {
     let said = identity.reported_motors().or(identity.motors).and_then(|count| usize::try_from(count).ok());

@@ -1,4 +1,4 @@
-//! The thing a user holds (layer 5): live data from the shared memory, commands through the socket.
+//! A user's access to a board (layer 5): live data from the shared memory, commands through the socket.
 //!
 //! ```no_run
 //! use std::time::Duration;
@@ -13,7 +13,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Reading needs no conversation with the daemon and cannot disturb it. What is old says so: see [`Staleness`].
+//! Reading needs no conversation with the daemon and cannot disturb it. Old data say so: see [`Staleness`].
 
 pub mod board;
 pub mod circles;

@@ -1,5 +1,4 @@
-//! One motor as it is shown: what the servo report holds of it, what the background report adds, and what the configuration
-//! calls it.
+//! One motor as users see it: the servo report's part, the background report's, and the configured name.
 
 use serde_json::{Value, json};
 
@@ -12,7 +11,7 @@ use crate::segment::{Identity, UserUnit};
 pub struct Motor<'a> {
     /// Of the servo report.
     pub servo: &'a ServoMotor,
-    /// Of the background report, if there is a fresh one.
+    /// The motor in a fresh background report.
     background: Option<&'a BackgroundMotor>,
     family: &'static Family,
     name: Option<&'a str>,
@@ -87,7 +86,7 @@ impl<'a> Motor<'a> {
         self.background.and_then(|motor| motor.target_position)
     }
 
-    /// What the configuration calls it.
+    /// Its name in the configuration.
     pub fn name(&self) -> Option<&str> {
         self.name
     }
@@ -125,8 +124,8 @@ impl<'a> Motor<'a> {
         flags.map(|flags| flags.has(name))
     }
 
-    /// What `P` answers: actual position, bias and compensation (Software Reference, `P`). Not known while a master is followed,
-    /// which Ix06 can have taken away from it, nor where the compensation is not reported.
+    /// The answer to `P`: actual position, bias and compensation (Software Reference, `P`). Unknown while the motor
+    /// follows a master, which Ix06 can subtract, and without the compensation in the report.
     fn reported_position(&self) -> Option<Quantity> {
         if self.servo.status?.has("handwheel_enabled") {
             return None;
@@ -155,7 +154,7 @@ impl<'a> Motor<'a> {
         })
     }
 
-    /// Words for what is set and not ordinary, worst first.
+    /// Words for set flags that are not ordinary, worst first.
     pub fn flags(&self) -> Vec<&'static str> {
         let mut flags = servo_flags(self.servo);
         let background = self.background_flags();

@@ -2,7 +2,7 @@
 
 use crate::decode::Quantity;
 
-/// Stands for what the daemon does not read from the board, or what is not known.
+/// Stands for an unknown value, or a word that the daemon does not read from the board.
 pub const NOT_READ: &str = "-";
 
 /// Digits that a 48-bit float of PMAC's has: its mantissa has 36 bits.
@@ -16,7 +16,7 @@ pub fn labelled(quantity: Option<Quantity>) -> String {
     value.map_or_else(|| format!("{raw}raw"), |value| fixed(value, 1))
 }
 
-/// So many decimal places, and no sign on what is rounded to nothing.
+/// The value with `places` decimal places, without a sign if it rounds to zero.
 pub fn fixed(value: f64, places: usize) -> String {
     if value.abs() >= 1e15 {
         return short(value);

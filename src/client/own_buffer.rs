@@ -1,7 +1,8 @@
-//! Into which program buffer a program's lines go: into one that they have opened themselves, and into no other.
+//! Which program buffer a program's lines enter: only a buffer that they have opened themselves.
 //!
-//! By hand a user may write into whatever buffer is his: he opens it in one terminal and looks at it from another. A program cannot
-//! know of that. Its `P1=5` would become a line of the user's motion program, and count as done.
+//! By hand a user may write into any buffer of his own: he opens it in one terminal and looks at it from another. A
+//! program does not know of that buffer. Its `P1=5` would become a line of the user's motion program, and count as
+//! done.
 
 use std::time::Duration;
 
@@ -11,8 +12,8 @@ use crate::protocol::board::SendReply;
 use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::control::{CLOSE_ROTARY, OPEN_ROTARY};
 
-/// Whether a program's lines have opened a buffer that they have not closed. It outlives the connection: what belongs into a buffer
-/// must not be carried out at once because the connection is another one.
+/// Whether a program's lines have opened a buffer and not closed it. This outlives the connection: over a new
+/// connection, a line for the buffer must not be carried out at once.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OwnBuffer {
     is_open: bool,
@@ -25,8 +26,9 @@ impl OwnBuffer {
         self.is_open
     }
 
-    /// As [`Connection::send`], but that the line enters no buffer that others have opened, and that one for a buffer of these lines
-    /// is not carried out where that is closed: both are refused and not sent. `CLOSE`, and what is on-line only, always goes.
+    /// As [`Connection::send`], but the line enters no buffer that others have opened, and a line for a buffer of these
+    /// lines is not carried out if that buffer is closed: the daemon refuses both. `CLOSE` and on-line commands always
+    /// pass.
     ///
     /// # Errors
     /// As [`Connection::send`].
@@ -57,7 +59,7 @@ impl OwnBuffer {
             Some(Effect::Opens(_)) => {
                 self.is_open |= sent.as_ref().map_or_else(CommandError::is_uncertain, |_| true)
             }
-            // Whoever has closed it has no more lines for it. If it is open all the same, nothing enters it.
+            // The closer has no more lines for it. If the buffer is open all the same, no line enters it.
             Some(Effect::Closes) => {
                 self.is_open &=
                     !sent.as_ref().map_or_else(|error| is_refusal(error) || error.is_uncertain(), |_| true);

@@ -11,14 +11,14 @@ use super::command::{CommandError, Connection, MARGIN, milliseconds};
 use crate::protocol::board::{Done, RotaryStateReply, RotaryStopReply};
 use crate::protocol::{CallError, calls};
 
-/// A line: the commands of it, two words of 24 bits each.
+/// The commands of a line, two words of 24 bits each.
 pub type RotaryLine = Vec<(u32, u32)>;
 
-/// Commands of a batch, at most; as many as a call has room for even if each stands in a line of its own.
+/// Most commands of a batch: they fit into a call even with one command a line.
 const BATCH_COMMANDS: usize = 1024;
 /// Batches under way.
 const UNDER_WAY: usize = 2;
-/// How long a batch may wait for room. Short, so that no more than that goes in after somebody has said stop.
+/// How long a batch may wait for room. Short, so that few lines go in after a stop.
 const BATCH_PATIENCE: Duration = Duration::from_millis(300);
 
 /// Lines on their way into a rotary buffer, over the connection that has begun the stream ([`Connection::rotary_start`]).
@@ -54,8 +54,8 @@ impl<'a> RotaryFeed<'a> {
         self.inside == self.lines.len()
     }
 
-    /// Sends what may be under way and waits for one batch to go in, or for its time to be over (about a third of a
-    /// second). `Some`: it was over, with the buffer's state.
+    /// Sends the waiting lines and waits until one batch goes in, or about a third of a second. `Some`: that time was
+    /// over; the buffer's state.
     ///
     /// # Errors
     /// [`CommandError`]: the daemon cannot be reached, or refuses a line. [`RotaryFeed::inside`] tells how far it got.
@@ -71,7 +71,7 @@ impl<'a> RotaryFeed<'a> {
             }
             Err(CommandError::Refused(CallError::TimedOut { .. })) => self.catch_up().map(Some),
             Err(error) => {
-                // What is under way behind it will be refused as well; how far it got is worth knowing.
+                // The daemon refuses the batches behind it, too; the caller wants to know how far the stream got.
                 if matches!(error, CommandError::Refused(_)) {
                     self.catch_up()?;
                 }
@@ -80,10 +80,10 @@ impl<'a> RotaryFeed<'a> {
         }
     }
 
-    /// No line follows: the program is whole when the board has taken what is in the buffer.
+    /// Says that no line follows: the program is whole when the board has taken the buffer's lines.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when the stream has ended.
+    /// [`CommandError`]; refused if the stream has ended.
     pub fn finish(&mut self) -> Result<(), CommandError> {
         self.connection.rotary_finish(self.buffer)
     }

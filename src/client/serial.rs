@@ -18,7 +18,7 @@ use rustix::termios::{ControlModes, OptionalActions, QueueSelector, tcflush, tcg
 use super::serial_reply::{Answer, Handshake, Reply, parse, recognise};
 use crate::protocol::control::CANCEL;
 
-/// A silence that ends an answer whose form has no end mark; several characters long at the lowest rate.
+/// A silence that ends an answer without an end mark; several characters long at the lowest rate.
 const QUIET: Duration = Duration::from_millis(250);
 /// How long the board may take to say how it answers.
 const PROBE: Duration = Duration::from_secs(1);
@@ -39,7 +39,7 @@ pub enum SerialError {
     Port {
         /// The device.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// It is something else.
@@ -54,7 +54,7 @@ pub enum SerialError {
         /// The device.
         path: PathBuf,
     },
-    /// It was opened before this process was forked from the one that opened it.
+    /// Another process opened the line; this one was forked from it.
     #[error("{path}: process {process}, from which this one was forked, uses it; nothing was sent")]
     OtherProcess {
         /// The device.
@@ -65,7 +65,7 @@ pub enum SerialError {
     /// A rate that the line does not have.
     #[error("{baud} baud is none of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200")]
     Rate {
-        /// What was asked for.
+        /// The rate in the call.
         baud: u32,
     },
     /// Nothing that a PMAC sends came back.
@@ -86,7 +86,7 @@ pub enum SerialError {
     Board {
         /// The number of `ERRnnn`; `None` when the board says none (I6 is 0 or 2).
         code: Option<u16>,
-        /// What it had answered before.
+        /// The answer's lines so far.
         lines: Vec<String>,
     },
 }
@@ -143,7 +143,7 @@ impl SerialLine {
         tcflush(&*file, QueueSelector::IOFlush).map_err(|error| port(error.into()))?;
         let handshake = Handshake { line_feeds: false, acknowledge: false, checksum: false };
         let mut line = Self { path: path.to_owned(), baud, file, handshake, process: std::process::id() };
-        // What somebody left half-sent is not carried out.
+        // The board does not carry out another program's half of a line.
         line.write(&[CANCEL])?;
         line.recognise()?;
         Ok(line)
@@ -212,7 +212,7 @@ impl SerialLine {
         }
     }
 
-    /// Throws away what came unasked, before anything is sent.
+    /// Throws away unasked bytes before a line is sent.
     fn drain(&mut self) -> Result<(), SerialError> {
         if self.process != std::process::id() {
             return Err(SerialError::OtherProcess { path: self.path.clone(), process: self.process });
@@ -220,7 +220,7 @@ impl SerialLine {
         tcflush(&*self.file, QueueSelector::IFlush).map_err(|error| self.port(error.into()))
     }
 
-    /// What comes until `finish` is content with it, or until `timeout`.
+    /// The received bytes, until `finish` accepts them or `timeout` is over.
     fn collect(
         &mut self,
         timeout: Duration,
@@ -285,7 +285,7 @@ impl SerialLine {
     }
 }
 
-/// Whether what has come is an answer.
+/// Whether the received bytes are an answer.
 enum Finish {
     /// It is.
     Now,

@@ -1,5 +1,5 @@
-//! What a board sends back on a serial line: data, and the handshake that I3, I4 and I6 put around it (Software
-//! Reference pp. 22-25).
+//! A board's bytes on a serial line: data, and the handshake that I3, I4 and I6 put around them (Software Reference pp.
+//! 22-25).
 //!
 //! | I3 | a data line | the end |
 //! |---|---|---|
@@ -30,7 +30,7 @@ pub struct Handshake {
     pub checksum: bool,
 }
 
-/// An answer as far as it can be told from the bytes that have come.
+/// An answer, as far as the received bytes tell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Answer {
     /// More has to come.
@@ -41,7 +41,7 @@ pub enum Answer {
     Complete(Reply),
 }
 
-/// What a board answered to one line.
+/// A board's answer to one line.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Reply {
     /// The data lines, in order.
@@ -57,7 +57,7 @@ pub struct BoardError {
     pub code: Option<u16>,
 }
 
-/// The handshake in use, told from `bytes`, the whole answer to the question `I4`; `None` when it is no such answer.
+/// The handshake in use, read from `bytes`, the whole answer to the question `I4`; `None` if they are no such answer.
 #[must_use]
 pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     // A board with I63=1 echoes the ^X that emptied its line.
@@ -78,7 +78,7 @@ pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     (whole.error.is_none() && whole.lines.len() == 1).then_some(handshake)
 }
 
-/// What `bytes`, all that has come since the line was sent, amount to.
+/// The answer in `bytes`, all that the board has sent since the line.
 #[must_use]
 pub fn parse(handshake: Handshake, bytes: &[u8]) -> Answer {
     let bytes: Vec<u8> = bytes.iter().copied().filter(|&byte| byte != CANCEL).collect();
@@ -110,7 +110,7 @@ pub fn parse(handshake: Handshake, bytes: &[u8]) -> Answer {
     }
 }
 
-/// An answer that ended in an error; `tail` is what came behind the `<BELL>`.
+/// An answer that ended in an error; `tail` follows the `<BELL>`.
 fn error(mut reply: Reply, tail: &[u8]) -> Answer {
     let text: Vec<u8> = tail.iter().copied().skip_while(|byte| matches!(byte, &CR | &LF)).collect();
     let end = text.iter().position(|&byte| byte == CR);

@@ -4,7 +4,7 @@ use crate::segment::{Condition, RegionInfo, Sample, Stamp, Subscriber};
 
 pub use crate::segment::Staleness;
 
-/// Data of one region, with what is needed to judge them.
+/// Data of one region, with the facts to judge them by.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View<T> {
     /// The sample's number in its region, from 1.
@@ -31,7 +31,7 @@ impl<T> View<T> {
     }
 }
 
-/// What was read, not yet judged.
+/// A sample, not yet judged.
 pub(super) struct Reading<T> {
     sequence: u64,
     stamp: Stamp,
@@ -45,8 +45,8 @@ impl<T> Reading<T> {
     }
 }
 
-/// The moment by which all that one call returns is judged. To be taken after the last of it was copied: what was live
-/// before and is not now is not shown as live. Judging makes no system call, so a call makes as many for one sample as for thousands.
+/// The moment by which one call judges all its data. Take it after the last copy: data that were live before and are
+/// old now are not shown as live. Judging makes no system call, for thousands of samples as for one.
 pub(super) struct Moment {
     now_ns: u64,
     realtime_offset_ns: i64,

@@ -28,14 +28,14 @@ impl GatherFollower {
     }
 }
 
-/// What [`GatherRun::take`] found.
+/// The result of [`GatherRun::take`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taken {
     /// Nothing yet.
     Nothing,
     /// Samples, or the end.
     Some,
-    /// The samples of another gather, which somebody began meanwhile.
+    /// The samples belong to another gather, begun meanwhile.
     Another,
 }
 
@@ -51,7 +51,7 @@ pub struct GatherRun {
 }
 
 impl GatherRun {
-    /// The next gather that `follower` meets, whose samples hold `columns`. Begin it after this.
+    /// The next gather that `follower` meets, with `columns` in each sample. Call this before the gather begins.
     #[must_use]
     pub const fn new(follower: GatherFollower, columns: Vec<Column>) -> Self {
         Self { follower, columns, gather: None, next: 0, ended: None }
@@ -69,10 +69,10 @@ impl GatherRun {
         self.ended
     }
 
-    /// Takes the next samples, those before number `wanted` alone; `row` gets each with its number.
+    /// Takes the next samples before number `wanted`; `row` gets each with its number.
     ///
     /// # Errors
-    /// [`ClientError`] of the segment, or what `row` returns.
+    /// [`ClientError`] of the segment, or the error of `row`.
     pub fn take<E: From<ClientError>>(
         &mut self,
         board: &mut Board,
@@ -106,10 +106,10 @@ impl GatherRun {
 }
 
 impl Board {
-    /// A follower of what the daemon publishes of gathers from now on.
+    /// A follower of the gathers that the daemon publishes from now on.
     ///
     /// # Errors
-    /// [`ClientError::Segment`] when this daemon publishes none.
+    /// [`ClientError::Segment`] if this daemon publishes none.
     pub fn follow_gather(&mut self) -> Result<GatherFollower, ClientError> {
         self.refresh()?;
         let next = self.subscriber().published(RegionId::Gather)?.saturating_add(1);

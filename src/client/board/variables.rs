@@ -1,8 +1,8 @@
 //! Registers of the user's choice, as PMAC copies them in the background: the segment's variable region
 //! ([`crate::segment::payload::variable`]).
 //!
-//! Who wants a register to be copied holds a [`VariableWatch`] open. Whoever can read the segment sees the values of every
-//! register that somebody watches.
+//! A program that wants PMAC to copy a register holds a [`VariableWatch`] open. Every reader of the segment sees the
+//! values of all watched registers.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ pub use crate::segment::payload::variable::{Variable, VariableTable};
 use crate::segment::{RegionId, SegmentError, WaitOutcome};
 
 impl Board {
-    /// The registers that PMAC copies for whoever watches some, and their values; `None` before the first.
+    /// The registers that PMAC copies for all watches, and their values; `None` before the first.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -36,8 +36,8 @@ impl Board {
         Ok(outcome == WaitOutcome::Newer)
     }
 
-    /// Has PMAC copy what `names` name in the background until what this returns is dropped; their values come in
-    /// [`Board::variables`]. Uses a connection of its own.
+    /// Has PMAC copy the registers `names` in the background until the caller drops the returned watch; their values
+    /// come in [`Board::variables`]. Uses a connection of its own.
     ///
     /// # Errors
     /// [`CommandError`]; refused when none of PMAC's 128 entries is left, or I55 is not 1.

@@ -14,13 +14,14 @@ const START: Duration = Duration::from_secs(60);
 const STOP: Duration = Duration::from_secs(30);
 
 impl Connection {
-    /// Has the board gather by `plan`, and the daemon follow, on a board with `layout`. Returns when the board gathers. The gather
-    /// is this connection's: it ends with it, or when nothing is called over it for 5 s ([`Connection::sequence_renew`]).
-    /// The servo period counts the board's turns in its buffer where the servo report does not run.
+    /// Has the board gather by `plan` on a board with `layout`, and the daemon follow. Returns when the board gathers.
+    /// This connection owns the gather, which ends with it, or after 5 s without a call
+    /// ([`Connection::sequence_renew`]). Without a servo report the servo period counts the board's turns in its
+    /// buffer.
     ///
     /// # Errors
-    /// [`CommandError`]; refused while somebody else gathers, when the buffer overlaps the daemon's other ones, or when the
-    /// board refuses a line: the board is left as it was found then.
+    /// [`CommandError`]; refused while another client gathers, if the buffer overlaps another one of the daemon, or if
+    /// the board refuses a line: the daemon leaves the board as it was.
     pub fn gather_start(
         &mut self,
         plan: &GatherPlan,
@@ -45,18 +46,19 @@ impl Connection {
         Ok(())
     }
 
-    /// Ends this connection's gather, or another one of the same user, or of the user `uid`. Returns when I19 has been put back.
+    /// Ends this connection's gather, or another one of the same user or of the user `uid`. Returns when the daemon has
+    /// put I19 back.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when it is another user's.
+    /// [`CommandError`]; refused if the gather is another user's.
     pub fn gather_stop(&mut self, uid: Option<u32>) -> Result<GatherStopReply, CommandError> {
         self.call("GatherStop", &calls::GatherStop { uid }, STOP)
     }
 
-    /// Says that the owner of this connection's sequences is still there.
+    /// Says that the owner of this connection's sequences still lives.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when there is none (any more).
+    /// [`CommandError`]; refused without a sequence.
     pub fn sequence_renew(&mut self) -> Result<(), CommandError> {
         let Done {} = self.call("SequenceRenew", &calls::NoParameters {}, DAEMON_TIMEOUT + MARGIN)?;
         Ok(())

@@ -1,6 +1,6 @@
 //! Calls for the control panel and open words of the DPRAM.
 //!
-//! As every call, each is bounded: by what the daemon gives the board, and a margin for the daemon to say so.
+//! Every call is bounded: by the daemon's time for the board, and a margin for the daemon's answer.
 
 use std::time::Duration;
 
@@ -49,10 +49,10 @@ impl Connection {
         self.job("PanelHold", &self.panel_call(action, numbers))
     }
 
-    /// Says that the holder of this connection's jogs is still there. Waits a second at most.
+    /// Says that the holder of this connection's jogs still lives. Waits a second at most.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when there is nothing held any more.
+    /// [`CommandError`]; refused without a held jog.
     pub fn panel_renew(&mut self) -> Result<(), CommandError> {
         let Done {} = self.call("PanelRenew", &calls::NoParameters {}, RENEW_TIMEOUT)?;
         Ok(())
@@ -78,9 +78,9 @@ impl Connection {
         self.job("JogTo", &calls::JogTo { motor: motor.into(), position })
     }
 
-    /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at the
-    /// default I10), until it is released by `None`. Returns what speaks against an effect: an Ix93 that points elsewhere, or
-    /// that the board could not be asked.
+    /// Overrides the feed rate of `coordinate_system` (from 1) with `raw` (1/32768 ms, 0 to 32767; 14507 is 100 % at
+    /// the default I10), until `None` releases it. Returns a reason against an effect: an Ix93 that points elsewhere,
+    /// or a board that could not be asked.
     ///
     /// # Errors
     /// As [`Connection::panel`].

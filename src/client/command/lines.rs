@@ -10,13 +10,13 @@ use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
 use crate::protocol::{BOARD, Call, CallError, calls, deadlines};
 
-/// Lines that the daemon is given at a time: few, so that whoever wants to end the sequence does not wait long.
+/// Lines of one call: few, so that a sequence ends soon after a request.
 const AT_ONCE: usize = 8;
 
 /// How a sequence of lines is run.
 #[derive(Debug, Clone, Copy)]
 pub struct LinesOptions<'a> {
-    /// What others are told it is, in lower-case letters: `download`.
+    /// The sequence's name for others, in lower-case letters: `download`.
     pub kind: &'a str,
     /// How long the board may take for a line.
     pub timeout: Duration,
@@ -41,12 +41,12 @@ impl Connection {
         LineSequence { connection: self, options, at_end: None, over: None, stop: None }
     }
 
-    /// Runs `lines` as one sequence. `told` is given what becomes of each, as it happens; a `false` of it ends the sequence soon.
-    /// Returns the last reply: how many lines the board has taken, and what the sequence leaves on the board. A program
-    /// buffer that the lines have opened is closed then; the daemon closes it too when this process dies.
+    /// Runs `lines` as one sequence. `told` gets each line's outcome as it happens; if it returns `false`, the sequence
+    /// ends soon. Returns the last reply: the number of lines that the board has taken, and what the sequence leaves on
+    /// the board. The daemon closes a program buffer that the lines have opened, also when this process dies.
     ///
     /// # Errors
-    /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it, with nothing sent, while somebody else runs a
+    /// [`CommandError`]; [`crate::protocol::CallError::Refused`] in it, with nothing sent, while another client runs a
     /// sequence of lines.
     pub fn run_lines<L: AsRef<str>>(
         &mut self,
@@ -54,7 +54,7 @@ impl Connection {
         lines: &[L],
         told: impl FnMut(&RunLinesReply) -> bool,
     ) -> Result<RunLinesReply, CommandError> {
-        // The daemon refuses such a line as well, but may have sent others before.
+        // The daemon refuses such a line, too, but may have sent others before it.
         if let Some(line) = lines.iter().find(|line| line_cuts_off(line.as_ref())).filter(|_| !self.confirms)
         {
             return Err(cut_off::refusal(line.as_ref()).into());
@@ -72,7 +72,7 @@ impl<'c> LineSequence<'c> {
         self.stop = Some(stop);
     }
 
-    /// Lines that the daemon sends at the end, whatever the end is: what puts the board back.
+    /// Lines that the daemon sends at the end, whatever ends the sequence: they put the board back.
     pub fn at_end(&mut self, lines: Vec<String>) {
         self.at_end = Some(lines);
     }
@@ -83,8 +83,9 @@ impl<'c> LineSequence<'c> {
         self.at_end.is_some()
     }
 
-    /// Runs `lines`. `told` is given what becomes of each; a `false` of it leaves the rest out. Whether the sequence goes on:
-    /// it is over after a line that failed, and [`LineSequence::finish`] tells what it leaves.
+    /// Runs `lines`. `told` gets each line's outcome; if it returns `false`, the daemon leaves the rest out. Returns
+    /// whether the sequence goes on: a failed line ends it, and [`LineSequence::finish`] tells what the sequence
+    /// leaves.
     ///
     /// # Errors
     /// As [`Connection::run_lines`].
@@ -106,7 +107,7 @@ impl<'c> LineSequence<'c> {
         Ok(goes_on && self.over.is_none())
     }
 
-    /// Says that its owner is still there, while there is nothing to run.
+    /// Says that the owner still lives, between two calls of `run`.
     ///
     /// # Errors
     /// As [`Connection::sequence_renew`].
@@ -114,7 +115,8 @@ impl<'c> LineSequence<'c> {
         self.connection.sequence_renew()
     }
 
-    /// Ends the sequence. The last reply: how many lines the board has taken, and what the sequence leaves on the board.
+    /// Ends the sequence. The last reply: the number of lines that the board has taken, and what the sequence leaves on
+    /// the board.
     ///
     /// # Errors
     /// [`CommandError`].
@@ -148,14 +150,14 @@ impl<'c> LineSequence<'c> {
         let path = &self.connection.path;
         link.call(&encode(&call), super::after(DAEMON_TIMEOUT)).map_err(|error| not_taken(path, error))?;
         loop {
-            // The last reply may have to wait for the line under way, and for what comes at the end after it.
+            // The last reply may have to wait for the current line, and for the lines at the end.
             let patience =
                 timeout.max(deadlines::LONGEST).saturating_add(DAEMON_TIMEOUT).saturating_add(MARGIN);
             let reply = link.next_reply(super::after(patience)).map_err(|error| fault(path, error))?;
             let continues = reply.continues == Some(true);
             let reply: Result<RunLinesReply, CommandError> = read_reply(reply);
             if !continues {
-                // Only a connection whose last reply has been read can be used again.
+                // A connection can be used again only after its last reply.
                 self.connection.link = Some(link);
                 self.over = Some(reply?).filter(|reply| reply.over);
                 return Ok(());

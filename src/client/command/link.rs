@@ -11,7 +11,7 @@ use nix::sys::socket::{MsgFlags, recv};
 
 use crate::protocol::{Inbox, REPLY_MAX, Reply};
 
-/// A socket, and what has come over it and was not taken yet.
+/// A socket, and its received bytes that no caller has taken yet.
 #[derive(Debug)]
 pub(super) struct Link {
     stream: UnixStream,
@@ -25,7 +25,7 @@ impl Link {
         Self { stream, inbox: Inbox::new(REPLY_MAX), process: std::process::id() }
     }
 
-    /// Sends a whole call. The daemon begins none whose end it has not got.
+    /// Sends a whole call. The daemon begins no call before its end.
     pub(super) fn call(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
         while !bytes.is_empty() {
             let left = left(deadline).ok_or(io::ErrorKind::TimedOut)?;
@@ -38,8 +38,8 @@ impl Link {
         Ok(())
     }
 
-    /// The next reply. One that lies in the socket is taken however late it is: the deadline may have passed while this process
-    /// was suspended, and the daemon has answered.
+    /// The next reply. A reply in the socket counts however late it is read: the deadline may have passed while this
+    /// process was suspended, and the daemon has answered.
     pub(super) fn next_reply(&mut self, deadline: Instant) -> io::Result<Reply> {
         let mut chunk = [0; 8192];
         loop {
@@ -89,7 +89,7 @@ fn left(deadline: Instant) -> Option<Duration> {
     Some(deadline.saturating_duration_since(Instant::now())).filter(|left| !left.is_zero())
 }
 
-/// Passes what is worth another try; the deadline decides how long.
+/// Passes errors that allow another try; the deadline bounds the tries.
 fn again(error: io::Error) -> io::Result<()> {
     match error.kind() {
         io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Ok(()),

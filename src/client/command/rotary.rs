@@ -10,8 +10,8 @@ use crate::protocol::calls::{self, LeftLines};
 /// More than the daemon gives the lines of the set-up, or of the end, where the board answers all of them late.
 const LINES: Duration = Duration::from_secs(60);
 
-/// Where a binary rotary buffer lies, what it feeds, and how the stream goes. Without start or size it takes the room that
-/// the daemon keeps for it.
+/// Where a binary rotary buffer lies, which system it feeds, and how the stream goes. Without start or size the stream
+/// takes the daemon's own room.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RotaryPlace {
     /// Which buffer, from 1.
@@ -26,23 +26,23 @@ pub struct RotaryPlace {
     pub coordinate_system_base: u8,
     /// Define the board's own rotary buffer first, with so many words.
     pub define_longs: Option<u32>,
-    /// What becomes of lines that are left in the board's own buffer; refused without.
+    /// What to do with lines that are left in the board's own buffer; without it, such lines are a reason to refuse.
     pub left: Option<LeftLines>,
     /// Start the program when its first lines are there.
     pub run: bool,
-    /// The program has commands that stop it until somebody starts it again.
+    /// The program has commands that stop it until a user starts it again.
     pub may_stand: bool,
     /// ABS, INC and FRAX for the coordinate system before the program, as [`crate::rotary::compile_stream`] gives them.
     pub modes: Vec<String>,
 }
 
 impl Connection {
-    /// Begins a stream of this connection; [`crate::client::RotaryFeed`] sends its lines. How many lines were left in the board's
-    /// own buffer. It ends with the connection, or when nothing is called over it for 5 s.
+    /// Begins a stream of this connection; [`crate::client::RotaryFeed`] sends its lines. Returns the number of lines
+    /// left in the board's own buffer. The stream ends with the connection, or after 5 s without a call.
     ///
     /// # Errors
-    /// [`CommandError`]; refused while somebody else streams into the buffer, when lines are left and nothing is said of them, or
-    /// when the board refuses a line of the set-up.
+    /// [`CommandError`]; refused while another client streams into the buffer, if lines are left and `left` is `None`,
+    /// or if the board refuses a line of the set-up.
     pub fn rotary_start(&mut self, place: RotaryPlace) -> Result<RotaryStartReply, CommandError> {
         let parameters = calls::RotaryStart {
             buffer: place.buffer,
@@ -59,20 +59,21 @@ impl Connection {
         self.call_used("RotaryStart", &parameters, LINES)
     }
 
-    /// No line will follow in this connection's stream into rotary buffer `buffer` (from 1): the program is whole.
+    /// Says that the program is whole: no line follows in this connection's stream into rotary buffer `buffer` (from
+    /// 1).
     ///
     /// # Errors
-    /// [`CommandError`]; refused when there is no such stream (any more).
+    /// [`CommandError`]; refused without such a stream.
     pub fn rotary_finish(&mut self, buffer: u8) -> Result<(), CommandError> {
         let Done {} = self.call("RotaryFinish", &calls::Rotary { buffer }, DAEMON_TIMEOUT + MARGIN)?;
         Ok(())
     }
 
-    /// Ends this connection's stream. Unless the program is whole in the board, it ends as well. For a stream that has ended
-    /// already, how it did.
+    /// Ends this connection's stream, and its program unless that is whole in the board. For a stream that has ended:
+    /// how it did.
     ///
     /// # Errors
-    /// [`CommandError`]; refused when there was no such stream.
+    /// [`CommandError`]; refused if this connection never had such a stream.
     pub fn rotary_stop(&mut self, buffer: u8) -> Result<RotaryStopReply, CommandError> {
         self.call("RotaryStop", &calls::Rotary { buffer }, LINES)
     }

@@ -1,4 +1,4 @@
-//! Background variables: registers that PMAC copies while somebody watches them, and registers that it writes.
+//! Background variables: registers that PMAC copies for watches, and registers that it writes.
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ impl Connection {
     /// Has PMAC write registers in the background, in their order, and waits until it has.
     ///
     /// # Errors
-    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for what cannot be written.
+    /// [`CommandError`]; [`CallError::Refused`] in it, with nothing written, for a register that PMAC cannot write.
     pub fn write_variables(
         &mut self,
         records: &[VariableRecord],
@@ -68,11 +68,11 @@ impl VariableWatch {
         self.table
     }
 
-    /// Whether the daemon still holds the watch. Does not wait: whoever wants to polls the descriptor, which is readable
-    /// when the watch is over.
+    /// Whether the daemon still holds the watch. Does not wait: to wait, poll the descriptor, which becomes readable at
+    /// the watch's end.
     ///
     /// # Errors
-    /// [`CommandError`] when the daemon has ended it, or is gone.
+    /// [`CommandError`] if the daemon has ended the watch, or is gone.
     pub fn check(&mut self) -> Result<(), CommandError> {
         check_process(&self.link)?;
         let mut descriptors = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
