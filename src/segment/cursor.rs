@@ -1,4 +1,4 @@
-//! A reader's position in a region of which it wants every sample.
+//! The position in a region of a reader that wants every sample.
 
 use super::SegmentError;
 use super::layout::RegionId;

@@ -22,7 +22,8 @@ pub const fn limit_ns(least_ns: u64, period_ns: u64) -> u64 {
     if least_ns > periods { least_ns } else { periods }
 }
 
-/// Whether data of `time_ns` are too old at `now_ns`, or so far ahead of it that nobody knows their age. A limit of 0 means never.
+/// Whether data of `time_ns` are too old at `now_ns`, or so far ahead of `now_ns` that their age is unknown. A limit of
+/// 0 means never.
 #[must_use]
 pub const fn is_old(time_ns: u64, now_ns: u64, limit_ns: u64) -> bool {
     limit_ns != 0 && (now_ns.saturating_sub(time_ns) > limit_ns || is_ahead(time_ns, now_ns))
@@ -32,7 +33,7 @@ const fn is_ahead(time_ns: u64, now_ns: u64) -> bool {
     time_ns.saturating_sub(now_ns) > AHEAD_NS
 }
 
-/// Why data are not live. The text says what to do, where the user can do something.
+/// Why data are not live. The text says what the user can do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Staleness {
     /// The daemon stopped or was killed, and no other runs in its place.
@@ -92,7 +93,7 @@ impl Staleness {
         }
     }
 
-    /// Of what [`is_old`]: that it is by another clock, or what `of_age` says of its age.
+    /// The reason why data of `time_ns` are old ([`is_old`]): another clock, or `of_age` of their age.
     fn of_age(time_ns: u64, now_ns: u64, of_age: impl FnOnce(u64) -> Self) -> Self {
         match is_ahead(time_ns, now_ns) {
             true => Self::OtherClock { ahead_ns: time_ns - now_ns },

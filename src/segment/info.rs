@@ -1,4 +1,4 @@
-//! What a segment's header says about itself, its owner and its regions.
+//! A segment's header: the segment, its owner and its regions.
 
 use super::layout::{ClockKind, RegionId, RegionState, State};
 use super::payload::blocks::BlockPlace;
@@ -32,7 +32,7 @@ impl Condition {
 /// One region of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionInfo {
-    /// What it mirrors.
+    /// The region's kind.
     pub id: RegionId,
     /// Number of slots.
     pub slots: u64,
@@ -42,7 +42,7 @@ pub struct RegionInfo {
     pub first_host_offset: u32,
     /// Whether it is mirrored and its updates arrive in time.
     pub state: RegionState,
-    /// Expected time between samples, in ns; 0 where there is no period.
+    /// Expected time between samples, in ns; 0 without a period.
     pub period_ns: u64,
     /// The age at which the latest sample becomes stale, in ns; 0: never.
     pub stale_after_ns: u64,
@@ -50,12 +50,12 @@ pub struct RegionInfo {
     pub published: u64,
     /// Where the payload holds the block of each motor or coordinate system.
     pub blocks: BlockPlace,
-    /// Which of these blocks, and which of their words, the daemon reads from the board.
+    /// The blocks and their words that the daemon reads from the board.
     pub selection: Selection,
 }
 
 impl RegionInfo {
-    /// Its state in a segment that stands at `condition`: a daemon that is gone can no longer update it.
+    /// The region's state in a segment of `condition`: a dead daemon can no longer update it.
     #[must_use]
     pub fn state_at(&self, condition: Condition) -> RegionState {
         match self.state {
@@ -76,7 +76,7 @@ pub struct HeaderInfo {
     pub clock: ClockKind,
     /// The state that the owner wrote; [`super::Subscriber::condition`] says whether to believe it.
     pub state: State,
-    /// Distinguishes this segment from earlier and later ones of its name.
+    /// Distinguishes this segment from earlier and later ones of the same name.
     pub generation: u64,
     /// The owner's process.
     pub owner_pid: u64,

@@ -1,10 +1,10 @@
-//! Sees that the names of a segment and of its lock lead to what their owner holds, and makes again what is gone.
+//! Sees that the names of a segment and of its lock lead to their owner's files, and makes missing files again.
 //!
-//! Any process of the same user may remove, rename or replace them, as Python's `SharedMemory` does when it ends; so may a logout
-//! (RemoveIPC) and a file system that is mounted over the directory. A file without a name cannot get one again. So the keeper makes
-//! a new file that continues the old one: same generation, same samples under the same numbers. The keeper copies the bulk; the
-//! thread that publishes copies the little that came meanwhile, and goes on in the new file. Then the new file gets the name, and
-//! the old one is marked dead, so that its readers attach again.
+//! Any process of the same user may remove, rename or replace them, as Python's `SharedMemory` does at its end; so may
+//! a logout (RemoveIPC) and a file system that is mounted over the directory. A file without a name cannot get one
+//! again. So the keeper makes a new file that continues the old one: same generation, same samples under the same
+//! numbers. The keeper copies the bulk; the publishing thread copies the later words, and goes on in the new file. Then
+//! the new file gets the name, and the keeper marks the old one dead, so that its readers attach again.
 
 use std::fs::File;
 use std::io;
@@ -34,12 +34,12 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    /// The writer's part: exchanges `object` for the new one that is offered, if one is, after `carry_over` of both. Never waits.
+    /// The writer's part: exchanges `object` for a new one from the keeper, after `carry_over` of both. Never waits.
     pub(super) fn exchange(&self, object: &mut Object, carry_over: impl FnOnce(&Object, &Object)) {
         if !self.is_offered.load(Ordering::Acquire) {
             return;
         }
-        // The keeper holds it for a moment at a time: there is another heartbeat.
+        // The keeper holds the lock for a moment at a time; the next heartbeat tries again.
         let Ok(mut place) = self.object.try_lock() else { return };
         if let Some(new) = place.as_mut().filter(|_| self.is_offered.load(Ordering::Acquire)) {
             carry_over(object, new);
@@ -68,7 +68,7 @@ pub struct Keeper {
     options: CreateOptions,
     placement: Placement,
     path: PathBuf,
-    /// What its name shall lead to.
+    /// The file to which the name shall lead.
     file: File,
     handover: Arc<Handover>,
     lock: Arc<Mutex<NameLock>>,
@@ -86,10 +86,11 @@ impl Keeper {
         Ok(Self { options, placement, path, file, handover, lock })
     }
 
-    /// Makes again what is gone, and logs it. Waits for the publishing thread, for a bounded time. To be called once a second.
+    /// Makes missing files again, and logs it. Waits for the publishing thread, for a bounded time. Call it once a
+    /// second.
     ///
     /// # Errors
-    /// As [`super::Publisher::create`]: what is in the way is left alone; or [`SegmentError::NotMoved`].
+    /// As [`super::Publisher::create`]: a foreign file stays; or [`SegmentError::NotMoved`].
     pub fn tend(&mut self) -> Result<(), SegmentError> {
         self.tend_lock()?;
         if lock::leads_to(&self.path, &self.file) {

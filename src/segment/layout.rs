@@ -129,7 +129,7 @@ pub const SLOT_FLAGS_LENGTH: usize = 0x18;
 pub const SLOT_PAYLOAD: usize = 0x20;
 /// Words of a slot between its sequence and its payload.
 pub const STAMP_WORDS: usize = 3;
-/// Bit of `flags`: the sample is a complete copy of what the board held.
+/// Bit of `flags`: the sample is a complete copy of the board's words.
 pub const FLAG_VALID: u64 = 1;
 
 /// Longest payload of a region, in bytes; more than four times the largest DPRAM.
@@ -160,7 +160,7 @@ pub enum ClockKind {
 }
 
 impl ClockKind {
-    /// The clock of that number; `None` for one unknown to this version.
+    /// The clock with this number; `None` for a number of a later version.
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         match number {
@@ -186,7 +186,7 @@ pub enum RegionState {
 }
 
 impl RegionState {
-    /// The state of that number; an unknown one counts as stale.
+    /// The state with this number; an unknown one counts as stale.
     #[must_use]
     pub fn from_number(number: u64) -> Self {
         match number {
@@ -207,7 +207,7 @@ impl RegionState {
     }
 }
 
-/// What a region mirrors.
+/// A region's kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u64)]
 pub enum RegionId {
@@ -230,7 +230,7 @@ impl RegionId {
     pub const ALL: [Self; 6] =
         [Self::Servo, Self::Background, Self::Board, Self::Panel, Self::Variable, Self::Gather];
 
-    /// The region of that number; `None` for one unknown to this version.
+    /// The region with this number; `None` for a number of a later version.
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|region| *region as u64 == number)

@@ -1,4 +1,4 @@
-//! Who owns a name, and who may replace what a dead owner left.
+//! Who owns a name, and who may replace a dead owner's files.
 //!
 //! There are two open-file-description locks; the kernel releases them when the owner dies, however it dies. The lock
 //! on `<name>.lock` (mode 0600, so that no client can take it) keeps a second daemon away. The lock on the segment
@@ -61,7 +61,7 @@ pub fn is_trusted(uid: u32) -> bool {
     uid == 0 || uid == geteuid().as_raw() || is_pmacd(uid)
 }
 
-/// Whether this process may remove what a dead owner `uid` left: its own, and as root also the files of `pmacd`.
+/// Whether this process may remove files of a dead owner `uid`: its own, and as root also those of `pmacd`.
 pub(super) fn may_replace(uid: u32) -> bool {
     uid == geteuid().as_raw() || (geteuid().is_root() && is_pmacd(uid))
 }
@@ -102,7 +102,7 @@ pub(super) fn leads_to(path: &Path, file: &File) -> bool {
     }
 }
 
-/// Rejects what is at `path` unless it is a regular file that this process may replace. `Ok(false)`: nothing is there.
+/// Rejects `path` unless it is a regular file that this process may replace. `Ok(false)`: there is no file.
 pub(super) fn check_replaceable(path: &Path) -> Result<bool, SegmentError> {
     let there = match path.symlink_metadata() {
         Ok(there) => there,
@@ -125,7 +125,7 @@ pub(super) struct NameLock {
 }
 
 impl NameLock {
-    /// Takes the lock at `path`, or says who holds it. Never waits.
+    /// Takes the lock at `path`, or names its holder. Never waits.
     pub(super) fn take(path: PathBuf) -> Result<Self, SegmentError> {
         // The last holder removes the file when it ends. A lock on a removed file guards nothing, so try again.
         for _ in 0..100 {
@@ -145,7 +145,7 @@ impl NameLock {
             if leads_to(&path, &file) {
                 let there = file.metadata().map_err(SegmentError::io("inspect", &path))?;
                 if there.nlink() > 1 {
-                    // Somebody linked one of our files to this name: remove only the link.
+                    // Another process linked one of our files to this name: remove only the link.
                     std::fs::remove_file(&path).map_err(SegmentError::io("remove the link", &path))?;
                     continue;
                 }

@@ -22,11 +22,11 @@ use super::layout::{LINE_WORDS, WORD};
 use super::ring::{Words, WordsMut};
 use super::wide_copy::WideCopy;
 
-/// What to say, and how to end, when mapped memory is gone.
+/// The line and exit status for an access to mapped memory that is gone.
 static ON_BUS_ERROR: OnceLock<(&str, u8)> = OnceLock::new();
 
-/// From now on an access to mapped memory that is gone, as when somebody truncates a segment, ends this process with `line` on stderr
-/// and exit status `status`, in place of a core. For programs, at their start: the first call counts.
+/// From now on an access to mapped memory that is gone, as after a truncation of the segment, ends this process with
+/// `line` on stderr and exit status `status`, in place of a core. For programs, at their start: the first call counts.
 ///
 /// # Errors
 /// The system refuses the signal's handler.
@@ -87,7 +87,7 @@ impl ReadMap {
         unsafe { self.map.as_mut_ptr().cast::<u64>().add(index) }
     }
 
-    /// Copies word by word what is not a whole cache line.
+    /// Copies a part of a cache line word by word.
     #[cold]
     fn load_words(&self, index: usize, copy: &mut [u64]) {
         for (offset, word) in copy.iter_mut().enumerate() {
@@ -118,7 +118,7 @@ impl ReadMap {
         }
     }
 
-    /// Wakes everyone who waits on the word at `index`, and returns how many.
+    /// Wakes all waiters on the word at `index`, and returns their number.
     pub(super) fn wake(&self, index: usize) -> u64 {
         let word = self.word(index).cast::<u32>();
         // SAFETY: the futex word lies inside the mapping; waking reads and writes no memory.

@@ -1,4 +1,4 @@
-//! The shared-memory segment (layer 4): how a daemon publishes what it mirrors and how clients read it.
+//! The shared-memory segment (layer 4): how a daemon publishes its mirror and how clients read it.
 //!
 //! One writer, any number of readers, which map the segment read-only and exchange no messages with the daemon. Each
 //! region is a ring of slots with a sequence number per slot. So a writer stopped or killed in mid-write never blocks a
@@ -124,7 +124,7 @@ pub enum SegmentError {
         /// Its permission bits.
         mode: u32,
     },
-    /// There is no segment of that name.
+    /// No segment has this name.
     #[error("there is no segment {}; is pmacd running under this --name?", path.display())]
     NotFound {
         /// The path searched.
@@ -141,7 +141,7 @@ pub enum SegmentError {
         path: PathBuf,
         /// Its size in bytes.
         bytes: u64,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
     /// The publishing thread did not go on in the new file in time.
@@ -157,7 +157,7 @@ pub enum SegmentError {
         what: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the kernel said.
+        /// The kernel's error.
         source: io::Error,
     },
     /// The object is no segment, or is truncated, or its header contradicts itself.
@@ -165,7 +165,7 @@ pub enum SegmentError {
     Malformed {
         /// The object.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         why: String,
     },
     /// The segment was written by a daemon of another ABI version.
@@ -194,7 +194,7 @@ pub enum SegmentError {
         /// Number of attempts.
         attempts: u32,
     },
-    /// A slot holds what no publisher writes.
+    /// No publisher writes such a slot.
     #[error("sample {sequence} of the {} region is corrupt; restart pmacd", region.name())]
     Corrupt {
         /// The region.

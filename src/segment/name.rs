@@ -57,7 +57,7 @@ impl SegmentName {
         directory.join(format!(".{}.{random:016x}.new", self.0))
     }
 
-    /// Whether [`Self::temporary`] makes such names.
+    /// Whether [`Self::temporary`] makes this name.
     pub(super) fn is_temporary(&self, file_name: &OsStr) -> bool {
         let random =
             |text: &str| Some(text.strip_prefix(&format!(".{}.", self.0))?.strip_suffix(".new")?.len());

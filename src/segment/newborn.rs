@@ -1,7 +1,7 @@
 //! A segment's file before it gets its name.
 //!
-//! Every user may create files in the directory of segments, so a predictable name may be taken. While the file is
-//! built, it has no name, or one that nobody can guess.
+//! Every user may create files in the directory of segments, and could take a predictable name. So the unfinished file
+//! has no name, or an unpredictable one.
 
 use std::fs::{File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
@@ -56,7 +56,7 @@ impl<'a> Newborn<'a> {
         &self.file
     }
 
-    /// Puts the completed file at `path`, replacing what is there.
+    /// Puts the completed file at `path`, in place of the present one.
     pub(super) fn put_at(mut self, path: &Path) -> io::Result<()> {
         let temporary = match self.temporary.take() {
             Some(temporary) => temporary,
@@ -85,7 +85,7 @@ impl Drop for Newborn<'_> {
     }
 }
 
-/// Calls `make` with names that nobody can guess, until one is free.
+/// Calls `make` with unpredictable names, until one is free.
 fn at_random_name<T>(
     name: &SegmentName,
     directory: &Path,

@@ -25,7 +25,7 @@ impl Object {
     pub(super) fn make(options: &CreateOptions, length: usize) -> Result<(Newborn<'_>, Self), SegmentError> {
         let path = options.name.object(&options.directory);
         let fail = |what| SegmentError::io(what, &path);
-        // We own the name, so a file with one of its temporary names comes from a process that died.
+        // We own the name, so a process that made a file with one of its temporary names is dead.
         clear_leftovers(&options.name, &options.directory);
         let newborn = Newborn::create(&options.name, &options.directory).map_err(fail("create"))?;
         let file = newborn.file().try_clone().map_err(fail("create"))?;
@@ -47,7 +47,7 @@ impl Object {
         Ok((newborn, Self { map, file }))
     }
 
-    /// Marks it dead, and wakes everyone who waits for a sample of `rings`.
+    /// Marks the segment dead, and wakes everyone who waits for a sample of `rings`.
     pub(super) fn end(&self, rings: impl Iterator<Item = Ring>) {
         self.map.store_release(AT_STATE / WORD, State::Dead as u64);
         rings.for_each(|ring| {
@@ -91,7 +91,8 @@ pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
     };
     let word = |offset: usize| words[offset / WORD];
     if lock::is_held(&file).map_err(SegmentError::io("probe", path))? {
-        // Its owner lives: somebody removed only the lock file of its name, or linked another segment to this name.
+        // The owner lives: another process removed only the lock file of its name, or linked another segment to this
+        // name.
         return Err(SegmentError::InUse {
             path: path.to_owned(),
             pid: u32::try_from(word(AT_OWNER_PID)).ok(),
@@ -111,7 +112,7 @@ pub(super) fn retire(path: &Path) -> Result<u64, SegmentError> {
     Ok(word(AT_GENERATION))
 }
 
-/// A file of zeros that is longer is somebody else's: no segment has this length, and reading it would take seconds.
+/// A longer file of zeros is no segment of ours: reading it would take seconds.
 const LONGEST_BLANK: u64 = 1 << 28;
 
 /// Whether a file holds nothing but zeros, or nothing at all.

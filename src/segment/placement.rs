@@ -1,4 +1,4 @@
-//! What to publish, and where in the segment to put it.
+//! The regions to publish, and their places in the segment.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ const REGION_ALIGNMENT: usize = 2 * LINE;
 /// A region to lay out.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionSpec {
-    /// What it mirrors.
+    /// The region's kind.
     pub id: RegionId,
     /// Number of slots, a power of two and at least 2.
     pub slots: u32,
@@ -27,7 +27,7 @@ pub struct RegionSpec {
     pub first_host_offset: u32,
     /// Where the payload holds the block of each motor or coordinate system.
     pub blocks: BlockPlace,
-    /// Expected time between samples, in ns; 0 where there is no period.
+    /// Expected time between samples, in ns; 0 without a period.
     pub period_hint_ns: u64,
     /// The age at which the latest sample becomes stale, in ns; 0: never.
     pub stale_after_ns: u64,
@@ -38,7 +38,7 @@ pub struct RegionSpec {
 pub struct CreateOptions {
     /// Its name.
     pub name: SegmentName,
-    /// Permission bits; nobody but the owner may have the write bit.
+    /// Permission bits; only the owner may have the write bit.
     pub mode: u32,
     /// Its group, if not the process's own.
     pub group: Option<u32>,
@@ -50,12 +50,12 @@ pub struct CreateOptions {
     pub heartbeat_limit_ns: u64,
     /// Its regions.
     pub regions: Vec<RegionSpec>,
-    /// The regions of which the daemon reads only a part from the board.
+    /// The regions that the daemon reads only in part.
     pub selections: Vec<(RegionId, Selection)>,
 }
 
 impl CreateOptions {
-    /// A world-readable segment of that name in `/dev/shm`, stale after 300 ms without a heartbeat.
+    /// A world-readable segment `name` in `/dev/shm`, stale after 300 ms without a heartbeat.
     #[must_use]
     pub fn new(name: SegmentName, regions: Vec<RegionSpec>) -> Self {
         Self {

@@ -25,7 +25,7 @@ struct RegionWriter {
     published: u64,
 }
 
-/// The owner's end of a segment. Dropping it marks the segment dead, wakes everyone who waits, and removes the name.
+/// The owner's end of a segment. Dropping it marks the segment dead, wakes all waiting readers, and removes the name.
 pub struct Publisher {
     object: Object,
     options: CreateOptions,
@@ -42,8 +42,8 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Creates the segment, replacing what a dead owner left. Never waits. The segment appears under its name complete,
-    /// in state [`State::Init`].
+    /// Creates the segment, in place of a dead owner's. Never waits. The segment appears under its name complete, in
+    /// state [`State::Init`].
     ///
     /// # Errors
     /// [`SegmentError::InUse`] when another process owns the name, [`SegmentError::ForeignOwner`] when another user's
@@ -85,10 +85,10 @@ impl Publisher {
         Ok(publisher)
     }
 
-    /// Who makes this segment again when its name no longer leads to it.
+    /// The keeper that makes this segment again when its name no longer leads to it.
     ///
     /// # Errors
-    /// [`SegmentError::Io`] when the system has no more descriptors.
+    /// [`SegmentError::Io`] if the system has no more descriptors.
     pub fn keeper(&self) -> Result<Keeper, SegmentError> {
         let file = self.object.file.try_clone().map_err(SegmentError::io("keep", &self.path))?;
         Keeper::new(self.options.clone(), file, Arc::clone(&self.handover), Arc::clone(&self.lock))
@@ -203,7 +203,7 @@ impl Publisher {
         }
     }
 
-    /// Sets the state of the whole segment. Wakes nobody: waiting readers check the state when no data arrive.
+    /// Sets the state of the whole segment. Wakes no reader: a waiting reader checks the state when no data arrive.
     pub fn set_state(&self, state: State) {
         self.object.map.store_release(AT_STATE / WORD, state as u64);
     }
@@ -240,7 +240,7 @@ impl Publisher {
         Counters { map: &self.object.map }
     }
 
-    /// Distinguishes this segment from earlier and later ones of its name.
+    /// Distinguishes this segment from earlier and later ones of the same name.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.generation

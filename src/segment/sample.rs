@@ -10,7 +10,7 @@ pub struct Stamp {
     pub time_ns: u64,
     /// The board's servo timer (15 to 24 bits), extended to 64 bits; counts servo cycles.
     pub servo_timer: u64,
-    /// The sample is a complete copy of what the board held.
+    /// The sample is a complete copy of the board's words.
     pub valid: bool,
 }
 

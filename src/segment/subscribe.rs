@@ -1,8 +1,8 @@
 //! The reader: attaches to a segment read-only; reads the latest sample, the next, or all since a given one.
 //!
-//! A reader writes nothing, holds no lock and can neither slow nor stop the daemon. It never shows old data as new:
-//! what it returns carries its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules
-//! of [`super::freshness`].
+//! A reader writes nothing, holds no lock and can neither slow nor stop the daemon. It never shows old data as new: a
+//! result carries its time stamp, and [`Subscriber::is_fresh`] and [`Subscriber::condition`] apply the rules of
+//! [`super::freshness`].
 
 use std::fs::File;
 use std::io;
@@ -51,17 +51,17 @@ pub struct Subscriber {
 }
 
 impl Subscriber {
-    /// Attaches to the segment of that name in `/dev/shm`.
+    /// Attaches to the segment `name` in `/dev/shm`.
     ///
     /// # Errors
-    /// [`SegmentError::NotFound`] when there is none, [`SegmentError::ForeignOwner`] or
-    /// [`SegmentError::WritableByOthers`] when it cannot be trusted, [`SegmentError::Version`] or
-    /// [`SegmentError::Malformed`] when it cannot be read.
+    /// [`SegmentError::NotFound`] without such a segment, [`SegmentError::ForeignOwner`] or
+    /// [`SegmentError::WritableByOthers`] if this process must not trust it, [`SegmentError::Version`] or
+    /// [`SegmentError::Malformed`] if it cannot read it.
     pub fn attach(name: &SegmentName) -> Result<Self, SegmentError> {
         Self::attach_in(Path::new(DIRECTORY), name)
     }
 
-    /// Attaches to the segment of that name in another directory.
+    /// Attaches to the segment `name` in another directory.
     ///
     /// # Errors
     /// As [`Subscriber::attach`].
@@ -128,7 +128,7 @@ impl Subscriber {
         }
     }
 
-    /// Whether a sample of that region and stamp is live at `now_ns` (by the segment's clock), by the rules of
+    /// Whether a sample of `region` and `stamp` is live at `now_ns` (by the segment's clock), by the rules of
     /// [`super::freshness`]. Makes no system call; the heartbeat shows a dead owner within a moment.
     #[must_use]
     pub fn is_fresh(&self, region: RegionId, stamp: &Stamp, now_ns: u64) -> bool {
@@ -146,7 +146,7 @@ impl Subscriber {
         }
     }
 
-    /// Distinguishes this segment from earlier and later ones of its name.
+    /// Distinguishes this segment from earlier and later ones of the same name.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.generation
@@ -207,7 +207,7 @@ impl Subscriber {
         Ok(self.info(self.region_of(region)?))
     }
 
-    /// Number of samples published in a region, which is the number of the latest; 0 when there is none.
+    /// Number of samples published in a region, which is the number of the latest; 0 before the first.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`].
@@ -215,7 +215,7 @@ impl Subscriber {
         Ok(self.region_of(region)?.ring.published(&self.map))
     }
 
-    /// Copies the region's latest sample and returns its number; `None` when there is none yet.
+    /// Copies the region's latest sample and returns its number; `None` before the first.
     ///
     /// # Errors
     /// [`SegmentError::NoSuchRegion`]; [`SegmentError::Overrun`] when the writer overtook every one of a bounded number

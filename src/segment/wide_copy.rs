@@ -65,8 +65,8 @@ impl WideCopy {
     /// Copies `words` words if they are one or more whole cache lines. Otherwise copies nothing and returns false.
     ///
     /// # Safety
-    /// `self` comes from [`Self::detect`]. Both `from` and `to` have `words` words and do not overlap. At most one of them is shared, the other private.
-    /// Trust what was copied from shared memory only as the head of this file says.
+    /// `self` comes from [`Self::detect`]. Both `from` and `to` have `words` words and do not overlap. At most one of
+    /// them is shared, the other private. Trust a copy from shared memory only as the head of this file says.
     #[inline(always)]
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     pub(super) unsafe fn copy(self, from: *const u64, to: *mut u64, words: usize) -> bool {

@@ -5,7 +5,7 @@
 
 use crate::map::{Blocks, HostOffset};
 
-/// Equal blocks in a payload, one for each motor or coordinate system, one behind the other. All in bytes.
+/// Equal, adjacent blocks in a payload, one for each motor or coordinate system. All in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BlockPlace {
     /// From the payload's start to the first block.
@@ -17,10 +17,10 @@ pub struct BlockPlace {
 }
 
 impl BlockPlace {
-    /// A region whose payload has no blocks.
+    /// A payload without blocks.
     pub const NONE: Self = Self { start: 0, stride: 0, count: 0 };
 
-    /// Where `blocks` lie in a payload whose first word has host offset `first`.
+    /// The place of `blocks` in a payload whose first word has host offset `first`.
     #[must_use]
     pub const fn new(blocks: Blocks, first: HostOffset) -> Self {
         Self {

@@ -20,7 +20,7 @@ pub enum GatherPhase {
     Running = 0,
     /// It has ended.
     Ended = 1,
-    /// Somebody redefined the buffer, or the board was reset.
+    /// Another client redefined the buffer, or the board was reset.
     Redefined = 2,
     /// It paused; the number of samples lost is unknown.
     Interrupted = 3,

@@ -42,9 +42,9 @@ const GLOBAL_WORDS_BIT: u32 = 11;
 /// The unit in which the users of a motor think, as the configuration has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UserUnit {
-    /// What it is called: `deg`.
+    /// The unit's name: `deg`.
     pub name: Text<NAME_BYTES>,
-    /// Counts in one of it; not 0. Negative where it grows against the counts.
+    /// Counts in one unit; not 0. Negative if the unit grows against the counts.
     pub counts_per_unit: f64,
 }
 
@@ -59,12 +59,12 @@ impl UserUnit {
     #[must_use]
     pub fn places(&self) -> usize {
         let places = (self.counts_per_unit.abs() * 10.0).log10().ceil();
-        // A float becomes the nearest integer there is.
+        // A float becomes the nearest integer.
         (places as usize).min(12)
     }
 }
 
-/// What is known about the board; `None`: unknown.
+/// The known facts about the board; `None`: unknown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Identity {
     /// Board family: 1 PMAC, 2 PMAC2, 3 Turbo PMAC, 4 Turbo PMAC2.
@@ -97,7 +97,7 @@ pub struct Identity {
     pub ix09: [Option<i32>; MOTORS],
     /// Ix60: a motor's loop is closed every Ix60+1 servo cycles.
     pub ix60: [Option<i32>; MOTORS],
-    /// What the configuration calls each motor.
+    /// Each motor's name in the configuration.
     pub names: [Option<Text<NAME_BYTES>>; MOTORS],
     /// The unit of each motor that the configuration gives one.
     pub units: [Option<UserUnit>; MOTORS],
@@ -175,7 +175,7 @@ impl Identity {
         bytes
     }
 
-    /// Decodes the board region's payload; `None` if it is too short. Ignores what a later version appended.
+    /// Decodes the board region's payload; `None` if it is too short. Ignores additions of a later version.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes = bytes.first_chunk::<BYTES>()?;

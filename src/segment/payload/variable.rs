@@ -69,7 +69,7 @@ impl Variable {
     }
 }
 
-/// What PMAC copies at present, and the values, all from one background pass of the board.
+/// The registers that PMAC copies at present, and their values, all from one background pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VariableTable {
     /// Number of the table; changes with each new one.
