@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-/// A byte offset into the DPRAM as the host sees it. Always even; a 16-bit word lies at each.
+/// A byte offset of the host into the DPRAM. Always even, the place of a 16-bit word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct HostOffset(u32);
 
@@ -13,7 +13,7 @@ impl HostOffset {
     /// An offset in bytes.
     ///
     /// # Panics
-    /// At compile time for constants, when `bytes` is odd: no 16-bit word lies there.
+    /// At compile time for constants, if `bytes` is odd.
     #[must_use]
     pub const fn new(bytes: u32) -> Self {
         assert!(bytes.is_multiple_of(2), "a DPRAM word lies at an even offset");
@@ -44,7 +44,7 @@ impl HostOffset {
         Self(self.0 + 2 * words as u32)
     }
 
-    /// How many 16-bit words lie from `start` up to here; 0 when `start` lies behind.
+    /// The number of 16-bit words from `start` up to here; 0 if `start` is behind.
     #[must_use]
     pub const fn words_since(self, start: Self) -> usize {
         self.word().saturating_sub(start.word())

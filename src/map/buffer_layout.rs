@@ -1,10 +1,11 @@
-//! The layout of the user area ($D200-$DFFF on PMAC): which buffer of variable size lies where, and what is left for other use.
+//! The layout of the user area ($D200-$DFFF on PMAC): the place of each buffer of variable size, and the rest for other
+//! use.
 //!
 //! The host alone places the tables of the background variable functions and the binary rotary buffers, and must keep
-//! them apart (DPRAM manual p. 25). The gather buffer begins where the firmware has it, at the bottom, and its length
-//! changes from one gathering to the next. So the others are placed from the top downwards: the rotary buffers, the
-//! first one on top, variable read, variable write. What lies between is for the user. Each can be given a place of its
-//! own instead.
+//! them apart (DPRAM manual p. 25). The firmware places the gather buffer at the bottom, and its length changes from
+//! one gathering to the next. So the plan goes from the top downwards: the rotary buffers, the first one on top,
+//! variable read, variable write. The room between them and the gather buffer is the user's. A setting can place each
+//! buffer elsewhere.
 
 use std::fmt;
 
@@ -36,7 +37,7 @@ const ROTARY: [&str; 16] = [
     "rotary_16",
 ];
 
-/// Sizes of the buffers in the user area, and places for those that shall not lie where the plan puts them.
+/// Sizes of the buffers in the user area, and places for buffers outside the plan.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BufferSettings {
@@ -46,8 +47,8 @@ pub struct BufferSettings {
     pub variable_read_entries: u32,
     /// Records the variable-write table has room for, 0-32; none where the family's are not written.
     pub variable_write_records: u32,
-    /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the list
-    /// have none. Without a list they have what the family keeps for them.
+    /// Longs of the rotary buffers, the first one's first, each 0 (none) or even and at least 6. Buffers beyond the
+    /// list have none. Without a list they have the family's default.
     pub rotary_longs: Option<Vec<u32>>,
     /// PMAC address of the variable-read table; 0 where the plan puts it.
     pub variable_read_start: u32,
@@ -79,7 +80,7 @@ impl BufferSettings {
         self.rotary_longs.as_deref().unwrap_or(family.rotary.kept_longs)
     }
 
-    /// The settings, with what they leave to the family.
+    /// The settings, filled up with the family's defaults.
     #[must_use]
     pub fn of(self, family: &Family) -> Self {
         Self { rotary_longs: Some(self.rotary_longs(family).to_vec()), ..self }
@@ -117,9 +118,9 @@ pub enum BufferLayoutError {
     Size {
         /// The buffer's name.
         buffer: &'static str,
-        /// What was asked for.
+        /// The requested size.
         size: u32,
-        /// What can be had.
+        /// The possible sizes.
         allowed: &'static str,
     },
     /// A list of rotary buffers that is longer than the board has.
@@ -165,16 +166,16 @@ impl Extent {
     }
 }
 
-/// Who a word of the DPRAM belongs to.
+/// The owner of a word of the DPRAM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Owner {
     /// A function with a fixed place: panel, servo, background, ASCII, or the buffers' headers.
     Fixed(&'static Region),
     /// A buffer in the user area: `gather`, `variable_read`, `variable_write`, or `rotary_1` and so on.
     Buffer(Region),
-    /// Below a gather buffer that the firmware moved: its index lies here, and nothing tells what else.
+    /// Below a gather buffer that the firmware moved: its index lies here, and no text tells the rest.
     Firmware(Region),
-    /// Nobody: the user's.
+    /// The user.
     User,
 }
 
@@ -200,9 +201,9 @@ pub enum NotUserArea {
         offset: HostOffset,
         /// Its PMAC address.
         address: String,
-        /// Whose it is.
+        /// The word's owner.
         owner: String,
-        /// What is the user's instead.
+        /// The user's part of the DPRAM.
         user: String,
     },
     /// They lie outside the DPRAM.
@@ -298,8 +299,8 @@ impl BufferLayout {
         self.gather
     }
 
-    /// The size for `DEFINE GATHER`, in longs, when a sample has `sample_longs`: the most whole samples that
-    /// fit. PMAC rounds other sizes up, past what is kept. `None` when not one sample fits.
+    /// The size for `DEFINE GATHER`, in longs, with samples of `sample_longs`: the most whole samples that fit. PMAC
+    /// rounds other sizes up, past the buffer's room. `None` if not one sample fits.
     #[must_use]
     pub fn gather_size(&self, sample_longs: u32) -> Option<u32> {
         if !(1..=self.family.i.longest_gather_sample()).contains(&sample_longs) {
@@ -351,11 +352,11 @@ impl BufferLayout {
         &self.rotary[..self.family.rotary.headers.len().min(ROTARY.len())]
     }
 
-    /// Checks that rotary buffer `index` (from 0) may lie at `start` with `longs` longs: in its own place, or where
-    /// nothing else is planned. What lies outside the DPRAM is not judged here.
+    /// Checks that rotary buffer `index` (from 0) may lie at `start` with `longs` longs: in its own place, or in
+    /// unplanned room. The caller checks the DPRAM's limits.
     ///
     /// # Errors
-    /// [`NotUserArea::Owned`], which names the first word that belongs to something else.
+    /// [`NotUserArea::Owned`], which names the first word with another owner.
     pub fn check_rotary(&self, index: usize, start: HostOffset, longs: u32) -> Result<(), NotUserArea> {
         let own = self.rotary().get(index);
         let words = usize::try_from(longs.min(self.family.length / 4)).unwrap_or_default() * 2;
@@ -369,7 +370,7 @@ impl BufferLayout {
         }
     }
 
-    /// What is left to the user, ascending.
+    /// The user's regions, ascending.
     #[must_use]
     pub fn user_regions(&self) -> Vec<Region> {
         let mut buffers: Vec<_> = self.buffers().filter(|buffer| buffer.words() > 0).collect();
@@ -388,7 +389,7 @@ impl BufferLayout {
         regions
     }
 
-    /// Who the word at `offset` belongs to, or `None` when it lies outside the DPRAM.
+    /// The owner of the word at `offset`, or `None` outside the DPRAM.
     #[must_use]
     pub fn classify(&self, offset: HostOffset) -> Option<Owner> {
         if !self.family.user_area.contains(offset) {
@@ -404,7 +405,7 @@ impl BufferLayout {
     /// Checks that all `words` words from `first` on are the user's.
     ///
     /// # Errors
-    /// [`NotUserArea`], which names the first word that is not, its owner and what is the user's.
+    /// [`NotUserArea`], which names the first other word, its owner and the user's regions.
     pub fn check_user_area(&self, first: HostOffset, words: usize) -> Result<(), NotUserArea> {
         let end = u64::from(first.bytes()) + 2 * words as u64;
         if end > u64::from(self.family.length) {
@@ -484,7 +485,7 @@ const fn write_longs(records: u32) -> u32 {
     records * VARIABLE_WRITE_RECORD_WORDS as u32 / 2
 }
 
-/// The region of `longs` longs from byte `start` on, if it lies in the user area.
+/// The region of `longs` longs from byte `start` on, if the user area holds it.
 fn region_at(name: &'static str, start: u32, longs: u32, area: Region) -> Option<Region> {
     let end = longs.checked_mul(4)?.checked_add(start)?;
     if start < area.start.bytes() || end > area.end.bytes() {

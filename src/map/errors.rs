@@ -37,7 +37,7 @@ pub const ERRORS: &[(u16, &str)] = &[
     (22, "FREAD on bad flash"),
 ];
 
-/// What error `number` means, or `None` for a number no text explains.
+/// The meaning of error `number`, or `None` if no text explains it.
 #[must_use]
 pub fn meaning(number: u16) -> Option<&'static str> {
     ERRORS.iter().find(|(known, _)| *known == number).map(|(_, text)| *text)

@@ -7,7 +7,7 @@ use super::{AddressError, Family, Space, TypedAddress};
 pub struct Field {
     /// The place.
     pub location: TypedAddress,
-    /// Its lowest bit and how many, when not all of it is meant.
+    /// The lowest bit and the width of a part of the place; `None`: the whole place.
     pub bits: Option<BitField>,
 }
 
@@ -41,7 +41,7 @@ pub enum FieldError {
     /// The address is none.
     #[error(transparent)]
     Address(#[from] AddressError),
-    /// What follows it is no offset and width.
+    /// The text behind the place is no offset and width.
     #[error("{text:?}: after the address come the field's lowest bit and its width, as in Y:$D800,8,4")]
     Shape {
         /// The text.
@@ -52,7 +52,7 @@ pub enum FieldError {
     Outside {
         /// The text.
         text: String,
-        /// What place.
+        /// The place's space.
         space: Space,
         /// How many it has.
         bits: u32,

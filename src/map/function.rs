@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Function {
-    // In the order in which they are best enabled: what others talk through first; rotary buffers before a gather
-    // buffer, since none can be defined while that exists.
+    // In the best order to enable them: the port for the others' lines first; rotary buffers before a gather buffer,
+    // since a board with a gather buffer defines no rotary buffer.
     /// Command lines, control characters, and texts that programs send.
     Ascii,
     /// Control panel requests and feed rate overrides.
@@ -64,7 +64,7 @@ impl fmt::Display for Function {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no function {name:?}; there are {}", Function::ALL.map(Function::name).join(", "))]
 pub struct UnknownFunction {
-    /// What was asked for.
+    /// The requested name.
     pub name: String,
 }
 

@@ -1,6 +1,6 @@
-//! Descriptors: where each automatic function lies in a family's DPRAM, and how host and PMAC hand its words over.
+//! Descriptors: the place of each automatic function in a family's DPRAM, and how host and PMAC hand its words over.
 //!
-//! A function of the driver takes one of these and knows no address. What differs between families is a value here; a
+//! A function of the driver takes a descriptor and knows no address. A difference between families is a value here; a
 //! difference in the procedure itself is a small enum ([`BusyRule`]), matched in one place.
 
 mod variables;
@@ -36,9 +36,9 @@ impl Flag {
 pub struct Timer {
     /// The word with the low bits.
     pub low: HostOffset,
-    /// How many bits of that word count, from bit 0.
+    /// The number of the word's bits that count, from bit 0.
     pub low_bits: u32,
-    /// The word with the bits above, and how many of it count from bit 0.
+    /// The word with the upper bits, and the number of them that count, from bit 0.
     pub high: Option<(HostOffset, u32)>,
 }
 
@@ -62,7 +62,7 @@ impl Timer {
         }
     }
 
-    /// The timer out of `words`, the first of which lies at `start`.
+    /// The timer in `words`, which begin at `start`.
     #[must_use]
     pub fn read(self, words: &[u16], start: HostOffset) -> u32 {
         let word = |offset: HostOffset| words.get(offset.words_since(start)).copied().unwrap_or_default();
@@ -91,7 +91,7 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// The start of `number`'s block, or `None` for a number there is not.
+    /// The start of `number`'s block, or `None` if there is none.
     #[must_use]
     pub const fn at(self, number: usize) -> Option<HostOffset> {
         if number >= 1 && number <= self.count {
@@ -108,7 +108,7 @@ impl Blocks {
     }
 }
 
-/// What PMAC's flag in the servo report says.
+/// The meaning of PMAC's flag in the servo report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusyRule {
     /// Set while PMAC writes (PMAC and PMAC2, DPRAM manual p. 14).
@@ -137,7 +137,7 @@ impl BusyRule {
     }
 }
 
-/// What begins the servo report.
+/// The event that begins the servo report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReportStart {
     /// The first `GATHER` while it is enabled; one more starts data gathering (DPRAM manual p. 14).
@@ -158,7 +158,7 @@ pub struct GlobalStatus {
 }
 
 impl GlobalStatus {
-    /// The words of `???` in the `image` of a report whose first word is at `start`.
+    /// The words of `???` in the `image` of a report that begins at `start`.
     #[must_use]
     pub fn words(&self, image: &[u16], start: HostOffset) -> Option<[u32; 2]> {
         let long = |offset: HostOffset| {
@@ -191,15 +191,15 @@ pub struct WholeBoard {
 /// The servo report: motor data that PMAC copies every so many servo cycles.
 #[derive(Debug, PartialEq, Eq)]
 pub struct ServoBlock {
-    /// All of it.
+    /// The whole report.
     pub region: Region,
-    /// What begins it.
+    /// The event that begins it.
     pub start: ReportStart,
     /// Set by the host: PMAC skips its updates.
     pub host_busy: Flag,
     /// Set and cleared by PMAC.
     pub pmac_status: Flag,
-    /// What that says.
+    /// The flag's meaning.
     pub busy: BusyRule,
     /// The servo timer at the update.
     pub timer: Timer,
@@ -227,17 +227,17 @@ impl ServoBlock {
         self.motors.words_from(self.region.start, self.motors.count)
     }
 
-    /// Where the word at `offset` stands in an image that begins at the region's start.
+    /// The index of the word at `offset` in an image of the region.
     #[must_use]
     pub const fn index(&self, offset: HostOffset) -> usize {
         offset.words_since(self.region.start)
     }
 }
 
-/// The background report: what PMAC copies between its PLC scans when the host asks for it.
+/// The background report: PMAC copies it between its PLC scans when the host asks for it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct BackgroundBlock {
-    /// All of it.
+    /// The whole report.
     pub region: Region,
     /// PMAC sets it when a report is whole; the host clears the word to have another.
     pub ready: Flag,
@@ -257,14 +257,14 @@ pub struct BackgroundBlock {
     pub amplifier_enabled: Option<Flag>,
     /// In the block of coordinate system 1: it runs a motion program.
     pub program_runs: Flag,
-    /// What the blocks' numbers count.
+    /// The blocks' numbers count these.
     pub numbers: NumberKind,
     /// The blocks.
     pub blocks: Blocks,
 }
 
 impl BackgroundBlock {
-    /// How many blocks a report of a board has whose reports go up to motor `motors`.
+    /// The number of blocks in a board's report if its reports go up to motor `motors`.
     #[must_use]
     pub const fn reported(&self, motors: usize) -> usize {
         match self.numbers {
@@ -279,7 +279,7 @@ impl BackgroundBlock {
         self.blocks.words_from(self.region.start, self.blocks.count)
     }
 
-    /// Where the word at `offset` stands in an image that begins at the region's start.
+    /// The index of the word at `offset` in an image of the region.
     #[must_use]
     pub const fn index(&self, offset: HostOffset) -> usize {
         offset.words_since(self.region.start)
@@ -297,11 +297,11 @@ pub struct AsciiPort {
     pub command: HostOffset,
     /// Bytes of its buffer, the NUL included.
     pub command_bytes: usize,
-    /// Characters of the longest line PMAC takes. What does not fit the buffer goes in a second part.
+    /// Characters of the longest line that PMAC takes. A line that does not fit the buffer goes in two parts.
     pub line_limit: usize,
     /// Replies go by I3, and the enable forces I3, I4 and I6 (DPRAM manual p. 27); otherwise I3 has no effect here.
     pub goes_by_i3: bool,
-    /// What PMAC put into the response buffer: 0 nothing, else one of [`response`]'s values. The host writes 0.
+    /// PMAC's mark in the response buffer: 0 nothing, else one of [`response`]'s values. The host writes 0.
     pub response_control: HostOffset,
     /// Characters in the response buffer, the NUL included.
     pub response_count: HostOffset,
@@ -353,7 +353,7 @@ impl StartRule {
         self.word.wrapping_add((offset.words_since(self.from) / 2) as u16)
     }
 
-    /// Where the table with this start word lies; `None` when that is before [`StartRule::from`].
+    /// The place of the table with this start word; `None` before [`StartRule::from`].
     #[must_use]
     pub const fn offset(self, word: u16) -> Option<HostOffset> {
         match word.checked_sub(self.word) {
@@ -374,7 +374,7 @@ pub const OPEN_TEXT: &str = "OPEN ROT";
 pub struct RotaryHeaders {
     /// Where each header begins.
     pub headers: &'static [HostOffset],
-    /// The first header is coordinate system 1's, and so on; otherwise each is for the one that its word names.
+    /// The first header belongs to coordinate system 1, and so on; otherwise each belongs to the system in its word.
     pub one_a_system: bool,
     /// The bit of the second word of `???` that says that [`OPEN_BINARY`] is in force.
     pub binary_open: u32,
@@ -404,7 +404,7 @@ pub mod rotary_header {
     pub const PMAC_INDEX: usize = 3;
     /// The buffer's size in longs, even, at least 6.
     pub const SIZE: usize = 4;
-    /// Where the buffer lies, by the [`super::StartRule`].
+    /// The buffer's place, by the [`super::StartRule`].
     pub const START: usize = 5;
     /// In a status word: the internal rotary buffer is full.
     pub const BUSY: u16 = 1 << 14;
@@ -415,7 +415,7 @@ pub mod rotary_header {
 /// The control panel.
 #[derive(Debug, PartialEq, Eq)]
 pub struct PanelBlock {
-    /// All of it.
+    /// The whole function.
     pub region: Region,
     /// Which motors and coordinate systems a request is for; the host sets, PMAC clears all bits when it acts.
     pub request_enable: HostOffset,
@@ -429,8 +429,8 @@ pub struct PanelBlock {
     pub stride: usize,
     /// How many numbers there are, at most 16: the enable words have a bit each.
     pub numbers: usize,
-    /// Where PMAC keeps the time base of coordinate system 1 that the panel's override sets; the next one's lies the
-    /// family's coordinate system stride on.
+    /// PMAC's register of coordinate system 1 for the time base that the panel's override sets; the next system's
+    /// follows by the family's stride.
     pub time_base: PmacAddress,
 }
 
@@ -492,7 +492,7 @@ pub struct IVariables {
     pub reported: Option<u16>,
     /// Servo cycles between two background reports; 0 is on request. `None`: always on request.
     pub background_period: Option<u16>,
-    /// The base of the one DPRAM that all functions use, of which the board may have several. `None`: there is one.
+    /// The base of the one DPRAM that serves all functions, on a board with several. `None`: the board has one.
     pub dpram_base: Option<u16>,
     /// Set to 1, has the servo report made in the background, and switches [`IVariables::servo_enable`] off.
     pub servo_in_background: Option<u16>,
@@ -542,7 +542,7 @@ impl IVariables {
         2 * self.most_gather_sources() as u32
     }
 
-    /// What selects the gather sources of these codes: I-variables with their values, the masks first.
+    /// The I-variables and values that select the gather sources of these codes, the masks first.
     pub fn gather_settings(&self, codes: &[u32]) -> impl Iterator<Item = (u16, u32)> {
         let selected = |mask: usize| {
             let count = codes.len().saturating_sub(GATHER_MASK_BITS * mask).min(GATHER_MASK_BITS);

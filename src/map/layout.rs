@@ -21,7 +21,7 @@ pub struct Entry {
     pub register: &'static Register,
     /// Its number, from 1; `None` for a register of the board.
     pub number: Option<usize>,
-    /// Where it lies.
+    /// Its place.
     pub offset: HostOffset,
 }
 
@@ -66,7 +66,7 @@ impl Layout {
         self.family
     }
 
-    /// Where gathering lies on this board.
+    /// The place of gathering on this board.
     #[must_use]
     pub const fn gather(&self) -> GatherPlace {
         self.gather
@@ -133,7 +133,7 @@ impl Entry {
         family.source(self.register.source, self.number.unwrap_or(1))
     }
 
-    /// The name of the space in which the register's PMAC address stands.
+    /// The name of the space of the register's PMAC address.
     #[must_use]
     pub const fn space(&self, family: &Family) -> &'static str {
         match self.register.width {

@@ -1,6 +1,6 @@
 //! The VME mailbox circuit: 16 byte registers for commands and replies, and the DPRAM's page (User Manual p. 260-267).
 
-/// What the circuit takes of the VME bus, in bytes from its base.
+/// The circuit's bytes on the VME bus, from its base.
 pub const LENGTH: usize = 0x200;
 /// Mailboxes; mailbox k is the byte at base + 2 k + 1.
 pub const MAILBOXES: usize = 16;

@@ -1,9 +1,9 @@
-//! What lies where (layer 1): addresses, register tables per board family, status bits.
+//! The board's map (layer 1): addresses, register tables per board family, status bits.
 //!
-//! Only this module knows an address. [`Family`] is all that distinguishes a board family: limits, the numbers of its
-//! I-variables, its register table, and a descriptor of each automatic function ([`functions`]). [`Layout`] is the
-//! register table as a board with a given firmware has it, [`TypedAddress`] an address as a person types it, [`PmacRegister`] a register of
-//! PMAC's own memory, [`VariableName`] what PMAC copies and writes in its background.
+//! Only this module knows an address. [`Family`] is everything that differs between board families: limits, the numbers
+//! of I-variables, the register table, and a descriptor of each automatic function ([`functions`]). [`Layout`] is the
+//! register table of a board with a given firmware, [`TypedAddress`] an address as a person types it, [`PmacRegister`]
+//! a register of PMAC's own memory, [`VariableName`] a register or block that PMAC copies and writes in its background.
 
 pub mod address;
 pub mod buffer_layout;

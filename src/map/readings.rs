@@ -1,11 +1,11 @@
-//! What no text decides about a board and a guess must not: where a wrong one would move the machine elsewhere.
+//! The one question about a board that no text decides and no guess may: a wrong one would move the machine elsewhere.
 //!
-//! The table `[readings]` of the daemon's configuration says it; `docs/evidence.md` has it, and what is done wherever else the
-//! manuals can be read two ways.
+//! The table `[readings]` of the daemon's configuration answers it. `docs/evidence.md` has this question, and all
+//! others with the driver's reading.
 
 use serde::{Deserialize, Serialize};
 
-/// Where CODE2 of ABS, INC and FRAX stands in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
+/// The place of CODE2 of ABS, INC and FRAX in word 1 of a binary rotary command (DPRAM manual p. 33, diagrams B and C).
 /// A wrong guess takes an INC for an ABS: the machine moves elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -34,6 +34,6 @@ impl RotaryCode2 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Readings {
-    /// Where CODE2 of ABS, INC and FRAX stands; nobody has said it unless the configuration does.
+    /// The place of CODE2 of ABS, INC and FRAX; unknown unless the configuration has it.
     pub rotary_code2: Option<RotaryCode2>,
 }

@@ -17,7 +17,7 @@ impl Region {
     /// The region `name` from `start` up to `end`.
     ///
     /// # Panics
-    /// At compile time for constants, when `end` lies before `start`.
+    /// At compile time for constants, if `end` is before `start`.
     #[must_use]
     pub const fn new(name: &'static str, start: HostOffset, end: HostOffset) -> Self {
         assert!(start.bytes() <= end.bytes(), "a region ends behind its start");

@@ -1,4 +1,4 @@
-//! A register of PMAC's own memory, wherever it lies: what is gathered, watched and written in the background.
+//! A register of PMAC's own memory, to be gathered, watched or written in the background.
 
 use std::fmt;
 use std::str::FromStr;
@@ -26,16 +26,16 @@ pub struct PmacRegister {
 pub struct BadRegister {
     /// The text.
     pub text: String,
-    /// The last address there is.
+    /// The last address.
     pub last: u32,
-    /// Its space is one of the DPRAM alone.
+    /// The space exists in the DPRAM alone.
     pub in_dpram: bool,
 }
 
 impl FromStr for PmacRegister {
     type Err = BadRegister;
 
-    /// Reads a register of any family. Where the family is known, [`PmacRegister::parse`] refuses what it does not have.
+    /// Reads a register of any family. With a family, [`PmacRegister::parse`] refuses registers that the family lacks.
     fn from_str(text: &str) -> Result<Self, BadRegister> {
         Self::up_to(text, LAST_ADDRESS)
     }
@@ -77,13 +77,13 @@ impl PmacRegister {
         register.ok_or_else(|| BadRegister { text: text.to_owned(), last, in_dpram })
     }
 
-    /// Where it lies.
+    /// The register's address.
     #[must_use]
     pub const fn address(self) -> PmacAddress {
         self.address
     }
 
-    /// What the tables of the variable functions call it. They do not tell `D:` from `L:`.
+    /// Its kind in the tables of the variable functions. They do not tell `D:` from `L:`.
     #[must_use]
     pub const fn kind(self) -> VariableKind {
         match self.address.space {

@@ -1,8 +1,8 @@
-//! Which part of a report is read: of every block the same words, of the numbers some blocks.
+//! The part of a report that the daemon reads: the same words of each block, and some of the blocks.
 //!
 //! The servo and the background report each have one block a motor (or coordinate system), one behind the other. Bus
-//! accesses are the cost on real hardware, so what nobody needs can be left out. What is left out is never 0, it is
-//! not known: the selection goes with the words to whoever decodes them.
+//! accesses are the cost on real hardware, so the daemon can leave words out. An unread word is not 0 but unknown: the
+//! selection goes with the words to their decoder.
 
 use std::ops::Range;
 
@@ -25,8 +25,8 @@ impl Selection {
     /// Everything is read.
     pub const ALL: Self = Self { words: u64::MAX, numbers: u64::MAX };
 
-    /// Of every block the words of `fields`, 16 bits each, from the block's start; the blocks of `numbers`, from 1.
-    /// No block has more than 64 words, no family more than 64 numbers; what lies beyond is left out.
+    /// Selects in each block the words of `fields`, 16 bits each, from the block's start, and the blocks of `numbers`,
+    /// from 1. No block has more than 64 words, no family more than 64 numbers; the rest is left out.
     #[must_use]
     pub fn new(
         fields: impl IntoIterator<Item = Range<usize>>,
@@ -44,13 +44,13 @@ impl Selection {
         Self { words: !words, numbers: !numbers }
     }
 
-    /// What this selection and the numbers of a mask, bit k-1 for number k, have in common.
+    /// The common part of this selection and the numbers of a mask, bit k-1 for number k.
     #[must_use]
     pub const fn among(self, numbers: u32) -> Self {
         Self { words: self.words, numbers: self.numbers & numbers as u64 }
     }
 
-    /// What [`Selection::without`] takes: the words and the numbers left out.
+    /// The arguments of [`Selection::without`]: the words and the numbers left out.
     #[must_use]
     pub const fn left_out(self) -> (u64, u64) {
         (!self.words, !self.numbers)
@@ -75,14 +75,14 @@ impl Selection {
         self.numbers as u32 & all
     }
 
-    /// How many of the first `count` numbers have to be there for the last one that is read.
+    /// The number of blocks, of the first `count`, up to the last one that is read.
     #[must_use]
     pub fn last_number(self, count: usize) -> usize {
         (1..=count).rev().find(|number| self.has_number(*number)).unwrap_or(0)
     }
 
-    /// Puts into `runs` what is read of `count` blocks of `block_words` words, ascending, in words from the first block's
-    /// start. What lies side by side is one run.
+    /// Puts the read parts of `count` blocks of `block_words` words into `runs`, ascending, in words from the first
+    /// block's start. Adjacent parts are one run.
     pub fn runs(self, block_words: usize, count: usize, runs: &mut Vec<Range<usize>>) {
         runs.clear();
         for block in (0..count).filter(|block| self.has_number(block + 1)) {
@@ -104,7 +104,7 @@ fn bit(index: usize) -> Option<u64> {
 /// A register of a report's blocks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BlockField {
-    /// Its name without what it is of: `actual_position` of the table's `motor_actual_position`.
+    /// Its name without the owner: `actual_position` of the table's `motor_actual_position`.
     pub name: &'static str,
     /// The table's row.
     pub register: &'static Register,
@@ -113,7 +113,7 @@ pub struct BlockField {
 }
 
 impl BlockField {
-    /// Whether it is called `name`, with or without what it is of.
+    /// Whether `name` is its name, with or without the owner.
     #[must_use]
     pub fn is_called(&self, name: &str) -> bool {
         name == self.name || name == self.register.name

@@ -6,7 +6,7 @@ use std::fmt;
 
 use super::{HostOffset, PmacAddress};
 
-/// What a number in a record counts.
+/// The numbers in a record count these.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NumberKind {
     /// A motor.
@@ -24,7 +24,7 @@ pub enum Width {
     Word,
     /// Whole locations, 32 bits each.
     Long,
-    /// Two locations that together stand for one 48-bit register, Y half first.
+    /// Two locations that hold one 48-bit register, Y half first.
     Pair,
 }
 
@@ -93,7 +93,7 @@ impl Format {
     }
 }
 
-/// How sure it is that a register is what the table says.
+/// How sure the table's entry for a register is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Confidence {
     /// A manual's page says it, or two sources that do not know of each other.
@@ -116,7 +116,7 @@ impl Confidence {
     }
 }
 
-/// Who writes a register or a bit.
+/// The writer of a register or a bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Writer {
     /// The host alone.
@@ -127,7 +127,7 @@ pub enum Writer {
     HostSetsPmacClears,
     /// PMAC sets it, the host clears it when it has read.
     PmacSetsHostClears,
-    /// Nobody that is documented.
+    /// No documented writer.
     Nobody,
 }
 
@@ -152,7 +152,7 @@ pub struct Bits {
     pub low: u8,
     /// Snake-case name.
     pub name: &'static str,
-    /// Who writes them.
+    /// Their writer.
     pub writer: Writer,
 }
 
@@ -173,9 +173,9 @@ pub enum Source {
     None,
     /// The same register for every number.
     Fixed(PmacAddress),
-    /// A motor register; the next motor's lies the family's motor stride on.
+    /// A motor register; the next motor's follows by the family's motor stride.
     Motor(PmacAddress),
-    /// A coordinate system register; the next one's lies the family's coordinate system stride on.
+    /// A coordinate system register; the next one's follows by the family's coordinate system stride.
     System(PmacAddress),
     /// One of three coordinate system registers, A, B or C, by the program status (Note 1 on p. 21):
     /// A if bit 7 is set and bit 5 clear, else B if bit 9 is set, else C.
@@ -210,9 +210,9 @@ pub struct Register {
     pub function: &'static str,
     /// Its identifier within the function.
     pub name: &'static str,
-    /// What it is, in words.
+    /// The register in words.
     pub title: &'static str,
-    /// Where it lies (for number 1).
+    /// Its place (for number 1).
     pub offset: HostOffset,
     /// Its length in bytes; 0 for a buffer whose length is set at run time.
     pub length: u32,
@@ -220,17 +220,17 @@ pub struct Register {
     pub width: Width,
     /// How its bits are to be read.
     pub format: Format,
-    /// The unit of its value, in PMAC's own words; empty where there is none.
+    /// The unit of its value, in PMAC's own words; empty without one.
     pub units: &'static str,
-    /// What its number counts; `None` for a register of the board.
+    /// Its numbers count these; `None` for a register of the board.
     pub number: Option<NumberKind>,
-    /// Who writes it.
+    /// Its writer.
     pub writer: Writer,
     /// Bits with a meaning of their own.
     pub bits: &'static [Bits],
-    /// What it is a copy of.
+    /// The register that it copies.
     pub source: Source,
-    /// What a reader of the manual should know besides.
+    /// A note for a reader of the manual.
     pub note: &'static str,
     /// How sure all of this is; `None` where the board's own DPRAM manual says it.
     pub confidence: Option<Confidence>,

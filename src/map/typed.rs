@@ -28,9 +28,9 @@ pub enum AddressError {
     Digits {
         /// The text.
         text: String,
-        /// The part of it that is wrong.
+        /// The wrong part.
         digits: String,
-        /// What it should have been.
+        /// The right form.
         base: &'static str,
     },
     /// An odd host offset.
@@ -54,11 +54,11 @@ pub enum AddressError {
 }
 
 impl TypedAddress {
-    /// Reads a typed address. Capitals do not matter; the colon may be left out; a PMAC number without `$` is
-    /// decimal, as it is for PMAC.
+    /// Reads a typed address. Capitals do not matter; the colon is optional; a PMAC number without `$` is decimal, as
+    /// for PMAC.
     ///
     /// # Errors
-    /// [`AddressError`] when the text has another shape, or names a place outside the family's DPRAM.
+    /// [`AddressError`] if the text has another shape, or names a place outside the family's DPRAM.
     pub fn parse(text: &str, family: &Family) -> Result<Self, AddressError> {
         let text = text.trim();
         if let Some(digits) = host_digits(text) {
@@ -93,7 +93,8 @@ impl TypedAddress {
     }
 }
 
-/// What is said of `text`, an address that makes no sense, if a shell may have taken its number: `Y:$D001` without quotes is `Y:` there.
+/// A hint for `text`, a wrong address, if a shell may have taken its number: a shell turns `Y:$D001` without quotes
+/// into `Y:`.
 pub(super) fn quote_hint(text: &str) -> &'static str {
     if text.contains(':') && !text.contains('$') {
         "; the shell takes a $ and what follows for a variable: quote the address, as 'Y:$D001'"
@@ -102,7 +103,7 @@ pub(super) fn quote_hint(text: &str) -> &'static str {
     }
 }
 
-/// What follows the `0x` of a host offset.
+/// The digits behind the `0x` of a host offset.
 fn host_digits(text: &str) -> Option<&str> {
     text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"))
 }

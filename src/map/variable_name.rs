@@ -1,4 +1,4 @@
-//! What the background variable functions copy and write: a register, or a function block of a compiled PLC.
+//! The names for the background variable functions: a register, or a function block of a compiled PLC.
 //!
 //! A function block is two words, and has a number instead of an address: type 4 of an entry of the read table, types 4 (Y word)
 //! and 6 (X word) of a record to write, with firmware 1.16 (DPRAM manual p. 23 and 25). It is written `PLCC:7`, and its
@@ -9,10 +9,10 @@ use std::str::FromStr;
 
 use super::{BadRegister, Family, PmacRegister, Space, VariableKind, number};
 
-/// What stands before the number of a function block.
+/// The prefix of a function block's number.
 const PREFIX: &str = "PLCC:";
 
-/// What PMAC copies or writes in its background.
+/// A register or block that PMAC copies or writes in its background.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum VariableName {
     /// A register.
@@ -21,7 +21,7 @@ pub enum VariableName {
     Block {
         /// Its number.
         number: u16,
-        /// One of its words, `X` or `Y`; `None`: both.
+        /// One word, `X` or `Y`; `None`: both.
         word: Option<Space>,
     },
 }
@@ -99,7 +99,7 @@ impl VariableName {
         Ok(Self::Block { number, word })
     }
 
-    /// What the read table calls it. A word of a function block is read with its block.
+    /// Its kind in the read table. A word of a function block is read with its block.
     #[must_use]
     pub const fn kind(self) -> VariableKind {
         match self {
@@ -108,7 +108,7 @@ impl VariableName {
         }
     }
 
-    /// What the read table has for an address: a function block's number.
+    /// Its address in the read table: for a function block the number.
     #[must_use]
     pub const fn address(self) -> u32 {
         match self {

@@ -6,8 +6,8 @@ use super::{AddressError, BufferLayout, Family, Function, Generation, HostOffset
 /// 16-bit words of a rotary header.
 const ROTARY_HEADER_WORDS: usize = rotary_header::START + 1;
 
-/// The function that uses the word at `offset`: the words with a fixed place, the headers of the buffers, and the buffers.
-/// `None`: nobody, or it lies outside the DPRAM.
+/// The function that uses the word at `offset`: the words with a fixed place, the headers of the buffers, and the
+/// buffers. `None`: no function, or outside the DPRAM.
 #[must_use]
 pub fn function_of(layout: &BufferLayout, offset: HostOffset) -> Option<Function> {
     match layout.classify(offset)? {

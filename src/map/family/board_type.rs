@@ -1,15 +1,15 @@
-//! What a board's answer to `TYPE` says of its family.
+//! The family in a board's answer to `TYPE`.
 
 use std::fmt;
 
 use super::{Family, PMAC, PMAC2, TURBO, TURBO2};
 
-/// A board that answers `TYPE` as one of another family than it is taken for.
+/// A board whose answer to `TYPE` contradicts its configured family.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OtherFamily {
-    /// What it is taken for.
+    /// The configured family.
     pub taken: &'static Family,
-    /// What it says it is.
+    /// The family in the answer.
     pub says: &'static Family,
 }
 
@@ -43,24 +43,24 @@ impl fmt::Display for OtherFamily {
     }
 }
 
-/// What is to be said of a board that [`lacks_dpram`].
+/// The message for a board that [`lacks_dpram`].
 pub const LACKS_DPRAM: &str = "the board says by TYPE that it is a PMAC STD, for which the DPRAM (Option 2) is not available: \
                                what pmacd reads may be no DPRAM of this board; see `board` in its configuration";
 
-/// Whether the answer to `TYPE` names a board that cannot have a DPRAM: one for the STD bus (Software Reference p. 286).
+/// Whether the answer to `TYPE` names a board without any DPRAM: a board for the STD bus (Software Reference p. 286).
 #[must_use]
 pub fn lacks_dpram(answer: &str) -> bool {
     answer.split(',').nth(1).is_some_and(|bus| bus.trim() == "STD")
 }
 
 impl Family {
-    /// What `TYPE` answers tells more of this family: which board of its generation it is.
+    /// The family that `TYPE` refines this one to: which board of its generation it is.
     #[must_use]
     pub fn told_by_type(&'static self, answer: &str) -> &'static Self {
         Self::of_type(answer).filter(|told| told.generation == self.generation).unwrap_or(self)
     }
 
-    /// What `TYPE` answers, where it tells another family than this one.
+    /// The family in the answer to `TYPE`, if it differs from this one.
     #[must_use]
     pub fn contradicted_by_type(&'static self, answer: &str) -> Option<OtherFamily> {
         let says = Self::of_type(answer).filter(|told| told.number != self.number)?;

@@ -1,5 +1,4 @@
-//! Board families as data: what distinguishes one kind of board from another. Another family is another file here and
-//! an entry in [`FAMILIES`].
+//! Board families as data. Another family is another file here and an entry in [`FAMILIES`].
 
 mod board_type;
 pub mod pmac;
@@ -40,7 +39,7 @@ impl FromStr for Generation {
     }
 }
 
-/// What distinguishes one family of boards from another.
+/// A family of boards.
 #[derive(Debug, PartialEq)]
 pub struct Family {
     /// The name in settings, on the command line and on the socket.
@@ -55,7 +54,7 @@ pub struct Family {
     pub base: u32,
     /// The DPRAM's size in bytes.
     pub length: u32,
-    /// PMAC addresses below this one are memory. Above are memory and hardware; the DPRAM lies there too.
+    /// PMAC addresses below this one are memory; above are memory, hardware and the DPRAM.
     pub memory_end: u32,
     /// How many motors the board has, at most 32.
     pub motors: usize,
@@ -75,7 +74,7 @@ pub struct Family {
     pub functions: &'static [Function],
     /// The numbers of the I-variables that govern the functions.
     pub i: IVariables,
-    /// What the DPRAM is divided into, ascending, without a gap.
+    /// The DPRAM's regions, ascending, without a gap.
     pub regions: &'static [Region],
     /// Free for buffers of variable size and other use.
     pub user_area: Region,
@@ -93,7 +92,7 @@ pub struct Family {
     pub panel: Option<PanelBlock>,
     /// The interrupt controller behind the host port.
     pub host_port: Controller,
-    /// How the place of a table or rotary buffer is told to PMAC.
+    /// How the host tells PMAC the place of a table or rotary buffer.
     pub start: StartRule,
     /// Background variable read.
     pub variable_read: VariableRead,
@@ -107,8 +106,8 @@ pub struct Family {
     pub gather_moved_since: Option<Firmware>,
     /// By how many bytes they move it.
     pub gather_shift: u32,
-    /// The first firmware whose variable functions know the function blocks of compiled PLCs; `None` where no text tells of
-    /// them.
+    /// The first firmware whose variable functions know the function blocks of compiled PLCs; `None` without a text
+    /// about them.
     pub function_blocks_since: Option<Firmware>,
 }
 
@@ -192,7 +191,7 @@ const fn turbo_family(
         servo: turbo::SERVO_BLOCK,
         background: turbo::BACKGROUND_REPORT,
         ascii: turbo::ASCII,
-        // The words have a place, but no text tells of a firmware that acts on them, or of what switches them on.
+        // The words have a place, but no text names a firmware that acts on them, or a switch for them.
         panel: None,
         host_port,
         start: turbo::START,
@@ -235,13 +234,13 @@ pub static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 /// The names of the sizes of a DPRAM, in thousands of 16-bit words, and the bytes.
 pub const DPRAM_SIZES: [(&str, u32); 2] = [("8k", turbo::LENGTH_8K), ("32k", turbo::LENGTH_32K)];
 
-/// What a board is taken for where nothing says its family.
+/// The family of a board without a configured one.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 
 /// A family name that is not known.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownFamily {
-    /// What was asked for.
+    /// The requested name.
     pub name: String,
 }
 
@@ -255,7 +254,7 @@ impl fmt::Display for UnknownFamily {
 impl std::error::Error for UnknownFamily {}
 
 impl Family {
-    /// Whether the PMAC address is certainly one of memory, so that reading it has no effect on hardware.
+    /// Whether the PMAC address is certainly memory, so that a read has no effect on hardware.
     #[must_use]
     pub const fn is_memory(&self, address: u32) -> bool {
         address < self.memory_end || (self.base <= address && address - self.base < self.length / 4)
@@ -307,7 +306,7 @@ impl Family {
         DPRAM_SIZES.iter().find(|(_, bytes)| *bytes == self.length).map_or("", |(name, _)| name)
     }
 
-    /// The family with this number in the segment, or `None` for one that is not known here.
+    /// The family with this number in the segment, or `None` for an unknown number.
     #[must_use]
     pub fn by_number(number: u32) -> Option<&'static Self> {
         FAMILIES.iter().copied().find(|family| family.number == number)
@@ -364,8 +363,7 @@ impl Family {
         if offset.bytes().is_multiple_of(4) { Space::Y } else { Space::X }
     }
 
-    /// Where the PMAC location `number` begins (`X:` begins 2 bytes further on), or `None` when it lies outside the
-    /// DPRAM.
+    /// The host offset of the PMAC location `number` (`X:` begins 2 bytes further on), or `None` outside the DPRAM.
     #[must_use]
     pub fn host_offset(&self, space: Space, number: u32) -> Option<HostOffset> {
         let bytes = number.checked_sub(self.base)?.checked_mul(4)?;
@@ -386,7 +384,7 @@ impl Family {
         format!("{}:{}", self.half(offset), self.print_number(self.pmac_number(offset)))
     }
 
-    /// The region to which the word at `offset` belongs, or `None` when it lies outside the DPRAM.
+    /// The region of the word at `offset`, or `None` outside the DPRAM.
     #[must_use]
     pub fn region(&self, offset: HostOffset) -> Option<&'static Region> {
         self.regions.iter().find(|region| region.contains(offset))

@@ -1,8 +1,8 @@
 //! PMAC and PMAC2: the DPRAM at $D000-$DFFF, every address, bit and length.
 //!
-//! These constants are the one place where the addresses stand; the descriptors below and the register table
-//! (`pmac_table`) are built from them. Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the
-//! variable-write header, the gather index, the ASCII start-up text) the value here follows the address rule.
+//! The addresses stand only here; the descriptors below and the register table (`pmac_table`) are built from them.
+//! Manual pages are those of the DPRAM manual of June 2004; where it misprints an address (the variable-write header,
+//! the gather index, the ASCII start-up text), the value follows the address rule.
 
 use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, PanelBlock, ReportStart,
@@ -174,7 +174,7 @@ pub const ASCII_COMMAND: HostOffset = at(0x0630);
 pub const ASCII_COMMAND_BYTES: usize = 160;
 /// Characters of the longest line PMAC takes, sent in two parts.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// What PMAC put into the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
+/// PMAC's mark in the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x06D0);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x06D2);
@@ -183,7 +183,7 @@ pub const ASCII_RESPONSE: HostOffset = at(0x06D4);
 /// The response buffer's size.
 pub const ASCII_RESPONSE_BYTES: usize = 256;
 
-/// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer; the host sets it, PMAC clears it when it took the line.
+/// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer. The host sets it, PMAC clears it when it takes the line.
 pub const COMMAND_LOADED: u16 = 1 << 0;
 // ---- background variable write (p. 24-25) ----
 
@@ -226,8 +226,8 @@ pub const GATHER_INDEX: HostOffset = at(0x07FE);
 pub const GATHER_BUFFER: HostOffset = at(0x0800);
 /// How far the firmware from [`GATHER_MOVED_SINCE`] on moves the gather buffer: to $D240.
 pub const GATHER_SHIFT: u32 = 0x0100;
-/// The firmware from which on the gather buffer lies at $D240 and its index at 0x08FE. A production driver's table has 1.16C,
-/// 1.16D, 1.16G and 1.17C, the versions that its site owns.
+/// The first firmware with the gather buffer at $D240 and its index at 0x08FE. A production driver's table has 1.16C,
+/// 1.16D, 1.16G and 1.17C, the versions of its site.
 pub const GATHER_MOVED_SINCE: Firmware = Firmware::lettered(1, 16, 'C');
 /// The firmware from which on the variable functions know function blocks (DPRAM manual p. 23 and 24).
 pub const FUNCTION_BLOCKS_SINCE: Firmware = Firmware::first(1, 16);

@@ -1,8 +1,8 @@
 //! Turbo PMAC and Turbo PMAC2: the DPRAM at $060000, every address, bit and length.
 //!
-//! These constants are the one place where the addresses stand; the descriptors below and the register table
-//! (`turbo_table`) are built from them. TUM is the Turbo PMAC User Manual, TSRM the Turbo Software Reference. Where only
-//! public drivers or their headers tell, the line says so; what no text tells is as on PMAC, and says that.
+//! The addresses stand only here; the descriptors below and the register table (`turbo_table`) are built from them. TUM
+//! is the Turbo PMAC User Manual, TSRM the Turbo Software Reference. A line says so if its only source is a public
+//! driver or header, or if it is as on PMAC because no text tells.
 
 use crate::map::functions::{
     AsciiPort, BackgroundBlock, Blocks, BusyRule, Flag, GlobalStatus, IVariables, ReportStart, RotaryHeaders,
@@ -16,7 +16,7 @@ pub const BASE: u32 = 0x06_0000;
 pub const LENGTH_8K: u32 = 0x4000;
 /// 32K x 16 bits, the option of Turbo PMAC2, UMAC and QMAC boards (TUM p. 397), in bytes.
 pub const LENGTH_32K: u32 = 0x1_0000;
-/// No text seen tells where the gate arrays begin; everything below this is memory (the motors' and coordinate systems'
+/// No text tells where the gate arrays begin; everything below this is memory (the motors' and coordinate systems'
 /// registers, TSRM p. 284-290), and there is more.
 pub const MEMORY_END: u32 = 0x1_0000;
 /// Motors (TUM p. 403: a mask of 32 bits).
@@ -48,7 +48,7 @@ pub const PANEL_STRIDE: u32 = 4;
 pub const PANEL_NUMBERS: usize = 8;
 /// $060009-$060019, without a documented use.
 pub const PANEL_RESERVED: HostOffset = at(0x0024);
-/// Bytes of it.
+/// The reserved words' bytes.
 pub const PANEL_RESERVED_LENGTH: u32 = 68;
 
 // ---- motor report (TUM p. 402-403) ----
@@ -113,7 +113,7 @@ pub const BACKGROUND_TIMER: HostOffset = at(0x0678);
 pub const BACKGROUND_PMAC_STATUS: HostOffset = at(0x067A);
 /// The control panel port (JPAN), a long.
 pub const BACKGROUND_PANEL_PORT: HostOffset = at(0x067C);
-/// The machine input/output port (JOPTO), a long; on PMAC the thumbwheel port stands before it.
+/// The machine input/output port (JOPTO), a long; on PMAC it follows the thumbwheel port.
 pub const BACKGROUND_MACHINE_PORT: HostOffset = at(0x0680);
 /// The thumbwheel port (JTHW), a long.
 pub const BACKGROUND_THUMBWHEEL_PORT: HostOffset = at(0x0684);
@@ -177,7 +177,7 @@ pub const ASCII_COMMAND: HostOffset = at(0x0EA0);
 pub const ASCII_COMMAND_BYTES: usize = 160;
 /// Characters of the longest line PMAC takes, sent in two parts. No Turbo text seen tells; as on PMAC.
 pub const ASCII_LINE_LIMIT: usize = 200;
-/// What PMAC put into the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
+/// PMAC's mark in the response buffer: 0 nothing, else one of [`crate::map::functions::response`]. The host writes 0.
 pub const ASCII_INPUT_CONTROL: HostOffset = at(0x0F40);
 /// Characters in the response buffer, the NUL included.
 pub const ASCII_INPUT_COUNT: HostOffset = at(0x0F42);
@@ -185,7 +185,7 @@ pub const ASCII_INPUT_COUNT: HostOffset = at(0x0F42);
 pub const ASCII_RESPONSE: HostOffset = at(0x0F44);
 /// The response buffer's size.
 pub const ASCII_RESPONSE_BYTES: u32 = 256;
-/// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer; the host sets it, PMAC clears it when it took the line.
+/// In [`ASCII_OUTPUT_CONTROL`]: a line lies in the buffer. The host sets it, PMAC clears it when it takes the line.
 pub const COMMAND_LOADED: u16 = 1 << 0;
 
 // ---- background variables (TUM p. 407-410) ----
@@ -196,7 +196,7 @@ pub const VARIABLE_READ_CONTROL: HostOffset = at(0x1044);
 pub const VARIABLE_READ_TIMER: HostOffset = at(0x1046);
 /// Entries to read, 1-128; 0 stops the function.
 pub const VARIABLE_READ_COUNT: HostOffset = at(0x1048);
-/// Where the table lies, from [`USER_START`], in longs.
+/// The table's place, from [`USER_START`], in longs.
 pub const VARIABLE_READ_START: HostOffset = at(0x104A);
 /// In [`VARIABLE_READ_CONTROL`]: the data are ready (single-user mode).
 pub const VARIABLE_READ_READY: u16 = 1 << 0;
@@ -215,7 +215,7 @@ pub const ROTARY: HostOffset = at(0x1050);
 pub const ROTARY_STRIDE: u32 = 12;
 /// $060444-$06044E, without a documented use.
 pub const UNASSIGNED: HostOffset = at(0x1110);
-/// Bytes of it.
+/// The unassigned words' bytes.
 pub const UNASSIGNED_LENGTH: u32 = 44;
 
 // ---- gathering (the vendor's accessory pages) ----
@@ -306,8 +306,8 @@ pub const ASCII: AsciiPort = AsciiPort {
 /// The start words of tables count from $060450 (TUM p. 410; a driver in production writes $F0 for $060540).
 pub const START: StartRule = StartRule { from: USER_START, word: 0 };
 
-/// Background variable read: the kind in bits 5-4 of the X word (a driver in production). TUM p. 410 says that address bits
-/// 18-16 stand in this word, not where.
+/// Background variable read: the kind in bits 5-4 of the X word (a driver in production). TUM p. 410 puts address bits
+/// 18-16 into this word, without bit numbers.
 pub const VARIABLE_READ: VariableRead = VariableRead {
     ready: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_READY },
     multi_user: Flag { word: VARIABLE_READ_CONTROL, mask: VARIABLE_READ_MULTI_USER },
@@ -332,9 +332,9 @@ const HEADERS: [HostOffset; SYSTEMS] = {
     headers
 };
 
-/// The binary rotary buffers, one a coordinate system, each with `kept_longs` unless the settings say otherwise. `???` tells binary
-/// entry from text entry (TSRM p. 290). No difference of the commands' words from PMAC's is told; a word has a bit for 24 motors, so
-/// HOME can name no other.
+/// The binary rotary buffers, one a coordinate system, each with `kept_longs` unless the settings say otherwise. `???`
+/// has a bit for binary and one for text entry (TSRM p. 290). No text tells a difference of the commands' words from
+/// PMAC's; a word has a bit for 24 motors, so HOME can name no other.
 const fn rotary_buffers(kept_longs: &'static [u32]) -> RotaryHeaders {
     RotaryHeaders { headers: &HEADERS, one_a_system: true, binary_open: 1 << 20, home_motors: 24, kept_longs }
 }
@@ -347,7 +347,7 @@ pub const ROTARY_BUFFERS_32K: RotaryHeaders = rotary_buffers(&[0x200; SYSTEMS]);
 /// Data gathering.
 pub const GATHER: GatherPlace = GatherPlace { size: GATHER_SIZE, index: GATHER_INDEX, buffer: USER_START };
 
-/// What `pmacd` uses on these boards.
+/// The functions that `pmacd` uses on these boards.
 pub const FUNCTIONS: &[Function] = &[
     Function::Ascii,
     Function::Servo,

@@ -3,8 +3,8 @@
 use super::Flag;
 use crate::map::HostOffset;
 
-/// What an entry of the variable tables says of its register. It is not a [`Space`](crate::map::Space): the tables do not tell
-/// `D:` from `L:`, and know function blocks, which are no registers.
+/// A register's kind in an entry of the variable tables. This is not a [`Space`](crate::map::Space): the tables do not
+/// tell `D:` from `L:`, and know function blocks, which are no registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VariableKind {
@@ -63,9 +63,9 @@ pub struct VariableRead {
     pub timer: HostOffset,
     /// Entries to read; 0 stops the function.
     pub count: HostOffset,
-    /// Where the table lies, by the [`StartRule`](super::StartRule).
+    /// The table's place, by the [`StartRule`](super::StartRule).
     pub start: HostOffset,
-    /// The lowest bit of the kind in the X word of an entry, whose Y word is the address.
+    /// The lowest bit of the kind in an entry's X word; the Y word is the address.
     pub kind_bit: u32,
 }
 
@@ -73,14 +73,14 @@ impl VariableRead {
     /// The registers below this address can be read: an entry has 16 bits for it that a text gives a place.
     pub const ADDRESSES: u32 = 1 << 16;
 
-    /// What the host writes into the X word of an entry of this kind.
+    /// The host's bits of the X word of an entry of this kind.
     #[must_use]
     pub const fn kind_word(&self, kind: VariableKind) -> u16 {
         kind.code() << self.kind_bit
     }
 
-    /// What is the host's of an X word. The bits below the kind, which a Turbo board has for higher address bits (Turbo User
-    /// Manual p. 410), are 0.
+    /// The host's bits of an X word. The bits below the kind, a Turbo board's higher address bits (Turbo User Manual p.
+    /// 410), are 0.
     #[must_use]
     pub const fn of_host(&self, word: u16) -> u16 {
         word & ((0b1000 << self.kind_bit) - 1)

@@ -1,4 +1,4 @@
-//! Status words: which bit means what, as data, and the names of the bits that are set.
+//! Status words: the meaning of each bit, as data, and the names of the set bits.
 //!
 //! PMAC answers `?`, `??` and `???` with six hexadecimal digits a word, the first digit being bits 23-20 (Software
 //! Reference p. 189-198); the fixed buffers of the DPRAM hold the same words. PMAC alone writes them.
@@ -14,7 +14,7 @@ pub use turbo::TURBO;
 pub struct StatusTable {
     /// The word's name, snake case.
     pub name: &'static str,
-    /// Bits that stand alone, highest first.
+    /// Single bits, highest first.
     pub flags: &'static [(u8, &'static str)],
     /// Numbers of several bits.
     pub fields: &'static [Field],
@@ -63,13 +63,13 @@ pub fn flags(word: u32, table: &'static StatusTable) -> impl Iterator<Item = &'s
     table.flags.iter().filter(move |(bit, _)| word >> bit & 1 == 1).map(|(_, name)| *name)
 }
 
-/// Whether the flag called `name` is set in `word`; `false` also when the table has no such flag.
+/// Whether the flag `name` is set in `word`; `false` also without this flag in the table.
 #[must_use]
 pub fn is_set(word: u32, table: &'static StatusTable, name: &str) -> bool {
     flags(word, table).any(|flag| flag == name)
 }
 
-/// The value of the field called `name`, or `None` when the table has no such field.
+/// The value of the field `name`, or `None` without this field in the table.
 #[must_use]
 pub fn field(word: u32, table: &'static StatusTable, name: &str) -> Option<u32> {
     table.fields.iter().find(|field| field.name == name).map(|field| field.of(word))
@@ -161,8 +161,8 @@ impl TargetSource {
     }
 }
 
-/// Whether `flag` is set in a reply to `?`, `??` or `???` whose words are those of `tables`. Text that is no such reply has
-/// no flags.
+/// Whether `flag` is set in a reply to `?`, `??` or `???` with the words of `tables`. Text that is no such reply has no
+/// flags.
 #[must_use]
 pub fn reply_has(reply: &str, tables: &'static [StatusTable], flag: &str) -> bool {
     let digits = reply.trim().as_bytes().chunks_exact(6);
