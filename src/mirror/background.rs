@@ -1,8 +1,8 @@
 //! The background region: asks for reports at a steady rate and publishes each.
 //!
-//! A sample's time is the last moment when its report was not there yet: when it was asked for, or the last empty poll. The
-//! data are no older, whatever held up the daemon since; a report older than what is called stale is not published
-//! but asked for anew.
+//! A sample's time is the last moment when its report was not there yet: the time of the question, or of the last empty
+//! poll. The data are no older, whatever held up the daemon since; the mirror does not publish a report older than the
+//! limit of staleness, but asks anew.
 
 use super::freshness::{Freshness, Transition};
 use crate::device::{Bus, BusError};
@@ -47,13 +47,13 @@ pub struct BackgroundMirror {
     asked: Option<Asked>,
     /// The board may be at one under another count, which is not taken.
     is_outdated: bool,
-    /// What the last one tells of the whole board.
+    /// The last report's facts about the whole board.
     told: Told,
     /// Reports published so far.
     reports: u64,
 }
 
-/// What a report tells of the whole board.
+/// A report's facts about the whole board.
 #[derive(Debug, Clone, Copy, Default)]
 struct Told {
     /// The report's time.
@@ -80,7 +80,7 @@ impl BackgroundMirror {
         Self::selecting(block, period_ns, Selection::ALL)
     }
 
-    /// As [`BackgroundMirror::new`], but of the blocks only what `selection` has is read.
+    /// As [`BackgroundMirror::new`], but the mirror reads only the words of `selection`.
     #[must_use]
     pub fn selecting(block: &'static BackgroundBlock, period_ns: u64, selection: Selection) -> Self {
         Self {
@@ -98,7 +98,7 @@ impl BackgroundMirror {
         }
     }
 
-    /// Clears the host's bit, whoever set it.
+    /// Clears the host's bit, whichever host set it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -112,7 +112,7 @@ impl BackgroundMirror {
         if self.block.count.is_some() {
             self.count_changes();
         } else if let Some(asked) = &mut self.asked {
-            // What was half read is read again; it was made when it was.
+            // The half-read report is read again; its time stays.
             asked.began_ns = None;
         }
     }
@@ -175,7 +175,7 @@ impl BackgroundMirror {
         self.ask_anew();
     }
 
-    /// Whether to leave the host's words that say what is reported as they are found.
+    /// Whether to leave the host's words for the report's extent as they are found.
     pub fn keep_as_found(&mut self, as_found: bool) {
         if self.reader.keep_as_found(as_found) {
             self.count_changes();
@@ -188,7 +188,7 @@ impl BackgroundMirror {
         self.ask_anew();
     }
 
-    /// The report that was asked for, or is half read, was made under another count: blocks beyond it are old, or somebody's.
+    /// The requested or half-read report was made under another count: blocks beyond it are old, or another program's.
     fn ask_anew(&mut self) {
         self.reader.reset();
         self.asked = None;
@@ -201,7 +201,7 @@ impl BackgroundMirror {
         publisher.set_region_state(RegionId::Background, RegionState::Off);
     }
 
-    /// Gives up what lies there and asks for a new report.
+    /// Gives up a waiting report and asks for a new one.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -211,7 +211,7 @@ impl BackgroundMirror {
 
     fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
         self.asked = None;
-        // One that lies there is made; it goes with the question.
+        // A report that is there already is complete; the question takes it away.
         self.is_outdated = self.is_outdated && !self.reader.is_ready(bus)?;
         self.reader.ask(bus)?;
         self.asked = Some(Asked { at_ns: now, not_before_ns: now, began_ns: None });
@@ -223,7 +223,8 @@ impl BackgroundMirror {
         AGAIN_NS.min(self.period_ns / 4)
     }
 
-    /// Does what is due at `now`: asks for a report, polls for it, or reads a part of it, and publishes it when it is whole.
+    /// Does the work due at `now`: asks for a report, polls for it, or reads a part of it, and publishes it when it is
+    /// whole.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -233,7 +234,7 @@ impl BackgroundMirror {
         publisher: &mut Publisher,
         now: u64,
     ) -> Result<Option<Transition>, BusError> {
-        // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
+        // Silence counts only while this thread polls: after a stop the deadline starts again.
         if now.saturating_sub(self.last_poll_ns) >= self.freshness.limit_ns() {
             self.freshness.reset_deadline(now);
         }
@@ -250,7 +251,7 @@ impl BackgroundMirror {
         };
         match self.reader.poll(bus)? {
             BackgroundPoll::Nothing => {
-                // One that does not stand any more was followed by another, if at all, after its first words were read.
+                // If another report replaced this one, it did so after the first words of this one were read.
                 asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
                 self.due_ns = now + self.again_ns();
                 let transition = self.freshness.timeout(now);

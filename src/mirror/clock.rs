@@ -37,8 +37,8 @@ const UNSETTLED: u32 = 48;
 /// An update that was not there so long after it was due was made late: this part of a period, and at most this time.
 const LATE: f64 = 1.0 / 4.0;
 const LATE_NS: f64 = 100_000.0;
-/// The aim stays this near to the grid, as a part of a period. A machine that never wakes sooner than that after it was asked
-/// finds each update at the first poll, and no empty poll bounds what it finds.
+/// The aim stays this near to the grid, as a part of a period. A machine that always wakes later than that finds each
+/// update at the first poll, and no empty poll bounds the finds.
 const AIM: f64 = 3.0 / 8.0;
 /// If a window changes the period by more than this part, the board has changed its period, and the phase is lost. Without
 /// empty polls in both halves the finds may only have followed our own aim and grid. Then the change must be larger, or
@@ -49,7 +49,7 @@ const CHANGED_UNBOUNDED: f64 = 1.0 / 4.0;
 /// that come too late do not.
 const SHORTER: f64 = 31.0 / 32.0;
 const SHORTER_UNBOUNDED: f64 = 7.0 / 8.0;
-/// Without an update for this many periods (and at least [`SILENCE`]) there is no phase to hold.
+/// Without an update for this many periods (and at least [`SILENCE`]) the phase is lost.
 const LOCK_PERIODS: f64 = 20.0;
 const SILENCE: Ns = 50 * MILLISECOND;
 /// After this silence the board is no longer expected to go on any moment.
@@ -66,8 +66,8 @@ const RARE_POLL: Ns = 10 * MILLISECOND;
 struct Pace {
     /// Earlier by so many after an update found at the first poll.
     earlier: f64,
-    /// Many finds at the first poll in a row show that the aim is far too late: after each so many, `earlier` doubles.
-    /// The first empty poll undoes the last of these.
+    /// Many finds at the first poll in a row show that the aim is far too late: after each run of them, `earlier`
+    /// doubles. The first empty poll undoes the last doubling.
     haste: u32,
 }
 
@@ -194,7 +194,7 @@ impl UpdateClock {
         let empty = self.last_empty_ns.map(|empty| empty as f64);
         let step = (STEP * period).min(STEP_NS);
         let was_early = empty.is_some_and(|empty| empty > due + self.aim_ns - step);
-        // Behind updates that were left out, a find just before the grid looks like a late one of the update before.
+        // After a gap, a find just before the grid looks like a late find of the update before.
         let is_next = due < grid + 1.5 * period;
         let is_late = is_next && empty.is_some_and(|empty| empty > due + (LATE * period).min(LATE_NS));
         if !is_late {
@@ -223,7 +223,7 @@ impl UpdateClock {
         self.windows = self.windows.saturating_add(1);
     }
 
-    /// Moves the aim after an update of which the first poll `was_early`, by a `step` or some.
+    /// Moves the aim by a `step` or some, after an update whose first poll `was_early`.
     fn follow_aim(&mut self, was_early: bool, step: f64) {
         if self.at_once >= UNSETTLED {
             self.windows = 0;
@@ -246,7 +246,7 @@ impl UpdateClock {
         self.aim_ns = (self.aim_ns + by).clamp(-most, most);
     }
 
-    /// Without an update for longer, there is no phase to hold.
+    /// After a longer silence the phase is lost.
     fn longest_silence(&self) -> Ns {
         SILENCE.max((LOCK_PERIODS * self.period_ns) as Ns)
     }

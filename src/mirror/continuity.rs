@@ -1,34 +1,36 @@
 //! Whether the board went on or was reset: its servo timer against the time that went by.
 //!
-//! A board that went on shows no more servo cycles since the last update than fit into the time since. One that was reset
-//! counts from 0, so its timer itself shows no more than that. Only a timer that does the second and not the first
-//! tells of a reset; a pause of the report (I48, GATHER, a longer I19) or of either program is none, however long. A simulated
-//! board on a busy machine, stopped or in virtual time runs slow, so fewer cycles than fit say nothing.
+//! A board that went on shows no more servo cycles since the last update than fit into the time since. A board that was
+//! reset counts from 0, so its timer itself shows no more than that. Only a timer that does the second and not the
+//! first tells of a reset; a pause of the report (I48, GATHER, a longer I19) or of either program is none, however
+//! long. A simulated board on a busy machine, stopped or in virtual time runs slow, so fewer cycles than fit say
+//! nothing.
 //!
-//! The longer the silence, the more of the timer's values fit: after about a turn of its 15 bits all do, and it tells
-//! nothing. A silence is then taken for a pause: a false alarm would end a contour that is being streamed, and a
-//! reset is seen by other means. It clears the status word at once, and a mirror that polls every few milliseconds
-//! sees a timer of exactly 0 while nothing is reported, which a board that goes on shows once in 32768 times.
+//! The longer the silence, the more of the timer's values fit: after about a turn of its 15 bits all do, and the timer
+//! tells nothing. The mirror then takes the silence for a pause: a false alarm would end a streamed contour, and the
+//! daemon has other means to see a reset. A reset clears the status word at once, and a mirror that polls every few
+//! milliseconds sees a timer of exactly 0 without a report, which a board that goes on shows once in 32768 times.
 
-/// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one that
-/// moved by more than a quarter of a turn.
+/// A timer that moved on by no more than this many updates belongs to the stretch of the last update, but never one
+/// that moved by more than a quarter of a turn.
 const NEXT_UPDATES: u64 = 64;
 /// Servo cycles that an update may seem early: the thread was held up between clock and poll.
 const SLACK: u64 = 64;
 /// The length of a servo cycle is known from this many, and of late: the older half counts less after so many.
 const MEASURED: u64 = 256;
 const MEASURED_AT_MOST: u64 = 8192;
-/// More servo cycles than any board has run: what a nonsensical I10 makes of the time that passed ends here.
+/// More servo cycles than any board has run: the bound for the cycles by a nonsensical I10.
 const MOST_CYCLES: u64 = 1 << 48;
 
-/// What an update's timer tells.
+/// The verdict on an update's timer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The board went on since the last update, or nothing says otherwise.
     Continuous,
     /// The board was reset, or cleared its memory.
     Reset,
-    /// The timer is neither where it would be now nor near its start: somebody set it, or its clock became faster.
+    /// The timer is neither where it would be now nor near its start: another program set it, or its clock became
+    /// faster.
     Discontinuous,
 }
 
@@ -42,18 +44,18 @@ pub struct Continuity {
     /// Servo cycles that passed while updates came, and how long they took.
     cycles: u64,
     taken_ns: u64,
-    /// The last update; `None` while all there is is of unknown age.
+    /// The last update; `None` while the age of every update is unknown.
     last_ns: Option<u64>,
 }
 
 impl Continuity {
-    /// Knows nothing yet of a board whose servo timer has `timer_bits`.
+    /// The state before the first update of a board whose servo timer has `timer_bits`.
     #[must_use]
     pub fn new(timer_bits: u32) -> Self {
         Self { timer_bits, told_ns: None, cycles: 0, taken_ns: 0, last_ns: None }
     }
 
-    /// Takes the length of a servo cycle from elsewhere (I10). What is measured wins.
+    /// Takes the length of a servo cycle from elsewhere (I10). A measured length wins.
     pub fn expect_cycle(&mut self, cycle_ns: u64) {
         self.told_ns = Some(cycle_ns);
     }
@@ -63,8 +65,8 @@ impl Continuity {
         *self = Self { told_ns: self.told_ns, ..Self::new(self.timer_bits) };
     }
 
-    /// Judges an update at `now_ns` whose timer is `timer` and moved on by `passed`, less whole turns. `cycles` are those from
-    /// update to update (I19) as far as known, `was_live` whether updates came until now.
+    /// Judges an update at `now_ns` whose timer is `timer` and moved on by `passed`, less whole turns. `cycles`: the
+    /// known cycles from update to update (I19); `was_live`: updates came until now.
     #[must_use]
     pub fn judge(
         &self,
@@ -91,10 +93,10 @@ impl Continuity {
         }
     }
 
-    /// Servo cycles since the last update of which the timer shows `passed`, whole turns included: after more than a turn
-    /// only the time that went by tells. A timer that is at the next updates belongs to the stretch of the last one, however long ago
-    /// that was, and one that with its turns does not come near the time that went by stood still for some of it: so does a
-    /// simulated board that is stopped together with this program. `cycles` as for [`Self::judge`].
+    /// Servo cycles since the last update, whole turns included, if the timer shows `passed`: after more than a turn
+    /// only the elapsed time tells. A timer within the next updates belongs to the stretch of the last one, however
+    /// long ago that was. A timer that with its turns does not come near the elapsed time stood still for some of it,
+    /// like a simulated board that is stopped together with this program. `cycles` as for [`Self::judge`].
     #[must_use]
     pub fn whole(&self, passed: u64, cycles: Option<u32>, now_ns: u64) -> u64 {
         let turn = 1u64 << self.timer_bits;

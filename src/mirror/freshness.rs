@@ -2,7 +2,7 @@
 
 use crate::segment::freshness::is_old;
 
-/// What changed.
+/// The change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transition {
     /// Data come (again).
@@ -49,12 +49,12 @@ impl Freshness {
         (!std::mem::replace(&mut self.live, true)).then_some(Transition::Live)
     }
 
-    /// Nobody looks for data any more.
+    /// The daemon no longer looks for data.
     pub const fn end(&mut self) {
         self.live = false;
     }
 
-    /// Nobody polled until `now_ns`, so a silence counts only from here on.
+    /// The daemon did not poll until `now_ns`, so a silence counts only from then on.
     pub fn reset_deadline(&mut self, now_ns: u64) {
         self.last_ns = self.last_ns.max(now_ns);
     }

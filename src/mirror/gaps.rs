@@ -1,13 +1,13 @@
 //! How many updates lie between two that were read: the servo timer tells, exactly.
 
-/// Deltas looked at before a period that nobody told is taken as learnt.
+/// Deltas before an untold period counts as learnt.
 const LEARN: u64 = 32;
 /// A step that came less often among them is no period.
 const RARE: u64 = LEARN / 4;
-/// After so many updates without a told period all are forgotten: their gaps are not made up for.
+/// After so many updates without a told period all are forgotten, and their gaps stay uncounted.
 const REMEMBERED: u64 = 1 << 16;
 
-/// What is known of the servo cycles from update to update.
+/// The known facts about the servo cycles from update to update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Period {
     #[default]
@@ -21,22 +21,21 @@ enum Period {
 #[derive(Debug, Clone, Default)]
 pub struct UpdateCounter {
     period: Period,
-    /// What was told last, 0 for nothing.
+    /// The board's last answer, 0 for none.
     told: u32,
-    /// While unknown: the smallest step and how often it came, what divides all of them, how many there were, and all of them
-    /// together.
+    /// While unknown: the smallest step and its count, the common divisor of all steps, their number, and their sum.
     smallest: u64,
     smallest_seen: u64,
     divisor: u64,
     seen: u64,
     passed: u64,
-    /// No period is learnt before one was told.
+    /// The period is learnt only after the board has told one.
     must_be_told: bool,
 }
 
 impl UpdateCounter {
-    /// One for a board that may make each update when the host has taken the last: the steps are then those of the host's
-    /// own polls, so they tell no period.
+    /// The counter for a board that may make each update when the host has taken the last: the steps are then those of
+    /// the host's own polls, and tell no period.
     #[must_use]
     pub fn told() -> Self {
         Self { must_be_told: true, ..Self::default() }
@@ -48,8 +47,8 @@ impl UpdateCounter {
         self.must_be_told && self.period == Period::Unknown
     }
 
-    /// Takes the period in servo cycles (I19, on a Turbo I47) as told by the board. What passed while it was unknown is
-    /// counted with the next update. 0 is no period: every update that was read counts as 1.
+    /// Takes the period in servo cycles (I19, on a Turbo I47) from the board. Cycles that passed while it was unknown
+    /// are counted with the next update. 0 is no period: every read update counts as 1.
     pub fn expect_cycles(&mut self, cycles: u32) {
         self.period = if cycles == 0 { Period::Absent } else { Period::Cycles(cycles) };
         self.told = cycles;
@@ -65,8 +64,8 @@ impl UpdateCounter {
         }
     }
 
-    /// How many updates the board made in `passed` servo cycles, at least the one that was read. While the period is
-    /// unknown nothing can be said about gaps; they are made up for as soon as it is known.
+    /// The number of updates that the board made in `passed` servo cycles, at least the read one. While the period is
+    /// unknown, gaps are uncounted; the first known period makes up for them.
     pub fn updates(&mut self, passed: u64) -> u64 {
         let passed = passed.max(1);
         match self.period {
@@ -98,8 +97,8 @@ impl UpdateCounter {
         }
         let is_rare = self.smallest_seen < RARE && self.smallest != u64::from(self.told);
         if self.divisor != self.smallest || is_rare {
-            // Steps that are no multiples of the smallest have no period, as of a report that a background cycle makes. One that
-            // came a few times is none: it may be a single update out of turn, unless it was told.
+            // Steps that are no multiples of the smallest have no period, like those of a report by background cycles.
+            // A step that came a few times is none: it may be a single update out of turn, unless the board told it.
             self.forget();
             return 1;
         }

@@ -1,7 +1,8 @@
 //! The gather region: samples that the board gathers, as they were stored, in order (DPRAM manual p. 25-26).
 //!
-//! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of eight longs
-//! at 2.26 kHz; a reader that comes later knows by the numbers what it missed. The region is live while a gather is followed.
+//! The payload is described in [`crate::segment::payload::gather`]. A ring of [`SLOTS`] payloads holds more than 8 s of
+//! eight longs at 2.26 kHz; the numbers tell a later reader what it missed. The region is live while the daemon follows
+//! a gather.
 
 use std::time::{Duration, Instant};
 
@@ -63,13 +64,13 @@ impl GatherClock {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotFollowed {
-    /// No board has such a buffer, or it could not be read.
+    /// The board's family has no such buffer, or the daemon could not read it.
     #[error(transparent)]
     Buffer(#[from] GatherError),
     /// There are samples already.
     #[error("gathering runs already: follow it between DEFINE GATHER and GATHER")]
     Runs,
-    /// What was read says nothing.
+    /// The words that the daemon read are inconclusive.
     #[error("the daemon was held up; try again")]
     HeldUp,
     /// The board's words are not those of this buffer.
@@ -83,9 +84,9 @@ pub enum NotFollowed {
         size: u32,
         /// Where the board should have its words.
         place: GatherPlace,
-        /// What stands at the size's place.
+        /// The word at the size's place.
         found: u16,
-        /// What stands at the index's place.
+        /// The word at the index's place.
         index: u16,
         /// The I-variable that says where the board gathers.
         mode: u16,
@@ -99,7 +100,7 @@ pub struct GatherMirror {
     /// The gather that is followed.
     reader: Option<GatherReader>,
     clock: GatherClock,
-    /// The servo report, by whose timer cycles are counted.
+    /// The servo report, whose timer counts the cycles.
     report: &'static ServoBlock,
     timer: ServoTimer,
     number: u32,
@@ -128,8 +129,8 @@ impl GatherMirror {
         }
     }
 
-    /// Follows the gather of `buffer` from its first sample on. To be called between `DEFINE GATHER` and `GATHER`.
-    /// The inner error is why it cannot be followed; what was followed before still is then.
+    /// Follows the gather of `buffer` from its first sample on. Call this between `DEFINE GATHER` and `GATHER`. The
+    /// inner error says why the daemon cannot follow it; the daemon goes on with the gather before.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -178,7 +179,7 @@ impl GatherMirror {
         }
     }
 
-    /// The board is another one, or was reset: what was followed is no more.
+    /// The board is another one, or was reset: its gather is gone.
     pub fn reset(&mut self, publisher: &mut Publisher) {
         if self.reader.is_some() {
             self.publish(GatherPhase::Redefined, None, publisher);
@@ -197,7 +198,7 @@ impl GatherMirror {
         self.reader.is_some().then_some(self.next_poll)
     }
 
-    /// Polls once; publishes what is new.
+    /// Polls once; publishes new samples.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -232,7 +233,7 @@ impl GatherMirror {
         Ok(())
     }
 
-    /// Publishes what the last poll took, from sample `first` on, or the end.
+    /// Publishes the samples of the last poll, from sample `first` on, or the end.
     fn publish(&mut self, phase: GatherPhase, first: Option<u64>, publisher: &mut Publisher) {
         let Some(reader) = &self.reader else { return };
         let chunk = GatherChunk {

@@ -1,7 +1,7 @@
-//! What to read when, and its way into the segment (layer 4).
+//! When to read which words, and their way into the segment (layer 4).
 //!
 //! Each region has its own file: it knows when its next poll is due, does one bounded poll at a time, and tells when
-//! its data begin to come and when they stop. Words are mirrored as the board held them; nothing here decodes them.
+//! its data begin to come and when they stop. The mirror keeps the board's words unchanged and decodes nothing.
 
 pub mod background;
 pub mod clock;

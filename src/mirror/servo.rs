@@ -1,4 +1,4 @@
-//! The servo region: reads each update once, in time, publishes it, and counts what was not read.
+//! The servo region: reads each update once, in time, publishes it, and counts the missed ones.
 
 use std::collections::VecDeque;
 
@@ -21,13 +21,13 @@ const HOLDS: usize = 16;
 /// Servo data are stale after this time without an update, or after ten periods ([`limit_ns`]).
 const STALE_NS: u64 = 100_000_000;
 
-/// A longer time between updates is a pause, where the period is not told.
+/// A longer time between updates is a pause, if the board has told no period.
 const LONGEST_PERIOD_NS: u64 = 1_000_000_000;
 
 /// Two seconds at the default rate of 2.26 kHz, for readers that sleep.
 const SLOTS: u32 = 4096;
 
-/// The region in the segment. Its period is told when it is known.
+/// The region in the segment. Its period follows later.
 #[must_use]
 pub fn region(block: &ServoBlock) -> RegionSpec {
     RegionSpec {
@@ -54,17 +54,17 @@ pub struct ServoMirror {
     /// Whether updates come, and after which time they are stale.
     pub freshness: Freshness,
     last_poll_ns: u64,
-    /// The period the segment was last told.
+    /// The period in the segment.
     published_period_ns: u64,
     /// Periods of the clock that passed before the last update.
     clocks_before: u64,
     /// Since the last update taken: when Host-Busy was set, from and to.
     holds: VecDeque<(u64, u64)>,
-    /// The board was found reset; told once.
+    /// The board was found reset; reported once.
     was_reset: bool,
     /// Updates published so far.
     updates: u64,
-    /// A servo cycle and the report's period in servo cycles, as the board has told.
+    /// A servo cycle and the report's period in servo cycles, by the board.
     cycle_ns: Option<u64>,
     cycles: Option<u32>,
     /// The board makes an update in the servo cycle after the last one was taken.
@@ -78,7 +78,7 @@ impl ServoMirror {
         Self::selecting(block, reading, Selection::ALL, time)
     }
 
-    /// As [`ServoMirror::new`], but of the motors' blocks only what `selection` has is read.
+    /// As [`ServoMirror::new`], but the mirror reads only the words of `selection`.
     #[must_use]
     pub fn selecting(
         block: &'static ServoBlock,
@@ -111,7 +111,7 @@ impl ServoMirror {
         }
     }
 
-    /// Clears the host's bit, whoever set it.
+    /// Clears the host's bit, whichever host set it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -140,7 +140,7 @@ impl ServoMirror {
     pub fn set_on_request(&mut self, on_request: bool) {
         if self.on_request != on_request {
             self.on_request = on_request;
-            // What was learnt of the other way says nothing about this one.
+            // The timing learnt from the other way of reading does not hold for this one.
             self.clock = UpdateClock::default();
             self.expect_period();
         }
@@ -205,7 +205,7 @@ impl ServoMirror {
         publisher.set_region_state(RegionId::Servo, RegionState::Off);
     }
 
-    /// Polls once, and publishes the update if there is one.
+    /// Polls once, and publishes an update.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -224,7 +224,7 @@ impl ServoMirror {
                     self.record_host_busy(began);
                 }
                 ServoPoll::First(timer) => {
-                    // One that came while others were read, under a mask that has become wider, is not taken.
+                    // Counts an update missed because the motor mask was just widened.
                     if let (_, Some(passed @ 1..)) = self.timer.advance(timer)
                         && self.freshness.is_live()
                     {
@@ -242,7 +242,7 @@ impl ServoMirror {
         }
         let now = self.time.ns();
         self.clock.poll_empty(began, now);
-        // Silence counts only while somebody polls: after a stop of this thread the deadline starts again.
+        // Silence counts only while this thread polls: after a stop the deadline starts again.
         if self.stood_still(now) {
             self.freshness.reset_deadline(now);
         }
@@ -265,7 +265,7 @@ impl ServoMirror {
         let was_live = self.freshness.is_live();
         let verdict = self.continuity.judge(timer, passed, self.gaps.cycles(), time_ns, was_live);
         if verdict != Verdict::Continuous {
-            // What was read may be zeros. From here on a new stretch begins, with the next update.
+            // The read words may be zeros. A new stretch begins with the next update.
             if verdict == Verdict::Reset {
                 publisher.counters().add(Counter::Resets, 1);
                 self.was_reset = true;
@@ -275,7 +275,7 @@ impl ServoMirror {
             return None;
         }
         let passed = self.continuity.whole(passed, self.gaps.cycles(), time_ns);
-        // What the board did while it reported nothing is no update that could have been missed.
+        // While the board reported nothing, it made no update that the mirror could have missed.
         let updates = if was_live { self.gaps.updates(passed) } else { 1 };
         // The clock keeps to the servo cycles where each of them may bring an update.
         let every_cycle = self.on_request || self.gaps.is_untold();
@@ -298,7 +298,7 @@ impl ServoMirror {
         if transition.is_some() {
             publisher.set_region_state(RegionId::Servo, RegionState::Live);
         }
-        // Where the period is not told, the clock keeps to servo cycles.
+        // Without a told period, the clock keeps to servo cycles.
         self.follow_period(publisher, if self.gaps.is_untold() { passed } else { 1 });
         transition
     }
@@ -331,13 +331,14 @@ impl ServoMirror {
         }
     }
 
-    /// Keeps the limit of staleness at ten periods of what the updates really come at, so many of the clock's.
+    /// Keeps the limit of staleness at ten periods of the updates' real distance, which is `clocks` of the clock's
+    /// periods.
     fn follow_period(&mut self, publisher: &Publisher, clocks: u64) {
         let Some(period) = self.clock.period_ns() else { return };
-        // One pause says nothing of what comes behind it, nor does a long one.
+        // A single pause, or a long one, says nothing of the updates behind it.
         let whole = period.saturating_mul(clocks.min(std::mem::replace(&mut self.clocks_before, clocks)));
         let period = if (STALE_NS / 10..=LONGEST_PERIOD_NS).contains(&whole) { whole } else { period };
-        // What is learnt wavers by less.
+        // The learnt period wavers by less.
         if period.abs_diff(self.published_period_ns) > self.published_period_ns / 512 {
             self.published_period_ns = period;
             self.freshness.set_limit(limit_ns(STALE_NS, period));

@@ -23,7 +23,7 @@ pub const PAYLOAD_WORDS: usize = variable::payload_words(VARIABLE_READ_ENTRIES);
 const TIMER_BITS: u32 = 16;
 /// How often to poll for new values; PMAC's background cycle takes some milliseconds.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
-/// How often to poll at most while there is work to go on with.
+/// The shortest time between polls while there is work to go on with.
 const BUSY_POLL_PERIOD: Duration = Duration::from_micros(50);
 /// Without new values for this long the region is stale, in ns.
 const STALE_NS: u64 = 1_000_000_000;
@@ -80,7 +80,7 @@ impl VariableMirror {
         }
     }
 
-    /// Stops the function, whoever started it. To be called at the start and on every way out. 2 writes.
+    /// Stops the function, whichever host started it. Called at the start and on every way out. 2 writes.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -134,13 +134,13 @@ impl VariableMirror {
         self.table
     }
 
-    /// When to poll next; `None` while there is no table.
+    /// The time of the next poll; `None` without a table.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         (!self.reader.entries().is_empty()).then_some(self.next_poll)
     }
 
-    /// Polls once; publishes what is new.
+    /// Polls once; publishes new values.
     ///
     /// # Errors
     /// When the bus cannot be reached.

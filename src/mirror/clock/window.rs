@@ -1,4 +1,4 @@
-//! The earliest finds of a window of updates, and what they say of the board's period and phase.
+//! The earliest finds of a window of updates, and the board's period and phase in them.
 //!
 //! A poll finds an update late by any amount, and never early. So the earliest finds count, as the lower hull of
 //! one-way delays gives the skew of two clocks. An empty poll bounds an update from below.
