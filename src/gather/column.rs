@@ -1,4 +1,4 @@
-//! What the longs of a sample say, and when it was taken.
+//! The meaning of a sample's longs, and its time.
 
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ pub struct Column {
     pub register: String,
     /// How its longs are read.
     pub reading: Reading,
-    /// What the number read is multiplied by to have `unit`.
+    /// Factor from the read number to `unit`.
     pub factor: f64,
     /// The unit; empty where none is known.
     pub unit: &'static str,
@@ -61,8 +61,8 @@ impl Column {
     }
 }
 
-/// The fields of a table of samples: `sample` (of lost ones the rows are missing, so that it jumps), [`SampleClock::title`], the
-/// columns.
+/// The fields of a table of samples: `sample` (rows of lost samples are missing, so the number jumps),
+/// [`SampleClock::title`], the columns.
 #[must_use]
 pub fn fields(columns: &[Column], clock: SampleClock) -> Vec<Field> {
     let time = if clock.servo_period_ns.is_some() { Kind::Seconds } else { Kind::Real };
@@ -70,7 +70,7 @@ pub fn fields(columns: &[Column], clock: SampleClock) -> Vec<Field> {
     own.into_iter().chain(columns.iter().map(Column::field)).collect()
 }
 
-/// The values of one sample, appended to `values`. What the sample is too short for is not a number.
+/// Appends the values of one sample to `values`. A value behind the sample's end is not a number.
 pub fn decode(columns: &[Column], sample: &[u32], values: &mut Vec<f64>) {
     let mut rest = sample;
     for column in columns {

@@ -1,4 +1,4 @@
-//! The lines that make a board gather, and what the samples will hold (DPRAM manual p. 25-26).
+//! The lines that make a board gather, and the samples' contents (DPRAM manual p. 25-26).
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use crate::map::{IVariables, Layout, PmacRegister};
 /// The longest period in servo cycles.
 pub const MOST_PERIOD: u32 = 8_388_607;
 
-/// What happens at the buffer's end.
+/// The board's action at the buffer's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GatherMode {
@@ -20,18 +20,18 @@ pub enum GatherMode {
     Wrap,
 }
 
-/// What is to be gathered.
+/// A request to gather.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GatherRequest {
     /// The sources, all different: 1 to 24 on PMAC and PMAC2.
     pub sources: Vec<Source>,
     /// Servo cycles from one sample to the next (I19), 1 or more. The servo report comes as often.
     pub period: u32,
-    /// What happens at the buffer's end.
+    /// The board's action at the buffer's end.
     pub mode: GatherMode,
-    /// The buffer's length in longs, rounded up to whole samples; `None` takes all the room there is. Buffers for
-    /// variables and binary rotary programs lie in the same room: where there are any, give what
-    /// [`crate::map::buffer_layout`] leaves, less a sample for the rounding.
+    /// The buffer's length in longs, rounded up to whole samples; `None` takes all the room. Buffers for variables and
+    /// binary rotary programs share the room: with any of them, give the rest by [`crate::map::buffer_layout`], less a
+    /// sample for the rounding.
     pub buffer_longs: Option<u32>,
 }
 
@@ -44,11 +44,11 @@ pub struct GatherPlan {
     pub sample_longs: u32,
     /// Longs of the buffer, a multiple of `sample_longs`.
     pub buffer_longs: u32,
-    /// What happens at its end.
+    /// The board's action at the buffer's end.
     pub mode: GatherMode,
     /// Servo cycles from one sample to the next.
     pub period: u32,
-    /// What the samples hold, in order.
+    /// The samples' contents, in order.
     pub columns: Vec<Column>,
 }
 
@@ -79,7 +79,7 @@ pub enum PlanError {
         "a period of {period} servo cycles is not possible; 1 to {MOST_PERIOD} are (I{variable}; 0 stops gathering)"
     )]
     Period {
-        /// What was asked for.
+        /// The requested period.
         period: u32,
         /// The I-variable of the period.
         variable: u16,
@@ -93,7 +93,7 @@ pub enum PlanError {
         longs: u32,
         /// Longs of one sample.
         sample_longs: u32,
-        /// The most there is room for.
+        /// The longest buffer that fits.
         room: u32,
         /// Where the board has the buffer, as a PMAC address.
         start: String,

@@ -1,4 +1,4 @@
-//! What number the longs of a register are.
+//! The number in a register's longs.
 
 use serde::Serialize;
 

@@ -1,9 +1,9 @@
-//! What can be gathered, by name or by address.
+//! The sources of a gather, by name or by address.
 //!
-//! The names are those of the register table: what the servo and background reports copy from one PMAC register can be
-//! gathered from that register. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's,
-//! `servo_timer` the board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`,
-//! `L:$1005`; a 24-bit word is signed unless `,u` follows.
+//! The names are those of the register table: a register that the servo or background report copies can be gathered by
+//! the report's name. `3.actual_position` is motor 3's, `cs2.program_status` coordinate system 2's, `servo_timer` the
+//! board's servo counter. Any other register goes by its address: `Y:$C003`, `X:$0033`, `D:$002B`, `L:$1005`; a 24-bit
+//! word is signed unless `,u` follows.
 
 use super::reading::Reading;
 use crate::map::table::{Format, NumberKind};
@@ -12,7 +12,7 @@ use crate::map::{BadRegister, Entry, Family, Layout, PmacRegister, SourceAt};
 /// One source of a gather.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// What it was asked for as; the column's name.
+    /// The source as typed; the column's name.
     pub name: String,
     /// The register, with its code for I21 to I44.
     pub register: PmacRegister,
@@ -20,7 +20,7 @@ pub struct Source {
     pub reading: Reading,
     /// The unit of the integer or number in the register, empty where none is known.
     pub units: &'static str,
-    /// The motor whose I-variables scale it.
+    /// The motor whose I-variables scale the source.
     pub motor: Option<usize>,
 }
 
@@ -28,7 +28,7 @@ pub struct Source {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SourceError {
-    /// An address, but not one that can be gathered.
+    /// An address that the board cannot gather.
     #[error(transparent)]
     Address(#[from] BadRegister),
     /// A difference of two registers.
@@ -52,17 +52,17 @@ pub enum SourceError {
         /// The last coordinate system.
         systems: usize,
     },
-    /// No register of that name.
+    /// No register has this name.
     #[error("{text:?} is not known; {known}, or an address such as X:$0033")]
     Name {
         /// The text.
         text: String,
-        /// The names there are for such a prefix, as a sentence.
+        /// The names with this prefix, as a sentence.
         known: String,
     },
 }
 
-/// Whose register a name is for.
+/// The owner of the register behind a name.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Owner {
     Board,
@@ -172,7 +172,7 @@ impl Source {
     }
 }
 
-/// Splits a name into whose it is, which one's, and the rest.
+/// Splits a name into its owner, the owner's number, and the rest.
 fn owner<'a>(text: &'a str, layout: &Layout) -> Result<(Owner, Option<usize>, &'a str), SourceError> {
     let Some((prefix, name)) = text.split_once('.') else { return Ok((Owner::Board, None, text)) };
     let family = layout.family();
