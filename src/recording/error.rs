@@ -22,7 +22,7 @@ pub enum RecordingError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
     /// A file is no part of a recording that this program reads.
@@ -30,7 +30,7 @@ pub enum RecordingError {
     Unfit {
         /// The file or directory.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
 }

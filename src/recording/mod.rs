@@ -10,8 +10,8 @@
 //! | `variables.pmc` | variables and definitions, as `pmacctl backup` writes them |
 //! | `system.json` | the kernel, the device in sysfs, the latencies |
 //!
-//! Times are CLOCK_MONOTONIC in nanoseconds. A capture that was cut short holds whole lines and whole images, but for its last
-//! line; its `about.json` says so.
+//! Times are CLOCK_MONOTONIC in nanoseconds. A capture that was cut short holds whole lines and whole images, but for
+//! its last line; its `about.json` says so.
 
 mod error;
 mod read;

@@ -25,7 +25,7 @@ const LARGEST: u64 = 16 << 20;
 /// A recording in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
-    /// What it is about.
+    /// The capture's board and settings.
     pub about: About,
     /// The images, in the order of their times.
     pub images: Vec<Image>,
@@ -46,7 +46,7 @@ impl Recording {
     /// [`RecordingError`], which names the file, and of a damaged one the line.
     pub fn read(directory: &Path) -> Result<Self, RecordingError> {
         let about = about(directory)?;
-        // Before an image is read: what no board has would be gigabytes of memory.
+        // Checked before an image is read: an impossible size would take gigabytes of memory.
         about.family(directory)?;
         let accesses = Accesses::of(directory, &about)?.collect::<Result<_, _>>()?;
         let answers = answers(directory, &about)?;
@@ -88,10 +88,10 @@ impl About {
         about(directory)
     }
 
-    /// The board's family, with as much DPRAM as it has. The recording is in `directory`.
+    /// The board's family, with the capture's size of DPRAM. The recording is in `directory`.
     ///
     /// # Errors
-    /// There is none with such a DPRAM.
+    /// No family has such a DPRAM.
     pub fn family(&self, directory: &Path) -> Result<&'static Family, RecordingError> {
         let unfit = |what: String| RecordingError::Unfit { path: directory.join(files::ABOUT), what };
         let family = Family::by_name(&self.family).map_err(|error| unfit(error.to_string()))?;
@@ -100,7 +100,7 @@ impl About {
     }
 }
 
-/// Opens a plain file. Another one, as a FIFO, could keep this program waiting, and what a link leads to is no part of a capture.
+/// Opens a plain file. A FIFO could keep this program waiting, and a link leads out of the capture.
 fn open(path: &Path) -> io::Result<File> {
     let flags = OFlag::O_NOFOLLOW | OFlag::O_NONBLOCK;
     let file = OpenOptions::new().read(true).custom_flags(flags.bits()).open(path).map_err(|error| {
@@ -120,7 +120,7 @@ fn about(directory: &Path) -> Result<About, RecordingError> {
     let text = whole(&path)?.ok_or_else(|| {
         unfit("not there: this is no capture, or one that ended before it began".to_owned())
     })?;
-    // First the version: what it says may look different in another.
+    // The version comes first: another version may write the rest otherwise.
     let document: Value = json(&path, &text)?;
     if document["format"] != FORMAT {
         let format = &document["format"];
@@ -159,7 +159,7 @@ fn image(path: &Path, t_ns: u64, about: &About) -> Result<Image, RecordingError>
     Ok(Image { t_ns, words: words.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect() })
 }
 
-/// A file as text; `None` where there is none.
+/// A file as text; `None` without the file.
 fn whole(path: &Path) -> Result<Option<String>, RecordingError> {
     let file = match open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -182,7 +182,7 @@ fn json<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, RecordingErro
     })
 }
 
-/// Why it is no such document, without the place, which is told apart.
+/// Why the text is no such document, without the place, which the message names apart.
 fn reason(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what).to_owned()
@@ -196,7 +196,7 @@ pub struct Accesses {
 }
 
 impl Accesses {
-    /// Those in `directory`, whose [`About`] is `about`.
+    /// The images in `directory`, whose [`About`] is `about`.
     ///
     /// # Errors
     /// The file cannot be opened.
@@ -221,7 +221,7 @@ impl Iterator for Accesses {
     }
 }
 
-/// The lines of a file, each a JSON document; none where there is no file. Ends behind the first line that is wrong.
+/// The lines of a file, each a JSON document; none without the file. Ends behind the first wrong line.
 pub(super) struct Lines<T> {
     path: PathBuf,
     file: Option<BufReader<File>>,

@@ -1,4 +1,4 @@
-//! What a recording answers to a line: as it was asked, or variable by variable.
+//! A recording's answer to a line: from the same question, or variable by variable.
 
 use std::collections::HashMap;
 
@@ -19,7 +19,7 @@ pub struct Replies {
 }
 
 impl Replies {
-    /// Those of `recording`. What was asked last counts.
+    /// The replies of `recording`. The last answer to a question counts.
     #[must_use]
     pub fn of(recording: &Recording) -> Self {
         let mut replies = Self::default();
@@ -54,14 +54,14 @@ impl Replies {
         Some(Answer { line, reply, refused: None })
     }
 
-    /// Whether it knows where every one of `count` M-variables points.
+    /// Whether the recording knows the definition of each of `count` M-variables.
     #[must_use]
     pub fn has_definitions(&self, count: u16) -> bool {
         (0..count).all(|number| self.variables.contains_key(&format!("M{number}->")))
     }
 }
 
-/// A line as it is compared: capitals, no blanks.
+/// A line for comparison: capitals, no blanks.
 fn plain(line: &str) -> String {
     line.chars().filter(|letter| !letter.is_whitespace()).map(|letter| letter.to_ascii_uppercase()).collect()
 }
@@ -105,7 +105,7 @@ fn asked(line: &str) -> Option<Vec<String>> {
         }
         let arrow = if behind.starts_with("->") { "->" } else { "" };
         rest = &behind[arrow.len()..];
-        // What is assigned or computed begins with none of these.
+        // An assignment or an expression begins with none of these.
         let is_too_many = usize::from(last.saturating_sub(first)) + variables.len() >= MOST_VARIABLES;
         if last < first || is_too_many || arrow == "->" && kind != 'M' {
             return None;
@@ -115,7 +115,7 @@ fn asked(line: &str) -> Option<Vec<String>> {
     (!variables.is_empty()).then_some(variables)
 }
 
-/// The number at the start of `text`, and what follows it.
+/// The number at the start of `text`, and the rest.
 fn number(text: &str) -> Option<(u16, &str)> {
     let end = text.find(|letter: char| !letter.is_ascii_digit()).unwrap_or(text.len());
     Some((text[..end].parse().ok()?, &text[end..]))

@@ -18,10 +18,10 @@ use crate::process::path_of;
 /// Lines are collected up to this many bytes.
 const COLLECTED: usize = 1 << 16;
 
-/// A recording that is being written. Until [`Writer::finish`], its [`About`] says that it is cut short.
+/// An unfinished recording. Until [`Writer::finish`], its [`About`] says that it is cut short.
 ///
-/// It stays in the directory that it began in, whatever is put in its place meanwhile, and nobody else can put a link there: who
-/// records as root would write over another file by it.
+/// The recording stays in its first directory, whatever takes the directory's place, and no other user can put a link
+/// there: through a link, a recording by root would write over another file.
 #[derive(Debug)]
 pub struct Writer {
     directory: PathBuf,
@@ -32,10 +32,10 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Begins one in `directory`, which is made where there is none.
+    /// Begins a recording in `directory`, which is created if it is missing.
     ///
     /// # Errors
-    /// `directory` is not empty, others may write into it, or it cannot be written to.
+    /// `directory` is not empty, other users may write into it, or this process may not.
     pub fn create(directory: &Path, about: &About) -> Result<Self, RecordingError> {
         let held = made(directory).map_err(RecordingError::io(directory))?;
         let inside = path_of(held.as_fd());
@@ -87,7 +87,7 @@ impl Writer {
     /// Adds an image, and sees to it that the files have it.
     ///
     /// # Errors
-    /// Writing fails. What is left of the image is not named by the file of their times.
+    /// Writing fails. The file of the images' times does not name the rest of the image.
     pub fn image(&mut self, t_ns: u64, words: &[u16]) -> Result<(), RecordingError> {
         let file = format!("{:04}.bin", self.image_times.lines);
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -99,12 +99,12 @@ impl Writer {
     /// Writes the variables.
     ///
     /// # Errors
-    /// Writing fails. There is no such file then.
+    /// Writing fails. Then there is no such file.
     pub fn variables(&self, text: &str) -> Result<(), RecordingError> {
         self.put(Path::new(files::VARIABLES), text.as_bytes())
     }
 
-    /// Writes what is known of the machine.
+    /// Writes the facts about the machine.
     ///
     /// # Errors
     /// As [`Self::variables`].
@@ -132,8 +132,8 @@ impl Writer {
         self.image_times.lines
     }
 
-    /// Ends it: writes what is collected, and `about` with the number of accesses. Where `about` says why the recording is cut
-    /// short, or writing fails, it says so for good. Returns the number of accesses.
+    /// Ends the recording: writes the collected accesses, and `about` with their number. If `about` says why the
+    /// recording is cut short, or writing fails, the recording says so for good. Returns the number of accesses.
     ///
     /// # Errors
     /// Writing fails.
@@ -156,7 +156,7 @@ impl Writer {
         self.put(Path::new(name), &text)
     }
 
-    /// Writes a file as a whole, or leaves what was there before.
+    /// Writes a file as a whole, or leaves the old one.
     fn put(&self, name: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
         let path = path_of(self.held.as_fd()).join(name);
         let beside = path.with_extension("partial");
@@ -171,7 +171,7 @@ impl Writer {
     }
 }
 
-/// The directory, opened: a new one, or the one that is there.
+/// The directory, opened: a new or an existing one.
 fn made(directory: &Path) -> io::Result<File> {
     // With a slash behind it, a link would be followed.
     let directory = directory.components().as_path();
@@ -191,7 +191,7 @@ fn created(path: &Path) -> io::Result<File> {
     OpenOptions::new().write(true).create_new(true).mode(0o644).open(path)
 }
 
-/// Who else may write into a directory.
+/// The other users who may write into a directory.
 fn others(directory: &Metadata) -> Option<String> {
     if directory.uid() != geteuid().as_raw() {
         return Some(format!("it belongs to uid {}", directory.uid()));
@@ -212,7 +212,7 @@ struct LineFile {
 }
 
 impl LineFile {
-    /// The file `at`, which is told as `path`.
+    /// The file `at`, which errors name `path`.
     fn create(at: &Path, path: PathBuf) -> Result<Self, RecordingError> {
         let file = created(at).map_err(RecordingError::io(&path))?;
         Ok(Self { path, file, collected: Vec::new(), collected_lines: 0, lines: 0, length: 0 })
