@@ -1,4 +1,4 @@
-//! One board, as a user of it sees it.
+//! One board, as a user sees it.
 //!
 //! A board is attached to the daemon's segment read-only. When the daemon restarts, the board attaches to the new
 //! segment; meanwhile the last data stay readable and say that they are old.

@@ -153,15 +153,15 @@ pub struct Connection {
 /// A line's parameters besides its text, as the method `Send` has them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SendAs {
-    /// It is a question, as that of [`Connection::question`].
+    /// A question, as in [`Connection::question`].
     pub question: Option<bool>,
     /// `true`: the line enters the program buffer that this process has open, or opens one
     /// ([`Connection::send_into_buffer`]). `false`: the line enters no buffer; while one is open, the daemon refuses
     /// it, but for `CLOSE` and on-line commands.
     pub into_buffer: Option<bool>,
-    /// Its jogs without an end end with this connection, as those of [`Connection::send_while_connected`].
+    /// The line's jogs without an end stop with this connection, as in [`Connection::send_while_connected`].
     pub while_connected: Option<bool>,
-    /// They end, too, when nothing is called over this connection for so many milliseconds: [`Connection::jog_renew`].
+    /// These jogs also stop after so many milliseconds without a call over this connection: [`Connection::jog_renew`].
     pub silence_ms: Option<u64>,
 }
 
@@ -271,8 +271,9 @@ impl Connection {
         self.send_as(line, timeout, SendAs { question: Some(true), ..SendAs::default() })
     }
 
-    /// As [`Connection::send`], for a line that belongs into the program buffer that this process has open: when that is closed,
-    /// where the line would be carried out at once, or another one's is open, it is refused and not sent.
+    /// As [`Connection::send`], for a line of the program buffer that this process has open. The daemon refuses the
+    /// line if that buffer is closed, where the board would carry the line out at once, or if another process's buffer
+    /// is open.
     ///
     /// # Errors
     /// As [`Connection::send`].

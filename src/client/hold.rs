@@ -25,11 +25,11 @@ pub fn jogs_by_panel(connection: &mut Connection) -> Result<bool, CommandError> 
         && connection.info()?.leaves_free(Function::Panel))
 }
 
-/// A held jog. The stop is requested when it is dropped. In a forked child it does nothing: the parent holds the jog.
+/// A held jog. Dropping it requests the stop, but not in a forked child: the parent holds the jog.
 #[derive(Debug)]
 pub struct HeldJog {
     numbers: Vec<u8>,
-    /// The process that holds it.
+    /// The holder's process.
     process: u32,
     /// Dropped to end the renewing.
     tell: Option<SyncSender<()>>,

@@ -40,7 +40,7 @@ impl<'a> Motor<'a> {
         servo.motors.iter().map(one).collect()
     }
 
-    /// Those of them that are shown.
+    /// The activated motors of `motors`.
     #[must_use]
     pub fn activated(mut motors: Vec<Self>) -> Vec<Self> {
         motors.retain(|motor| motor.servo.is_activated());

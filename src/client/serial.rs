@@ -34,7 +34,7 @@ pub const BAUD_RATES: [u32; 8] = [1200, 2400, 4800, 9600, 19_200, 38_400, 57_600
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SerialError {
-    /// It cannot be opened or set.
+    /// The system cannot open or set the line.
     #[error("{path}: {source}")]
     Port {
         /// The device.
@@ -42,13 +42,13 @@ pub enum SerialError {
         /// The system's error.
         source: io::Error,
     },
-    /// It is something else.
+    /// The path is no serial line.
     #[error("{path}: not a serial line")]
     NotSerial {
         /// The path.
         path: PathBuf,
     },
-    /// Another program holds it.
+    /// Another program holds the line.
     #[error("{path}: another program uses it")]
     InUse {
         /// The device.
@@ -287,11 +287,11 @@ impl SerialLine {
 
 /// Whether the received bytes are an answer.
 enum Finish {
-    /// It is.
+    /// An answer.
     Now,
-    /// It is, if nothing more comes for [`QUIET`].
+    /// An answer, if no byte follows for [`QUIET`].
     AfterSilence,
-    /// It is not.
+    /// No answer yet.
     No,
 }
 

@@ -35,9 +35,9 @@ pub struct Handshake {
 pub enum Answer {
     /// More has to come.
     Unfinished,
-    /// It is complete if nothing more comes for a while.
+    /// Complete if no byte follows for a while.
     PerhapsComplete(Reply),
-    /// It is complete.
+    /// Complete.
     Complete(Reply),
 }
 

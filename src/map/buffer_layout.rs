@@ -194,7 +194,7 @@ impl fmt::Display for Owner {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotUserArea {
-    /// They belong to a function.
+    /// The words belong to a function.
     #[error("{offset} ({address}) belongs to {owner}; {user}")]
     Owned {
         /// The first word that does.
@@ -206,7 +206,7 @@ pub enum NotUserArea {
         /// The user's part of the DPRAM.
         user: String,
     },
-    /// They lie outside the DPRAM.
+    /// The words lie outside the DPRAM.
     #[error("{offset} lies outside the DPRAM")]
     Outside {
         /// The first word that does.

@@ -142,7 +142,7 @@ impl BusyRule {
 pub enum ReportStart {
     /// The first `GATHER` while it is enabled; one more starts data gathering (DPRAM manual p. 14).
     Gather,
-    /// That it is enabled (Turbo User Manual p. 403).
+    /// The I-variable that enables it (Turbo User Manual p. 403).
     Enable,
 }
 
@@ -333,7 +333,7 @@ pub mod response {
     pub const MESSAGE: u16 = 0x020D;
     /// End of the reply.
     pub const ACKNOWLEDGE: u16 = 0x0006;
-    /// This bit: an error; bits 11-0 are its number in three BCD digits.
+    /// The bit of an error; bits 11-0 are its number in three BCD digits.
     pub const ERROR: u16 = 1 << 15;
 }
 
@@ -460,7 +460,7 @@ pub mod panel_request {
 pub enum Controller {
     /// An 8259, on a PMAC(1) for the ISA bus.
     Pic8259,
-    /// That of a PMAC2.
+    /// A PMAC2's own circuit.
     Pmac2,
 }
 

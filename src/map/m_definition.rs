@@ -22,7 +22,7 @@ pub enum MDefinition {
         offset: u32,
         /// How many.
         width: u32,
-        /// How they are read, `U` where nothing is said.
+        /// The bits' reading; `U` without one.
         format: char,
     },
     /// A whole register: `D:$28`, `L:$1000`, `F:$D210`, `DP:$D200`.
@@ -38,7 +38,7 @@ pub enum MDefinition {
         kind: char,
         /// The numbers behind.
         arguments: [Option<f64>; THUMBWHEEL_ARGUMENTS],
-        /// How they are read, `U` where nothing is said.
+        /// The bits' reading; `U` without one.
         format: char,
     },
 }

@@ -31,7 +31,7 @@ pub fn parse(text: &str) -> Result<u32, BadNumber> {
 const LISTED_WITHIN: f64 = 6e-10;
 const LISTED_SHARE: f64 = 1e-10;
 
-/// Whether a board that is given one number may list the other. Whole numbers are listed as they are.
+/// Whether a board that gets one number may list the other. Whole numbers are listed unchanged.
 #[must_use]
 pub fn same_when_listed(one: f64, other: f64) -> bool {
     let is_whole = one.fract() == 0.0 && other.fract() == 0.0;

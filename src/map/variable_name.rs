@@ -29,10 +29,10 @@ pub enum VariableName {
 /// Text that names neither a register nor a function block.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BadVariable {
-    /// It looks like a register.
+    /// The text looks like a register.
     #[error(transparent)]
     Register(#[from] BadRegister),
-    /// It looks like a function block.
+    /// The text looks like a function block.
     #[error(
         "{text:?} is no function block; write PLCC:7, or PLCC:X:7 and PLCC:Y:7 for its words, with a number up to 65535"
     )]

@@ -43,7 +43,7 @@ pub struct BackgroundMirror {
     period_ns: u64,
     due_ns: u64,
     last_poll_ns: u64,
-    /// A report is asked for.
+    /// The mirror has asked for a report.
     asked: Option<Asked>,
     /// The board may be at one under another count, which is not taken.
     is_outdated: bool,
@@ -67,7 +67,7 @@ struct Told {
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     at_ns: u64,
-    /// It was not there at this time.
+    /// The report was not there at this time.
     not_before_ns: u64,
     /// When its first words were read.
     began_ns: Option<u64>,

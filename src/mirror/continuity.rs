@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn what_nobody_knows_tells_of_no_reset() {
         let mut continuity = Continuity::new(TIMER_BITS);
-        // No update yet: what lay there is of unknown age.
+        // No update yet: the age of the present report is unknown.
         continuity.expect_cycle(CYCLE_NS);
         assert_eq!(continuity.judge(7, 20_000, Some(1), 1_000_000_000, false), Verdict::Continuous);
         assert_eq!(continuity.judge(0, 20_000, Some(1), 1_000_000_000, false), Verdict::Reset, "cleared");
@@ -260,7 +260,7 @@ mod tests {
             continuity.on_update(now, (update > 0).then_some(1));
         }
         assert_eq!(continuity.elapsed(now + 1000 * CYCLE_NS), Some(1000));
-        // It became slower, and is followed.
+        // The servo clock became slower; the estimate follows.
         for _ in 0..30_000 {
             now += 2 * CYCLE_NS;
             continuity.on_update(now, Some(1));

@@ -1,4 +1,4 @@
-//! Whether a region's data still come: one transition each way, so that each is said once.
+//! Whether a region's data still come: one transition each way, so that the log tells each once.
 
 use crate::segment::freshness::is_old;
 
@@ -59,7 +59,7 @@ impl Freshness {
         self.last_ns = self.last_ns.max(now_ns);
     }
 
-    /// None came; it is `now_ns`.
+    /// No data came until `now_ns`.
     pub fn timeout(&mut self, now_ns: u64) -> Option<Transition> {
         let over = self.live && is_old(self.last_ns, now_ns, self.limit_ns);
         if over {

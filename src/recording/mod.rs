@@ -91,7 +91,7 @@ pub struct Access {
 }
 
 impl Access {
-    /// What is wrong with it, for a DPRAM of `length` bytes.
+    /// The fault of this access in a DPRAM of `length` bytes.
     fn fault(&self, length: u32) -> Option<String> {
         let bytes = match self.width {
             16 if self.value > u32::from(u16::MAX) => {
@@ -147,7 +147,7 @@ pub struct Image {
     pub words: Vec<u16>,
 }
 
-/// What the board answered to a command line.
+/// The board's answer to a command line.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Answer {
@@ -160,7 +160,7 @@ pub struct Answer {
     pub refused: Option<String>,
 }
 
-/// What a recording is about.
+/// The head of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct About {
@@ -196,8 +196,8 @@ pub struct About {
     pub accesses: u64,
     /// Accesses that the trace lacks, because the daemon's buffer for them was full.
     pub dropped: u64,
-    /// Why it ended early; `None` for one that is whole. While it is being written: that it is.
+    /// Why the recording ended early; `None` for a whole one. An unfinished one says that it is unfinished.
     pub cut_short: Option<String>,
-    /// What is left out, and why, one sentence each.
+    /// The parts left out, and why, one sentence each.
     pub left_out: Vec<String>,
 }

@@ -43,7 +43,7 @@ impl Replies {
         if let Some(answer) = self.lines.get(&line) {
             return Some(answer.clone());
         }
-        // It is asked several times in one line, to know its answers by their number.
+        // `SIZE` several times in one line, to tell its answers by their number.
         if let Some(size) = self.lines.get(SIZE).filter(|size| size.refused.is_some())
             && line.replace(SIZE, "").is_empty()
         {

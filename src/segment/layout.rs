@@ -196,7 +196,7 @@ impl RegionState {
         }
     }
 
-    /// How it is called: `off`, `live` or `stale`.
+    /// Its name: `off`, `live` or `stale`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

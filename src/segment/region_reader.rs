@@ -12,11 +12,11 @@ pub(super) const ATTEMPTS: u32 = 16;
 /// The result of reading one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Read {
-    /// It was copied.
+    /// The sample was copied.
     Sample,
-    /// It is not published yet.
+    /// The sample is not published yet.
     NotYet,
-    /// It was overwritten.
+    /// The sample was overwritten.
     Lost {
         /// The oldest sample that may still be there.
         first_available: u64,

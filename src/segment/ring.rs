@@ -2,7 +2,7 @@
 //!
 //! Generic over the memory, so that the protocol also runs under a model checker (`tests/it/segment_loom.rs`). There it
 //! copies a slot word by word; shared memory on x86-64 copies vectors (`segment/wide_copy.rs` explains why that is
-//! equivalent). The order of the accesses is that of [`super::layout`], "Writing" and "Reading".
+//! equivalent). The order of the accesses is that of [`super::layout`], "Head and slots".
 //!
 //! Why a reader's copy is whole: suppose a word of it was written for a later sample in the same slot. The acquire
 //! fence after the copy pairs with the writer's release fence before that word, so the load of the sequence after the

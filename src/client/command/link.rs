@@ -106,7 +106,7 @@ mod tests {
         let (ours, mut theirs) = UnixStream::pair().unwrap();
         let mut link = Link::new(ours);
         theirs.write_all(b"{\"parameters\":{\"lines\":[]}}\0{\"par").unwrap();
-        // It goes on, and its deadline has passed.
+        // The process goes on, and the deadline has passed.
         let passed = Instant::now();
         assert!(link.next_reply(passed).unwrap().parameters.is_some());
         let error = link.next_reply(passed).unwrap_err();

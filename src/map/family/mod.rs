@@ -275,7 +275,7 @@ impl Family {
         family.ok_or_else(|| UnknownFamily { name: name.to_owned() })
     }
 
-    /// This family with a DPRAM of `length` bytes; `None` when no board of the family has that.
+    /// This family with a DPRAM of `length` bytes; `None` if no board of the family has that size.
     #[must_use]
     pub fn with_length(&self, length: u32) -> Option<&'static Self> {
         let families = FAMILIES.iter().chain(OTHER_LENGTHS).copied();
@@ -288,7 +288,7 @@ impl Family {
         families.filter(|family| family.name == self.name).map(|family| family.length)
     }
 
-    /// This family with a DPRAM of the size that `name` of [`DPRAM_SIZES`] says.
+    /// This family with the DPRAM size `name` of [`DPRAM_SIZES`].
     ///
     /// # Errors
     /// The names of the sizes that the family has.

@@ -18,11 +18,11 @@ pub const fn payload_words(longs: usize) -> usize {
 pub enum GatherPhase {
     /// More samples follow.
     Running = 0,
-    /// It has ended.
+    /// The gather has ended.
     Ended = 1,
     /// Another client redefined the buffer, or the board was reset.
     Redefined = 2,
-    /// It paused; the number of samples lost is unknown.
+    /// The gather paused; the number of lost samples is unknown.
     Interrupted = 3,
 }
 
