@@ -187,7 +187,6 @@ pub fn right_verb(error: &clap::Error) -> Option<String> {
         "registers" | "addresses" => "board map",
         "enable" | "isa" | "vme" => "setup",
         "sim" | "simulate" => "demo",
-        "compare" => "diff",
         "help" => "--help",
         _ => return None,
     };
