@@ -24,18 +24,19 @@ use crate::function::servo::Motion;
 use crate::map::Motors;
 
 /// How motors were set in motion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Way {
     /// By the panel, as long as this client holds them.
     Held(Account),
     /// By a command line, as long as its client is connected.
     Line,
     /// By the panel, and nobody holds them.
+    #[default]
     Panel,
 }
 
 /// A command, and the motors that still obey it.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Row {
     motors: Motors,
     client: u64,
@@ -57,21 +58,6 @@ struct Row {
 }
 
 impl Row {
-    fn new(way: Way, client: u64, motors: Motors, until: Option<Instant>) -> Self {
-        Self {
-            motors,
-            client,
-            way,
-            until,
-            silence: None,
-            moved: Motors::NONE,
-            stands: BTreeMap::new(),
-            over: None,
-            has_ended: false,
-            told: Motors::NONE,
-        }
-    }
-
     const fn is_hold(&self) -> bool {
         matches!(self.way, Way::Held(_))
     }
@@ -101,7 +87,8 @@ impl Row {
         self.motors.without(self.stood(now))
     }
 
-    fn is_over(&mut self, why: HoldEnd, until: Instant) {
+    /// It ends at `until`, unless something else stops its motors before.
+    fn end(&mut self, why: HoldEnd, until: Instant) {
         (self.over, self.until) = (Some(why), Some(until));
     }
 
@@ -110,15 +97,6 @@ impl Row {
         let stands = self.stands.values().min().map(|since| *since + JOG_STANDS);
         stands.filter(|_| self.is_live() && self.over.is_none()).into_iter().chain(self.until).min()
     }
-}
-
-/// What has lapsed.
-#[derive(Debug, Default)]
-pub struct Lapsed {
-    /// The motors to be stopped.
-    pub motors: Motors,
-    /// The clients that held some of them.
-    pub holders: Vec<u64>,
 }
 
 /// Every command that motors obey, and the holds of which their clients have not heard that they are over.
@@ -139,7 +117,7 @@ impl Ledger {
     /// board must have taken the jog, and after that from renewal to renewal.
     pub fn hold(&mut self, client: u64, holder: Account, motors: Motors, begun: Instant) {
         let before = self.place_of_hold(client).map(|at| self.0.swap_remove(at));
-        let mut row = Row::new(Way::Held(holder), client, motors, Some(begun));
+        let mut row = Row { motors, client, way: Way::Held(holder), until: Some(begun), ..Row::default() };
         if let Some(before) = before.filter(Row::is_live) {
             row.motors.add(before.motors);
             row.until = row.until.max(before.until);
@@ -147,23 +125,18 @@ impl Ledger {
         self.0.push(row);
     }
 
-    /// `motors` jog for `client`, who may be silent for so long: the board has carried its line out.
+    /// `motors` may jog for `client`, who may be silent for so long. The jogs of others go on in the ledger until the board is known to
+    /// have carried the line out ([`Self::commanded`]).
     pub fn jog_by_line(&mut self, client: u64, motors: Motors, silence: Option<Duration>, now: Instant) {
-        self.commanded(motors);
-        self.may_jog_by_line(client, motors, silence, now);
-    }
-
-    /// As [`Self::jog_by_line`], where the board may not have carried it out: the jogs of others are not over.
-    pub fn may_jog_by_line(&mut self, client: u64, motors: Motors, silence: Option<Duration>, now: Instant) {
         self.remove(motors, |row| row.way == Way::Line && row.client == client);
         let until = silence.map(|silence| now + silence);
-        self.add(Row { silence, ..Row::new(Way::Line, client, motors, until) });
+        self.add(Row { motors, client, way: Way::Line, until, silence, ..Row::default() });
     }
 
     /// The board has taken a panel request that sets `motors` in motion, or may have. Nobody holds them.
     pub fn jog_by_panel(&mut self, motors: Motors) {
         self.remove(motors, |row| row.way == Way::Panel);
-        self.add(Row::new(Way::Panel, u64::MAX, motors, None));
+        self.add(Row { motors, client: u64::MAX, ..Row::default() });
     }
 
     fn add(&mut self, row: Row) {
@@ -192,20 +165,19 @@ impl Ledger {
         self.commanded(motors);
         self.remove(motors, |row| row.is_live() && row.client == client);
         for row in self.held().filter(|row| row.client != client && row.motors.meets(motors)) {
-            row.is_over(HoldEnd::Stopped(by, row.motors.among(motors)), now);
+            row.end(HoldEnd::Stopped(by, row.motors.among(motors)), now);
         }
     }
 
     /// `character`, which stops every motor, is on its way to the board. No hold is renewed any more, and no stop is requested
     /// unless the board has not taken the character in the time of a lease.
     pub fn stop_all_begins(&mut self, character: u8, now: Instant) {
-        self.held().for_each(|row| row.is_over(HoldEnd::Control(character), now + HOLD_LEASE));
+        self.held().for_each(|row| row.end(HoldEnd::Control(character), now + HOLD_LEASE));
     }
 
-    /// The board has taken a character that stops every motor: the holds that [`Self::stop_all_begins`] marked have ended, and so
-    /// has every other row. The clients that had a hold.
+    /// The board has taken a character that stops every motor: the holds that [`Self::stop_all_begins`] marked have ended, with
+    /// every other row ([`Self::commanded`]). The clients that had a hold.
     pub fn all_stopped(&mut self) -> Vec<u64> {
-        self.commanded(Motors::ALL);
         let mut holders = Vec::new();
         for row in self.0.iter_mut().filter(|row| row.is_live()) {
             if let Some(end @ HoldEnd::Control(_)) = row.over {
@@ -219,19 +191,19 @@ impl Ledger {
 
     /// The board does not read the control panel any more, by which every hold is renewed and stopped.
     pub fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
-        self.held().for_each(|row| row.is_over(HoldEnd::PanelEnded(by), now));
+        self.held().for_each(|row| row.end(HoldEnd::PanelEnded(by), now));
     }
 
     /// The daemon ends, and with it every jog that is to end with a client.
     pub fn daemon_ends(&mut self, now: Instant) {
         let ends = self.0.iter_mut().filter(|row| row.way != Way::Panel && row.over.is_none());
-        ends.for_each(|row| row.is_over(HoldEnd::DaemonEnds, now));
+        ends.for_each(|row| row.end(HoldEnd::DaemonEnds, now));
     }
 
     /// The motors move and stand so, and the loops of those in `opened` have opened.
     pub fn see(&mut self, motion: Motion, opened: Motors, now: Instant) {
         for row in self.held().filter(|row| row.motors.meets(opened)) {
-            row.is_over(HoldEnd::OpenLoop(row.motors.among(opened)), now);
+            row.end(HoldEnd::OpenLoop(row.motors.among(opened)), now);
         }
         self.0.retain_mut(|row| {
             if !row.is_hold() {
@@ -288,36 +260,37 @@ impl Ledger {
         stands.filter(|_| is_its_own).map_or(Ok(is_its_own), Err)
     }
 
-    /// Ends every row whose client is silent or not there (`is_there`), and the holds whose motors have stood for long enough. What is to
-    /// be stopped.
-    pub fn lapse(&mut self, is_there: impl Fn(u64) -> bool, now: Instant) -> Lapsed {
+    /// Ends every row whose client is silent or not there (`is_there`), and the holds whose motors have stood for long enough. The motors
+    /// to be stopped, and the clients that held some of them.
+    pub fn lapse(&mut self, is_there: impl Fn(u64) -> bool, now: Instant) -> (Motors, Vec<u64>) {
         for row in self.held() {
             let stood = row.stood(now);
             if !stood.is_empty() {
-                row.is_over(HoldEnd::Stands(stood), now);
+                row.end(HoldEnd::Stands(stood), now);
             }
         }
-        let mut lapsed = Lapsed::default();
+        let (mut stopped, mut holders) = (Motors::NONE, Vec::new());
         self.0.retain_mut(|row| {
+            let is_late = row.until.is_some_and(|until| until <= now);
             // A control character gets its time to stop the motors, whether their holder waits for that or not.
             let may_be_gone = row.way != Way::Panel && !matches!(row.over, Some(HoldEnd::Control(_)));
-            let is_late = row.until.is_some_and(|until| until <= now);
-            if row.has_ended || !is_late && !(may_be_gone && !is_there(row.client)) {
+            let is_gone = may_be_gone && !is_there(row.client);
+            if row.has_ended || !(is_late || is_gone) {
                 return true;
             }
             let motors = if row.is_hold() { row.motors } else { row.going(now) };
             if !motors.is_empty() {
                 tell_lapse(row, motors);
             }
-            lapsed.motors.add(motors);
+            stopped.add(motors);
             (row.has_ended, row.until) = (true, None);
             if row.is_hold() {
                 row.over.get_or_insert(HoldEnd::Silent);
-                lapsed.holders.push(row.client);
+                holders.push(row.client);
             }
             row.is_hold()
         });
-        lapsed
+        (stopped, holders)
     }
 
     /// `client` is gone, and will not ask why its hold ended.

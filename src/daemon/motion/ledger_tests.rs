@@ -17,9 +17,15 @@ fn ms(count: u64) -> Duration {
     Duration::from_millis(count)
 }
 
+/// A line that jogs the motors of these `bits` was carried out.
+fn jogs(ledger: &mut Ledger, client: u64, bits: u32, silence: Option<Duration>, now: Instant) {
+    ledger.commanded(motors(bits));
+    ledger.jog_by_line(client, motors(bits), silence, now);
+}
+
 /// The motors whose stop is to be requested.
 fn ended(ledger: &mut Ledger, now: Instant, is_there: impl Fn(u64) -> bool) -> u32 {
-    ledger.lapse(is_there, now).motors.bits()
+    ledger.lapse(is_there, now).0.bits()
 }
 
 #[test]
@@ -34,8 +40,7 @@ fn silence_and_absence_end_a_hold_and_renewal_does_not() {
     assert_eq!(ended(&mut ledger, now + HOLD_LEASE, |_| true), 0b10);
     assert_eq!(ended(&mut ledger, now + HOLD_LEASE, |_| true), 0);
     assert_eq!(ledger.renew(8, now), Err(Some(HoldEnd::Silent)));
-    let lapsed = ledger.lapse(|client| client != 7, now + HOLD_LEASE);
-    assert_eq!((lapsed.motors.bits(), lapsed.holders), (0b101, vec![7]));
+    assert_eq!(ledger.lapse(|client| client != 7, now + HOLD_LEASE), (motors(0b101), vec![7]));
     assert_eq!(ledger.next_moment(), None);
     ledger.hold(7, HOLDER, motors(0b101), now + HOLD_LEASE);
     ledger.stopped(7, HOLDER, motors(0b001), now);
@@ -147,8 +152,8 @@ fn a_jog_by_line_ends_with_its_client_unless_it_is_over_or_anothers() {
     let now = Instant::now();
     let at = |count| now + ms(count);
     let mut ledger = Ledger::default();
-    ledger.jog_by_line(7, motors(0b111), None, now);
-    ledger.jog_by_line(8, motors(0b010), None, now);
+    jogs(&mut ledger, 7, 0b111, None, now);
+    jogs(&mut ledger, 8, 0b010, None, now);
     ledger.commanded(motors(0b001));
     assert_eq!(ledger.held_by_another(9, Motors::ALL), None, "anybody may command them");
     assert_eq!(ended(&mut ledger, now, |client| client != 7), 0b100);
@@ -157,7 +162,7 @@ fn a_jog_by_line_ends_with_its_client_unless_it_is_over_or_anothers() {
     let see = |ledger: &mut Ledger, moving: u32, count| {
         ledger.see(motion(moving, !moving), Motors::NONE, at(count));
     };
-    ledger.jog_by_line(7, motors(0b11), None, now);
+    jogs(&mut ledger, 7, 0b11, None, now);
     see(&mut ledger, 0b00, 0);
     see(&mut ledger, 0b01, 200);
     see(&mut ledger, 0b00, 300);
@@ -172,14 +177,14 @@ fn a_jog_by_line_ends_with_its_client_unless_it_is_over_or_anothers() {
 fn a_line_that_may_have_done_nothing_takes_nobodys_jog_away() {
     let now = Instant::now();
     let mut ledger = Ledger::default();
-    ledger.jog_by_line(7, motors(1), None, now);
-    ledger.may_jog_by_line(8, motors(1), None, now);
+    jogs(&mut ledger, 7, 1, None, now);
+    ledger.jog_by_line(8, motors(1), None, now);
     assert_eq!(ended(&mut ledger, now, |client| client != 7), 1);
-    ledger.jog_by_line(7, motors(1), None, now);
-    ledger.may_jog_by_line(8, motors(1), None, now);
+    jogs(&mut ledger, 7, 1, None, now);
+    ledger.jog_by_line(8, motors(1), None, now);
     assert_eq!(ended(&mut ledger, now, |client| client != 8), 1, "or it may have");
     assert!(ledger.jogs_by_line(7, now));
-    ledger.jog_by_line(9, motors(1), None, now);
+    jogs(&mut ledger, 9, 1, None, now);
     assert_eq!(ended(&mut ledger, now, |client| client == 9), 0);
 }
 
@@ -188,8 +193,8 @@ fn a_jog_by_line_ends_when_its_client_is_silent_for_as_long_as_he_said() {
     let now = Instant::now();
     let at = |count| now + ms(count);
     let mut ledger = Ledger::default();
-    ledger.jog_by_line(7, motors(0b01), Some(ms(1000)), now);
-    ledger.jog_by_line(8, motors(0b10), None, now);
+    jogs(&mut ledger, 7, 0b01, Some(ms(1000)), now);
+    jogs(&mut ledger, 8, 0b10, None, now);
     assert_eq!((ledger.next_moment(), ended(&mut ledger, at(999), |_| true)), (Some(at(1000)), 0));
     ledger.hear(|client| client == 7, at(999));
     assert!(ended(&mut ledger, at(1998), |_| true) == 0 && ledger.jogs_by_line(7, at(1998)));
@@ -203,7 +208,7 @@ fn the_daemons_end_ends_holds_and_jogs_by_line_and_holders_hear_of_it() {
     let now = Instant::now();
     let mut ledger = Ledger::default();
     ledger.hold(7, HOLDER, motors(0b001), now + HOLD_LEASE);
-    ledger.jog_by_line(8, motors(0b010), Some(ms(1000)), now);
+    jogs(&mut ledger, 8, 0b010, Some(ms(1000)), now);
     ledger.jog_by_panel(motors(0b100));
     ledger.daemon_ends(now);
     ledger.hear(|_| true, now);

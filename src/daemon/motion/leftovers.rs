@@ -4,8 +4,7 @@
 //! before its own start, nor how far a program came that was streamed whole and then aborted: so it asks the board before that
 //! coordinate system is started.
 //!
-//! The stream has pointed the coordinate system at its rotary buffer with `B0` ("point to rotary buffer", Software Reference,
-//! on-line `B`), and neither `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
+//! The stream has pointed the coordinate system at its rotary buffer with `B0`, and neither `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
 //!
 //! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
 //! line takes it away or points elsewhere, and at a reset: a board keeps no rotary buffer over one.
@@ -112,13 +111,11 @@ impl Leftovers {
                 "the last rotary stream into &{cs} ended early, and {lines} lines of it would run now from its rotary buffer"
             )
         };
-        Err(CallError::Refused {
-            reason: format!(
-                "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 instead, send \
-                 '&{cs}B5' first",
-                start_anyway(cs, has_panel)
-            ),
-        })
+        Err(CallError::refused(format_args!(
+            "not started: {what}. pmacctl rotary stream --clear takes them away. {} runs them. To run program 5 instead, send \
+             '&{cs}B5' first",
+            start_anyway(cs, has_panel)
+        )))
     }
 
     fn of(&mut self, systems: Systems) -> impl Iterator<Item = &mut Left> {

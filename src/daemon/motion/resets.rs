@@ -2,7 +2,7 @@
 //!
 //! After a reset the servo report needs a new `GATHER`, while the board, with I58=1 saved, answers lines as before: the bus
 //! thread learns of it late, or never. So a sequence has the board asked for its servo counter: X:$0 counts servo
-//! interrupts in 24 bits (Software Reference, suggested M-variable M100, Turbo the same) and begins at 0 after a reset. What the bus thread sees, a servo report
+//! interrupts in 24 bits, on Turbo boards too, and begins at 0 after a reset. What the bus thread sees, a servo report
 //! that stops or a timer that has jumped, is only a reason to ask: it may be late news of an older reset.
 
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! A start of which it is not known what lies in the rotary buffers that it would run: the questions that come before it.
 //!
-//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Software Reference, on-line `PR`). A board that had an
+//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Turbo Software Reference p. 286). A board that had an
 //! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (User
 //! Manual p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
 

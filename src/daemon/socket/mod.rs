@@ -1,4 +1,19 @@
 //! The command socket: who may connect, what a call means, whose turn it is, and what must not outlive its caller. One thread.
+//!
+//! | place | what is in it |
+//! |---|---|
+//! | [`server`] | the thread: one round after the other; how calls, stops, starts, jogs and sequences go on |
+//! | [`listener`], [`options`] | the socket's file, and what the server is told at its start |
+//! | `admission`, `clients`, `connection` | who gets a place; every connection; one connection, its messages and its buffers |
+//! | [`policy`], `peer_groups`, `peer_process` | who may do what: roles, the groups of a peer, whether its process lives |
+//! | [`methods`], [`jobs`], `jog_to`, `replay` | what a call means, checked before anything reaches the bus thread; what a replay refuses |
+//! | `call_table`, `fair_queue`, `time_quota` | calls that wait for the board; whose command is next; whose turn it is to be served |
+//! | `sequences` | lines and jobs that belong together, each owned by a connection |
+//! | `first_start` | what the board is asked before a start |
+//! | `watches`, `tracing` | the registers that clients watch; who gets the trace of bus accesses |
+//! | `audit`, `program_errors` | what the log is told, and how often |
+//!
+//! What moves, for whom, and how it stops stands in `daemon/motion`.
 
 mod admission;
 mod audit;

@@ -53,7 +53,7 @@ impl Tracing {
                 "the trace has ended: nothing was asked for {} s, and the accesses since are not in it",
                 TRACE_LEASE.as_secs()
             );
-            return Err(CallError::Refused { reason });
+            return Err(CallError::refused(reason));
         }
         let owner = match &mut self.owner {
             Some(owner) if owner.client != caller.client => {
@@ -61,7 +61,7 @@ impl Tracing {
                 let reason = format!(
                     "uid {uid} (pid {pid}) traces the bus accesses, which one client can do at a time"
                 );
-                return Err(CallError::Refused { reason });
+                return Err(CallError::refused(reason));
             }
             Some(owner) => owner,
             None if end => return Ok(TraceReply::default()),

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::{hold_over, is_stopping, outcome_reply, refused, reply_lines};
+use super::replies::{hold_over, is_stopping, outcome_reply, reply_lines};
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::motion::leftovers::Leftovers;
 use crate::daemon::motion::resets;
@@ -49,7 +49,7 @@ impl Service {
             self.info.replies().map_or(Ok(()), |replies| replay::check(&action, replies))?;
             match outdated {
                 _ if self.stopping.is_some() && action.begins() => Err(is_stopping()),
-                Some(reason) if action.may_move() => Err(refused(reason)),
+                Some(reason) if action.may_move() => Err(CallError::refused(reason)),
                 _ => Ok(action),
             }
         });
@@ -377,7 +377,7 @@ impl Service {
                 return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
             }
             Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
-            Then::Refuse(reason) => return self.answer(caller, Err(CallError::Refused { reason }), now),
+            Then::Refuse(reason) => return self.answer(caller, Err(CallError::refused(reason)), now),
             Then::Reason(guard, failed) => {
                 return self.on_answer(caller, &lines, outcome, now, |_, found| {
                     let why = guard.check(found.and_then(|found| found.first().copied())).err();
@@ -434,10 +434,11 @@ impl Service {
     /// The board, asked then for its servo counter, has answered `lines`.
     pub(super) fn see_counter(&mut self, lines: &[String], asked: Instant, now: Instant) {
         let counter = lines.first().and_then(|line| answer::integer(line));
-        if let Some(counter) = counter.and_then(|counter| u64::try_from(counter).ok()) {
-            if self.resets.counter_is(counter, asked, now) {
-                self.leftovers = Leftovers::after_reset();
-            }
+        let was_reset = counter
+            .and_then(|counter| u64::try_from(counter).ok())
+            .is_some_and(|counter| self.resets.counter_is(counter, asked, now));
+        if was_reset {
+            self.leftovers = Leftovers::after_reset();
         }
     }
 
@@ -453,7 +454,7 @@ impl Service {
         let Some(client) = self.clients.get_mut(caller.client) else { return };
         if let Outcome::Dropped(reason) = outcome {
             // What waited for the question is not to be begun either.
-            return self.answer(caller, Err(refused(reason)), now);
+            return self.answer(caller, Err(CallError::refused(reason)), now);
         }
         client.wait_for(Waiting::Nothing);
         // A board that cannot be asked (any more) may still do it; if not, the job says so.
@@ -485,10 +486,7 @@ impl Service {
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
         let Some(client) = self.clients.get_mut(id) else { return Ok(()) };
         let observer = (client.role() == Role::Observe).then_some(client.peer().uid);
-        let table = self
-            .watches
-            .watch(id, entries, observer)
-            .map_err(|none_left| CallError::Refused { reason: none_left.to_string() })?;
+        let table = self.watches.watch(id, entries, observer).map_err(CallError::refused)?;
         client.wait_for(Waiting::Watch);
         if let Some(table) = table {
             self.tell_watched(&[id], table, now);

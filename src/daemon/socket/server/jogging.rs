@@ -53,8 +53,8 @@ impl Service {
             Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) => None,
             outcome => return outcome_reply(outcome, Vec::new(), false, now).map(drop),
         };
-        let addressed = addressed.ok_or_else(|| CallError::Refused {
-            reason: "the board does not say which motor is addressed; nothing was sent".to_owned(),
+        let addressed = addressed.ok_or_else(|| {
+            CallError::refused("the board does not say which motor is addressed; nothing was sent")
         })?;
         // Somebody may have begun to hold it meanwhile.
         self.may_jog(caller, jog)?;
@@ -75,20 +75,19 @@ impl Service {
     /// that every jog closes the loop of a killed motor, as `J/` does (Turbo Software Reference p. 275).
     fn may_jog(&self, caller: Caller, jog: JogTo) -> Result<(), CallError> {
         self.spares_holds(caller.client, jog.motors())?;
-        let refused = |reason| Err(CallError::Refused { reason });
         if self.info.loops_untold().meets(jog.motors()) {
-            return refused(format!(
+            return Err(CallError::refused(format_args!(
                 "whether the loop of motor {} is open is not known until the board has told where its M-variables point \
                  (pmacctl status tells how far that is); nothing was sent",
                 jog.motors()
-            ));
+            )));
         }
         if self.info.loops_left_open().meets(jog.motors()) {
-            return refused(format!(
+            return Err(CallError::refused(format_args!(
                 "the loop of motor {0} is open (killed, or a fault), and a jog would close it; nothing was sent; pmacctl send \
                  '#{0}J/' closes it where the motor stands",
                 jog.motors()
-            ));
+            )));
         }
         Ok(())
     }

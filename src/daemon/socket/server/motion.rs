@@ -7,7 +7,6 @@ use log::warn;
 use super::Service;
 use super::replies::not_sent;
 use crate::daemon::motion::effect::{CommandEffect, LineEffect};
-use crate::daemon::motion::ledger::Lapsed;
 use crate::daemon::motion::target::Target;
 use crate::daemon::motion::timing::PANEL_STOP_TAKES;
 use crate::daemon::shared::caller::Caller;
@@ -33,13 +32,17 @@ impl Service {
             self.let_go(motors, now);
         }
         if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
-            match outcome {
-                Outcome::Done => self.ledger.jog_by_line(caller.client, carried_out, silence, now),
-                Outcome::Error(_) => self.ledger.may_jog_by_line(caller.client, refused, silence, now),
-                outcome if outcome.is_unsent() => {}
+            let jogs = match outcome {
+                Outcome::Done => carried_out,
+                Outcome::Error(_) => refused,
+                outcome if outcome.is_unsent() => Motors::NONE,
                 // How far the board came nobody knows.
-                _ => self.ledger.may_jog_by_line(caller.client, carried_out.and(refused), silence, now),
+                _ => carried_out.and(refused),
+            };
+            if outcome == Outcome::Done {
+                self.ledger.commanded(jogs);
             }
+            self.ledger.jog_by_line(caller.client, jogs, silence, now);
         }
         if outcome.is_unsent() || matches!(outcome, Outcome::Error(_)) {
             return;
@@ -89,12 +92,13 @@ impl Service {
     pub(super) fn tend_motion(&mut self, now: Instant) {
         let Self { ledger, clients, .. } = self;
         ledger.hear(|client| clients.get(client).is_some_and(Client::waits_for_board), now);
-        let Lapsed { motors, holders } = ledger.lapse(|client| clients.hears(client), now);
-        if motors.is_empty() {
-        } else if self.uses(Function::Panel) {
-            self.stops.begin_due(motors, now);
-        } else {
-            self.stop_by_line(Target::Motors(motors), None, true, now);
+        let (motors, holders) = ledger.lapse(|client| clients.hears(client), now);
+        match self.uses(Function::Panel) {
+            _ if motors.is_empty() => {}
+            true => {
+                self.stops.begin_due(motors, now);
+            }
+            false => self.stop_by_line(Target::Motors(motors), None, true, now),
         }
         self.withdraw_holds(&holders, now);
         self.tend_stops(now);

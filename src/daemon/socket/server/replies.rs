@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::shared::open_buffer::Account;
-use crate::daemon::shared::queue::{Outcome, REASON_MAX, Text};
+use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::call_table::COLLECT_MAX;
 use crate::map::Motors;
 use crate::map::errors::meaning;
@@ -54,43 +54,34 @@ pub(super) fn reply_lines(
         Outcome::Busy => Err(CallError::Busy),
         Outcome::Interrupted(reason) => Err(CallError::Interrupted { reason: reason.to_string() }),
         Outcome::OutOfRange => Err(CallError::OutOfRange),
-        Outcome::Barred(barred) => Err(CallError::Refused { reason: barred.reason(now) }),
-        Outcome::Refused(reason) | Outcome::Dropped(reason) => Err(refused(reason)),
+        Outcome::Barred(barred) => Err(CallError::refused(barred.reason(now))),
+        Outcome::Refused(reason) | Outcome::Dropped(reason) => Err(CallError::refused(reason)),
     }
-}
-
-/// What a client is told whose call was refused for this reason.
-pub(super) fn refused(reason: Text<REASON_MAX>) -> CallError {
-    CallError::Refused { reason: reason.to_string() }
 }
 
 /// What a client is told whose held jog is over.
 pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
-    let reason = end.map_or_else(
-        || "there is no held jog of this connection (any more)".to_owned(),
-        |end| end.to_string(),
-    );
-    CallError::Refused { reason }
+    match end {
+        Some(end) => CallError::refused(end),
+        None => CallError::refused("there is no held jog of this connection (any more)"),
+    }
 }
 
 /// What a client is told who would move a motor that another one holds.
 pub(super) fn held_by_another(holder: Option<Account>, motors: Motors) -> CallError {
-    let reason = match holder {
-        Some(holder) => {
-            format!(
-                "{holder} holds a jog of motor {motors}; nothing was sent; panel jog-stop or abort ends that"
-            )
-        }
-        None => format!(
+    match holder {
+        Some(holder) => CallError::refused(format_args!(
+            "{holder} holds a jog of motor {motors}; nothing was sent; panel jog-stop or abort ends that"
+        )),
+        None => CallError::refused(format_args!(
             "the board has not taken the stop of motor {motors} yet, which pmacd requests again; nothing was sent; abort stops it"
-        ),
-    };
-    CallError::Refused { reason }
+        )),
+    }
 }
 
 /// What a client is told whose held jog was over before it was sent to the board.
 pub(super) fn not_sent(end: Option<HoldEnd>) -> CallError {
-    CallError::Refused { reason: format!("{}; the jog was not sent", hold_over(end)) }
+    CallError::refused(format_args!("{}; the jog was not sent", hold_over(end)))
 }
 
 /// What a holder is told when `pmacd` stops, and the board has not taken the stop of these motors.

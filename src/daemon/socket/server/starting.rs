@@ -98,8 +98,8 @@ impl Service {
         if work.is_empty() { Ok(()) } else { Err(cut_off::ends_work_refusal(command, &work.join(", and "))) }
     }
 
-    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (Software Reference, on-line control
-    /// characters), so
+    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (Software Reference
+    /// p. 273), so
     /// the same rules hold, and who opens the buffers is known as their owner. ^L closes rotary buffers: a board that closed
     /// any buffer by it would end somebody else's download, so another one is left to `CLOSE`.
     ///
@@ -110,11 +110,9 @@ impl Service {
         match (character, self.info.board().open_buffer.as_ref().filter(is_other)) {
             (control::OPEN_ROTARY, _) => Ok(Some("OPEN ROT")),
             (control::CLOSE_ROTARY, None) => Ok(Some("CLOSE")),
-            (control::CLOSE_ROTARY, Some(open)) => Err(CallError::Refused {
-                reason: format!(
-                    "^L closes the rotary buffers, and what is open is {open}; nothing was sent; CLOSE by an engineer closes it"
-                ),
-            }),
+            (control::CLOSE_ROTARY, Some(open)) => Err(CallError::refused(format_args!(
+                "^L closes the rotary buffers, and what is open is {open}; nothing was sent; CLOSE by an engineer closes it"
+            ))),
             _ => Ok(None),
         }
     }
@@ -125,10 +123,9 @@ impl Service {
     /// Why not; nothing was sent.
     pub(super) fn may_start(&mut self, starts: Starts) -> Result<(), CallError> {
         if self.sequences.is_ending_feed(starts.systems.bits()) {
-            return Err(CallError::Refused {
-                reason: "not started: pmacd is ending a rotary stream into this coordinate system; try again"
-                    .to_owned(),
-            });
+            return Err(CallError::refused(
+                "not started: pmacd is ending a rotary stream into this coordinate system; try again",
+            ));
         }
         let has_panel = self.uses(Function::Panel);
         self.leftovers.check(starts, has_panel)
