@@ -1,4 +1,4 @@
-//! The ends of gathers and streams, cut at every step: whatever ends them, and whenever, the board is left as it should be.
+//! The ends of gathers, streams and downloads, cut at every step: whatever ends them, and whenever, the board is left as it should be.
 
 use std::time::{Duration, Instant};
 
@@ -24,7 +24,7 @@ const ENDINGS: [Ending; 6] = [
 /// More steps than any sequence here takes until its owner has nothing more to say.
 const STEPS: usize = 40;
 
-/// A board as far as gathers and streams use it.
+/// A board as far as gathers, streams and downloads use it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Board {
     reports: bool,
@@ -42,6 +42,9 @@ struct Board {
     left: u64,
     ahead: u64,
     resets: u64,
+    /// A program buffer that lines have opened, and a variable that they set.
+    program_open: bool,
+    p1: String,
 }
 
 /// Lines of a stream that were put into the DPRAM.
@@ -63,6 +66,8 @@ impl Board {
             left: 0,
             ahead: 3,
             resets: 0,
+            program_open: false,
+            p1: "0".to_owned(),
         }
     }
 
@@ -90,7 +95,9 @@ impl Board {
             }
             "&1??" => return Some(running(self.runs).to_owned()),
             OPEN_BINARY => self.open = true,
-            "CLOSE" => self.open = false,
+            "CLOSE" => (self.open, self.program_open) = (false, false),
+            "OPEN PROG 1" => self.program_open = true,
+            "P1" => return Some(self.p1.clone()),
             "&1CLEAR" => self.left = 0,
             "&1R" => self.runs = true,
             "&1Q" => self.runs = false,
@@ -99,6 +106,8 @@ impl Board {
             _ => {
                 if let Some(period) = line.strip_prefix("I19=") {
                     self.period = period.to_owned();
+                } else if let Some(value) = line.strip_prefix("P1=") {
+                    self.p1 = value.to_owned();
                 }
             }
         }
@@ -300,6 +309,43 @@ fn a_stream_of_which_a_step_fails_leaves_no_program_running_and_no_line_on_its_w
             let is_ended = !board.runs && !board.open && !board.transfer;
             assert!(is_ended || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
             assert!(!board.fed, "{fails} {outcome:?}: lines still go into the DPRAM: {reply:?}");
+        }
+    }
+}
+
+fn a_download() -> Script {
+    let text = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
+    let call = calls::RunLines {
+        kind: "download".to_owned(),
+        lines: text(&["P1=5", "OPEN PROG 1", "X1", "X2"]),
+        timeout_ms: None,
+        keep_going: None,
+        at_end: Some(text(&["P1=0"])),
+        last: None,
+        confirmed: None,
+    };
+    lines(Batch::of(call).unwrap())
+}
+
+#[test]
+fn a_download_cut_anywhere_leaves_no_buffer_open_and_its_variable_as_it_was() {
+    for (cut, why) in (0..STEPS).flat_map(|cut| ENDINGS.map(|why| (cut, why))) {
+        let mut board = Board::new(true, true);
+        let reply = drive(&mut a_download(), &mut board, (cut, why), (usize::MAX, Outcome::Done));
+        assert_eq!((board.program_open, board.p1.as_str()), (false, "0"), "{cut} {why}: {reply:?}");
+    }
+}
+
+#[test]
+fn a_download_of_which_a_step_fails_leaves_no_buffer_open_and_its_variable_as_it_was() {
+    for fails in 0..2 * STEPS {
+        for outcome in [Outcome::TimedOut, Outcome::Interrupted(Text::of(&"^X")), Outcome::Busy] {
+            let mut board = Board::new(true, true);
+            let ends = (STEPS, Ending::OwnerGone);
+            let reply = drive(&mut a_download(), &mut board, ends, (fails, outcome));
+            let is_as_before = !board.program_open && board.p1 == "0";
+            let is_told = format!("{reply:?}").contains("failed");
+            assert!(is_as_before || is_told, "{fails} {outcome:?}: {board:?} {reply:?}");
         }
     }
 }
