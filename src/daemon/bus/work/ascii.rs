@@ -69,6 +69,14 @@ const POLL_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
 const OWN_LINE: Duration = Duration::from_millis(500);
 const OWN_REPLY: Duration = Duration::from_secs(5);
 
+/// One poll of the queue: when it is, who is told what came of it, and where it is counted.
+#[derive(Clone, Copy)]
+struct Poll<'a> {
+    events: &'a Sender<Event>,
+    publisher: &'a Publisher,
+    now: Instant,
+}
+
 /// A command under way, and so who it is for.
 #[derive(Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate")]
@@ -392,9 +400,10 @@ impl AsciiQueue {
         publisher: &Publisher,
         now: Instant,
     ) -> Result<(), PortError> {
+        let poll = Poll { events, publisher, now };
         self.outbox.retry(events);
         if self.outbox.is_empty() {
-            self.serve_controls(bus, events, publisher, now)?;
+            self.serve_controls(bus, poll)?;
         }
         for _ in 0..STEPS_A_POLL {
             if !self.outbox.is_empty() {
@@ -403,12 +412,12 @@ impl AsciiQueue {
             let Some(event) = self.ports.poll(bus, now)? else { break };
             self.last_event = now;
             self.announced.see(&event, now);
-            self.handle(events, publisher, event, now);
+            self.handle(poll, event);
         }
         self.announced.tend(now);
         self.consider_fallback(bus, now)?;
         if self.outbox.is_empty() {
-            self.expire(bus, events, publisher, now)?;
+            self.expire(bus, poll)?;
         }
         if self.ports.current().is_unheard() {
             self.state = CommandState::Silent;
@@ -416,7 +425,7 @@ impl AsciiQueue {
         self.keep_page(now)?;
         self.scan.pass(self.others_hold(), now);
         if self.outbox.is_empty() && self.under_way.is_none() && self.ports.current().is_idle() {
-            self.begin_next(bus, events, publisher, now)?;
+            self.begin_next(bus, poll)?;
         }
         self.next_poll = now + self.patience(now);
         Ok(())
@@ -458,15 +467,10 @@ impl AsciiQueue {
     }
 
     /// Starts the next line: a caller's, or else a question of our own.
-    fn begin_next(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    fn begin_next(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         if self.ports.in_doubt() {
-            return self.begin_check(bus, publisher, now);
+            return self.begin_check(bus, poll);
         }
         let waits = |control: &WaitingControl| control_has_reply(control.character);
         if !self.line_is_next && self.control_pending.is_none() && self.controls.iter().any(waits) {
@@ -483,23 +487,23 @@ impl AsciiQueue {
             }
             let line = next.line.as_bytes();
             if self.buffer.must_ask(line, next.writer, now) {
-                return self.ask_buffer(bus, publisher, now);
+                return self.ask_buffer(bus, poll);
             }
             if let Some(barred) = self.buffer.bars(line, next.writer) {
                 self.lines.pop_front();
-                self.outbox.tell(events, Event::Done(next.ticket, Outcome::Barred(barred)));
+                self.outbox.tell(poll.events, Event::Done(next.ticket, Outcome::Barred(barred)));
                 return Ok(());
             }
             match self.buffer.address_first(line, next.writer) {
                 Some(AddressFirst::Unknown) => {
                     self.lines.pop_front();
                     let outcome = Outcome::Barred(Barred::Addressed);
-                    self.outbox.tell(events, Event::Done(next.ticket, outcome));
+                    self.outbox.tell(poll.events, Event::Done(next.ticket, outcome));
                     return Ok(());
                 }
-                Some(AddressFirst::Ask) => return self.ask_address(bus, publisher, now),
+                Some(AddressFirst::Ask) => return self.ask_address(bus, poll),
                 Some(AddressFirst::PutBack(system)) => {
-                    return self.put_address_back(bus, system, publisher, now);
+                    return self.put_address_back(bus, system, poll);
                 }
                 None => {}
             }
@@ -508,17 +512,18 @@ impl AsciiQueue {
                 self.buffer.begin(line, next.writer, now);
                 self.identifier.line_goes(line, now);
                 self.scan.line_goes(line, now);
-                self.start(InFlight::Line(next), next.wait.deadline, publisher, now);
+                self.start(InFlight::Line(next), next.wait.deadline, poll);
             }
         } else if !questions_wait {
-            self.ask_own(bus, publisher, now)?;
+            self.ask_own(bus, poll)?;
         }
         Ok(())
     }
 
     /// Asks a question of our own, if one is due: who the board is, or, when that is known, where its programs keep data.
-    fn ask_own(&mut self, bus: &mut impl Bus, publisher: &Publisher, now: Instant) -> Result<(), PortError> {
-        if self.characters_due_in(now).is_zero() && self.ask_for_characters(bus, publisher, now)? {
+    fn ask_own(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
+        if self.characters_due_in(now).is_zero() && self.ask_for_characters(bus, poll)? {
             return Ok(());
         }
         let identifies = self.identifier.due_in(now).is_zero();
@@ -526,7 +531,7 @@ impl AsciiQueue {
             return Ok(());
         }
         if !self.buffer.is_known(now) {
-            return self.ask_buffer(bus, publisher, now);
+            return self.ask_buffer(bus, poll);
         }
         let most_lines = self.line_pace.most_lines();
         if identifies {
@@ -534,13 +539,13 @@ impl AsciiQueue {
                 && self.ports.current_mut().begin(bus, line.as_bytes())?
             {
                 self.identifier.sent();
-                self.start(InFlight::Identify, now + patience, publisher, now);
+                self.start(InFlight::Identify, now + patience, poll);
             }
         } else if let Some((line, patience)) = self.scan.next_line(most_lines, now)
             && self.ports.current_mut().begin(bus, line.as_bytes())?
         {
             self.scan.sent(now);
-            self.start(InFlight::Scan, now + patience, publisher, now);
+            self.start(InFlight::Scan, now + patience, poll);
         }
         Ok(())
     }
@@ -568,7 +573,8 @@ impl AsciiQueue {
         self.under_way.is_some() || self.unsettled.is_some() || self.control_pending.is_some()
     }
 
-    fn start(&mut self, command: InFlight, deadline: Instant, publisher: &Publisher, now: Instant) {
+    fn start(&mut self, command: InFlight, deadline: Instant, poll: Poll<'_>) {
+        let now = poll.now;
         self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, ended_by: None });
         self.line_is_next = match command {
             // It settles the end of the one before.
@@ -586,7 +592,7 @@ impl AsciiQueue {
         };
         self.line_pace.begin();
         self.last_event = now;
-        publisher.counters().add(Counter::AsciiCommands, 1);
+        poll.publisher.counters().add(Counter::AsciiCommands, 1);
     }
 }
 

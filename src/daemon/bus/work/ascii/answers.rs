@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use super::letters::may_start_program;
-use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, STX, UnderWay, WaitingControl, WaitingLine};
+use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, Poll, STX, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::open_buffer::Barred;
-use crate::daemon::shared::queue::{Event, Outcome, Sender, Text, Unsolicited};
+use crate::daemon::shared::queue::{Event, Outcome, Text, Unsolicited};
 use crate::function::line_port::{AsciiEvent, ResponseText};
 use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::{CommandState, MessageKind};
-use crate::segment::{Counter, Publisher};
+use crate::segment::Counter;
 
 /// Whether this asks for values: a board that only acknowledges it has taken it for a line of a program.
 fn asks_for_values(command: &InFlight) -> bool {
@@ -21,25 +21,20 @@ fn asks_for_values(command: &InFlight) -> bool {
 }
 
 impl AsciiQueue {
-    pub(super) fn handle(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        event: AsciiEvent,
-        now: Instant,
-    ) {
-        let counters = publisher.counters();
+    pub(super) fn handle(&mut self, poll: Poll<'_>, event: AsciiEvent) {
+        let now = poll.now;
+        let counters = poll.publisher.counters();
         match event {
             AsciiEvent::Line(text) => {
                 counters.add(Counter::AsciiReplies, 1);
                 self.line_pace.line(now);
                 if self.unsettled.is_some() {
-                    return self.line_to_unsettled(events, text, now);
+                    return self.line_to_unsettled(poll, text);
                 }
                 if let Some(under_way) = &mut self.under_way {
                     under_way.taken = true;
                     let command = under_way.command;
-                    self.tell_line(events, &command, text);
+                    self.tell_line(poll, &command, text);
                     if matches!(command, InFlight::Check) {
                         self.see_check(now);
                     }
@@ -51,17 +46,17 @@ impl AsciiQueue {
                 self.state = CommandState::Answers;
                 self.answered = Some(now);
                 if self.unsettled.is_some() {
-                    return self.end_to_unsettled(events, publisher, result, now);
+                    return self.end_to_unsettled(poll, result);
                 }
                 if let Some(UnderWay { command: InFlight::Check, .. }) = self.under_way {
                     return self.end_check(result, now);
                 }
                 if let Some(under_way) = self.under_way.take() {
-                    self.end_command(events, under_way, result, now);
+                    self.end_command(poll, under_way, result);
                 }
             }
-            AsciiEvent::ProgramResponse(text) => self.unsolicited(events, publisher, MessageKind::Cmd, &text),
-            AsciiEvent::ProgramMessage(text) => self.unsolicited(events, publisher, MessageKind::Send, &text),
+            AsciiEvent::ProgramResponse(text) => self.unsolicited(poll, MessageKind::Cmd, &text),
+            AsciiEvent::ProgramMessage(text) => self.unsolicited(poll, MessageKind::Send, &text),
             AsciiEvent::Stale(_) => {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
@@ -75,23 +70,18 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiErrors, 1);
                 self.state = CommandState::Answers;
                 self.answered = Some(now);
-                self.refuse(events, publisher, number, now);
+                self.refuse(poll, number);
             }
             AsciiEvent::ProgramError(number) => {
                 counters.add(Counter::AsciiErrors, 1);
-                self.program_error(events, publisher, number);
+                self.program_error(poll, number);
             }
         }
     }
 
     /// The board has ended a command.
-    pub(super) fn end_command(
-        &mut self,
-        events: &Sender<Event>,
-        under_way: UnderWay,
-        result: Result<(), u16>,
-        now: Instant,
-    ) {
+    pub(super) fn end_command(&mut self, poll: Poll<'_>, under_way: UnderWay, result: Result<(), u16>) {
+        let now = poll.now;
         let asks = !self.buffer.is_open() && asks_for_values(&under_way.command);
         let is_unanswered = asks && result.is_ok() && !under_way.taken;
         if is_unanswered {
@@ -106,11 +96,11 @@ impl AsciiQueue {
                 } else {
                     self.outcome_of(&line, result)
                 };
-                self.outbox.tell(events, Event::Done(line.ticket, outcome));
+                self.outbox.tell(poll.events, Event::Done(line.ticket, outcome));
             }
             InFlight::Control(WaitingControl { ticket, .. }) => {
                 let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
-                self.outbox.tell(events, Event::Done(ticket, outcome));
+                self.outbox.tell(poll.events, Event::Done(ticket, outcome));
             }
             // The board took it for a program line: its answer is still to come.
             InFlight::Identify if self.buffer.is_open() => self.identifier.not_sent(),
@@ -144,15 +134,10 @@ impl AsciiQueue {
         }
     }
 
-    pub(super) fn unsolicited(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        kind: MessageKind,
-        text: &ResponseText,
-    ) {
-        publisher.counters().add(Counter::AsciiUnsolicited, 1);
+    pub(super) fn unsolicited(&mut self, poll: Poll<'_>, kind: MessageKind, text: &ResponseText) {
+        poll.publisher.counters().add(Counter::AsciiUnsolicited, 1);
         let text = text.as_bytes().strip_prefix(&[STX]).map_or(*text, ResponseText::from_bytes);
-        self.outbox.tell(events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text }));
+        self.outbox
+            .tell(poll.events, Event::Unsolicited(Unsolicited { time_ns: self.clock.ns(), kind, text }));
     }
 }

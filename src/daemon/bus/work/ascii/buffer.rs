@@ -6,13 +6,12 @@ use std::time::{Duration, Instant};
 
 use log::warn;
 
-use super::{AsciiQueue, InFlight, WaitingLine};
+use super::{AsciiQueue, InFlight, Poll, WaitingLine};
 use crate::daemon::shared::open_buffer::{QUESTION, Unsaid};
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::answer;
-use crate::segment::Publisher;
 
 /// How long the board may take to answer.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -49,29 +48,21 @@ impl AsciiQueue {
     }
 
     /// Asks the board.
-    pub(super) fn ask_buffer(
-        &mut self,
-        bus: &mut impl Bus,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    pub(super) fn ask_buffer(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         if self.ports.current_mut().begin(bus, QUESTION)? {
             self.buffer_question.number = None;
-            self.start(InFlight::Buffer, now + PATIENCE, publisher, now);
+            self.start(InFlight::Buffer, now + PATIENCE, poll);
         }
         Ok(())
     }
 
     /// Asks the board which coordinate system is addressed, before somebody addresses another one beside who opened the rotary buffers.
-    pub(super) fn ask_address(
-        &mut self,
-        bus: &mut impl Bus,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    pub(super) fn ask_address(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         if self.ports.current_mut().begin(bus, b"&")? {
             self.buffer_question.number = None;
-            self.start(InFlight::Address, now + PATIENCE, publisher, now);
+            self.start(InFlight::Address, now + PATIENCE, poll);
         }
         Ok(())
     }
@@ -87,12 +78,12 @@ impl AsciiQueue {
         &mut self,
         bus: &mut impl Bus,
         system: u32,
-        publisher: &Publisher,
-        now: Instant,
+        poll: Poll<'_>,
     ) -> Result<(), PortError> {
+        let now = poll.now;
         let line: Text<LINE_MAX> = Text::of(&format_args!("&{system}"));
         if self.ports.current_mut().begin(bus, line.as_bytes())? {
-            self.start(InFlight::PutBack, now + PATIENCE, publisher, now);
+            self.start(InFlight::PutBack, now + PATIENCE, poll);
         }
         Ok(())
     }

@@ -8,11 +8,10 @@ use std::time::{Duration, Instant};
 
 use log::warn;
 
-use super::{AsciiQueue, InFlight};
+use super::{AsciiQueue, InFlight, Poll};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState};
-use crate::segment::Publisher;
 
 /// `^F`.
 const QUESTION: u8 = b'F' - 64;
@@ -66,13 +65,13 @@ impl AsciiQueue {
     pub(super) fn ask_for_characters(
         &mut self,
         bus: &mut impl Bus,
-        publisher: &Publisher,
-        now: Instant,
+        poll: Poll<'_>,
     ) -> Result<bool, PortError> {
+        let now = poll.now;
         let asked =
             self.control_pending.is_none() && self.ports.current_mut().control(bus, QUESTION, true, now)?;
         if asked {
-            self.start(InFlight::Character, now + PATIENCE, publisher, now);
+            self.start(InFlight::Character, now + PATIENCE, poll);
         } else {
             // Another one lies there.
             self.characters.not_taken(now);

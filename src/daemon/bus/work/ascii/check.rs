@@ -21,13 +21,12 @@ use std::time::{Duration, Instant};
 
 use log::warn;
 
-use super::{AsciiQueue, InFlight, UnderWay};
+use super::{AsciiQueue, InFlight, Poll, UnderWay};
 use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::{CommandState, answer};
-use crate::segment::Publisher;
 
 /// Lines that can be told from each other.
 const KINDS: usize = 4;
@@ -234,12 +233,8 @@ impl Check {
 
 impl AsciiQueue {
     /// Sends the line.
-    pub(super) fn begin_check(
-        &mut self,
-        bus: &mut impl Bus,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    pub(super) fn begin_check(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         let is_closed = self.buffer.is_known(now) && !self.buffer.is_open();
         let asks = if is_closed { Asks::Handshake } else { Asks::Buffer };
         let unsettled = self.unsettled.as_ref().map(|unsettled| unsettled.under_way.command);
@@ -251,7 +246,7 @@ impl AsciiQueue {
         let line = self.check.next(asks, before);
         if now >= self.check.not_before && self.ports.current_mut().begin_open_ended(bus, line)? {
             self.check.sent(asks, before);
-            self.start(InFlight::Check, self.check_deadline(now), publisher, now);
+            self.start(InFlight::Check, self.check_deadline(now), poll);
         }
         Ok(())
     }

@@ -3,28 +3,23 @@
 use std::time::Instant;
 
 use super::letters::may_move;
-use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl};
+use super::{AsciiQueue, EndedBy, InFlight, Poll, UnderWay, WaitingControl};
 use crate::daemon::shared::origin::SHOWN_MAX;
-use crate::daemon::shared::queue::{Event, Outcome, Sender};
+use crate::daemon::shared::queue::{Event, Outcome};
 use crate::device::Bus;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
 use crate::function::line_port::PortError;
 use crate::function::line_port::Stopped;
 use crate::protocol::control::CANCEL;
 use crate::protocol::{CommandPort, CommandState, control};
-use crate::segment::{Counter, Publisher};
+use crate::segment::Counter;
 
 impl AsciiQueue {
     /// Hands over control characters, the first that can go first.
-    pub(super) fn serve_controls(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    pub(super) fn serve_controls(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         if let Some((ticket, taken)) = self.control_lost.take() {
-            self.fail(events, publisher, ticket, taken);
+            self.fail(poll, ticket, taken);
             return Ok(());
         }
         if let Some(pending) = self.control_pending {
@@ -36,13 +31,13 @@ impl AsciiQueue {
                     self.cancelled_by(pending.uid, now);
                 }
                 self.kills += u64::from(pending.character == control::KILL);
-                self.outbox.tell(events, Event::Done(pending.ticket, Outcome::Done));
+                self.outbox.tell(poll.events, Event::Done(pending.ticket, Outcome::Done));
             } else if now >= pending.wait.deadline {
                 self.ports.current_mut().withdraw_control(bus, now)?;
                 self.control_pending = None;
                 // One that answered so far may have taken it in this moment.
                 let taken = self.state != CommandState::Silent;
-                self.fail(events, publisher, pending.ticket, taken);
+                self.fail(poll, pending.ticket, taken);
             }
             return Ok(());
         }
@@ -57,7 +52,7 @@ impl AsciiQueue {
         let Some(index) = self.controls.iter().position(ready) else {
             if let Some(late) = self.controls.front().copied().filter(|oldest| now >= oldest.wait.begin_by) {
                 self.controls.pop_front();
-                self.not_begun(events, publisher, late.ticket, late.wait, now);
+                self.not_begun(poll, late.ticket, late.wait);
             }
             return Ok(());
         };
@@ -70,9 +65,9 @@ impl AsciiQueue {
             self.last_event = now;
             self.stop_again(first.character, behind_line);
             if has_reply {
-                self.start(InFlight::Control(first), first.wait.deadline, publisher, now);
+                self.start(InFlight::Control(first), first.wait.deadline, poll);
             } else {
-                publisher.counters().add(Counter::AsciiCommands, 1);
+                poll.publisher.counters().add(Counter::AsciiCommands, 1);
                 self.may_start_program();
                 self.control_pending = Some(first);
                 self.end_overtaken(&first);

@@ -41,7 +41,8 @@ fn a_line_has_its_own_reply_behind_a_programs_error() {
             // As it goes where the board puts out the next response at once.
             rig.bus.write16(PMAC.ascii.response_control, response::ERROR | 5).unwrap();
             let event = rig.queue.ports.poll(&mut rig.bus, rig.now).unwrap().unwrap();
-            rig.queue.handle(&rig.events, &rig.publisher, event, rig.now);
+            let poll = Poll { events: &rig.events, publisher: &rig.publisher, now: rig.now };
+            rig.queue.handle(poll, event);
             if !is_before_check {
                 rig.poll();
                 assert!(rig.loaded());

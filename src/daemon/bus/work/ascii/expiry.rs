@@ -3,60 +3,48 @@
 use std::time::{Duration, Instant};
 
 use super::wait::Wait;
-use super::{AsciiQueue, EndedBy, InFlight, UnderWay, WaitingControl, WaitingLine};
-use crate::daemon::shared::queue::{
-    Event, GivenUp, Origin, Outcome, Sender, Text, Ticket, dropped_by, stopped_by,
-};
+use super::{AsciiQueue, EndedBy, InFlight, Poll, UnderWay, WaitingControl, WaitingLine};
+use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Text, Ticket, dropped_by, stopped_by};
 use crate::daemon::shared::status::LinesStatus;
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 use crate::protocol::control::{self, CANCEL};
-use crate::segment::{Counter, Publisher};
+use crate::segment::Counter;
 
 /// A line that takes so long is one that others are told they wait for.
 const SLOW: Duration = Duration::from_millis(50);
 
 impl AsciiQueue {
     /// Gives up on what is past its deadline or cancelled, and on lines that are not to be sent any more.
-    pub(super) fn expire(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    pub(super) fn expire(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         if let Some(under_way) = self.under_way
             && (now >= under_way.deadline || under_way.ended_by.is_some())
         {
             if under_way.ended_by.is_none() && self.check_lies() {
-                self.expire_unsettled(events, publisher, true, now);
-                return self.expire_waiting(bus, events, publisher, now);
+                self.expire_unsettled(poll, true);
+                return self.expire_waiting(bus, poll);
             }
             self.under_way = None;
             // Whatever ended our own line, the board does not settle by it any more whose an error was.
-            self.expire_unsettled(events, publisher, true, now);
-            self.give_up(bus, events, publisher, &under_way, now)?;
+            self.expire_unsettled(poll, true);
+            self.give_up(bus, poll, &under_way)?;
         }
-        self.expire_unsettled(events, publisher, false, now);
-        self.expire_waiting(bus, events, publisher, now)
+        self.expire_unsettled(poll, false);
+        self.expire_waiting(bus, poll)
     }
 
     /// Tells who waited in vain.
-    fn expire_waiting(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    fn expire_waiting(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
+        let now = poll.now;
         while self.outbox.is_empty() {
             let dropped = self.lines.iter().position(|line| line.dropped_by.is_some());
             if let Some(line) = dropped.and_then(|index| self.lines.remove(index))
                 && let Some((uid, character)) = line.dropped_by
             {
                 let outcome = Outcome::Dropped(dropped_by(uid, character));
-                self.outbox.tell(events, Event::Done(line.ticket, outcome));
+                self.outbox.tell(poll.events, Event::Done(line.ticket, outcome));
                 continue;
             }
             // Wherever it stands: one that waits longer may be before it.
@@ -65,37 +53,26 @@ impl AsciiQueue {
             if self.under_way.is_none() && self.ports.current().is_idle() {
                 self.ports.clear_flag(bus, now)?;
             }
-            self.not_begun(events, publisher, late.ticket, late.wait, now);
+            self.not_begun(poll, late.ticket, late.wait);
         }
         Ok(())
     }
 
     /// Ends a command that the board may have carried out, may be at, or may still carry out.
-    fn give_up(
-        &mut self,
-        bus: &mut impl Bus,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        under_way: &UnderWay,
-        now: Instant,
-    ) -> Result<(), PortError> {
+    fn give_up(&mut self, bus: &mut impl Bus, poll: Poll<'_>, under_way: &UnderWay) -> Result<(), PortError> {
+        let now = poll.now;
         self.ports.give_up(bus, now)?;
         if under_way.ended_by.is_some_and(|ended| ended.character == CANCEL) {
             // "<CTRL-X> will empty the command and response queues; it will also clear the control words" (manual p. 27).
             self.ports.current_mut().withdraw(bus, now)?;
         }
-        self.end_given_up(events, publisher, under_way, now);
+        self.end_given_up(poll, under_way);
         Ok(())
     }
 
     /// Tells whose command was given up.
-    pub(super) fn end_given_up(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        under_way: &UnderWay,
-        now: Instant,
-    ) {
+    pub(super) fn end_given_up(&mut self, poll: Poll<'_>, under_way: &UnderWay) {
+        let now = poll.now;
         let UnderWay { command, since, ended_by, .. } = *under_way;
         let Some((ticket, origin)) = self.caller_in_doubt(&command) else {
             return self.give_up_own(command, ended_by.is_some(), now);
@@ -107,11 +84,11 @@ impl AsciiQueue {
                 } else {
                     Outcome::Interrupted(stopped_by(uid, character))
                 };
-                self.outbox.tell(events, Event::Done(ticket, outcome));
+                self.outbox.tell(poll.events, Event::Done(ticket, outcome));
             }
             None => {
                 self.check.give_up(GivenUp { by: origin, since });
-                self.fail(events, publisher, ticket, true);
+                self.fail(poll, ticket, true);
             }
         }
     }
@@ -208,37 +185,25 @@ impl AsciiQueue {
     }
 
     /// Tells a caller that nothing of his command was sent, and why.
-    pub(super) fn not_begun(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        ticket: Ticket,
-        wait: Wait,
-        now: Instant,
-    ) {
+    pub(super) fn not_begun(&mut self, poll: Poll<'_>, ticket: Ticket, wait: Wait) {
+        let now = poll.now;
         // That it waited for others says nothing of the board.
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         if let Some(holds) = self.holds_port() {
-            self.outbox.tell(events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
+            self.outbox.tell(poll.events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
         } else if waited && (!self.ports.in_doubt() || self.ports.only_end_in_doubt()) {
-            self.outbox.tell(events, Event::Done(ticket, Outcome::Busy));
+            self.outbox.tell(poll.events, Event::Done(ticket, Outcome::Busy));
         } else {
-            self.fail(events, publisher, ticket, false);
+            self.fail(poll, ticket, false);
         }
     }
 
     /// Tells a caller that the board does not answer. Of what was begun it may have `taken` all.
-    pub(super) fn fail(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        ticket: Ticket,
-        taken: bool,
-    ) {
-        publisher.counters().add(Counter::AsciiTimeouts, 1);
+    pub(super) fn fail(&mut self, poll: Poll<'_>, ticket: Ticket, taken: bool) {
+        poll.publisher.counters().add(Counter::AsciiTimeouts, 1);
         self.state = CommandState::Silent;
         let (port, page) = (self.ports.in_use(), self.ports.page());
         let outcome = if taken { Outcome::TimedOut } else { Outcome::Unavailable { port, page } };
-        self.outbox.tell(events, Event::Done(ticket, outcome));
+        self.outbox.tell(poll.events, Event::Done(ticket, outcome));
     }
 }

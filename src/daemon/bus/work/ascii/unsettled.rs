@@ -9,11 +9,10 @@ use std::time::Instant;
 
 use super::check::REPLY_LINES;
 use super::letters::may_start_program;
-use super::{AsciiQueue, InFlight, UnderWay, WaitingControl, WaitingLine};
-use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Sender, Text, stopped_by};
+use super::{AsciiQueue, InFlight, Poll, UnderWay, WaitingControl, WaitingLine};
+use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Text, stopped_by};
 use crate::function::line_port::ResponseText;
 use crate::protocol::MessageKind;
-use crate::segment::Publisher;
 
 /// The command.
 #[derive(Clone, Copy)]
@@ -32,10 +31,11 @@ pub(super) struct Unsettled {
 
 impl AsciiQueue {
     /// An error came to the line under way.
-    pub(super) fn refuse(&mut self, events: &Sender<Event>, publisher: &Publisher, error: u16, now: Instant) {
+    pub(super) fn refuse(&mut self, poll: Poll<'_>, error: u16) {
+        let now = poll.now;
         let Some(under_way) = self.under_way.take() else {
             self.ports.current_mut().settled(now);
-            return self.program_error(events, publisher, error);
+            return self.program_error(poll, error);
         };
         if !self.programs_may_report(&under_way) {
             self.ports.current_mut().settled(now);
@@ -43,7 +43,7 @@ impl AsciiQueue {
                 // A control word that no manual has may not have been the end.
                 self.ports.doubt();
             }
-            return self.end_command(events, under_way, Err(error), now);
+            return self.end_command(poll, under_way, Err(error));
         }
         self.unsettle(under_way, Some(error), now);
     }
@@ -80,11 +80,12 @@ impl AsciiQueue {
     }
 
     /// A line of a reply came.
-    pub(super) fn line_to_unsettled(&mut self, events: &Sender<Event>, text: ResponseText, now: Instant) {
+    pub(super) fn line_to_unsettled(&mut self, poll: Poll<'_>, text: ResponseText) {
+        let now = poll.now;
         let checks = self.is_checking();
         let Some(unsettled) = &mut self.unsettled else { return };
         if unsettled.error.is_none() {
-            return self.line_to_character(events, text, now);
+            return self.line_to_character(poll, text);
         }
         if checks && !unsettled.is_answered {
             self.check.line(text.as_bytes());
@@ -94,14 +95,15 @@ impl AsciiQueue {
             }
         }
         unsettled.is_answered = true;
-        self.tell_held(events);
-        self.tell_unsettled(events, text);
+        self.tell_held(poll);
+        self.tell_unsettled(poll, text);
         self.see_check(now);
     }
 
     /// A line came that is a control character's, or begins the reply to our own line: which cannot be, with those before it, is the
     /// character's.
-    fn line_to_character(&mut self, events: &Sender<Event>, text: ResponseText, now: Instant) {
+    fn line_to_character(&mut self, poll: Poll<'_>, text: ResponseText) {
+        let now = poll.now;
         let checks = self.is_checking();
         let Some(unsettled) = &mut self.unsettled else { return };
         let (mut lines, mut count) = ([ResponseText::default(); REPLY_LINES + 1], unsettled.count + 1);
@@ -113,7 +115,7 @@ impl AsciiQueue {
             if checks && count <= REPLY_LINES && self.check.may_be_own() {
                 break;
             }
-            self.tell_unsettled(events, lines[0]);
+            self.tell_unsettled(poll, lines[0]);
             lines.rotate_left(1);
             count -= 1;
         }
@@ -129,30 +131,25 @@ impl AsciiQueue {
     }
 
     /// A reply has ended.
-    pub(super) fn end_to_unsettled(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        result: Result<(), u16>,
-        now: Instant,
-    ) {
+    pub(super) fn end_to_unsettled(&mut self, poll: Poll<'_>, result: Result<(), u16>) {
+        let now = poll.now;
         let checks = self.is_checking();
         let Some(unsettled) = &self.unsettled else { return };
         let is_own = checks && !unsettled.is_answered && self.check.own_answer().is_some();
         if let Err(error) = result {
-            return self.error_to_unsettled(events, publisher, error, is_own, now);
+            return self.error_to_unsettled(poll, error, is_own);
         }
         if is_own {
             let Unsettled { under_way, error, other, .. } = *unsettled;
             self.unsettled = None;
             match (error, other) {
-                (None, _) => self.end_command(events, under_way, Ok(()), now),
-                (Some(error), None) => self.end_command(events, under_way, Err(error), now),
-                (Some(error), Some(_)) => self.end_doubtful(events, error, &under_way, now),
+                (None, _) => self.end_command(poll, under_way, Ok(())),
+                (Some(error), None) => self.end_command(poll, under_way, Err(error)),
+                (Some(error), Some(_)) => self.end_doubtful(poll, error, &under_way),
             }
             return self.end_check(result, now);
         }
-        self.tell_held(events);
+        self.tell_held(poll);
         if matches!(self.unsettled, Some(Unsettled { error: None, .. })) {
             // Some board may mark the end of its reply all the same.
             self.check.forget_values();
@@ -160,7 +157,7 @@ impl AsciiQueue {
         }
         let Some(Unsettled { under_way, error, other, .. }) = self.unsettled.take() else { return };
         for error in [error, other].into_iter().flatten() {
-            self.program_error(events, publisher, error);
+            self.program_error(poll, error);
         }
         if checks {
             self.end_check(result, now);
@@ -169,81 +166,72 @@ impl AsciiQueue {
             self.ports.current_mut().settled(now);
             self.ports.end_doubt(now);
         }
-        self.end_command(events, under_way, result, now);
+        self.end_command(poll, under_way, result);
     }
 
     /// One more error came: behind the whole reply to our own line, if `is_own`.
-    fn error_to_unsettled(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        error: u16,
-        is_own: bool,
-        now: Instant,
-    ) {
+    fn error_to_unsettled(&mut self, poll: Poll<'_>, error: u16, is_own: bool) {
+        let now = poll.now;
         self.see_check(now);
         let Some(unsettled) = &mut self.unsettled else { return };
         let Some(before) = unsettled.error.filter(|_| !is_own) else {
             // The line was answered before, or no board refuses a control character.
-            return self.program_error(events, publisher, error);
+            return self.program_error(poll, error);
         };
         if std::mem::take(&mut unsettled.is_answered) {
             // So the line was not refused by the error before. By this one it may be.
             unsettled.error = Some(error);
             self.check.forget_values();
-            self.program_error(events, publisher, before);
+            self.program_error(poll, before);
         } else if error != before {
             unsettled.other.get_or_insert(error);
         } else if let (Some(_), InFlight::Buffer) = (&self.under_way, &unsettled.under_way.command) {
-            self.refuses_size(events, error, now);
+            self.refuses_size(poll, error);
         }
     }
 
     /// The board refuses the question for a program buffer, and our own line, which asks the same. Whether one of the errors was a
     /// program's the handshake tells.
-    fn refuses_size(&mut self, events: &Sender<Event>, error: u16, now: Instant) {
+    fn refuses_size(&mut self, poll: Poll<'_>, error: u16) {
+        let now = poll.now;
         let Some(Unsettled { under_way, .. }) = self.unsettled.take() else { return };
         self.under_way = None;
         self.ports.current_mut().finish(now);
-        self.end_command(events, under_way, Err(error), now);
+        self.end_command(poll, under_way, Err(error));
     }
 
     /// Tells what was held back: it is the command's.
-    fn tell_held(&mut self, events: &Sender<Event>) {
+    fn tell_held(&mut self, poll: Poll<'_>) {
         let Some(unsettled) = &mut self.unsettled else { return };
         let (held, count) = (unsettled.held, std::mem::take(&mut unsettled.count));
-        held[..count].iter().for_each(|text| self.tell_unsettled(events, *text));
+        held[..count].iter().for_each(|text| self.tell_unsettled(poll, *text));
     }
 
-    fn tell_unsettled(&mut self, events: &Sender<Event>, text: ResponseText) {
+    fn tell_unsettled(&mut self, poll: Poll<'_>, text: ResponseText) {
         let Some(unsettled) = &mut self.unsettled else { return };
         unsettled.under_way.taken = true;
         let command = unsettled.under_way.command;
-        self.tell_line(events, &command, text);
+        self.tell_line(poll, &command, text);
     }
 
     /// Ends a command that waits for the board to settle its end: its time is over, somebody has cancelled it, or `must_end`,
     /// because the board does not settle it any more.
-    pub(super) fn expire_unsettled(
-        &mut self,
-        events: &Sender<Event>,
-        publisher: &Publisher,
-        must_end: bool,
-        now: Instant,
-    ) {
+    pub(super) fn expire_unsettled(&mut self, poll: Poll<'_>, must_end: bool) {
+        let now = poll.now;
         let is_over = |Unsettled { under_way, .. }: &mut Unsettled| {
             must_end || now >= under_way.deadline || under_way.ended_by.is_some()
         };
         let Some(Unsettled { under_way, error, .. }) = self.unsettled.take_if(is_over) else { return };
         self.ports.doubt();
         match error {
-            Some(error) => self.end_doubtful(events, error, &under_way, now),
-            None => self.end_given_up(events, publisher, &under_way, now),
+            Some(error) => self.end_doubtful(poll, error, &under_way),
+            None => self.end_given_up(poll, &under_way),
         }
     }
 
     /// Ends a line of which nobody knows whether the board refused it.
-    fn end_doubtful(&mut self, events: &Sender<Event>, error: u16, under_way: &UnderWay, now: Instant) {
+    fn end_doubtful(&mut self, poll: Poll<'_>, error: u16, under_way: &UnderWay) {
+        let now = poll.now;
         let UnderWay { command, since, ended_by, .. } = under_way;
         let Some((ticket, origin)) = self.caller_in_doubt(command) else {
             return self.give_up_own(*command, true, now);
@@ -257,20 +245,20 @@ impl AsciiQueue {
         if ended_by.is_none() {
             self.check.give_up(GivenUp { by: origin, since: *since });
         }
-        self.outbox.tell(events, Event::Done(ticket, Outcome::Interrupted(outcome)));
+        self.outbox.tell(poll.events, Event::Done(ticket, Outcome::Interrupted(outcome)));
     }
 
     /// A program of the board has failed in a `CMD`.
-    pub(super) fn program_error(&mut self, events: &Sender<Event>, publisher: &Publisher, error: u16) {
+    pub(super) fn program_error(&mut self, poll: Poll<'_>, error: u16) {
         let text = ResponseText::of(&format_args!("ERR{error:03}"));
-        self.unsolicited(events, publisher, MessageKind::Error, &text);
+        self.unsolicited(poll, MessageKind::Error, &text);
     }
 
     /// Gives a line of a reply to whom it is for.
-    pub(super) fn tell_line(&mut self, events: &Sender<Event>, command: &InFlight, text: ResponseText) {
+    pub(super) fn tell_line(&mut self, poll: Poll<'_>, command: &InFlight, text: ResponseText) {
         match command {
             InFlight::Line(WaitingLine { ticket, .. }) | InFlight::Control(WaitingControl { ticket, .. }) => {
-                self.outbox.tell(events, Event::Line(*ticket, text));
+                self.outbox.tell(poll.events, Event::Line(*ticket, text));
             }
             InFlight::Identify => self.identifier.line(text.as_bytes()),
             InFlight::Scan => self.scan.line(text.as_bytes()),
