@@ -9,7 +9,7 @@ use std::time::Duration;
 use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::bus::board_function::Context;
 use pmac_dpram::daemon::bus::command_intake::CommandIntake;
-use pmac_dpram::daemon::bus::function_table::FunctionTable;
+use pmac_dpram::daemon::bus::function_table::{FunctionTable, Mirrors};
 use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::daemon::bus::memory_scan::MemoryScan;
 use pmac_dpram::daemon::bus::ports::command_port::CommandPorts;
@@ -122,14 +122,16 @@ pub fn body(data: &[u8]) {
             family,
             bus: RamBus::of(family, [0, 0, 0xFFFF, 0x8000][usize::from(way & 3)]),
             functions: FunctionTable::new(
-                ServoMirror::new(
-                    &family.servo,
-                    if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
-                    clock.clone(),
-                ),
-                BackgroundMirror::new(&family.background, 50_000_000),
+                Mirrors {
+                    servo: ServoMirror::new(
+                        &family.servo,
+                        if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
+                        clock.clone(),
+                    ),
+                    background: BackgroundMirror::new(&family.background, 50_000_000),
+                    variables: VariableMirror::new(&plan, mode, clock.clone()),
+                },
                 CommandLines::new(AsciiQueue::new(port, identifier, scan, clock.clone()), None, None),
-                VariableMirror::new(&plan, mode, clock.clone()),
                 plan,
                 &BoardSettings::default(),
                 clock.clone(),
@@ -225,9 +227,8 @@ impl Bench<'_> {
         let ticket = self.ticket();
         let deadline = self.clock.now() + Duration::from_millis(u64::from(tape.u8()) * 10);
         let job = self.job(how, tape);
-        let (bus, publisher) = (&mut self.bus, &self.shared.publisher);
-        let answer =
-            self.functions.submit(bus, publisher, ticket, job, deadline).expect("no job leaves the memory");
+        let answer = self.in_context(|functions, context| functions.submit(context, ticket, job, deadline));
+        let answer = answer.expect("no job leaves the memory");
         if let Some(event) = answer {
             self.take(event);
         }

@@ -21,7 +21,7 @@ use crate::clock::Clock;
 use crate::daemon::bus::board::Board;
 use crate::daemon::bus::board_loop::{BoardLoop, Configured, Connections};
 use crate::daemon::bus::command_intake::CommandIntake;
-use crate::daemon::bus::function_table::FunctionTable;
+use crate::daemon::bus::function_table::{FunctionTable, Mirrors};
 use crate::daemon::bus::identify::{Identifier, servo_period_ps};
 use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::bus::ports::command_port::CommandPorts;
@@ -112,42 +112,39 @@ impl Parts {
         let queue = AsciiQueue::new(ports, identifier, scan, clock.clone());
         let queue = if replies.is_some() { queue.of_replay() } else { queue };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
-        let functions = FunctionTable::new(
-            ServoMirror::selecting(
+        let mirrors = Mirrors {
+            servo: ServoMirror::selecting(
                 &settings.family.servo,
                 settings.servo_reading,
                 reading.servo.selection(settings.family),
                 clock.clone(),
             ),
-            BackgroundMirror::selecting(
+            background: BackgroundMirror::selecting(
                 &settings.family.background,
                 settings.background_period_ns,
                 reading.background.selection(settings.family),
             ),
-            CommandLines::new(queue, interrupt, host_port),
-            VariableMirror::new(&layout, mode, clock.clone()),
-            layout,
-            reading,
-            clock.clone(),
-        );
+            variables: VariableMirror::new(&layout, mode, clock.clone()),
+        };
+        let lines = CommandLines::new(queue, interrupt, host_port);
+        let functions = FunctionTable::new(mirrors, lines, layout, reading, clock.clone());
         let configured = Configured {
             settings: settings.board_settings.clone(),
             motors: settings.motors.map_or(settings.family.motors, |motors| motors as usize),
         };
         let connections = Connections {
+            publisher,
             intake: CommandIntake::new(command_queue, events),
             pulse: info.pulse(),
             stop: Arc::clone(&stop),
         };
         let trace = Trace::new(TRACED);
         let board_loop = BoardLoop::new(
-            Counted::new(Traced::new(bus, Arc::clone(&trace), clock.clone())),
+            Counted::new(Traced::new(bus, Arc::clone(&trace), clock)),
             BoardPresence::new(open),
             functions,
             configured,
-            publisher,
             connections,
-            clock,
         );
         Ok(Self {
             board_loop,

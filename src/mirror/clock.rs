@@ -12,7 +12,7 @@
 
 mod window;
 
-use window::Window;
+use window::{FoundUpdate, Window};
 
 /// Nanoseconds.
 type Ns = u64;
@@ -200,7 +200,8 @@ impl UpdateClock {
         if !is_late {
             self.follow_aim(was_early, step);
         }
-        self.window.add(at, updates, period, due, empty, was_early);
+        let found = FoundUpdate { find_ns: at, updates, due_ns: due, empty_ns: empty, was_early };
+        self.window.add(found, period);
         // An update is found after it was made, so the grid cannot be later.
         self.set_grid(due, (at - due).min(0.0));
         if !self.window.is_full() {

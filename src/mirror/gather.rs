@@ -93,16 +93,21 @@ pub enum NotFollowed {
     },
 }
 
+/// Counts servo cycles.
+struct Cycles {
+    clock: GatherClock,
+    /// The servo report, by whose timer they are counted.
+    report: &'static ServoBlock,
+    timer: ServoTimer,
+    time: Clock,
+}
+
 /// Follows one gather at a time.
 pub struct GatherMirror {
-    time: Clock,
     family: &'static Family,
     /// The gather that is followed.
     reader: Option<GatherReader>,
-    clock: GatherClock,
-    /// The servo report, whose timer counts the cycles.
-    report: &'static ServoBlock,
-    timer: ServoTimer,
+    cycles: Cycles,
     number: u32,
     payload: Box<[u16]>,
     next_poll: Instant,
@@ -114,18 +119,15 @@ impl GatherMirror {
     /// A mirror that follows nothing, on a board of `family`.
     #[must_use]
     pub fn new(family: &'static Family, time: Clock) -> Self {
-        let report = &family.servo;
+        let next_poll = time.now();
         Self {
             family,
             reader: None,
-            clock: GatherClock::Report,
-            report,
-            timer: ServoTimer::new(report.timer.bits()),
+            cycles: Cycles::new(GatherClock::Report, &family.servo, time),
             number: 0,
             payload: vec![0; longest_payload(family)].into_boxed_slice(),
-            next_poll: time.now(),
+            next_poll,
             strays: 0,
-            time,
         }
     }
 
@@ -149,8 +151,8 @@ impl GatherMirror {
         if matches!(clock, GatherClock::Host(_)) {
             reader.doubt_clock();
         }
-        let mut timer = ServoTimer::new(self.report.timer.bits());
-        let reason = match poll(bus, &mut reader, clock, self.report, &mut timer, &self.time)? {
+        let mut cycles = Cycles::new(clock, &self.family.servo, self.cycles.time.clone());
+        let reason = match cycles.poll(bus, &mut reader)? {
             GatherPoll::Idle => None,
             GatherPoll::Samples { .. } | GatherPoll::Ended => Some(NotFollowed::Runs),
             GatherPoll::Disturbed => Some(NotFollowed::HeldUp),
@@ -163,7 +165,7 @@ impl GatherMirror {
         if let Some(reason) = reason {
             return Ok(Err(reason));
         }
-        (self.reader, self.timer, self.clock) = (Some(reader), timer, clock);
+        (self.reader, self.cycles) = (Some(reader), cycles);
         self.number = self.number.wrapping_add(1);
         self.strays = 0;
         self.next_poll = now;
@@ -209,7 +211,7 @@ impl GatherMirror {
         now: Instant,
     ) -> Result<(), BusError> {
         let Some(reader) = &mut self.reader else { return Ok(()) };
-        let found = poll(bus, reader, self.clock, self.report, &mut self.timer, &self.time)?;
+        let found = self.cycles.poll(bus, reader)?;
         let (phase, first) = match found {
             GatherPoll::Samples { first, .. } => (GatherPhase::Running, Some(first)),
             // Once it may be a disturbance on the bus.
@@ -245,21 +247,21 @@ impl GatherMirror {
             longs: if phase == GatherPhase::Running { reader.longs() } else { &[] },
         };
         let words = chunk.encode(&mut self.payload);
-        let stamp = Stamp { time_ns: self.time.ns(), servo_timer: 0, valid: true };
+        let stamp = Stamp { time_ns: self.cycles.time.ns(), servo_timer: 0, valid: true };
         publisher.publish(RegionId::Gather, stamp, &self.payload[..words]);
     }
 }
 
-fn poll<B: Bus>(
-    bus: &mut B,
-    reader: &mut GatherReader,
-    clock: GatherClock,
-    report: &ServoBlock,
-    timer: &mut ServoTimer,
-    time: &Clock,
-) -> Result<GatherPoll, BusError> {
-    reader.poll(bus, |bus| match clock {
-        GatherClock::Report => report_cycles(bus, report, timer),
-        GatherClock::Host(period) => Ok(time.ns() / period),
-    })
+impl Cycles {
+    fn new(clock: GatherClock, report: &'static ServoBlock, time: Clock) -> Self {
+        Self { clock, report, timer: ServoTimer::new(report.timer.bits()), time }
+    }
+
+    /// Polls `reader` by these cycles.
+    fn poll(&mut self, bus: &mut impl Bus, reader: &mut GatherReader) -> Result<GatherPoll, BusError> {
+        reader.poll(bus, |bus| match self.clock {
+            GatherClock::Report => report_cycles(bus, self.report, &mut self.timer),
+            GatherClock::Host(period) => Ok(self.time.ns() / period),
+        })
+    }
 }

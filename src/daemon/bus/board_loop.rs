@@ -62,8 +62,10 @@ pub struct Configured {
     pub motors: usize,
 }
 
-/// What joins the loop with the other threads.
+/// What joins the loop with the other threads and processes.
 pub struct Connections {
+    /// The segment, as its writer.
+    pub publisher: Publisher,
     /// Commands from the socket, answers to it.
     pub intake: CommandIntake,
     /// The loop's heartbeat, for the service manager.
@@ -78,7 +80,6 @@ pub struct BoardLoop {
     presence: BoardPresence,
     functions: FunctionTable,
     configured: Configured,
-    publisher: Publisher,
     connections: Connections,
     reporter: Reporter,
     guard: GuardTime,
@@ -105,10 +106,9 @@ impl BoardLoop {
         presence: BoardPresence,
         functions: FunctionTable,
         configured: Configured,
-        publisher: Publisher,
         connections: Connections,
-        clock: Clock,
     ) -> Self {
+        let clock = functions.clock().clone();
         let reporter = Reporter::new(configured.settings.family(), clock.clone());
         Self {
             reporter: if bus.replay().is_some() { reporter.of_replay() } else { reporter },
@@ -117,7 +117,6 @@ impl BoardLoop {
             told: functions.servo_told(),
             functions,
             configured,
-            publisher,
             connections,
             guard: GuardTime::default(),
             phase: Phase::Begin,
@@ -156,7 +155,7 @@ impl BoardLoop {
     /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
     /// when a command or an interrupt has come. Returns after so many rounds even if some work is left.
     pub fn poll(&mut self) -> u64 {
-        self.publisher.set_now(self.clock.ns());
+        self.connections.publisher.set_now(self.clock.ns());
         for _ in 0..ROUNDS_A_POLL {
             let now = self.clock.ns();
             let readable = self.wait(now, now);
@@ -202,8 +201,8 @@ impl BoardLoop {
 
     /// The functions, and what they work with.
     fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
-        let Self { functions, bus, publisher, connections, clock, .. } = self;
-        (functions, Context { bus, publisher, intake: &mut connections.intake, clock })
+        let Self { functions, bus, connections: Connections { publisher, intake, .. }, clock, .. } = self;
+        (functions, Context { bus, publisher, intake, clock })
     }
 
     /// What follows from what a function found.
@@ -212,7 +211,7 @@ impl BoardLoop {
         match function {
             Function::Servo => {
                 if let Some(transition) = transition {
-                    self.reporter.servo(transition, self.functions.servo.freshness.limit_ns());
+                    self.reporter.data(function, transition, self.functions.servo.freshness.limit_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                         let change = self.presence.check_answers(&mut self.bus);
@@ -230,7 +229,7 @@ impl BoardLoop {
             }
             Function::Background => {
                 if let Some(transition) = transition {
-                    self.reporter.background(transition, self.functions.background.freshness.limit_ns());
+                    self.reporter.data(function, transition, self.functions.background.freshness.limit_ns());
                     if transition == Transition::Stale {
                         self.doubt_board();
                     }
@@ -284,8 +283,8 @@ impl BoardLoop {
             Err(reason) => warn!("{reason}; the buffer layout for boards of unknown firmware stays in force"),
         }
         let stamp = Stamp { time_ns: self.clock.ns(), servo_timer: 0, valid: true };
-        self.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
-        self.publisher.set_region_state(RegionId::Board, RegionState::Live);
+        self.connections.publisher.publish_bytes(RegionId::Board, stamp, &identity.encode());
+        self.connections.publisher.set_region_state(RegionId::Board, RegionState::Live);
         self.reporter.identity(identity, motors);
     }
 
@@ -364,7 +363,7 @@ impl BoardLoop {
         let now = self.clock.at(now);
         self.connections.intake.retry();
         let interrupts = self.functions.ascii.take_interrupts(readable, now);
-        self.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
+        self.connections.publisher.counters().add(Counter::Interrupts, u64::from(interrupts));
         if readable.commands {
             self.take_commands(now);
         }
@@ -399,7 +398,8 @@ impl BoardLoop {
                 })
             }
             Command::Job { ticket, job, deadline } => {
-                match self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, deadline) {
+                let (functions, mut context) = self.functions_in_context();
+                match functions.submit(&mut context, ticket, *job, deadline) {
                     Ok(answer) => answer,
                     Err(error) => {
                         self.bus_failed(&error);
@@ -429,14 +429,14 @@ impl BoardLoop {
 
     /// The heartbeat: what must be seen even when no data come.
     fn beat(&mut self, now: u64) {
-        self.publisher.move_if_asked();
-        self.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
-        self.publisher.beat(now);
+        self.connections.publisher.move_if_asked();
+        self.connections.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
+        self.connections.publisher.beat(now);
         // What waits has had no time yet to show anything.
         let waits = self.functions.uses_of_all().waiting().next().is_some();
         let may_begin = waits || now < self.began_ns + FIRST_SIGN_NS;
         if let Some(state) = self.reporter.board(self.shows_life(), may_begin) {
-            self.publisher.set_state(state);
+            self.connections.publisher.set_state(state);
         }
         if self.reporter.status.state != State::Init {
             let result = self.check_page();
@@ -457,7 +457,7 @@ impl BoardLoop {
     }
 
     fn bus_failed(&mut self, error: &dyn std::fmt::Display) {
-        self.publisher.counters().add(Counter::BusErrors, 1);
+        self.connections.publisher.counters().add(Counter::BusErrors, 1);
         self.reporter.bus_error(error);
         self.paused_until_ns = self.clock.ns() + BUS_ERROR_PAUSE_NS;
     }

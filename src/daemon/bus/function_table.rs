@@ -12,7 +12,7 @@ use crate::daemon::bus::memory_scan::Outcome as ScanOutcome;
 use crate::daemon::bus::servo_sign::ServoSign;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::daemon::bus::work::panel::PanelQueue;
-use crate::daemon::bus::work::rotary::RotaryQueue;
+use crate::daemon::bus::work::rotary::{Batch, RotaryQueue};
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteQueue;
 use crate::daemon::shared::function_use::{FunctionUse, Pointers, Use};
@@ -28,7 +28,7 @@ use crate::map::word_use::function_of;
 use crate::map::{BufferLayout, HostOffset, Motors, WholeBoard};
 use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
 use crate::protocol::{BoardSettings, CommandState, Enabled, Function, Functions, control};
-use crate::segment::{Counter, Publisher};
+use crate::segment::Counter;
 
 /// What is told of a function that is not used.
 const NOT_NOW: &str = "M-variables of the board point into the words of this function; see pmacctl status";
@@ -56,19 +56,28 @@ pub struct FunctionTable {
     rotary: RotaryQueue,
 }
 
+/// The mirrors that the configuration has a say in.
+pub struct Mirrors {
+    /// Of the servo report.
+    pub servo: ServoMirror,
+    /// Of the background report.
+    pub background: BackgroundMirror,
+    /// Of variables that clients choose.
+    pub variables: VariableMirror,
+}
+
 impl FunctionTable {
     /// The functions of a board whose buffers lie where `layout` says. The words of those that `settings` leave out are left
     /// alone.
     #[must_use]
     pub fn new(
-        servo: ServoMirror,
-        background: BackgroundMirror,
+        mirrors: Mirrors,
         ascii: CommandLines,
-        variables: VariableMirror,
         layout: BufferLayout,
         settings: &BoardSettings,
         clock: Clock,
     ) -> Self {
+        let Mirrors { servo, background, variables } = mirrors;
         let now = clock.now();
         let asks = ascii.queue().scan.is_wanted();
         let mut table = Self {
@@ -87,6 +96,12 @@ impl FunctionTable {
         };
         table.keep_as_found();
         table
+    }
+
+    /// The functions' clock.
+    #[must_use]
+    pub const fn clock(&self) -> &Clock {
+        &self.clock
     }
 
     /// Until it is known where the board's M-variables point, what it reports stays as it is found.
@@ -402,14 +417,14 @@ impl FunctionTable {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn submit(
+    pub fn submit<B: Bus>(
         &mut self,
-        bus: &mut impl Bus,
-        publisher: &Publisher,
+        context: &mut Context<'_, B>,
         ticket: Ticket,
         job: Job,
         deadline: Instant,
     ) -> Result<Option<Event>, BusError> {
+        let Context { bus, publisher, .. } = context;
         if let Some(function) = job.function()
             && !self.uses(function)
         {
@@ -429,24 +444,25 @@ impl FunctionTable {
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {
-                return Ok(self.rotary.submit(ticket, buffer, first, lines, deadline, now));
+                let batch = Batch { ticket, buffer, first, lines: lines.into(), deadline };
+                return Ok(self.rotary.submit(batch, now));
             }
             Job::WriteVariables(records) => {
                 self.variables.write.submit(ticket, records, deadline, now);
                 return Ok(None);
             }
-            Job::RotaryState(buffer) => return self.rotary.state(bus, ticket, buffer).map(Some),
+            Job::RotaryState(buffer) => return self.rotary.state(*bus, ticket, buffer).map(Some),
             Job::Override { coordinate_system, value } => match &mut self.panel {
-                Some(panel) => panel.set_override(bus, coordinate_system, value)?,
+                Some(panel) => panel.set_override(*bus, coordinate_system, value)?,
                 None => no_panel(),
             },
             Job::Write { first, words, anywhere } => {
                 match if anywhere { Ok(()) } else { self.layout.check_user_area(first, words.len()) } {
-                    Ok(()) => write(bus, first, &words)?,
+                    Ok(()) => write(*bus, first, &words)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }
-            Job::WatchVariables(entries) => match self.variables.read.begin(bus, &entries, publisher, now) {
+            Job::WatchVariables(entries) => match self.variables.read.begin(*bus, &entries, publisher, now) {
                 Ok(()) => return Ok(Some(Event::Watching(ticket, self.variables.read.table()))),
                 Err(VariableReadBusError::Refused(reason)) => Outcome::Refused(Text::of(&reason)),
                 Err(VariableReadBusError::Bus(error)) => return Err(error),
@@ -454,7 +470,7 @@ impl FunctionTable {
             Job::GatherBegin { buffer, clock } => {
                 match self.layout.check_gather(buffer.place.buffer, buffer.size_longs, buffer.sample_longs) {
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
-                    Ok(()) => match self.gather.begin(bus, buffer, clock, publisher, now)? {
+                    Ok(()) => match self.gather.begin(*bus, buffer, clock, publisher, now)? {
                         Ok(()) => Outcome::Done,
                         Err(reason) => Outcome::Refused(Text::of(&reason)),
                     },
@@ -476,7 +492,7 @@ impl FunctionTable {
                     coordinate_system_base,
                 };
                 match self.layout.check_rotary(buffer, setup.start, setup.size_longs) {
-                    Ok(()) => self.rotary.open(bus, buffer, &setup)?,
+                    Ok(()) => self.rotary.open(*bus, buffer, &setup)?,
                     Err(reason) => Outcome::Refused(Text::of(&reason)),
                 }
             }

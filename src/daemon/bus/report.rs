@@ -13,7 +13,7 @@ use crate::daemon::shared::queue::{Event, Sender};
 use crate::daemon::shared::status::{BoardStatus, KnownIdentity};
 use crate::map::{Family, LACKS_DPRAM, Motors, ReportStart, lacks_dpram};
 use crate::mirror::Transition;
-use crate::protocol::{CommandPort, CommandState};
+use crate::protocol::{CommandPort, CommandState, Function};
 use crate::segment::{Identity, State};
 
 /// How many changes are logged within which time. The data of a board that comes and goes would fill the log.
@@ -171,17 +171,12 @@ impl Reporter {
         self.log.tell(level, format_args!("{text}"));
     }
 
-    /// Servo data have become live, or stale after so many nanoseconds.
-    pub fn servo(&mut self, transition: Transition, stale_after_ns: u64) {
-        self.data("servo data", "update", 0, transition, stale_after_ns);
-    }
-
-    /// Background data have become live, or stale after so many nanoseconds.
-    pub fn background(&mut self, transition: Transition, stale_after_ns: u64) {
-        self.data("background data", "report", 1, transition, stale_after_ns);
-    }
-
-    fn data(&mut self, data: &str, what: &str, hint: usize, transition: Transition, stale_after_ns: u64) {
+    /// The data of a report have become live, or stale after so many nanoseconds.
+    pub fn data(&mut self, report: Function, transition: Transition, stale_after_ns: u64) {
+        let (data, what, hint) = match report {
+            Function::Servo => ("servo data", "update", 0),
+            _ => ("background data", "report", 1),
+        };
         match transition {
             Transition::Live => self.log.tell(Level::Info, format_args!("{data}: live")),
             Transition::Stale => {

@@ -14,6 +14,19 @@ struct Find {
     late_ns: f64,
 }
 
+/// An update that a poll has found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FoundUpdate {
+    pub find_ns: f64,
+    /// So many after the last one.
+    pub updates: f64,
+    pub due_ns: f64,
+    /// The last poll before it, which was empty.
+    pub empty_ns: Option<f64>,
+    /// The first poll for it came before it was due.
+    pub was_early: bool,
+}
+
 /// A window of updates.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Window {
@@ -55,16 +68,9 @@ impl Window {
         Self { length, start_ns, find_ns: f64::INFINITY, empty_ns: f64::NEG_INFINITY, ..Self::default() }
     }
 
-    /// Takes the find of an update that was due at `due_ns`, `updates` after the last one. Its first poll `was_early`.
-    pub fn add(
-        &mut self,
-        find_ns: f64,
-        updates: f64,
-        period_ns: f64,
-        due_ns: f64,
-        empty_ns: Option<f64>,
-        was_early: bool,
-    ) {
+    /// Takes the find of an update, where the board's period is taken for `period_ns`.
+    pub fn add(&mut self, found: FoundUpdate, period_ns: f64) {
+        let FoundUpdate { find_ns, updates, due_ns, empty_ns, was_early } = found;
         self.updates += updates;
         let late_ns = find_ns - self.start_ns - self.updates * period_ns;
         let find = Find { updates: self.updates, late_ns };

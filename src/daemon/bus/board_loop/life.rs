@@ -70,7 +70,7 @@ impl BoardLoop {
 
     /// Nothing seen so far says anything about what comes.
     fn acquire_again(&mut self) {
-        self.publisher.counters().add(Counter::Resets, 1);
+        self.connections.publisher.counters().add(Counter::Resets, 1);
         self.acquire_board();
     }
 
@@ -149,7 +149,8 @@ impl BoardLoop {
             if let Command::Job { ticket, job, .. } = command
                 && job.is_stop()
             {
-                let _ = self.functions.submit(&mut self.bus, &self.publisher, ticket, *job, until);
+                let (functions, mut context) = self.functions_in_context();
+                let _ = functions.submit(&mut context, ticket, *job, until);
             }
         }
         self.functions.keep_stops();

@@ -149,7 +149,7 @@ impl BoardLoop {
         let (functions, mut context) = self.functions_in_context();
         let polled = functions.poll(function, &mut context)?;
         if let Some(counter) = functions.counter::<BoardBus>(function) {
-            self.publisher.counters().add(counter, self.bus.accesses() - accesses);
+            self.connections.publisher.counters().add(counter, self.bus.accesses() - accesses);
         }
         Ok(polled)
     }

@@ -18,16 +18,21 @@ const COMMANDS_A_POLL: usize = 16;
 const POLL: Duration = Duration::from_micros(250);
 
 /// The commands of a line, two words each.
-type Line = Vec<(u32, u32)>;
+pub type Line = Vec<(u32, u32)>;
 
+/// Lines for a buffer, sent together.
 #[derive(Debug)]
-struct Batch {
-    ticket: Ticket,
-    buffer: usize,
+pub struct Batch {
+    /// Who is told their end.
+    pub ticket: Ticket,
+    /// The buffer's number, from 0.
+    pub buffer: usize,
     /// The number the next line has to have, if its sender counts.
-    first: Option<u64>,
-    lines: VecDeque<Line>,
-    deadline: Instant,
+    pub first: Option<u64>,
+    /// The lines that are left.
+    pub lines: VecDeque<Line>,
+    /// Until when they wait for room.
+    pub deadline: Instant,
 }
 
 /// The lines that wait, and the buffers they go to.
@@ -81,19 +86,11 @@ impl RotaryQueue {
     }
 
     /// Takes lines in, or refuses them.
-    pub fn submit(
-        &mut self,
-        ticket: Ticket,
-        buffer: usize,
-        first: Option<u64>,
-        lines: Vec<Line>,
-        deadline: Instant,
-        now: Instant,
-    ) -> Option<Event> {
-        if self.stream(buffer).is_none() {
-            return Some(Event::Done(ticket, refused(&RotaryError::NotSetUp)));
+    pub fn submit(&mut self, batch: Batch, now: Instant) -> Option<Event> {
+        if self.stream(batch.buffer).is_none() {
+            return Some(Event::Done(batch.ticket, refused(&RotaryError::NotSetUp)));
         }
-        self.waiting.push_back(Batch { ticket, buffer, first, lines: lines.into(), deadline });
+        self.waiting.push_back(batch);
         self.next_poll = now;
         None
     }
@@ -254,7 +251,9 @@ mod tests {
         let deadline = now + Duration::from_secs(1);
         let lines = || vec![vec![(0x000E23, 0x500000)]; 3];
         for (ticket, deadline) in [(1, deadline), (2, deadline), (3, deadline + Duration::from_secs(1))] {
-            assert!(queue.submit(Ticket(ticket), buffer, None, lines(), deadline, now).is_none());
+            let lines = lines().into();
+            let batch = Batch { ticket: Ticket(ticket), buffer, first: None, lines, deadline };
+            assert!(queue.submit(batch, now).is_none());
         }
         // There is room for all of them; the thread was stopped meanwhile.
         for ticket in [1, 2] {
