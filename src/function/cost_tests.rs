@@ -75,7 +75,7 @@ fn servo() {
     ] {
         for n in 0..=8 {
             let (mut rig, mut reader) = (Rig::new(), ServoReader::new(&PMAC.servo, reading));
-            reader.set_motors(Motors::first(n as usize));
+            reader.set_motors(Motors::first(n));
             reader.poll(&mut rig.host).unwrap();
             rig.put(SERVO_PMAC_STATUS, 1);
             let (look, cost) = rig.cost(|bus| reader.poll(bus).unwrap());

@@ -89,7 +89,7 @@ fn a_part_of_the_background_report() {
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
     let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
-    reader.set_motors(Motors::first(motors as usize));
+    reader.set_motors(Motors::first(motors));
     reader.poll(&mut rig.host).unwrap();
     for word in 0..PMAC.servo.words() {
         rig.put(SERVO_HOST_STATUS.plus_words(word), word as u16);

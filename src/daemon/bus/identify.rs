@@ -14,6 +14,10 @@ use std::time::{Duration, Instant};
 use self::questions::{ERROR_REPORT, Meaning, PLC_CONTROL, Question, note_type, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
+use crate::daemon::bus::timing::{
+    IDENTITY_AFTER_LINE, IDENTITY_AGAIN, IDENTITY_ANSWER, IDENTITY_ANSWER_AT_MOST, IDENTITY_PUT_OFF_AT_MOST,
+    IDENTITY_RECHECK,
+};
 use crate::daemon::shared::status::{CHANGES, Change, Enabling};
 use crate::format::Text;
 use crate::map::Family;
@@ -22,19 +26,6 @@ use crate::protocol::line::resets;
 use crate::protocol::{LINE_MAX, answer};
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
-
-/// How long the board may take for one question.
-const PATIENCE: Duration = Duration::from_millis(500);
-/// The most time that a board gets that was late.
-const LONGEST_PATIENCE: Duration = Duration::from_secs(2);
-/// How long to wait before asking a silent board again.
-const AGAIN: Duration = Duration::from_secs(10);
-/// How often to ask for I-variables that another host may have changed.
-const RECHECK: Duration = Duration::from_secs(30);
-/// How long to wait after a line that may have changed something: more may follow.
-const SETTLE: Duration = Duration::from_millis(200);
-/// How long lines that go on changing something can put the questions off.
-const LONGEST: Duration = Duration::from_secs(2);
 
 /// Asks, collects, and keeps the last complete answer.
 pub struct Identifier {
@@ -103,8 +94,8 @@ impl Identifier {
             enabling: Enabling::default(),
             wanted: ask,
             changes: ChangeWatch::new(family),
-            recheck: RECHECK,
-            patience: PATIENCE,
+            recheck: IDENTITY_RECHECK,
+            patience: IDENTITY_ANSWER,
             has_failed: false,
             asked: now,
             on_request: false,
@@ -117,7 +108,7 @@ impl Identifier {
     /// The same for a daemon that reads no report of the board: a dead one would be known by nothing but silence.
     #[must_use]
     pub fn without_reports(mut self) -> Self {
-        self.recheck = AGAIN;
+        self.recheck = IDENTITY_AGAIN;
         self
     }
 
@@ -130,9 +121,9 @@ impl Identifier {
         self.again = true;
         self.enabling = Enabling::default();
         let since = *self.changing_since.get_or_insert(now);
-        self.overdue = now >= since + LONGEST;
+        self.overdue = now >= since + IDENTITY_PUT_OFF_AT_MOST;
         if !self.overdue {
-            self.not_before = now + SETTLE;
+            self.not_before = now + IDENTITY_AFTER_LINE;
         }
         self.restart();
     }
@@ -156,7 +147,7 @@ impl Identifier {
     /// Whether a question has waited so long, since the last one too, that other lines wait for it now.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
-        self.due().is_some_and(|due| now >= due.max(self.asked) + LONGEST)
+        self.due().is_some_and(|due| now >= due.max(self.asked) + IDENTITY_PUT_OFF_AT_MOST)
     }
 
     /// From when on a question is to be asked.
@@ -330,7 +321,7 @@ impl Identifier {
         self.changing_since = None;
         self.overdue = false;
         self.next = 0;
-        self.not_before = now + AGAIN;
+        self.not_before = now + IDENTITY_AGAIN;
     }
 
     /// Asks the present question in two, where it can be.
@@ -344,7 +335,7 @@ impl Identifier {
     /// An answer came that is nobody's. If it is the one that did not come in time, the board is given more time from now on.
     pub fn late_answer(&mut self) {
         if std::mem::take(&mut self.has_failed) {
-            self.patience = (2 * self.patience).min(LONGEST_PATIENCE);
+            self.patience = (2 * self.patience).min(IDENTITY_ANSWER_AT_MOST);
         }
     }
 

@@ -11,6 +11,10 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::daemon::bus::timing::{
+    DEFINITIONS_AFTER_LINE, DEFINITIONS_AGAIN, DEFINITIONS_AGAIN_AT_LAST, DEFINITIONS_ANSWER,
+    DEFINITIONS_NOT_TOLD, DEFINITIONS_PUT_OFF_AT_MOST,
+};
 use crate::daemon::shared::definition_blocks::{BLOCK, DefinitionBlocks};
 use crate::format::Text;
 use crate::map::word_use::{Definition, definition, m_variables};
@@ -23,18 +27,6 @@ use crate::protocol::program_words::DefinitionsRead;
 const A_QUESTION: u16 = 50;
 /// So many at least, where the board has not answered a longer question in time.
 const LEAST: u16 = 6;
-/// How long the board may take for one question.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// How long to wait before a question is asked again that was not answered, or otherwise.
-const AGAIN: Duration = Duration::from_secs(1);
-/// The same of a board that does not tell.
-const LATER: Duration = Duration::from_secs(30);
-/// How long to wait after a line that defines one: more may follow.
-const SETTLE: Duration = Duration::from_secs(1);
-/// After so long without an answer the board counts as one that does not tell.
-const NO_PROGRESS: Duration = Duration::from_secs(10);
-/// How long lines that always wait can put a question off.
-const LONGEST: Duration = Duration::from_secs(2);
 /// More than the longest definition.
 const DEFINITION_MAX: usize = 40;
 
@@ -161,7 +153,7 @@ impl MemoryScan {
     /// Whether a question has waited so long that other lines wait for it now.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
-        self.due_in(now).is_zero() && now >= self.not_before.max(self.sent) + LONGEST
+        self.due_in(now).is_zero() && now >= self.not_before.max(self.sent) + DEFINITIONS_PUT_OFF_AT_MOST
     }
 
     /// How far the questions are.
@@ -184,7 +176,7 @@ impl MemoryScan {
         }
         self.lines = 0;
         self.size = self.size.min(most_lines.max(LEAST));
-        Some((Text::of(&format_args!("M{}..{}->", self.next, self.last())), PATIENCE))
+        Some((Text::of(&format_args!("M{}..{}->", self.next, self.last())), DEFINITIONS_ANSWER))
     }
 
     /// The last M-variable of the present question.
@@ -247,7 +239,7 @@ impl MemoryScan {
             self.span += 1;
             self.next = self.spans.get(self.span).map_or(end, |span| span.start);
         }
-        if now < self.sent + PATIENCE / 2 {
+        if now < self.sent + DEFINITIONS_ANSWER / 2 {
             self.size = (2 * self.size).min(A_QUESTION);
         }
         if self.is_over() {
@@ -267,7 +259,7 @@ impl MemoryScan {
         self.has_failed = true;
         self.tell_more();
         self.size = (self.size / 2).max(LEAST);
-        self.not_before = now + if self.is_awaited { AGAIN } else { LATER };
+        self.not_before = now + if self.is_awaited { DEFINITIONS_AGAIN } else { DEFINITIONS_AGAIN_AT_LAST };
     }
 
     fn tell_more(&mut self) {
@@ -285,7 +277,7 @@ impl MemoryScan {
     /// A line of somebody's goes to the board. One that defines an M-variable changes what is known.
     pub fn line_goes(&mut self, line: &[u8], now: Instant) {
         if line.windows(2).any(|two| two == b"->") {
-            self.begin_anew(now + SETTLE);
+            self.begin_anew(now + DEFINITIONS_AFTER_LINE);
         }
     }
 
@@ -329,7 +321,7 @@ impl MemoryScan {
     /// What has come out since the last call. Here `now` decides, too: who waits for the definitions need not wait for a
     /// board that does not tell them.
     pub fn take_outcome(&mut self, now: Instant) -> Option<Outcome> {
-        if self.wanted && self.is_awaited && now >= self.progress + NO_PROGRESS {
+        if self.wanted && self.is_awaited && now >= self.progress + DEFINITIONS_NOT_TOLD {
             self.tell(Outcome::Unknown);
         }
         self.outcome.take()

@@ -67,7 +67,7 @@ fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
         // One is taken away by a line.
         scan.line_goes(b"M211->*", now);
         assert_eq!(scan.next_line(u16::MAX, now), None, "more may follow");
-        assert_eq!(answer(&mut scan, &definitions[1..], now + SETTLE), asked);
+        assert_eq!(answer(&mut scan, &definitions[1..], now + DEFINITIONS_AFTER_LINE), asked);
         assert_eq!(scan.words().nth(1).unwrap().1, 212);
     }
 }
@@ -94,21 +94,21 @@ fn c3_a_board_that_cannot_be_asked_keeps_nobody_waiting() {
     for (otherwise, questions) in answers {
         let mut scan = begun();
         let mut time = now;
-        while time < now + NO_PROGRESS {
+        while time < now + DEFINITIONS_NOT_TOLD {
             assert_eq!(scan.take_outcome(time), None, "silent now is not silent for ten seconds");
             if scan.next_line(u16::MAX, time).is_some() {
                 scan.sent(time);
                 otherwise(&mut scan, time);
             }
-            time += AGAIN;
+            time += DEFINITIONS_AGAIN;
         }
         assert_eq!(scan.take_outcome(time), Some(Outcome::Unknown));
-        assert_eq!(scan.take_outcome(time + LATER), None, "told once");
-        assert_eq!(answer(&mut scan, &[], time + LATER), questions, "it is asked again");
-        assert_eq!(scan.take_outcome(time + LATER), Some(Outcome::Known));
+        assert_eq!(scan.take_outcome(time + DEFINITIONS_AGAIN_AT_LAST), None, "told once");
+        assert_eq!(answer(&mut scan, &[], time + DEFINITIONS_AGAIN_AT_LAST), questions, "it is asked again");
+        assert_eq!(scan.take_outcome(time + DEFINITIONS_AGAIN_AT_LAST), Some(Outcome::Known));
     }
     let mut scan = scan_of(&PMAC, false, now);
-    assert_eq!((scan.due_in(now), scan.take_outcome(now + AGAIN)), (Duration::MAX, None));
+    assert_eq!((scan.due_in(now), scan.take_outcome(now + DEFINITIONS_AGAIN)), (Duration::MAX, None));
 }
 
 #[test]
@@ -117,20 +117,20 @@ fn a_board_that_refuses_to_tell_is_waited_for_no_longer_because_it_answers_other
     let mut scan = scan_of(&PMAC, true, now);
     let mut time = now;
     // It is asked who it is first.
-    while time < now + 2 * NO_PROGRESS {
-        time += AGAIN;
+    while time < now + 2 * DEFINITIONS_NOT_TOLD {
+        time += DEFINITIONS_AGAIN;
         scan.is_answering(time);
         assert_eq!(scan.take_outcome(time), None);
     }
     let begun = time;
     while scan.take_outcome(time).is_none() {
-        assert!(time <= begun + NO_PROGRESS, "{:?}", time - begun);
+        assert!(time <= begun + DEFINITIONS_NOT_TOLD, "{:?}", time - begun);
         if scan.next_line(u16::MAX, time).is_some() {
             scan.sent(time);
             scan.done(true, time);
         }
         scan.is_answering(time);
-        time += AGAIN;
+        time += DEFINITIONS_AGAIN;
     }
 }
 
@@ -160,14 +160,18 @@ fn c3_what_was_told_stands_whatever_becomes_of_the_other_questions() {
         } else {
             scan.failed(time);
         }
-        time += AGAIN;
+        time += DEFINITIONS_AGAIN;
         told.extend(scan.take_outcome(time));
     }
     assert_eq!(told, [Outcome::More]);
-    assert_eq!(scan.take_outcome(now + NO_PROGRESS), Some(Outcome::Unknown));
+    assert_eq!(scan.take_outcome(now + DEFINITIONS_NOT_TOLD), Some(Outcome::Unknown));
     let numbers: Vec<_> = scan.words().map(|(_, number)| number).collect();
     assert_eq!(numbers, [150, 55, 55]);
-    assert_eq!(answer(&mut scan, &[], now + NO_PROGRESS + LATER), 20, "the others are not asked again");
+    assert_eq!(
+        answer(&mut scan, &[], now + DEFINITIONS_NOT_TOLD + DEFINITIONS_AGAIN_AT_LAST),
+        20,
+        "the others are not asked again"
+    );
 }
 
 /// A question costs a slow board 0.4 s, or each definition 0.15 s: all of them are read, and it is told how long that takes.
@@ -226,7 +230,7 @@ fn c3_time_in_which_others_hold_the_port_does_not_count() {
     assert!(scan.is_overdue(freed), "lines that always wait do not put it off for ever");
     scan.pass(false, freed + Duration::from_secs(7));
     assert_eq!(scan.take_outcome(freed + Duration::from_secs(7)), None);
-    assert_eq!(scan.take_outcome(freed + NO_PROGRESS), Some(Outcome::Unknown));
+    assert_eq!(scan.take_outcome(freed + DEFINITIONS_NOT_TOLD), Some(Outcome::Unknown));
 }
 
 #[test]
@@ -251,7 +255,7 @@ fn c3_what_is_defined_during_a_pass_begins_another() {
     scan.line_goes(b"M5->Y:$D000", now);
     (0..A_QUESTION).for_each(|_| scan.line(b"*"));
     scan.done(false, now);
-    assert_eq!(answer(&mut scan, &[(5, "Y:$D000,0,16")], now + SETTLE), 21);
+    assert_eq!(answer(&mut scan, &[(5, "Y:$D000,0,16")], now + DEFINITIONS_AFTER_LINE), 21);
     assert_eq!(scan.take_outcome(now), Some(Outcome::Known));
     assert_eq!(scan.words().count(), 1);
 }

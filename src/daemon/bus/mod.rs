@@ -10,6 +10,7 @@
 //! | [`command_intake`] | commands from the socket, answers to it |
 //! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | what the board is, who else changes it, and what of it the clients and the log are told |
 //! | [`memory_scan`], [`servo_sign`] | where the board's own programs keep data, and what needs not wait for it |
+//! | `timing` | how long it waits for what |
 //! | [`ports`] | the ports by which lines and interrupts come and go |
 //! | [`work`] | one file for each function that clients use |
 
@@ -30,5 +31,6 @@ pub mod readable;
 pub mod report;
 pub mod scale_doubts;
 pub mod servo_sign;
+mod timing;
 pub mod waits;
 pub mod work;

@@ -1,11 +1,8 @@
 //! The phases of the bus thread, from its start to its end.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Time limit at the start for the board to make the DPRAM visible.
-const FIRST_REACH: Duration = Duration::from_millis(200);
-/// Time limit at the end for the board to stop held jogs.
-const LAST_STOP: Duration = Duration::from_millis(500);
+use crate::daemon::bus::timing::{FIRST_REACH, LAST_STOP};
 
 /// A phase of the bus thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -117,7 +117,7 @@ impl BoardPresence {
         bus: &mut BoardBus,
         ports: &mut CommandPorts,
     ) -> Result<Option<Change>, PortError> {
-        if !ports.page().is_some() {
+        if ports.page().is_none() {
             return Ok(None);
         }
         let out_of_reach = ports.dpram.is_out_of_reach(bus)?;

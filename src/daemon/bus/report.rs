@@ -1,12 +1,13 @@
 //! What the log, the segment and the clients are told of the board when it changes.
 
 use std::fmt::Arguments;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use log::{Level, error, info, log, warn};
 
 use crate::clock::Clock;
 use crate::daemon::bus::memory_scan::{Outcome, Unclear};
+use crate::daemon::bus::timing::LOG_QUOTA;
 use crate::daemon::shared::function_use::FunctionUse;
 use crate::daemon::shared::log_quota::LogQuota;
 use crate::daemon::shared::queue::{Event, Sender};
@@ -18,7 +19,6 @@ use crate::segment::{Identity, State};
 
 /// How many changes are logged within which time. The data of a board that comes and goes would fill the log.
 const TOLD: u32 = 20;
-const PERIOD: Duration = Duration::from_secs(60);
 
 /// Logs changes, as many as may be.
 struct ChangeLog {
@@ -31,7 +31,7 @@ impl ChangeLog {
     fn tell(&mut self, level: Level, change: Arguments<'_>) {
         let now = self.clock.now();
         self.sum_up(now);
-        if self.quota.get_or_insert(LogQuota::until(now + PERIOD)).may_tell(TOLD) {
+        if self.quota.get_or_insert(LogQuota::until(now + LOG_QUOTA)).may_tell(TOLD) {
             log!(level, "{change}");
         }
     }
@@ -42,7 +42,7 @@ impl ChangeLog {
             && quota.untold() > 0
         {
             info!(
-                "{} more such changes within {PERIOD:?}: the board, or what it reports, comes and goes",
+                "{} more such changes within {LOG_QUOTA:?}: the board, or what it reports, comes and goes",
                 quota.untold()
             );
         }
@@ -310,7 +310,7 @@ mod tests {
             told = log.quota.map_or(0, |quota| quota.told());
         }
         assert_eq!((told, log.quota.map(|quota| quota.untold())), (TOLD, Some(1000 - u64::from(TOLD))));
-        time.advance(PERIOD);
+        time.advance(LOG_QUOTA);
         log.sum_up(log.clock.now());
         assert!(log.quota.is_none(), "it begins again");
     }

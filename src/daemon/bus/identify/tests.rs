@@ -37,7 +37,7 @@ fn it_asks_everything_once_and_tells_it_once() {
     assert_eq!((identity.ix07[0], identity.ix08[0], identity.ix09[7]), (Some(90), Some(91), Some(120)));
     assert_eq!(identity.ix08[8], None);
     assert!(identifier.next_line(u16::MAX, now).is_none());
-    assert_eq!(identifier.due_in(now), RECHECK);
+    assert_eq!(identifier.due_in(now), IDENTITY_RECHECK);
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
         answer(&mut identifier, start, lines);
     }
     let first = identifier.take_update().unwrap();
-    let now = start + RECHECK;
+    let now = start + IDENTITY_RECHECK;
     scales[1] = "48";
     let asked = answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "1", "1", "2"]);
     assert_eq!(asked, "I10 I19 I48 I49 I59 I2 I55 I3", "who it is, is not asked again");
@@ -99,12 +99,12 @@ fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it
     {
         answer(&mut identifier, start, lines);
     }
-    assert!(!identifier.is_overdue(start + RECHECK));
-    let now = start + RECHECK + LONGEST;
+    assert!(!identifier.is_overdue(start + IDENTITY_RECHECK));
+    let now = start + IDENTITY_RECHECK + IDENTITY_PUT_OFF_AT_MOST;
     assert!(identifier.is_overdue(now), "lines wait for it now");
     answer(&mut identifier, now, &["3713707", "1", "1", "1", "8", "3", "1", "2"]);
     assert!(!identifier.is_overdue(now), "lines go before the next question");
-    assert!(identifier.is_overdue(now + LONGEST));
+    assert!(identifier.is_overdue(now + IDENTITY_PUT_OFF_AT_MOST));
 }
 
 #[test]
@@ -173,12 +173,12 @@ fn a_silent_board_is_asked_again_later_and_a_changed_one_soon() {
     identifier.next_line(u16::MAX, now).unwrap();
     identifier.failed(now);
     assert!(identifier.next_line(u16::MAX, now).is_none());
-    assert!(identifier.next_line(u16::MAX, now + AGAIN).is_some());
+    assert!(identifier.next_line(u16::MAX, now + IDENTITY_AGAIN).is_some());
     identifier.ask_again(now);
-    assert!(identifier.next_line(u16::MAX, now + SETTLE).is_some());
+    assert!(identifier.next_line(u16::MAX, now + IDENTITY_AFTER_LINE).is_some());
     let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now);
     quiet.ask_again(now);
-    assert!(quiet.next_line(u16::MAX, now + AGAIN).is_none(), "told not to ask");
+    assert!(quiet.next_line(u16::MAX, now + IDENTITY_AGAIN).is_none(), "told not to ask");
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn a_board_that_does_not_tell_all_scales_in_time_is_asked_for_fewer() {
             numbers.iter().for_each(|number| identifier.line(number.as_bytes()));
             identifier.done();
         }
-        now += AGAIN;
+        now += IDENTITY_AGAIN;
     }
     assert_eq!(asked[..4], [32, 16, 8, 4]);
     let identity = identifier.take_update().unwrap();
@@ -233,10 +233,10 @@ fn a_board_without_reports_is_asked_again_and_again() {
         identifier.sent();
         identifier.done();
     }
-    assert_eq!(identifier.due_in(now), AGAIN);
-    assert!(identifier.next_line(u16::MAX, now + AGAIN).is_some());
+    assert_eq!(identifier.due_in(now), IDENTITY_AGAIN);
+    assert!(identifier.next_line(u16::MAX, now + IDENTITY_AGAIN).is_some());
     let mut quiet = Identifier::new(&PMAC, Identity::default(), false, now).without_reports();
-    assert_eq!((quiet.next_line(u16::MAX, now + AGAIN), quiet.due_in(now)), (None, Duration::MAX));
+    assert_eq!((quiet.next_line(u16::MAX, now + IDENTITY_AGAIN), quiet.due_in(now)), (None, Duration::MAX));
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn a_change_in_mid_question_neither_mixes_the_answers_nor_is_forgotten() {
     }
     identifier.done();
     assert_eq!(identifier.enabling(), Enabling::default(), "asked before the change");
-    assert_eq!(answer(&mut identifier, now + SETTLE, &["PMAC1"]), "TYPE", "it begins again");
+    assert_eq!(answer(&mut identifier, now + IDENTITY_AFTER_LINE, &["PMAC1"]), "TYPE", "it begins again");
 }
 
 #[test]
@@ -277,10 +277,10 @@ fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
     assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(94)));
     assert_eq!(told.firmware.as_deref(), Some("1.16D"));
     // A further change while the board is asked.
-    answer(&mut identifier, now + SETTLE, &["PMAC1"]);
-    identifier.line_goes(b"I308=48", now + SETTLE);
+    answer(&mut identifier, now + IDENTITY_AFTER_LINE, &["PMAC1"]);
+    identifier.line_goes(b"I308=48", now + IDENTITY_AFTER_LINE);
     assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);
-    all(&mut identifier, now + 2 * SETTLE);
+    all(&mut identifier, now + 2 * IDENTITY_AFTER_LINE);
     assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(95), Some(99)]);
 }
 
@@ -303,7 +303,10 @@ fn a_stream_of_changes_puts_the_answer_off_but_not_for_ever() {
         }
     }
     let answered_at = answered_at.expect("an answer in spite of them");
-    assert!((LONGEST..2 * LONGEST).contains(&answered_at), "{answered_at:?}");
-    assert!(!identifier.is_overdue(identifier.not_before + SETTLE));
-    assert!(identifier.is_overdue(identifier.not_before + LONGEST));
+    assert!(
+        (IDENTITY_PUT_OFF_AT_MOST..2 * IDENTITY_PUT_OFF_AT_MOST).contains(&answered_at),
+        "{answered_at:?}"
+    );
+    assert!(!identifier.is_overdue(identifier.not_before + IDENTITY_AFTER_LINE));
+    assert!(identifier.is_overdue(identifier.not_before + IDENTITY_PUT_OFF_AT_MOST));
 }

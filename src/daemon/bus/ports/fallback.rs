@@ -5,19 +5,14 @@
 //! every 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open nothing is asked: the
 //! question would be a program line. Where nobody knows, that is asked first.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::bus::ports::mailbox::MailboxQuestion;
+use crate::daemon::bus::timing::{LINE_STUCK, PORT_ASKED_AGAIN, PORT_ASKED_SOON};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandPort;
-
-/// How long a command may stay unread in the DPRAM before the board is asked. It takes commands within milliseconds.
-const STUCK: Duration = Duration::from_millis(100);
-/// How often the board is asked again, and how soon after a line that may have changed the answer.
-const AGAIN: Duration = Duration::from_secs(2);
-const SOON: Duration = Duration::from_millis(200);
 
 /// What waits at the ports.
 #[derive(Debug, Clone, Copy)]
@@ -70,7 +65,7 @@ impl Fallback {
     /// A line may have changed which port the board looks at.
     pub fn ask_soon(&mut self, ports: &CommandPorts, now: Instant) {
         if ports.in_use() == CommandPort::Mailbox {
-            self.next_question = self.next_question.min(now + SOON);
+            self.next_question = self.next_question.min(now + PORT_ASKED_SOON);
         }
     }
 
@@ -91,7 +86,7 @@ impl Fallback {
         now: Instant,
     ) -> Result<Option<Change>, PortError> {
         let Some(answer) = ports.take_answer(MailboxQuestion::Enable) else { return Ok(None) };
-        self.next_question = now + AGAIN;
+        self.next_question = now + PORT_ASKED_AGAIN;
         let is_enabled = answer.value.map(|value| value != 0);
         let out_of_reach = is_enabled.is_some() && ports.dpram.is_out_of_reach(bus)?;
         Ok(match (ports.in_use(), is_enabled) {
@@ -114,12 +109,12 @@ impl Fallback {
             return Ok(());
         }
         let has_reason = if in_dpram {
-            self.stuck_since.is_some_and(|since| now >= since + STUCK)
+            self.stuck_since.is_some_and(|since| now >= since + LINE_STUCK)
         } else {
             !waiting.under_way && ports.current().is_idle()
         };
         if has_reason && ports.ask(waiting.buffer_open.is_some(), now)? {
-            self.next_question = now + AGAIN;
+            self.next_question = now + PORT_ASKED_AGAIN;
         }
         Ok(())
     }

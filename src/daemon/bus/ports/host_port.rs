@@ -4,11 +4,12 @@
 //! at once more. An interrupt with `response_control` = 0, of a response that was found by looking, is an old one: it is counted and
 //! acknowledged, or the controller would give no other.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use log::{info, warn};
 
 use crate::daemon::bus::ports::command_port::CommandPorts;
+use crate::daemon::bus::timing::RESPONSE_ANNOUNCED;
 use crate::daemon::config::ports::HostPortConfig;
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
@@ -17,10 +18,6 @@ use crate::function::line_port::PortError;
 use crate::map::Controller;
 use crate::protocol::CommandPort;
 use crate::protocol::HostPortCounts;
-
-/// How long after a response its interrupt may still come. Then it was lost on its way to us, and has to be
-/// acknowledged all the same.
-const ANNOUNCED_BY: Duration = Duration::from_millis(50);
 
 /// The controller.
 pub struct HostPortDriver {
@@ -169,7 +166,7 @@ impl HostPortDriver {
             return Ok(());
         }
         let since = *self.unannounced_since.get_or_insert(now);
-        if now < since + ANNOUNCED_BY {
+        if now < since + RESPONSE_ANNOUNCED {
             return Ok(());
         }
         if self.counts.unannounced == 0 {

@@ -5,11 +5,9 @@ use std::time::{Duration, Instant};
 
 use log::{info, warn};
 
+use crate::daemon::bus::timing::INTERRUPT_RECONNECT;
 use crate::device::interrupt::Taken;
 use crate::device::{Interrupt, InterruptSource};
-
-/// How often a lost connection is tried again.
-const RECONNECT: Duration = Duration::from_millis(500);
 
 /// More wakes than this in a second are no responses of a board: something keeps the line raised.
 const STORM: u32 = 10_000;
@@ -92,7 +90,7 @@ impl InterruptLink {
         if self.interrupt.is_some() || self.next_try.is_some_and(|next| now < next) {
             return false;
         }
-        self.next_try = Some(now + RECONNECT);
+        self.next_try = Some(now + INTERRUPT_RECONNECT);
         match Interrupt::connect(source) {
             Ok(interrupt) => {
                 info!("interrupt connected ({source})");

@@ -7,10 +7,11 @@
 //! The daemon asks the board for I58 here, too, whichever way lines go ([`MailboxDriver::ask`]). Meanwhile no line is begun.
 
 use std::os::fd::BorrowedFd;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::daemon::bus::board::{self, link};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
+use crate::daemon::bus::timing::PORT_ANSWER;
 use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
 use crate::device::board::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
@@ -18,9 +19,6 @@ use crate::function::line_port::{AsciiEvent, LinePort, PortError};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 use crate::protocol::answer;
-
-/// How long the board may take to answer the daemon's question.
-const ANSWER_LIMIT: Duration = Duration::from_millis(500);
 
 /// A question of the daemon's, whichever way lines go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -147,7 +145,7 @@ impl MailboxDriver {
     ) -> Result<bool, ByteBusError> {
         let begun = self.may_begin() && self.port.begin(&mut self.registers, line)?;
         if begun {
-            self.asked = Some((MailboxAnswer { question, value: None }, now + ANSWER_LIMIT));
+            self.asked = Some((MailboxAnswer { question, value: None }, now + PORT_ANSWER));
         }
         Ok(begun)
     }

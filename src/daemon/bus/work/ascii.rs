@@ -41,6 +41,10 @@ use crate::daemon::bus::memory_scan::MemoryScan;
 use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::bus::ports::fallback::Fallback;
 use crate::daemon::bus::scale_doubts::ScaleDoubts;
+use crate::daemon::bus::timing::{
+    LINES_POLL_IDLE, LINES_POLL_IDLE_WITH_INTERRUPT, LINES_POLL_LATER, LINES_POLL_SOON, LINES_POLLED_OFTEN,
+    OWN_LINE, OWN_REPLY,
+};
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
 use crate::daemon::shared::queue::{
@@ -57,17 +61,6 @@ use crate::segment::{Counter, Publisher};
 const STEPS_A_POLL: usize = 2;
 /// I64=1 puts it before a text that nobody asked for (Turbo Software Reference p. 67). The control word says that already.
 const STX: u8 = 0x02;
-/// How often to poll while the board owes something: first soon, then less often.
-const POLL_SOON: Duration = Duration::from_micros(100);
-const POLL_LATER: Duration = Duration::from_millis(1);
-/// How long it is polled for often after the last thing that happened.
-const SOON: Duration = Duration::from_millis(20);
-/// How often to poll for unsolicited texts when nothing is owed: without an interrupt, and with one that may be lost.
-const POLL_IDLE: Duration = Duration::from_millis(20);
-const POLL_IDLE_WITH_INTERRUPT: Duration = Duration::from_secs(1);
-/// How long the board may take from one line to the next of the reply to a question of our own, and for all of them.
-const OWN_LINE: Duration = Duration::from_millis(500);
-const OWN_REPLY: Duration = Duration::from_secs(5);
 
 /// One poll of the queue: when it is, who is told what came of it, and where it is counted.
 #[derive(Clone, Copy)]
@@ -456,13 +449,13 @@ impl AsciiQueue {
             // The mailboxes' interrupts tell everything; only time has to be watched.
             (true, _)
                 if self.ports.in_use() == CommandPort::Dpram
-                    && now.duration_since(self.last_event) < SOON =>
+                    && now.duration_since(self.last_event) < LINES_POLLED_OFTEN =>
             {
-                POLL_SOON
+                LINES_POLL_SOON
             }
-            (true, _) => POLL_LATER,
-            (false, false) => POLL_IDLE.min(question),
-            (false, true) => POLL_IDLE_WITH_INTERRUPT.min(question),
+            (true, _) => LINES_POLL_LATER,
+            (false, false) => LINES_POLL_IDLE.min(question),
+            (false, true) => LINES_POLL_IDLE_WITH_INTERRUPT.min(question),
         }
     }
 

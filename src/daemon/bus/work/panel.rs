@@ -5,12 +5,13 @@
 //! first clearing may be the withdrawn request's.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use log::warn;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::timing::PANEL_POLL;
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::bus::work::open_loops::OpenLoops;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, dropped_by};
@@ -20,8 +21,6 @@ use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest, S
 use crate::map::{Family, Motors};
 use crate::protocol::control;
 
-/// How often to ask whether the board has taken a request.
-const POLL: Duration = Duration::from_millis(1);
 #[derive(Debug)]
 struct Waiting {
     ticket: Ticket,
@@ -257,7 +256,7 @@ impl PanelQueue {
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
-        self.next_poll = now + POLL;
+        self.next_poll = now + PANEL_POLL;
         if let Some(pending) = self.pending {
             let Pending { ticket, request, deadline, again, .. } = pending;
             self.open_loops.doubt(motors_of(&request));

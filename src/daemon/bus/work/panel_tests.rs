@@ -20,7 +20,7 @@ fn one_after_the_other_and_none_by_surprise() {
     let mut queue = PanelQueue::new(&PMAC, now).unwrap();
     let request = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
     for number in 1..=3 {
-        queue.submit(Ticket(number as u64), request(number), now + POLL * 10, now);
+        queue.submit(Ticket(number as u64), request(number), now + PANEL_POLL * 10, now);
     }
     let first = |bus: &mut FileBoard| [PANEL.request_enable, PANEL.request].map(|at| bus.read16(at).unwrap());
     assert!(queue.poll(&mut bus, now).unwrap().is_none());
@@ -30,7 +30,7 @@ fn one_after_the_other_and_none_by_surprise() {
     assert!(matches!(queue.poll(&mut bus, now).unwrap(), Some(Event::Done(Ticket(1), Outcome::Done))));
     assert!(queue.poll(&mut bus, now).unwrap().is_none());
     assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 2);
-    let late = now + POLL * 10;
+    let late = now + PANEL_POLL * 10;
     for ticket in [2, 3] {
         let event = queue.poll(&mut bus, late).unwrap();
         let Some(Event::Done(Ticket(of), outcome)) = event else { panic!("{event:?}") };
@@ -64,9 +64,9 @@ fn after_a_withdrawal_what_moves_waits_and_a_stop_goes_at_once_and_twice() {
     let told = told(&mut queue, &mut bus, begun);
     let [(2, Outcome::Done), (1, Outcome::Refused(why))] = told[..] else { panic!("{told:?}") };
     assert!(why.contains("a stop came before the panel was free for it"), "{why:?}");
-    queue.submit(Ticket(3), jog, begun + POLL, begun);
+    queue.submit(Ticket(3), jog, begun + PANEL_POLL, begun);
     queue.submit(Ticket(4), jog, deadline, begun);
-    let told = self::told(&mut queue, &mut bus, begun + POLL);
+    let told = self::told(&mut queue, &mut bus, begun + PANEL_POLL);
     assert!(matches!(told[..], [(3, Outcome::Refused(_))]), "in its time: {told:?}");
     assert!(queue.poll(&mut bus, begun + SETTLE).unwrap().is_none());
     assert_eq!(mask(&mut bus), 0b01, "the panel has rested");
@@ -80,7 +80,7 @@ fn at_the_end_every_stop_has_its_place() {
     let mut bus = memory();
     let now = Instant::now();
     let mut queue = PanelQueue::new(&PMAC, now).unwrap();
-    let deadline = now + POLL * 50;
+    let deadline = now + PANEL_POLL * 50;
     let jog = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
     let stop = |number| PanelRequest::of(PANEL, PanelAction::JogStop, &[number]).unwrap();
     for ticket in 0..16 {
@@ -104,7 +104,7 @@ fn the_stop_of_a_held_jog_leaves_a_killed_motor_alone() {
     let mut bus = memory();
     let now = Instant::now();
     let mut queue = PanelQueue::new(&PMAC, now).unwrap();
-    let deadline = now + POLL * 50;
+    let deadline = now + PANEL_POLL * 50;
     let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
     queue.loops_mut().see_servo(Motors::from_bits(0b010), 10);
     queue.end_hold(Ticket(1), Motors::from_bits(0b111), deadline, now);
@@ -160,9 +160,9 @@ fn b2_6_a_stop_in_the_panel_never_closes_the_loop_that_a_kill_opens() {
         let now = Instant::now();
         let mut queue = PanelQueue::new(&PMAC, now).unwrap();
         let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
-        queue.end_hold(Ticket(1), Motors::from_bits(0b1), now + POLL * 50, now);
+        queue.end_hold(Ticket(1), Motors::from_bits(0b1), now + PANEL_POLL * 50, now);
         let stop = PanelRequest::of(PANEL, PanelAction::JogStop, &[2]).unwrap();
-        queue.submit(Ticket(2), stop, now + POLL * 50, now);
+        queue.submit(Ticket(2), stop, now + PANEL_POLL * 50, now);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(mask(&mut bus), 0b1);
         queue.make_way(&mut bus, 7, control::KILL, now).unwrap();
@@ -189,7 +189,7 @@ fn b1_6_nothing_that_moves_goes_after_an_abort() {
         let mut queue = PanelQueue::new(&PMAC, now).unwrap();
         let jog = |number| PanelRequest::of(PANEL, PanelAction::JogPlus, &[number]).unwrap();
         for number in 1..=2 {
-            queue.submit(Ticket(number as u64), jog(number), now + POLL * 50, now);
+            queue.submit(Ticket(number as u64), jog(number), now + PANEL_POLL * 50, now);
         }
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         queue.make_way(&mut bus, 7, character, now).unwrap();
@@ -211,7 +211,7 @@ fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
     // What the mask is when the board is taken over: whatever it is, the board may have seen the request.
     for (ticket, mask) in (7..).zip([1, 0, 0xFFFF]) {
         let now = begun + (ticket as u32) * SETTLE;
-        queue.submit(Ticket(ticket), request, now + POLL, now);
+        queue.submit(Ticket(ticket), request, now + PANEL_POLL, now);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
         bus.write16(PANEL.request_enable, mask).unwrap();

@@ -1,10 +1,11 @@
 //! Lines for the binary rotary buffers: keeps the board fed as it makes room.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::clock::Clock;
 use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
+use crate::daemon::bus::timing::ROTARY_POLL;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::line_port::PortError;
@@ -13,9 +14,6 @@ use crate::map::Family;
 
 /// Commands written in one poll: four words each, so that the servo data never wait long.
 const COMMANDS_A_POLL: usize = 16;
-/// How often to look for room in a full buffer: two reads. More often than a servo cycle, after which even a board that
-/// takes all there is at once has not taken what came since the last one.
-const POLL: Duration = Duration::from_micros(250);
 
 /// The commands of a line, two words each.
 pub type Line = Vec<(u32, u32)>;
@@ -146,7 +144,7 @@ impl RotaryQueue {
             let Some(index) = self.waiting.iter().position(|batch| batch.buffer == buffer) else { continue };
             match self.feed(bus, index)? {
                 Fed::Some => self.next_poll = now,
-                Fed::Full => self.next_poll = now + POLL,
+                Fed::Full => self.next_poll = now + ROTARY_POLL,
                 Fed::Ended(event) => {
                     self.waiting.remove(index);
                     self.next_poll = now;
@@ -229,6 +227,8 @@ fn refused(reason: &dyn std::fmt::Display) -> Outcome {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
     use crate::device::FileBoard;
     use crate::map::{HostOffset, PMAC};

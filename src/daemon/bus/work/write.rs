@@ -2,15 +2,13 @@
 //! written all of it.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use crate::daemon::bus::timing::WRITE_POLL;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once};
 use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
 use crate::map::BufferLayout;
-
-/// How often to poll whether PMAC is done.
-const POLL_PERIOD: Duration = Duration::from_millis(1);
 
 struct Batch {
     ticket: Ticket,
@@ -91,7 +89,7 @@ impl WriteQueue {
             )));
         }
         let poll = self.writer.poll(bus, now)?;
-        self.next_poll = if matches!(poll, WritePoll::Progress(_)) { now } else { now + POLL_PERIOD };
+        self.next_poll = if matches!(poll, WritePoll::Progress(_)) { now } else { now + WRITE_POLL };
         if let Some((ticket, deadline)) = self.under_way {
             if poll == WritePoll::Done {
                 self.under_way = None;

@@ -1,12 +1,10 @@
 //! Whether interrupts announce responses. One that is connected may never come: I56 is 0, the jumper is missing, or it is another
 //! line.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use crate::daemon::bus::timing::INTERRUPT_APART;
 use crate::function::line_port::AsciiEvent;
-
-/// An interrupt and its response are no further apart.
-const APART: Duration = Duration::from_millis(100);
 
 /// What the interrupts of the port in use are worth.
 #[derive(Debug, Default)]
@@ -45,14 +43,15 @@ impl Announced {
     }
 
     fn response(&mut self, now: Instant) {
-        if self.last.is_none_or(|last| now.saturating_duration_since(last) > APART) {
+        if self.last.is_none_or(|last| now.saturating_duration_since(last) > INTERRUPT_APART) {
             self.unannounced.get_or_insert(now);
         }
     }
 
     /// Gives up an interrupt that did not come in time.
     pub(super) fn tend(&mut self, now: Instant) {
-        self.is_proven &= self.unannounced.is_none_or(|since| now.saturating_duration_since(since) <= APART);
+        self.is_proven &=
+            self.unannounced.is_none_or(|since| now.saturating_duration_since(since) <= INTERRUPT_APART);
     }
 
     /// Whether interrupts announce responses.
@@ -68,6 +67,8 @@ impl Announced {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]

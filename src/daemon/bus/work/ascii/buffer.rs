@@ -7,16 +7,12 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight, Poll, WaitingLine};
+use crate::daemon::bus::timing::{BUFFER_AGAIN, BUFFER_ANSWER};
 use crate::daemon::shared::open_buffer::{QUESTION, Unsaid};
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::answer;
-
-/// How long the board may take to answer.
-const PATIENCE: Duration = Duration::from_secs(1);
-/// How soon it is asked again for a question of our own, when a buffer was open or it did not answer.
-const AGAIN: Duration = Duration::from_secs(1);
 
 /// The question, and what came of it.
 #[derive(Debug)]
@@ -52,7 +48,7 @@ impl AsciiQueue {
         let now = poll.now;
         if self.ports.current_mut().begin(bus, QUESTION)? {
             self.buffer_question.number = None;
-            self.start(InFlight::Buffer, now + PATIENCE, poll);
+            self.start(InFlight::Buffer, now + BUFFER_ANSWER, poll);
         }
         Ok(())
     }
@@ -62,7 +58,7 @@ impl AsciiQueue {
         let now = poll.now;
         if self.ports.current_mut().begin(bus, b"&")? {
             self.buffer_question.number = None;
-            self.start(InFlight::Address, now + PATIENCE, poll);
+            self.start(InFlight::Address, now + BUFFER_ANSWER, poll);
         }
         Ok(())
     }
@@ -83,7 +79,7 @@ impl AsciiQueue {
         let now = poll.now;
         let line: Text<LINE_MAX> = Text::of(&format_args!("&{system}"));
         if self.ports.current_mut().begin(bus, line.as_bytes())? {
-            self.start(InFlight::PutBack, now + PATIENCE, poll);
+            self.start(InFlight::PutBack, now + BUFFER_ANSWER, poll);
         }
         Ok(())
     }
@@ -96,7 +92,7 @@ impl AsciiQueue {
             (size, _) => self.buffer.learn(size, now),
         }
         if self.buffer.is_open() {
-            self.buffer_question.not_before = now + AGAIN;
+            self.buffer_question.not_before = now + BUFFER_AGAIN;
         }
     }
 
@@ -112,7 +108,7 @@ impl AsciiQueue {
 
     /// The board has not answered.
     pub(super) fn buffer_not_answered(&mut self, now: Instant) {
-        self.buffer_question.not_before = now + AGAIN;
+        self.buffer_question.not_before = now + BUFFER_AGAIN;
     }
 
     /// How long a question of our own need not be asked because of a buffer: it would be a program line.

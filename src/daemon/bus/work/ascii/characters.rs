@@ -9,16 +9,13 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight, Poll};
+use crate::daemon::bus::timing::{CHARACTER_AGAIN, CHARACTER_TAKEN};
 use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState};
 
 /// `^F`.
 const QUESTION: u8 = b'F' - 64;
-/// How long the board may take for it. It takes characters within milliseconds.
-const PATIENCE: Duration = Duration::from_millis(300);
-/// How soon it is asked again when it did not take it.
-const AGAIN: Duration = Duration::from_secs(5);
 
 /// What the board has shown.
 #[derive(Debug)]
@@ -40,7 +37,7 @@ impl Characters {
 
     /// The question was taken back, or something went over it.
     pub(super) fn not_taken(&mut self, now: Instant) {
-        self.not_before = now + AGAIN;
+        self.not_before = now + CHARACTER_AGAIN;
     }
 }
 
@@ -71,7 +68,7 @@ impl AsciiQueue {
         let asked =
             self.control_pending.is_none() && self.ports.current_mut().control(bus, QUESTION, true, now)?;
         if asked {
-            self.start(InFlight::Character, now + PATIENCE, poll);
+            self.start(InFlight::Character, now + CHARACTER_TAKEN, poll);
         } else {
             // Another one lies there.
             self.characters.not_taken(now);

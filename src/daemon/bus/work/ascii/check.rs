@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 use log::warn;
 
 use super::{AsciiQueue, InFlight, Poll, UnderWay};
+use crate::daemon::bus::timing::{CHECK_AGAIN, CHECK_ANSWER};
 use crate::daemon::shared::open_buffer::Unsaid;
 use crate::daemon::shared::queue::{GivenUp, Text};
 use crate::device::Bus;
@@ -42,10 +43,6 @@ pub(super) const LINE_MAX: usize = 32;
 const LEAST_PERIOD: i64 = 10_000;
 /// The most lines of a reply.
 pub(super) const REPLY_LINES: usize = KINDS + 2;
-/// How long the board may take for it, and then for each response.
-const PATIENCE: Duration = Duration::from_secs(1);
-/// How soon it is sent again to a board that did not answer it.
-const AGAIN: Duration = Duration::from_secs(1);
 /// A board that has answered so many of them, but otherwise, answers them otherwise. It gets no other line: nobody could tell whose
 /// its replies are. A recording does, which may lack these answers.
 const TRIES: u8 = 3;
@@ -253,7 +250,7 @@ impl AsciiQueue {
 
     /// Until when our line is waited for; where a line is behind which it goes, as long as that one's caller waits.
     fn check_deadline(&self, now: Instant) -> Instant {
-        let deadline = now + PATIENCE;
+        let deadline = now + CHECK_ANSWER;
         self.unsettled.as_ref().map_or(deadline, |unsettled| deadline.max(unsettled.under_way.deadline))
     }
 
@@ -309,7 +306,7 @@ impl AsciiQueue {
             self.state = CommandState::Answers;
             return self.has_answered(value, now);
         }
-        self.check.not_before = now + AGAIN;
+        self.check.not_before = now + CHECK_AGAIN;
         self.check.tries = self.check.tries.saturating_add(u8::from(self.check.is_answered));
         let is_otherwise = self.check.is_answered_otherwise();
         match self.check.asks {

@@ -1,9 +1,10 @@
 //! What becomes of commands whose deadline is over, or that somebody has cancelled.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use super::wait::Wait;
 use super::{AsciiQueue, EndedBy, InFlight, Poll, UnderWay, WaitingControl, WaitingLine};
+use crate::daemon::bus::timing::LINE_IS_SLOW;
 use crate::daemon::shared::queue::{Event, GivenUp, Origin, Outcome, Text, Ticket, dropped_by, stopped_by};
 use crate::daemon::shared::status::LinesStatus;
 use crate::device::Bus;
@@ -11,9 +12,6 @@ use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
 use crate::protocol::control::{self, CANCEL};
 use crate::segment::Counter;
-
-/// A line that takes so long is one that others are told they wait for.
-const SLOW: Duration = Duration::from_millis(50);
 
 impl AsciiQueue {
     /// Gives up on what is past its deadline or cancelled, and on lines that are not to be sent any more.
@@ -166,7 +164,8 @@ impl AsciiQueue {
     /// line holds the port is not told of each quick line, lest the socket is told twice of every one.
     pub fn tell(&self, status: &mut LinesStatus, with_counts: bool, now: Instant) {
         let is_given_up = self.check.given_up().is_some();
-        status.holds_port = self.holds_port().filter(|holds| is_given_up || now >= holds.since + SLOW);
+        status.holds_port =
+            self.holds_port().filter(|holds| is_given_up || now >= holds.since + LINE_IS_SLOW);
         status.buffer = self.buffer.standing();
         status.enabling = self.identifier.enabling();
         status.changes = self.identifier.changes();

@@ -3,8 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-/// How long the reply to a question of our own may take.
-const QUESTION: Duration = Duration::from_millis(400);
+use crate::daemon::bus::timing::OWN_QUESTION;
+
 /// A reply of fewer lines says nothing.
 const TELLING: usize = 4;
 
@@ -44,7 +44,7 @@ impl LinePace {
 
     /// The most lines of a reply to a question of our own.
     pub(super) fn most_lines(&self) -> u16 {
-        let most = QUESTION.as_nanos() / self.known.as_nanos().max(1);
+        let most = OWN_QUESTION.as_nanos() / self.known.as_nanos().max(1);
         u16::try_from(most).unwrap_or(u16::MAX)
     }
 }

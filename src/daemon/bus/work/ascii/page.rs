@@ -5,16 +5,14 @@
 //! board just does not answer. So while it does not, the page is written again before anything more is asked. The page that it has
 //! already does no harm.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use log::warn;
 
 use super::AsciiQueue;
+use crate::daemon::bus::timing::PAGE_AGAIN;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandState;
-
-/// How often it is written.
-const AGAIN: Duration = Duration::from_secs(1);
 
 /// When the page is written again.
 #[derive(Debug, Default)]
@@ -33,7 +31,7 @@ impl AsciiQueue {
         if self.page_again.due.is_some_and(|due| now < due) {
             return Ok(());
         }
-        if self.page_again.due.replace(now + AGAIN).is_none() {
+        if self.page_again.due.replace(now + PAGE_AGAIN).is_none() {
             warn!(
                 "the board does not answer: writes the DPRAM's page 0x{page:02X} again, and each second until it answers; after a reset \
                  another page may show"

@@ -1,9 +1,8 @@
 //! How long somebody waits for a command, and until when it may be begun.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// The board has this of the wait to answer in, if the whole wait is four times as long.
-const TO_ANSWER: Duration = Duration::from_millis(500);
+use crate::daemon::bus::timing::LEFT_TO_ANSWER;
 
 /// How long somebody waits for a command.
 #[derive(Clone, Copy)]
@@ -19,7 +18,7 @@ impl Wait {
     /// everybody.
     pub fn for_answer(since: Instant, deadline: Instant) -> Self {
         let whole = deadline.saturating_duration_since(since);
-        let begin_by = deadline.checked_sub((whole / 4).min(TO_ANSWER)).unwrap_or(deadline);
+        let begin_by = deadline.checked_sub((whole / 4).min(LEFT_TO_ANSWER)).unwrap_or(deadline);
         Self { since, begin_by, deadline }
     }
 
