@@ -6,6 +6,7 @@
 use std::fmt::Display;
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
 use super::layout::*;
@@ -84,14 +85,14 @@ impl Geometry {
         let (table, count, stride) = (word(AT_REGION_TABLE), word(AT_REGION_COUNT), word(AT_REGION_STRIDE));
         if count > MAX_REGIONS as u64
             || stride < REGION_STRIDE as u64
-            || !stretch_fits(table, count, stride, WORD as u64, AT_REGIONS as u64, header_length)
+            || !stretch_fits(table, count, stride, WORD as u64, AT_REGIONS as u64..header_length)
         {
             return malformed(format!(
                 "a region table of {count} entries of {stride} bytes at {table} does not fit its header"
             ));
         }
         let (counters, counter_count) = (word(AT_COUNTER_TABLE), word(AT_COUNTER_COUNT));
-        if !stretch_fits(counters, counter_count, 8, 8, AT_COUNTERS as u64, header_length) {
+        if !stretch_fits(counters, counter_count, 8, 8, AT_COUNTERS as u64..header_length) {
             return malformed(format!("{counter_count} counters at {counters} do not fit its header"));
         }
         // From here on every offset is below MAX_HEADER: no cast truncates and no sum overflows.
@@ -144,8 +145,8 @@ fn region(
     if slot_stride < slot_bytes(payload as usize) as u64 || !slot_stride.is_multiple_of(LINE as u64) {
         return refuse(&format!("has slots of {slot_stride} bytes for a payload of {payload}"));
     }
-    if !stretch_fits(head, 1, LINE as u64, LINE as u64, header_length, length)
-        || !stretch_fits(slots, slot_count, slot_stride, LINE as u64, header_length, length)
+    if !stretch_fits(head, 1, LINE as u64, LINE as u64, header_length..length)
+        || !stretch_fits(slots, slot_count, slot_stride, LINE as u64, header_length..length)
     {
         return refuse("lies outside the segment");
     }
@@ -204,13 +205,13 @@ pub(super) fn hash_of(entries: impl Iterator<Item = usize>, word: impl Fn(usize)
     layout_hash(fixed.into_iter().chain(of_entries).map(word))
 }
 
-/// Whether `count` pieces of `stride` bytes from `start` on are aligned and between `low` and `high`.
-fn stretch_fits(start: u64, count: u64, stride: u64, alignment: u64, low: u64, high: u64) -> bool {
+/// Whether `count` pieces of `stride` bytes from `start` on are aligned and lie in `room`.
+fn stretch_fits(start: u64, count: u64, stride: u64, alignment: u64, room: Range<u64>) -> bool {
     let end = count.checked_mul(stride).and_then(|bytes| start.checked_add(bytes));
     start.is_multiple_of(alignment)
         && stride.is_multiple_of(alignment)
-        && start >= low
-        && end.is_some_and(|end| end <= high)
+        && start >= room.start
+        && end.is_some_and(|end| end <= room.end)
 }
 
 fn malformed<T>(why: impl Display) -> Result<T, HeaderError> {

@@ -64,29 +64,22 @@ impl Copies {
                         SourceAt::One(source) => [source; 3],
                         SourceAt::Choice(sources) => sources,
                     };
-                    copies.push(block.count, number, sources, row.offset.plus_words(step), row.width);
+                    let list = if block.count == 0 {
+                        &mut copies.board
+                    } else {
+                        copies.numbers.resize(copies.numbers.len().max(block.count), Vec::new());
+                        &mut copies.numbers[number - 1]
+                    };
+                    // Of a long register that has one long here it is the X half, as of the filtered velocity.
+                    let copied = if row.width == Width::Pair { 0..2 } else { 1..2 };
+                    list.extend(copied.enumerate().map(|(place, half)| CopiedWord {
+                        sources: sources.map(|source| halves(source)[half]),
+                        offset: row.offset.plus_words(step + 2 * place),
+                    }));
                 }
             }
         }
         copies
-    }
-
-    fn push(
-        &mut self,
-        count: usize,
-        number: usize,
-        sources: [PmacAddress; 3],
-        offset: HostOffset,
-        width: Width,
-    ) {
-        self.numbers.resize(self.numbers.len().max(count), Vec::new());
-        let list = if count == 0 { &mut self.board } else { &mut self.numbers[number - 1] };
-        // The report has one long of a 48-bit register, the filtered velocity. No text says which half; X is the likelier.
-        let halves_copied = if width == Width::Pair { 0..2 } else { 1..2 };
-        for (place, half) in halves_copied.enumerate() {
-            let sources = sources.map(|source| halves(source)[half]);
-            list.push(CopiedWord { sources, offset: offset.plus_words(2 * place) });
-        }
     }
 }
 
