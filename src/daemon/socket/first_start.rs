@@ -77,7 +77,7 @@ impl FirstStart {
     /// `has_panel`.
     pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
         let cs = self.systems.trailing_zeros() + 1;
-        CallError::refused(&format!(
+        CallError::refused(format_args!(
             "not started: &{cs}'s rotary buffer may hold lines of an earlier program, and the board could not be \
              asked ({reason}). {} runs whatever is there",
             start_anyway(cs, has_panel)

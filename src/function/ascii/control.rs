@@ -29,8 +29,8 @@ pub(super) struct Lying {
 
 impl DpramPort {
     /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
-    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, [`AsciiEvent::Taken`] comes, and its
-    /// lines as [`AsciiEvent::Line`]; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
+    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, `AsciiEvent::Taken` comes, and its
+    /// lines as `AsciiEvent::Line`; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
     /// not taken, which is given up, and over one of the port's own.
     ///
     /// # Errors

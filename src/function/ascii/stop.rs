@@ -43,7 +43,7 @@ pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
 
 impl DpramPort {
     /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over, as
-    /// [`DpramPort::give_up`] does.
+    /// `LinePort::give_up` does.
     ///
     /// # Errors
     /// When the bus cannot be reached.
