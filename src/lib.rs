@@ -23,7 +23,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | 0 | [`mod@format`]: numbers and text as DPRAM holds them · [`clock`]: the time, real or a test's · [`usage`]: how programs refuse a command line · [`process`]: how they end with their parent, how they log, a way through a descriptor |
-//! | 1 | [`map`]: what lies where · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
+//! | 1 | [`map`]: what lies where · [`language`]: what a command line means · [`decode`]: words to named values · [`setup`]: calculators, what to send to a board · [`rotary`]: motion programs as binary commands · [`table`]: tables of numbers in files · [`gather`]: what is gathered and what it says · [`protocol`]: the command socket's messages · [`recording`]: captures of boards |
 //! | 2 | [`device`]: the bus, its kinds and decorators, the interrupt |
 //! | 3 | [`function`]: the host's half of each automatic function |
 //! | 4 | [`segment`]: the shared-memory ABI · [`mirror`]: what to read when |
@@ -96,6 +96,7 @@ pub mod format;
 #[cfg(any(feature = "cli", feature = "daemon"))]
 pub mod function;
 pub mod gather;
+pub mod language;
 pub mod map;
 #[cfg(feature = "daemon")]
 pub mod mirror;

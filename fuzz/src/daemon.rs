@@ -17,7 +17,7 @@ use pmac_dpram::daemon::bus::work::ascii::AsciiQueue;
 use pmac_dpram::daemon::bus::work::command_lines::CommandLines;
 use pmac_dpram::daemon::shared::job::{Job, MaskedWord};
 use pmac_dpram::daemon::shared::open_buffer::{Account, Writer};
-use pmac_dpram::daemon::shared::queue::{Command, Event, Origin, Receive, Text, Ticket, queue};
+use pmac_dpram::daemon::shared::queue::{Command, Event, Line, Origin, Receive, Ticket, queue};
 use pmac_dpram::format::TextOrder;
 use pmac_dpram::function::gather::GatherBuffer;
 use pmac_dpram::function::panel::{FeedOverride, PanelAction, PanelRequest};
@@ -204,7 +204,7 @@ impl Bench<'_> {
         let deadline = self.clock.now() + Duration::from_millis(u64::from(how & 7) * 100);
         let command = if how & 8 == 0 {
             let line: Vec<u8> = tape.piece().iter().take(200).map(|byte| byte % 95 + 32).collect();
-            let line = Text::new(&line).unwrap();
+            let line = Line::of(&line);
             let writer = if how & 1 != 0 {
                 Writer::Question
             } else {

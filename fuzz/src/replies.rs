@@ -9,10 +9,10 @@ use pmac_dpram::daemon::bus::scale_doubts::ScaleDoubts;
 use pmac_dpram::daemon::shared::open_buffer::{Account, OpenBuffer, Writer};
 use pmac_dpram::format::{Float48Layout, TextOrder, fixed48, float32, float48, int24, write48};
 use pmac_dpram::gather::Source;
+use pmac_dpram::language::{Meaning, deadlines};
 use pmac_dpram::map::PmacRegister;
 use pmac_dpram::map::number;
 use pmac_dpram::map::{Family, Firmware, Layout, PMAC, TURBO2, errors};
-use pmac_dpram::protocol::line_ends::LineEnds;
 use pmac_dpram::protocol::{LINE_MAX, check_line, control};
 use pmac_dpram::rotary::Constant;
 use pmac_dpram::segment::Identity;
@@ -155,26 +155,27 @@ fn lines(bytes: &[u8]) {
     let mut buffer = OpenBuffer::default();
     let now = Instant::now();
     for line in bytes.split(|&byte| byte == b'\r') {
-        let _ = ScaleDoubts::of_line(line);
+        let meaning = Meaning::of(line);
+        let _ = ScaleDoubts::of(&meaning);
         match line {
             // Control characters are no lines; those that open and close a buffer go as `OPEN ROT` and `CLOSE`.
             &[byte] if byte < 32 => {}
             _ => {
-                buffer.begin(line, Writer::Hand(Account { uid: 0, pid: 1 }), now);
-                if let Some(barred) = buffer.bars(line, Writer::Question) {
+                buffer.begin(&meaning, Writer::Hand(Account { uid: 0, pid: 1 }), now);
+                if let Some(barred) = buffer.bars(&meaning, Writer::Question) {
                     assert!(!barred.reason(now).is_empty());
                 }
-                buffer.done(line);
+                buffer.done(&meaning);
             }
         }
         if let Ok(text) = std::str::from_utf8(line)
             && check_line(text).is_ok()
         {
             assert!((1..=LINE_MAX).contains(&line.len()) && line.iter().all(|byte| (32..127).contains(byte)));
-            assert!(LineEnds::of(text).is_none_or(|ends| !ends.what.is_empty()));
+            assert!(meaning.deadline(Duration::ZERO) <= deadlines::LONGEST);
         }
     }
-    buffer.done(b"CLOSE");
+    buffer.done(&Meaning::of("CLOSE"));
     assert!(!buffer.is_open());
 }
 

@@ -1,7 +1,6 @@
 //! Whom a client addresses: the motor and the coordinate system that his lines mean where they do not say it.
 
-use pmac_dpram::protocol::line::plain;
-use pmac_dpram::protocol::tokens::{Kind, Needs, SetsI, Token};
+use pmac_dpram::language::lexer::{Kind, Needs, Token};
 
 /// Whom a client addresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,14 +21,6 @@ impl Doubt {
     pub(crate) const ALL: Self = Self { motor: true, system: true };
 }
 
-/// The number behind the last `sign` in `text`, outside of quotes.
-fn last_address(text: &str, sign: char) -> Option<u32> {
-    let plain = plain(text);
-    let (_, behind) = plain.rsplit_once(sign)?;
-    let digits = behind.find(|c: char| !c.is_ascii_digit()).unwrap_or(behind.len());
-    behind[..digits].parse().ok()
-}
-
 impl Addressed {
     /// Whom a board addresses that has come up.
     const AT_POWER_UP: Self = Self { motor: Some(1), system: Some(1) };
@@ -41,23 +32,19 @@ impl Addressed {
     }
 
     /// Goes through a line.
-    pub(crate) fn follow_all(&mut self, line: &str, tokens: &[Token]) {
-        tokens.iter().for_each(|token| self.follow(line, token));
-        if plain(line).contains("$$$") {
+    pub(crate) fn follow_all(&mut self, tokens: &[Token]) {
+        tokens.iter().for_each(|token| self.follow(token));
+        if tokens.iter().any(|token| token.kind == Kind::Resets) {
             *self = Self::AT_POWER_UP;
         }
     }
 
-    pub(crate) fn follow(&mut self, line: &str, token: &Token) {
+    pub(crate) fn follow(&mut self, token: &Token) {
         match token.kind {
-            Kind::Motor(number) | Kind::AxisOf(number) => self.motor = Some(number),
-            Kind::System(number) => self.system = Some(number),
-            // It is not known what this is, but the board goes by the addresses in it.
-            Kind::Unknown => {
-                let text = &line[token.span.clone()];
-                self.motor = last_address(text, '#').or(self.motor);
-                self.system = last_address(text, '&').or(self.system);
+            Kind::Motor(number) | Kind::AxisOf(number) | Kind::DefinesAxis(number) => {
+                self.motor = Some(number)
             }
+            Kind::System(number) => self.system = Some(number),
             _ => {}
         }
     }
@@ -73,7 +60,7 @@ impl Addressed {
 
     /// Whether it is known whom `tokens` mean, where that is in `doubt`, as far as it is known of each of them what it needs.
     pub(crate) fn suffices(self, tokens: &[Token], doubt: Doubt) -> bool {
-        let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind != Kind::Unknown);
+        let is_needed = |needs| uses_of(tokens, needs).any(|token| token.kind.needs() == needs);
         let is_open =
             |in_doubt: bool, known: Option<u32>, needs| in_doubt && known.is_none() && is_needed(needs);
         !is_open(doubt.motor, self.motor, Needs::Motor) && !is_open(doubt.system, self.system, Needs::System)
@@ -83,16 +70,13 @@ impl Addressed {
 /// The commands that mean the motor, or the coordinate system, that was addressed before `tokens`.
 pub(crate) fn uses_of(tokens: &[Token], needs: Needs) -> impl Iterator<Item = &Token> {
     let is_other = move |token: &&Token| match token.kind {
-        Kind::Motor(_) | Kind::AxisOf(_) => needs != Needs::Motor,
+        Kind::Motor(_) | Kind::AxisOf(_) | Kind::DefinesAxis(_) => needs != Needs::Motor,
         Kind::System(_) => needs != Needs::System,
         _ => true,
     };
     tokens.iter().take_while(is_other).filter(move |token| match token.kind {
-        Kind::Asks(found) | Kind::Moves(found) | Kind::Sets(found) => found == needs,
-        Kind::SetsI(SetsI { needs: found, .. }) => found == needs,
-        Kind::AxisOf(_) => needs == Needs::System,
-        // `#3->100X`, `UNDEFINE`: what it addresses is not known.
-        Kind::Unknown => true,
-        _ => false,
+        // Whom these mean is not known.
+        Kind::Statement(_) | Kind::Quoted | Kind::Unknown => true,
+        kind => kind.needs() == needs,
     })
 }

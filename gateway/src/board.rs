@@ -12,12 +12,10 @@ use log::warn;
 use pmac_dpram::client::command::SendAs;
 use pmac_dpram::client::command::lines::LinesOptions;
 use pmac_dpram::client::{CommandError, Connection};
+use pmac_dpram::language::{Effect, Meaning, deadlines};
 use pmac_dpram::map::{Family, HostOffset};
 use pmac_dpram::protocol::board::LineOutcome;
-use pmac_dpram::protocol::buffer_line::{Effect, WhileOpen, effect, is_close};
-use pmac_dpram::protocol::line::resets;
-use pmac_dpram::protocol::moved_motors::EndlessJogs;
-use pmac_dpram::protocol::{CallError, READ_MAX, deadlines};
+use pmac_dpram::protocol::{CallError, READ_MAX};
 use pmac_dpram::segment::SegmentName;
 
 /// [`Failure::Refused`]: the command is not allowed now.
@@ -190,27 +188,24 @@ impl Board {
     /// # Errors
     /// [`Failure`].
     pub fn send(&mut self, line: &str) -> Result<Vec<String>, Failure> {
-        let effect = effect(line.as_bytes());
-        let opens = matches!(effect, Some(Effect::Opens(_)));
-        let has_end = self.keeps_jogs || !EndlessJogs::possible(line).any();
+        let meaning = Meaning::of(line);
+        let has_end = self.keeps_jogs || !meaning.possible_jogs().any();
         // The board carries out a jog beside a program buffer that is open. Within a program J is a length: `X10 I5 J-5`.
-        let while_open = WhileOpen::of(line.as_bytes());
-        let jogs_beside = !has_end && while_open.acts;
-        if !has_end && (opens || self.in_buffer && (effect.is_some() || jogs_beside && while_open.enters)) {
+        let jogs_beside = !has_end && meaning.while_open.acts;
+        let enters = meaning.buffer.is_some() || jogs_beside && meaning.while_open.enters;
+        if !has_end && (meaning.opens() || self.in_buffer && enters) {
             // The sequence's lines are no jogs that end with the client.
             let why = "a line that opens, closes or enters a program buffer has no jog in it; send each on a line of its own";
             return Err(Failure::unsent(NOT_NOW, why));
         }
-        if opens || self.in_buffer && !jogs_beside {
-            return self.send_in_sequence(line);
+        if meaning.opens() || self.in_buffer && !jogs_beside {
+            return self.send_in_sequence(line, &meaning);
         }
-        if is_close(line.as_bytes())
-            && self.ask(Connection::info)?.open_buffer.is_some_and(|open| open.sequence)
-        {
+        if meaning.is_close && self.ask(Connection::info)?.open_buffer.is_some_and(|open| open.sequence) {
             // pmacd lets everybody close what is open. Here each client closes his own.
             return Err(Failure::unsent(IN_USE, "the program buffer that is open is somebody else's"));
         }
-        let timeout = deadlines::of_line(line, deadlines::PLAIN);
+        let timeout = meaning.deadline(deadlines::PLAIN);
         let begun = Instant::now();
         // What this client has open is a sequence: of other buffers, those of this program's user by hand too, none is his.
         let send_as = SendAs {
@@ -225,7 +220,7 @@ impl Board {
         match sent {
             Err(CommandError::Refused(
                 error @ (CallError::TimedOut { .. } | CallError::Interrupted { .. }),
-            )) if resets(line.as_bytes()) => {
+            )) if meaning.resets => {
                 match error {
                     // Before the time was over: the board has taken the line, and need not answer a reset.
                     CallError::TimedOut { lines } if begun.elapsed() < timeout => Ok(lines),
@@ -236,11 +231,11 @@ impl Board {
         }
     }
 
-    fn send_in_sequence(&mut self, line: &str) -> Result<Vec<String>, Failure> {
+    fn send_in_sequence(&mut self, line: &str, meaning: &Meaning) -> Result<Vec<String>, Failure> {
         // A sequence that has ended must not begin anew in the middle: its lines would be commands.
         self.renew_buffer()?;
         let was_open = self.in_buffer;
-        let timeout = deadlines::of_line(line, deadlines::PLAIN);
+        let timeout = meaning.deadline(deadlines::PLAIN);
         let options = LinesOptions { kind: SEQUENCE, timeout, keep_going: true };
         let mut told = None;
         let goes_on = self.ask(|connection| {
@@ -256,7 +251,7 @@ impl Board {
             goes_on => goes_on?,
         };
         let reply = told.unwrap_or_default();
-        let closes = effect(line.as_bytes()) == Some(Effect::Closes);
+        let closes = meaning.buffer == Some(Effect::Closes);
         self.in_buffer = goes_on && if reply.failure.is_some() { was_open } else { !closes };
         if goes_on && !self.in_buffer {
             // Whatever a refused line has opened is closed by the end of the sequence.

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use pmac_dpram::protocol::tokens::covers;
+use pmac_dpram::language::number::Numbers;
 
 use crate::packet::REPLY_MAX;
 
@@ -30,10 +30,10 @@ impl Handshake {
     /// The variables that are a client's own.
     pub const VARIABLES: [u32; 3] = [3, 4, 6];
 
-    /// Whether one of them is among `first`, `first + step` … `last`.
+    /// Whether one of them is among `numbers`.
     #[must_use]
-    pub fn has_among(first: u32, last: u32, step: u32) -> bool {
-        Self::VARIABLES.iter().any(|own| covers(first, last, step, *own))
+    pub fn has_among(numbers: Numbers) -> bool {
+        Self::VARIABLES.iter().any(|own| numbers.has(*own))
     }
 
     /// Sets variable `number`. Whether it takes the value: I4 has none but 0. Of others a board sends check sums behind the ACK, where

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use log::info;
 use pmac_dpram::format::Visible;
+use pmac_dpram::language::password::without_password;
 use pmac_dpram::protocol::control;
-use pmac_dpram::protocol::password::without_password;
 
 use crate::addressed::{Addressed, Doubt};
 use crate::board::{self, Board, Failure, Place};

@@ -5,12 +5,10 @@
 //! A line that is too long for the board goes in parts if it asks, sets variables and writes memory only, and is refused otherwise.
 //! Questions for many variables go in parts, too, so that nobody's stop waits for all of them.
 
-use pmac_dpram::protocol::LINE_MAX;
-use pmac_dpram::protocol::buffer_line::{Effect, effect};
-use pmac_dpram::protocol::line::plain;
-use pmac_dpram::protocol::moved_motors::{EndlessJogs, motors_moved};
-use pmac_dpram::protocol::password::without_password;
-use pmac_dpram::protocol::tokens::{self, Kind, Needs, SetsI, Token};
+use pmac_dpram::language::lexer::{Does, Kind, Needs, Token, tokens};
+use pmac_dpram::language::number::Numbers;
+use pmac_dpram::language::password::without_password;
+use pmac_dpram::language::{Effect, LINE_MAX, Meaning};
 
 use crate::addressed::{Addressed, Doubt, uses_of};
 use crate::board::{self, Failure};
@@ -45,16 +43,13 @@ struct Kept<'a> {
     addresses: bool,
 }
 
-/// Whether `line` moves a motor that it names, starts programs that may move any, or opens a rotary buffer, each line of which may.
-fn may_move(line: &str) -> bool {
-    /// `ENABLEPLC` begins `ENABLEPLCC`, too.
-    const STARTS: [&str; 3] = ["ENABLEPLC", "ENAPLC", "RESUMEPLC"];
-    let plain = plain(line);
-    let opens_rotary = match effect(line.as_bytes()) {
-        Some(Effect::Opens(name)) => name.starts_with("ROT"),
-        effect => effect == Some(Effect::OpensBinary),
-    };
-    motors_moved(line) != 0 || STARTS.iter().any(|start| plain.contains(start)) || opens_rotary
+fn tokens_of(line: &str) -> Vec<Token> {
+    tokens(line.as_bytes()).collect()
+}
+
+/// Whether one of `tokens` moves or stops something.
+fn has_motion(tokens: &[Token]) -> bool {
+    tokens.iter().any(|token| matches!(token.kind, Kind::Moves(..) | Kind::Resets))
 }
 
 /// The pieces of `line`.
@@ -84,7 +79,7 @@ fn pieces(
                 None => Piece::Nothing,
             }
         }));
-        now.iter().for_each(|token| addressed.follow(line, token));
+        now.iter().for_each(|token| addressed.follow(token));
         rest = behind;
     }
     Ok(pieces)
@@ -95,14 +90,20 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
     let Some((token, behind)) = tokens.split_first() else { return Ok(None) };
     let text = line[token.span.clone()].trim();
     match token.kind {
-        Kind::SetsI(SetsI { first, value, .. }) if sets_own(token) => {
-            if let Some(value) = value {
-                return Ok(Some(Piece::Set(first, value)));
-            }
-            let why = format!("{text:?}: I3, I4 and I6 are the client's own; set each to a plain number");
-            Err(Failure::unsent(board::UNKNOWN, why))
-        }
-        Kind::Variables(first, last, step) if Handshake::has_among(first, last, step) => {
+        Kind::Variables(b'I', numbers, does) if Handshake::has_among(numbers) => {
+            let (first, step) = match (numbers, does) {
+                (Numbers::One(first), Does::Sets { value: Some(value), .. }) => {
+                    return Ok(Some(Piece::Set(first, value)));
+                }
+                (_, Does::Sets { .. }) => {
+                    let why =
+                        format!("{text:?}: I3, I4 and I6 are the client's own; set each to a plain number");
+                    return Err(Failure::unsent(board::UNKNOWN, why));
+                }
+                (Numbers::Range(first, _, step), _) => (first, step),
+                (Numbers::One(first), _) => (first, 1),
+                (Numbers::Unknown, _) => return Ok(None),
+            };
             Ok(Some(Piece::Own(text.to_owned(), first, step)))
         }
         Kind::Version => Ok(kept.version.map(|version| Piece::Version(version.to_owned()))),
@@ -115,7 +116,7 @@ fn own_piece(line: &str, tokens: &[Token], kept: Kept<'_>) -> Result<Option<Piec
 
 /// Whether `token` sets variables that are a client's own.
 fn sets_own(token: &Token) -> bool {
-    matches!(token.kind, Kind::SetsI(set) if Handshake::has_among(set.first, set.last, set.step))
+    matches!(token.kind, Kind::Variables(b'I', numbers, Does::Sets { .. }) if Handshake::has_among(numbers))
 }
 
 /// What `token` addresses, if it does nothing else.
@@ -148,7 +149,7 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
         );
         Failure::unsent(board::NO_ROOM, why)
     };
-    if !tokens[..count].iter().all(Token::ends_its_line) {
+    if !tokens[..count].iter().all(|token| token.kind.ends_its_line()) {
         return Err(too_long());
     }
     let begins =
@@ -160,7 +161,7 @@ fn fitting(line: &str, count: usize, tokens: &[Token], addressed: Addressed) -> 
 /// The questions of `line` for no more than so many variables each, if it has a longer one and asks only. The board takes seconds for
 /// thousands of variables, and what stops a motor by command line waits for the line under way.
 fn short_questions(line: &str, tokens: &[Token]) -> Option<Vec<String>> {
-    if !tokens.iter().all(Token::only_asks) {
+    if !tokens.iter().all(|token| token.kind.only_asks()) {
         return None;
     }
     let texts = || tokens.iter().map(|token| line[token.span.clone()].trim());
@@ -285,7 +286,8 @@ impl Session {
             self.pending.end(self.port.handshake);
             return Ok(());
         }
-        let effect = effect(line.as_bytes());
+        let meaning = Meaning::of(line);
+        let effect = meaning.buffer;
         // What ends what he sends for the buffer, or begins another, is no line of it.
         self.port.has_lost_buffer &= effect.is_none();
         if self.port.has_lost_buffer {
@@ -294,7 +296,7 @@ impl Session {
             return Err(Failure::unsent(board::NO_BUFFER, why));
         }
         let had_buffer = self.board.is_in_buffer();
-        let done = self.line(line);
+        let done = self.line(line, &meaning);
         let has_lost = had_buffer && !self.board.is_in_buffer() && done.is_err();
         self.port.has_lost_buffer = has_lost && effect != Some(Effect::Closes);
         done?;
@@ -302,23 +304,23 @@ impl Session {
         Ok(())
     }
 
-    fn line(&mut self, line: &str) -> Result<(), Failure> {
-        if self.board.is_in_buffer() || matches!(effect(line.as_bytes()), Some(Effect::Opens(_))) {
-            return self.whole_line(line);
+    fn line(&mut self, line: &str, meaning: &Meaning) -> Result<(), Failure> {
+        if self.board.is_in_buffer() || meaning.opens() {
+            return self.whole_line(line, meaning);
         }
-        let tokens = tokens::of(line);
-        let is_harmless = |token: &Token| token.only_asks() || sets_own(token);
+        let tokens = tokens_of(line);
+        let is_harmless = |token: &Token| token.kind.only_asks() || sets_own(token);
         if self.rules.read_only && !tokens.iter().all(is_harmless) {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
         let sent = match (short_questions(line, &tokens), short_writes(line, &tokens)) {
             (Some(questions), _) => {
-                questions.iter().try_for_each(|question| self.commands(question, &tokens::of(question)))
+                questions.iter().try_for_each(|question| self.commands(question, &tokens_of(question)))
             }
-            (None, Some(writes)) => self.commands(&writes, &tokens::of(&writes)),
+            (None, Some(writes)) => self.commands(&writes, &tokens_of(&writes)),
             (None, None) => self.commands(line, &tokens),
         };
-        if tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) || may_move(line) {
+        if has_motion(&tokens) || meaning.lets_programs_move {
             self.log_motion(line, &sent);
         }
         sent
@@ -327,7 +329,7 @@ impl Session {
     /// A line whose commands are known.
     fn commands(&mut self, line: &str, tokens: &[Token]) -> Result<(), Failure> {
         let mut addressed = self.port.addressed;
-        let doubt = match tokens.iter().any(|token| matches!(token.kind, Kind::Moves(_))) {
+        let doubt = match has_motion(tokens) {
             _ if self.says_whom => Doubt::ALL,
             true => self.doubt,
             false => Doubt::default(),
@@ -336,7 +338,7 @@ impl Session {
             let why = format!("{line:?} does not say which motor or coordinate system it means; address one");
             return Err(Failure::unsent(board::UNKNOWN, why));
         }
-        if addressed.motor.is_none() && !self.rules.keep_jogs && EndlessJogs::possible(line).unnamed {
+        if addressed.motor.is_none() && !self.rules.keep_jogs && Meaning::of(line).possible_jogs().unnamed {
             // Its end has to name the motor.
             addressed.motor = self.board.send("#")?.first().and_then(|answer| answer.trim().parse().ok());
         }
@@ -355,7 +357,7 @@ impl Session {
             }
         }
         let before = std::mem::replace(&mut self.port.addressed, addressed);
-        self.port.addressed.follow_all(line, tokens);
+        self.port.addressed.follow_all(tokens);
         for (index, piece) in pieces.iter().enumerate() {
             let lines = self.piece(piece).map_err(|failure| {
                 let failure = known_only_in_part(failure, piece, index);
@@ -382,7 +384,7 @@ impl Session {
     }
 
     /// A line that goes as it is: it opens a program buffer, or enters one.
-    fn whole_line(&mut self, line: &str) -> Result<(), Failure> {
+    fn whole_line(&mut self, line: &str, meaning: &Meaning) -> Result<(), Failure> {
         if self.rules.read_only {
             return Err(Failure::unsent(board::NO_RIGHT, READ_ONLY));
         }
@@ -391,7 +393,7 @@ impl Session {
             return Err(Failure::unsent(board::NO_ROOM, why));
         }
         let sent = self.board.send(line);
-        if may_move(line) {
+        if !meaning.moves.is_empty() || meaning.lets_programs_move {
             self.log_motion(line, &sent);
         }
         self.pending.lines(&sent?, self.port.handshake);
@@ -447,7 +449,7 @@ mod tests {
 
     fn of(line: &str, motor: Option<u32>, system: Option<u32>) -> Result<Vec<Piece>, Failure> {
         let kept = Kept { version: Some("1.94"), addresses: false };
-        pieces(line, &tokens::of(line), Addressed { motor, system }, kept)
+        pieces(line, &tokens_of(line), Addressed { motor, system }, kept)
     }
 
     fn send(line: &str) -> Piece {
@@ -456,7 +458,7 @@ mod tests {
 
     #[test]
     fn d2_questions_for_many_variables_go_in_parts() {
-        let of = |line: &str| short_questions(line, &tokens::of(line));
+        let of = |line: &str| short_questions(line, &tokens_of(line));
         assert_eq!(of("i0..119").unwrap(), ["i0..49", "i50..99", "i100..119"]);
         assert_eq!(of("M10..70->").unwrap(), ["M10..59->", "M60..70->"]);
         assert_eq!(of("P100,60,2").unwrap(), ["P100,50,2", "P200,10,2"]);
@@ -500,7 +502,7 @@ mod tests {
     fn of_a_reader_the_board_hears_only_the_addresses_that_a_question_needs() {
         let read = |line: &str, motor: Option<u32>| {
             let kept = Kept { version: None, addresses: true };
-            pieces(line, &tokens::of(line), Addressed { motor, system: None }, kept).unwrap()
+            pieces(line, &tokens_of(line), Addressed { motor, system: None }, kept).unwrap()
         };
         assert_eq!(read("#2", None), [Piece::Nothing]);
         assert_eq!(read("&2#3", None), [Piece::Nothing, Piece::Nothing]);
@@ -559,7 +561,7 @@ mod tests {
         for (head, second) in [("WL:$C5FC", "WL:$C609"), ("wl$00C5FC", "wl$00C609"), ("WX 50684", "WX50697")]
         {
             let line = format!("P1=1 {head},{} P2=2", values.join(","));
-            let short = short_writes(&line, &tokens::of(&line)).unwrap();
+            let short = short_writes(&line, &tokens_of(&line)).unwrap();
             let told = of(&short, None, None).unwrap();
             let texts: Vec<&str> = told
                 .iter()
@@ -576,6 +578,6 @@ mod tests {
             ];
             assert_eq!(texts, whole);
         }
-        assert_eq!(short_writes("WX$700,1", &tokens::of("WX$700,1")), None);
+        assert_eq!(short_writes("WX$700,1", &tokens_of("WX$700,1")), None);
     }
 }

@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use log::warn;
 use pmac_dpram::client::{CommandError, Messages};
-use pmac_dpram::protocol::{CallError, deadlines};
+use pmac_dpram::language::deadlines;
+use pmac_dpram::protocol::CallError;
 
 use crate::board::Place;
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::Connection;
 use crate::map::Family;
-use crate::protocol::{answer, line};
+use crate::protocol::answer;
 
 /// Time limit of the question.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[must_use]
 pub fn is_circle(text: &str) -> bool {
     // Text in quotes is a program's message.
-    line::commands(&text.to_ascii_uppercase()).any(|part| {
+    text.to_ascii_uppercase().split('"').step_by(2).any(|part| {
         let mut words = part.match_indices("CIR").map(|(at, word)| &part[at + word.len()..]);
         let mut codes = part.match_indices('G').filter(|(at, _)| !part[..*at].ends_with("PRO"));
         words.any(|rest| rest.strip_prefix("CLE").unwrap_or(rest).trim_start().starts_with(['1', '2']))

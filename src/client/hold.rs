@@ -9,7 +9,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
-use crate::protocol::{CallError, Function, deadlines};
+use crate::language::deadlines;
+use crate::protocol::{CallError, Function};
 
 /// How long the holder of a jog by command line may be silent; the daemon gives one by the panel as long.
 const LEASE_MS: u64 = 200;

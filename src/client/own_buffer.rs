@@ -7,9 +7,9 @@
 use std::time::Duration;
 
 use super::command::{CommandError, Connection, SendAs};
+use crate::language::{Effect, Meaning};
 use crate::protocol::CallError;
 use crate::protocol::board::SendReply;
-use crate::protocol::buffer_line::{Effect, effect};
 use crate::protocol::control::{CLOSE_ROTARY, OPEN_ROTARY};
 
 /// Whether a program's lines have opened a buffer and not closed it. This outlives the connection: over a new
@@ -51,9 +51,9 @@ impl OwnBuffer {
         line: &str,
         timeout: Duration,
     ) -> Result<SendReply, CommandError> {
-        let effect = effect(line.as_bytes());
-        let opens = matches!(effect, Some(Effect::Opens(_)));
-        let into_buffer = Some(self.is_open || opens);
+        let meaning = Meaning::of(line);
+        let effect = meaning.buffer;
+        let into_buffer = Some(self.is_open || meaning.opens());
         let sent = connection.send_and_see(line, timeout, SendAs { into_buffer, ..SendAs::default() });
         match effect {
             Some(Effect::Opens(_)) => {

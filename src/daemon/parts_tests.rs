@@ -7,7 +7,7 @@ use super::*;
 use crate::clock::ManualTime;
 use crate::daemon::options::Options;
 use crate::daemon::shared::open_buffer::{Account, Writer};
-use crate::daemon::shared::queue::{Command, Event, Origin, Outcome, Text, Ticket};
+use crate::daemon::shared::queue::{Command, Event, Line, Origin, Outcome, Ticket};
 use crate::device::{Bus, FileBoard, Inherited};
 use crate::map::HostOffset;
 use crate::map::PMAC;
@@ -66,7 +66,7 @@ impl World {
 
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
         let deadline = self.time.clock().now() + patience;
-        let line = Text::new(line.as_bytes()).unwrap();
+        let line = Line::of(line);
         let writer = Writer::Hand(Account { uid: 0, pid: 1 });
         let origin = Origin::default();
         let command = Command::Send { ticket: Ticket(ticket), line, origin, deadline, writer };

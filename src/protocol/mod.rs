@@ -5,28 +5,21 @@
 
 pub mod answer;
 pub mod board;
-pub mod buffer_line;
 pub mod calls;
 pub mod control;
 pub mod cut_off;
-pub mod deadlines;
 pub mod error;
 pub mod frame;
 pub mod function;
-pub mod i_lines;
-pub mod line;
-pub mod line_ends;
 pub mod message;
 pub mod mirror_selection;
-pub mod moved_motors;
 pub mod parameters;
-pub mod password;
 pub mod program_words;
 pub mod settings;
 pub mod socket_place;
-pub mod tokens;
 pub mod transport;
 
+pub use crate::language::LINE_MAX;
 pub use crate::map::Function;
 pub use board::{
     BoardInfo, CommandLinesInfo, CommandPort, CommandState, Enabled, HostPortCounts, HostPortInfo, Message,
@@ -54,8 +47,6 @@ pub const SERVICE_DESCRIPTION: &str = include_str!("org.varlink.service.varlink"
 pub const CALL_MAX: usize = 64 * 1024;
 /// The longest reply a client accepts, in bytes.
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
-/// The longest line [`BOARD`]'s `Send` takes, in characters: as many as a board of any family takes (DPRAM manual p. 27).
-pub const LINE_MAX: usize = 200;
 /// The most lines one call of [`BOARD`]'s `RunLines` takes: as many as fit into [`CALL_MAX`], however they are written.
 pub const RUN_LINES_MAX: usize = 128;
 /// The most words [`BOARD`]'s `Read` takes.

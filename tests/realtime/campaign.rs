@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
+use pmac_dpram::language::Meaning;
 use pmac_dpram::map::{Family, Generation, PMAC, TURBO2};
-use pmac_dpram::protocol::deadlines;
 use pmac_dpram::segment::{RegionId, Sample, SegmentName, Subscriber};
 
 use crate::board_words::{Word, host_bits, tagged_longs};
@@ -364,10 +364,10 @@ impl<'a> Campaign<'a> {
         wait_until("a reply", || {
             let closed = connection.send("CLOSE", TIMEOUT).is_ok();
             let deletes = "ENDGATHER ENDGATHER DELETE GATHER";
-            let ended = closed && connection.send(deletes, deadlines::of_line(deletes, TIMEOUT)).is_ok();
+            let ended = closed && connection.send(deletes, Meaning::of(deletes).deadline(TIMEOUT)).is_ok();
             // What the next one defines must not be refused; there may be nothing to delete.
             let deletes = "&1DELETE ROT";
-            let _ = connection.send(deletes, deadlines::of_line(deletes, TIMEOUT));
+            let _ = connection.send(deletes, Meaning::of(deletes).deadline(TIMEOUT));
             ended && connection.send(lines.report, TIMEOUT).is_ok()
         });
         if garbles(misbehaviour) {

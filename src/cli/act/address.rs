@@ -5,8 +5,6 @@
 
 use std::fmt;
 
-use crate::protocol::line;
-
 /// The addressed motor and coordinate system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Addressed {
@@ -31,79 +29,14 @@ impl fmt::Display for Addressed {
     }
 }
 
-/// Whether `line` has a command for the motor or coordinate system that is addressed, and does not name it before.
-pub fn goes_by_address(line: &str) -> bool {
-    let commands = line::commands(line).collect::<Vec<_>>().join(" ").to_ascii_uppercase();
-    let (mut named_motor, mut named_system) = (false, false);
-    let mut rest = commands.as_str();
-    while !rest.is_empty() {
-        let next = rest.char_indices().skip(1).find(|(_, c)| ['#', '&'].contains(c));
-        let (part, behind) = rest.split_at(next.map_or(rest.len(), |(at, _)| at));
-        let said = part.trim_start_matches(['#', '&', ' ']);
-        let words = said.trim_start_matches(|c: char| c.is_ascii_digit());
-        // `#1`, not `#` alone, which asks.
-        let is_address = words.len() < said.len();
-        named_motor |= is_address && part.starts_with('#');
-        named_system |= is_address && part.starts_with('&');
-        let goes_by = |word: &str| match whose(word) {
-            Some(Whose::Motor) => !named_motor,
-            Some(Whose::System) => !named_system,
-            None => false,
-        };
-        let words: Vec<&str> =
-            if part.starts_with(['#', '&']) { words } else { part }.split_ascii_whitespace().collect();
-        let goes_by_table = |what: &str| goes_by_table(what, named_motor, named_system);
-        let of_two = words
-            .windows(2)
-            .any(|two| matches!(two, ["DEFINE" | "DEF" | "DELETE" | "DEL", what] if goes_by_table(what)));
-        if of_two || words.iter().any(|word| goes_by(word)) {
-            return true;
-        }
-        rest = behind;
-    }
-    false
-}
-
-/// Whether a table or buffer of this kind is the addressed motor's or coordinate system's.
-fn goes_by_table(what: &str, named_motor: bool, named_system: bool) -> bool {
-    let is_systems = ["ROT", "LOOK"].iter().any(|kind| what.starts_with(kind));
-    let is_motors = ["COMP", "BLCOMP", "TCOMP"].iter().any(|kind| what.starts_with(kind));
-    is_systems && !named_system || is_motors && !named_motor
-}
-
-enum Whose {
-    Motor,
-    System,
-}
-
-/// Whether the command `word`, in capitals, addresses a motor or a coordinate system, or neither (Software Reference,
-/// "On-line commands", pp. 171-300).
-fn whose(word: &str) -> Option<Whose> {
-    let mut letters = word.chars();
-    let (first, second) = (letters.next()?, letters.next());
-    let has_number = second.is_some_and(|c| c.is_ascii_digit() || matches!(c, '-' | '.' | '$' | '('));
-    match (word, first) {
-        ("P" | "V" | "F" | "K" | "?" | "$" | "$*" | "HOME" | "HM" | "HOMEZ" | "HMZ", _) => Some(Whose::Motor),
-        (_, 'J') => Some(Whose::Motor),
-        (_, 'O') if has_number => Some(Whose::Motor),
-        ("A" | "R" | "S" | "H" | "Z" | "/" | "\\" | "<" | ">" | "??" | "$$" | "$$*", _) => {
-            Some(Whose::System)
-        }
-        ("PC" | "PE" | "PR" | "LEARN" | "UNDEFINE" | "ABS" | "INC" | "FRAX" | "PMATCH" | "MFLUSH", _) => {
-            Some(Whose::System)
-        }
-        (_, 'Q' | '%') => Some(Whose::System),
-        (_, 'B') if has_number => Some(Whose::System),
-        (_, 'A' | 'B' | 'C' | 'U' | 'V' | 'W' | 'X' | 'Y' | 'Z') if second == Some('=') => {
-            Some(Whose::System)
-        }
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::language::Meaning;
+
+    fn goes_by_address(line: &str) -> bool {
+        Meaning::of(line).goes_by_address
+    }
 
     #[test]
     fn b1_2_a_line_tells_whether_it_goes_by_the_address() {

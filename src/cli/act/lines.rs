@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 
 use crate::cli::context::Failure;
 use crate::client::{CommandError, SerialError};
+use crate::language::password::without_password;
+use crate::language::{Meaning, WhileOpen};
 use crate::protocol::board::{LineFailure, LineOutcome};
-use crate::protocol::buffer_line::WhileOpen;
-use crate::protocol::password::without_password;
 use crate::protocol::{CallError, OpenBufferInfo};
 
 /// Why the board did not acknowledge a line.
@@ -120,7 +120,7 @@ impl From<SerialError> for LineError {
 /// What whoever sends `line` is told of `open`, which these lines have not opened: its statements went in there; of some on-line
 /// commands no manual says whether they do.
 pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
-    let WhileOpen { enters, acts, may_act, .. } = WhileOpen::of(line.as_bytes());
+    let WhileOpen { enters, acts, may_act, .. } = Meaning::of(line).while_open;
     let shown = without_password(line);
     let went = format!("the program statements of {shown} went into it and were not carried out");
     let became = match (enters, acts, may_act) {

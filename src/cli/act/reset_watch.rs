@@ -1,7 +1,7 @@
 //! Notices that the board was reset between lines that belong together: what the ones before have set is gone then.
 
 use crate::client::Connection;
-use crate::protocol::line::resets;
+use crate::language::Meaning;
 
 /// Lines after which the board is asked again.
 const EVERY: u64 = 64;
@@ -23,7 +23,7 @@ impl ResetWatch {
     /// `line` has been sent. What to say if the board was reset.
     pub fn line_sent(&mut self, line: &str, connection: &mut Connection) -> Option<String> {
         self.lines += 1;
-        if resets(line.as_bytes()) {
+        if Meaning::of(line).resets {
             // A reset that was wanted.
             self.resets = connection.check_reset().ok();
             return None;

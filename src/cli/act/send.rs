@@ -13,10 +13,10 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::programs::what_runs;
 use crate::client::CommandError;
 use crate::client::command::SendAs;
+use crate::language::{Meaning, deadlines};
 use crate::map::errors;
 use crate::protocol::board::SendReply;
-use crate::protocol::line::resets;
-use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control, deadlines};
+use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control};
 
 #[derive(Debug, Args)]
 pub struct Send {
@@ -44,7 +44,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
     if control.is_none() {
         check_line(line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }
-    let timeout = options.timeout.unwrap_or_else(|| deadlines::of_line(line, deadlines::PLAIN));
+    let timeout = options.timeout.unwrap_or_else(|| Meaning::of(line).deadline(deadlines::PLAIN));
     if timeout.as_millis() > TIMEOUT_MAX_MS.into() {
         let most = TIMEOUT_MAX_MS / 1000;
         return Err(Failure::Request(format!("--timeout is at most {most} s")));
@@ -56,7 +56,7 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
             Some(character) => connection.control(character).map(|lines| SendReply { lines, entered: None }),
             None => match connection.send_and_see(line, timeout, SendAs::default()) {
                 Err(CommandError::Refused(CallError::TimedOut { lines }))
-                    if lines.is_empty() && resets(line.as_bytes()) && begun.elapsed() < timeout =>
+                    if lines.is_empty() && Meaning::of(line).resets && begun.elapsed() < timeout =>
                 {
                     // Before the time was over: the board has let go of the line.
                     let why =

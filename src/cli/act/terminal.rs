@@ -23,7 +23,7 @@ use rustyline::error::ReadlineError;
 use rustyline::{DefaultEditor, ExternalPrinter};
 use serde_json::json;
 
-use crate::cli::act::address::{Addressed, goes_by_address};
+use crate::cli::act::address::Addressed;
 use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, entered_note};
 use crate::cli::act::piped;
@@ -32,13 +32,9 @@ use crate::cli::console::note::note;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, Messages, OwnBuffer};
+use crate::language::Meaning;
 use crate::protocol::board::SendReply;
-use crate::protocol::buffer_line::WhileOpen;
-use crate::protocol::line::resets;
-use crate::protocol::password::without_password;
-use crate::protocol::{
-    CallError, Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control, deadlines,
-};
+use crate::protocol::{CallError, Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control};
 
 /// Time limit for asking what is addressed.
 const ADDRESS: Duration = Duration::from_millis(500);
@@ -174,8 +170,9 @@ impl Session {
     /// Sends a line, if that does what its user means.
     fn send(&mut self, line: &str) -> Result<Vec<String>, LineError> {
         // A statement of a program goes by no address.
-        let is_stored = self.own_buffer.is_open() && WhileOpen::of(line.as_bytes()).enters;
-        if let Some(known) = self.addressed.filter(|_| !is_stored && goes_by_address(line))
+        let meaning = Meaning::of(line);
+        let is_stored = self.own_buffer.is_open() && meaning.while_open.enters;
+        if let Some(known) = self.addressed.filter(|_| !is_stored && meaning.goes_by_address)
             && let Some(now) = self.address().filter(|now| *now != known)
         {
             let why = format!(
@@ -183,16 +180,14 @@ impl Session {
             );
             return Err(LineError::NotSent(Failure::Refused(why)));
         }
-        let timeout = deadlines::of_line(line, self.timeout);
+        let timeout = meaning.deadline(self.timeout);
         match self.own_buffer.send_and_see(&mut self.connection, line, timeout) {
             // The board need not acknowledge a reset.
-            Err(CommandError::Refused(CallError::TimedOut { .. })) if resets(line.as_bytes()) => {
-                Ok(Vec::new())
-            }
+            Err(CommandError::Refused(CallError::TimedOut { .. })) if meaning.resets => Ok(Vec::new()),
             sent => {
                 let SendReply { lines, entered } = sent?;
                 // Of a statement the prompt says so, or the line that has opened the buffer.
-                self.entered = entered.filter(|_| WhileOpen::of(line.as_bytes()).may_act);
+                self.entered = entered.filter(|_| meaning.while_open.may_act);
                 Ok(lines)
             }
         }
@@ -302,7 +297,7 @@ fn interactive(mut session: Session, messages: Messages, options: &Terminal) -> 
             Err(ReadlineError::Eof) => break Ok(()),
             Err(error) => break Err(failed(error)),
         };
-        if without_password(&text) == text {
+        if !Meaning::of(&text).has_password {
             let _ = editor.add_history_entry(&text);
         }
         match answer(&mut session, &text, raw) {

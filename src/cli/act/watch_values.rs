@@ -14,9 +14,9 @@ use crate::client::number::{digits, short};
 use crate::client::{Board, Connection, Variable as Entry, VariableTable, VariableWatch, View};
 use crate::decode::Scales;
 use crate::gather::{Column, Reading, Source};
+use crate::language::deadlines;
 use crate::map::word_use::m_variables;
 use crate::map::{BadVariable, Layout, Space, VariableName};
-use crate::protocol::deadlines;
 use crate::segment::RegionId;
 
 /// Longest sleep between two checks that the daemon still holds the watch.

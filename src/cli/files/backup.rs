@@ -20,8 +20,8 @@ use crate::cli::files::sequence::{begin, left};
 use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
 use crate::format::file_text;
+use crate::language::Meaning;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
-use crate::protocol::cut_off::line_cuts_off;
 use crate::rotary::same_line;
 
 /// Largest file. All variables of any board fit.
@@ -177,7 +177,7 @@ pub fn restore(context: &mut Context, options: &Restore) -> Result<Verdict, Fail
     let changes = entries.iter().filter(|entry| !entry.item.same(&entry.text, was(entry.item)));
     let is_port = |entry: &&Entry| match entry.item {
         Item::I(number) if PORT.contains(&number) => true,
-        item => item.lines(&entry.text).iter().any(|line| line_cuts_off(line)),
+        item => item.lines(&entry.text).iter().any(|line| Meaning::of(line).settings.cuts_off.is_certain()),
     };
     let (port, changes): (Vec<&Entry>, Vec<&Entry>) = changes.partition(is_port);
     for entry in &port {

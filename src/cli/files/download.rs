@@ -26,9 +26,9 @@ use crate::client::Connection;
 use crate::client::circles::{self, is_circle};
 use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
+use crate::language::lexer::{Kind, tokens};
 use crate::protocol::TIMEOUT_MAX_MS;
 use crate::protocol::board::RunLinesReply;
-use crate::protocol::line;
 
 /// Largest file.
 const LARGEST: u64 = 64 << 20;
@@ -114,13 +114,11 @@ fn circles_of(lines: &[SourceLine]) -> BTreeMap<Option<u32>, &Place> {
     let mut circles = BTreeMap::new();
     let mut system = None;
     for SourceLine { place, text } in lines {
-        let plain = line::plain(text);
-        // In a program's line & is an operator.
-        if plain.starts_with(['&', '#'])
-            && let Some((bit, _)) = line::addressed(&plain, '&').filter(|(bit, _)| *bit > 0).last()
-        {
-            system = Some(bit.trailing_zeros() + 1);
-        }
+        let addressed = tokens(text.as_bytes()).filter_map(|token| match token.kind {
+            Kind::System(number @ 1..) => Some(number),
+            _ => None,
+        });
+        system = addressed.last().or(system);
         if is_circle(text) {
             circles.entry(system).or_insert(place);
         }

@@ -14,10 +14,10 @@ use crate::cli::files::meaning::{same_axis, same_number, same_program};
 use crate::cli::files::preprocess::{Mistake, Place};
 use crate::cli::files::sequence::ask;
 use crate::client::command::lines::LineSequence;
+use crate::language::{LINE_MAX, Meaning};
 use crate::map::m_definition::MDefinition;
 use crate::protocol::answer;
-use crate::protocol::buffer_line::is_close;
-use crate::protocol::{LINE_MAX, check_line};
+use crate::protocol::check_line;
 
 /// The most answers to one line. The board answers nobody else meanwhile.
 const ANSWERS_MAX: usize = 100;
@@ -216,7 +216,7 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
         let mut mistake = |line: usize, what: String| {
             mistakes.push(Mistake { place: Place { file: file.to_owned(), line }, what });
         };
-        if let Some(program) = open.as_mut().filter(|_| !is_close(code.as_bytes())) {
+        if let Some(program) = open.as_mut().filter(|_| !Meaning::of(code).is_close) {
             if let Err(what) = check_line(code) {
                 mistake(number, what);
             }

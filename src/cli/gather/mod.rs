@@ -22,10 +22,10 @@ use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Tak
 use crate::decode::Scales;
 use crate::format::Visible;
 use crate::gather::{GatherMode, GatherPlan, SampleClock, Source, fields};
+use crate::language::{Meaning, deadlines};
 use crate::map::Layout;
 use crate::protocol::board::GatherStopReply;
-use crate::protocol::buffer_line::{Effect, effect};
-use crate::protocol::{check_line, deadlines};
+use crate::protocol::check_line;
 
 /// How long to sleep if there are no samples.
 const LOOK: Duration = Duration::from_millis(5);
@@ -203,17 +203,17 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
 /// Refuses a line of `--then` that the board could not take, or that would keep it from more.
 fn check_then(line: &str) -> Result<(), Failure> {
     check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
-    match effect(line.as_bytes()) {
-        Some(Effect::Opens(_)) => Err(Failure::Request(format!(
+    if Meaning::of(line).opens() {
+        return Err(Failure::Request(format!(
             "--then: {line:?} opens a program buffer, which would keep the end of the gather from the board"
-        ))),
-        _ => Ok(()),
+        )));
     }
+    Ok(())
 }
 
 /// Sends the line that was to follow once the board gathers.
 fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
-    let timeout = deadlines::of_line(line, deadlines::PLAIN);
+    let timeout = Meaning::of(line).deadline(deadlines::PLAIN);
     let reply = connection.send(line, timeout).map_err(LineError::from);
     let reply = reply.map_err(|error| {
         Failure::from(error)

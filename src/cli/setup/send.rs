@@ -15,10 +15,9 @@ use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;
 use crate::client::command::lines::LinesOptions;
 use crate::client::{Connection, SerialError, SerialLine};
+use crate::language::Meaning;
 use crate::map::Family;
 use crate::protocol::board::BoardInfo;
-use crate::protocol::deadlines;
-use crate::protocol::line::resets;
 use crate::protocol::program_words::ProgramWords;
 
 /// Time limit of a plain line.
@@ -193,12 +192,12 @@ fn send_over(serial: &mut SerialLine, commands: &[String]) -> Sent {
 
 /// Sends one. The board need not acknowledge a reset; then it is waited for until it answers again.
 fn send_line(serial: &mut SerialLine, line: &str) -> Result<(), SerialError> {
-    let is_reset = resets(line.as_bytes());
-    match serial.send(line, deadlines::of_line(line, PATIENCE)) {
-        Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if is_reset => {}
+    let meaning = Meaning::of(line);
+    match serial.send(line, meaning.deadline(PATIENCE)) {
+        Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if meaning.resets => {}
         sent => drop(sent?),
     }
-    if is_reset { serial.answers_within(AWAY) } else { Ok(()) }
+    if meaning.resets { serial.answers_within(AWAY) } else { Ok(()) }
 }
 
 fn report(

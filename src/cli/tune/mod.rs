@@ -26,8 +26,8 @@ use crate::cli::plot::{Figure, Panel, PicturePath, Trace, draw};
 use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
 use crate::client::number::{fixed, short};
+use crate::language::deadlines;
 use crate::map::IVariables;
-use crate::protocol::deadlines;
 use crate::table::{Field, Kind};
 
 /// How long the motor may take to stand in position after the recording, and to come back.

@@ -4,11 +4,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::{CommandError, Connection, DAEMON_TIMEOUT, MARGIN, fault, milliseconds, not_taken, read_reply};
+use crate::language::{Meaning, deadlines};
 use crate::protocol::board::RunLinesReply;
-use crate::protocol::cut_off::{self, line_cuts_off};
+use crate::protocol::cut_off;
 use crate::protocol::message::encode;
 use crate::protocol::parameters::to_map;
-use crate::protocol::{BOARD, Call, CallError, calls, deadlines};
+use crate::protocol::{BOARD, Call, CallError, calls};
 
 /// Lines of one call: few, so that a sequence ends soon after a request.
 const AT_ONCE: usize = 8;
@@ -54,10 +55,11 @@ impl Connection {
         lines: &[L],
         told: impl FnMut(&RunLinesReply) -> bool,
     ) -> Result<RunLinesReply, CommandError> {
-        // The daemon refuses such a line, too, but may have sent others before it.
-        if let Some(line) = lines.iter().find(|line| line_cuts_off(line.as_ref())).filter(|_| !self.confirms)
-        {
-            return Err(cut_off::refusal(line.as_ref()).into());
+        // The daemon refuses such a line as well, but may have sent others before.
+        let cuts_off = |line: &&str| Meaning::of(line).settings.cuts_off;
+        let mut all = lines.iter().map(AsRef::as_ref).filter(|_| !self.confirms);
+        if let Some(line) = all.find(|line| cuts_off(line).is_certain()) {
+            return Err(cut_off::refusal(line, cuts_off(&line)).into());
         }
         let mut sequence = self.lines(options);
         sequence.run(lines, told)?;

@@ -7,9 +7,8 @@
 use std::time::Instant;
 
 use crate::daemon::shared::status::{CHANGES, Change};
+use crate::language::Meaning;
 use crate::map::Family;
-use crate::protocol::i_lines::{Numbers, settings};
-use crate::protocol::line::resets;
 
 /// A variable as the board told it last.
 #[derive(Debug, Clone, Copy)]
@@ -52,20 +51,16 @@ impl ChangeWatch {
     }
 
     /// A line goes to the board through the daemon: what it may set is known anew from the next answer on.
-    pub fn line_goes(&mut self, line: &[u8]) {
-        if resets(line) {
+    pub fn line_goes(&mut self, line: &Meaning) {
+        if line.resets {
             return self.forget();
         }
-        for setting in settings(line) {
-            let may_set =
-                |number: u16| setting.numbers == Numbers::Unknown || setting.numbers.has(number.into());
-            let is_set = |told: &Told| {
-                let is_cleared = |[by, cleared]: [u16; 2]| cleared == told.variable && may_set(by);
-                may_set(told.variable) || self.clears.is_some_and(is_cleared)
-            };
-            for slot in &mut self.told {
-                *slot = slot.filter(|told| !is_set(told));
-            }
+        let is_set = |told: &Told| {
+            let is_cleared = |[by, cleared]: [u16; 2]| cleared == told.variable && line.settings.may_have(by);
+            line.settings.may_have(told.variable) || self.clears.is_some_and(is_cleared)
+        };
+        for slot in &mut self.told {
+            *slot = slot.filter(|told| !is_set(told));
         }
     }
 
@@ -120,7 +115,7 @@ mod tests {
         {
             watch.forget();
             watch.told(55, 1, at(0));
-            watch.line_goes(line.as_bytes());
+            watch.line_goes(&Meaning::of(line));
             watch.told(55, 0, at(1));
             assert_eq!(changes(&watch).is_empty(), is_ours, "{line}");
         }
@@ -129,12 +124,12 @@ mod tests {
         for (line, is_ours) in [("I57=1", true), ("I49=1", false)] {
             turbo.forget();
             turbo.told(48, 1, at(0));
-            turbo.line_goes(line.as_bytes());
+            turbo.line_goes(&Meaning::of(line));
             turbo.told(48, 0, at(1));
             assert_eq!(changes(&turbo).is_empty(), is_ours, "{line}");
         }
         // A change is no more of interest once the variable is set through the daemon.
-        watch.line_goes(b"I55=1");
+        watch.line_goes(&Meaning::of("I55=1"));
         assert!(changes(&watch).is_empty());
     }
 }

@@ -11,7 +11,7 @@ mod questions;
 
 use std::time::{Duration, Instant};
 
-use self::questions::{ERROR_REPORT, Meaning, PLC_CONTROL, Question, note_type, questions};
+use self::questions::{ERROR_REPORT, PLC_CONTROL, Question, Tells, note_type, questions};
 use crate::daemon::bus::change_watch::ChangeWatch;
 use crate::daemon::bus::scale_doubts::{ScaleDoubts, scale_tables};
 use crate::daemon::bus::timing::{
@@ -20,10 +20,9 @@ use crate::daemon::bus::timing::{
 };
 use crate::daemon::shared::status::{CHANGES, Change, Enabling};
 use crate::format::Text;
+use crate::language::{LINE_MAX, Meaning};
 use crate::map::Family;
-use crate::protocol::i_lines::{Numbers, settings};
-use crate::protocol::line::resets;
-use crate::protocol::{LINE_MAX, answer};
+use crate::protocol::answer;
 use crate::segment::Identity;
 use crate::segment::identity::first_motors;
 
@@ -206,18 +205,15 @@ impl Identifier {
 
     /// A line of somebody's goes to the board. If the board may answer differently after it, it is asked again soon. A
     /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
-    pub fn line_goes(&mut self, line: &[u8], now: Instant) {
+    pub fn line_goes(&mut self, line: &Meaning, now: Instant) {
         self.changes.line_goes(line);
-        let may_set = |variable: u16| {
-            let sets = |numbers: Numbers| numbers == Numbers::Unknown || numbers.has(variable.into());
-            resets(line) || settings(line).any(|setting| sets(setting.numbers))
-        };
+        let may_set = |variable: u16| line.resets || line.settings.may_have(variable);
         for told in [&mut self.program_reports, &mut self.asking_program_reports] {
             for (told, variable) in told.iter_mut().zip([PLC_CONTROL, ERROR_REPORT]) {
                 *told = told.filter(|_| !may_set(variable));
             }
         }
-        if let Some(doubts) = ScaleDoubts::of_line(line).filter(|_| self.wanted) {
+        if let Some(doubts) = ScaleDoubts::of(line).filter(|_| self.wanted) {
             self.doubts.add(doubts);
             self.tell(self.known.clone());
             self.ask_again(now);
@@ -255,36 +251,36 @@ impl Identifier {
             Question::Reports(variables) => {
                 let value = value.and_then(|value| u32::try_from(value).ok());
                 let Some((number, meaning)) = variables.get(index) else { return };
-                let is_watched = !matches!(meaning, Meaning::PlcControl | Meaning::ErrorReport);
+                let is_watched = !matches!(meaning, Tells::PlcControl | Tells::ErrorReport);
                 if let Some(value) = value.filter(|_| is_watched) {
                     self.changes.told(*number, value, self.asked);
                 }
                 match meaning {
-                    Meaning::ServoPeriod => {
+                    Tells::ServoPeriod => {
                         asking.i10 = value;
                         asking.servo_period_ps = value.filter(says_period).map(servo_period_ps);
                     }
-                    Meaning::ReportCycles => asking.servo_report_cycles = value,
-                    Meaning::ServoReport => asking.servo_report = value,
-                    Meaning::ServoInBackground if value == Some(1) => {
+                    Tells::ReportCycles => asking.servo_report_cycles = value,
+                    Tells::ServoReport => asking.servo_report = value,
+                    Tells::ServoInBackground if value == Some(1) => {
                         (asking.servo_report, asking.servo_report_cycles) = (value, Some(0));
                         self.asking_on_request = false;
                     }
-                    Meaning::ServoInBackground => {
+                    Tells::ServoInBackground => {
                         self.asking_on_request = value == Some(0) && asking.servo_report_cycles == Some(0);
                     }
-                    Meaning::BackgroundReport => asking.background_report = value,
-                    Meaning::Reported => asking.motor_mask = value.map(first_motors),
+                    Tells::BackgroundReport => asking.background_report = value,
+                    Tells::Reported => asking.motor_mask = value.map(first_motors),
                     // Asked before the last change: it says nothing.
-                    Meaning::Panel | Meaning::Variables if self.again => {}
-                    Meaning::Panel => self.enabling.panel = value.map(|value| value == 3),
-                    Meaning::Variables => {
+                    Tells::Panel | Tells::Variables if self.again => {}
+                    Tells::Panel => self.enabling.panel = value.map(|value| value == 3),
+                    Tells::Variables => {
                         self.enabling.variables = value.map(|value| value == 1);
                         self.enabling.asked = Some(self.asked);
                     }
-                    Meaning::PlcControl => self.asking_program_reports[0] = value,
-                    Meaning::ErrorReport => self.asking_program_reports[1] = value,
-                    Meaning::Handshake => {}
+                    Tells::PlcControl => self.asking_program_reports[0] = value,
+                    Tells::ErrorReport => self.asking_program_reports[1] = value,
+                    Tells::Handshake => {}
                 }
             }
             Question::Scales(motors) => {

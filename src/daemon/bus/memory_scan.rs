@@ -17,9 +17,9 @@ use crate::daemon::bus::timing::{
 };
 use crate::daemon::shared::definition_blocks::{BLOCK, DefinitionBlocks};
 use crate::format::Text;
+use crate::language::{LINE_MAX, Meaning};
 use crate::map::word_use::{Definition, definition, m_variables};
 use crate::map::{Family, HostOffset};
-use crate::protocol::LINE_MAX;
 use crate::protocol::program_words::DefinitionsRead;
 
 /// Definitions asked for by one line: a longer reply would hold up other callers' lines, and a shorter one cost a slow board a
@@ -275,8 +275,8 @@ impl MemoryScan {
     }
 
     /// A line of somebody's goes to the board. One that defines an M-variable changes what is known.
-    pub fn line_goes(&mut self, line: &[u8], now: Instant) {
-        if line.windows(2).any(|two| two == b"->") {
+    pub fn line_goes(&mut self, line: &Meaning, now: Instant) {
+        if line.defines_m {
             self.begin_anew(now + DEFINITIONS_AFTER_LINE);
         }
     }

@@ -65,7 +65,7 @@ fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
         let found: Vec<_> = scan.words().map(|(at, number)| (at.bytes(), number)).collect();
         assert_eq!(found, [(0x16, m_variables(family) - 1), (0x200, 211), (0x202, 211)]);
         // One is taken away by a line.
-        scan.line_goes(b"M211->*", now);
+        scan.line_goes(&Meaning::of("M211->*"), now);
         assert_eq!(scan.next_line(u16::MAX, now), None, "more may follow");
         assert_eq!(answer(&mut scan, &definitions[1..], now + DEFINITIONS_AFTER_LINE), asked);
         assert_eq!(scan.words().nth(1).unwrap().1, 212);
@@ -252,7 +252,7 @@ fn c3_what_is_defined_during_a_pass_begins_another() {
     let mut scan = scan_of(&PMAC, true, now);
     assert!(scan.next_line(u16::MAX, now).is_some());
     scan.sent(now);
-    scan.line_goes(b"M5->Y:$D000", now);
+    scan.line_goes(&Meaning::of("M5->Y:$D000"), now);
     (0..A_QUESTION).for_each(|_| scan.line(b"*"));
     scan.done(false, now);
     assert_eq!(answer(&mut scan, &[(5, "Y:$D000,0,16")], now + DEFINITIONS_AFTER_LINE), 21);

@@ -1,8 +1,8 @@
 //! Which motors' scales a command line may change: until the board has told them again, they are not known.
 
+use crate::language::Meaning;
+use crate::language::settings::Settings;
 use crate::map::{IVariables, Motors};
-use crate::protocol::i_lines::{Numbers, settings};
-use crate::protocol::line::resets;
 use crate::segment::Identity;
 
 /// The I-variable of the servo period in every family.
@@ -25,28 +25,17 @@ pub struct ScaleDoubts {
 impl ScaleDoubts {
     const ALL: Self = Self { motors: [Motors::ALL; IVariables::SCALES.len()], servo_period: true };
 
-    /// The scales that `line` may change: those that it sets by number; all of them where it gives a range or an expression,
-    /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is.
+    /// The scales that a line may change: those that it sets by number; all of them where it gives a range or an expression,
+    /// or resets the board. `None` after a line that leaves every answer of the board to [`super::identify`] as it is. A jog (J=), P, Q
+    /// and M come too often to ask all questions after each.
     #[must_use]
-    pub fn of_line(line: &[u8]) -> Option<Self> {
-        if resets(line) {
+    pub fn of(line: &Meaning) -> Option<Self> {
+        let Settings { any, several, scales, .. } = line.settings;
+        if line.resets || several {
             return Some(Self::ALL);
         }
-        let mut settings = settings(line).peekable();
-        // An I-variable, or a $-address. A jog (J=), P, Q and M come too often to ask all questions after each.
-        if settings.peek().is_none() && !line.contains(&b'$') {
-            return None;
-        }
-        let mut doubts = Self::default();
-        for setting in settings {
-            let Numbers::One(number) = setting.numbers else { return Some(Self::ALL) };
-            let scale = IVariables::SCALES.iter().position(|scale| *scale == number as usize % 100);
-            if let Some(index) = scale {
-                doubts.motors[index].add(Motors::of(number as usize / 100));
-            }
-            doubts.servo_period |= number == u32::from(I10);
-        }
-        Some(doubts)
+        let doubts = Self { motors: scales, servo_period: line.settings.has(I10) };
+        (any || line.has_address).then_some(doubts)
     }
 
     /// More doubts.
@@ -65,8 +54,8 @@ impl ScaleDoubts {
             identity.i10 = None;
         }
         for (table, motors) in scale_tables(&mut identity).into_iter().zip(self.motors) {
-            for (motor, scale) in (1..).zip(table) {
-                *scale = scale.filter(|_| !motors.contains(motor));
+            for (index, scale) in table.iter_mut().enumerate() {
+                *scale = scale.filter(|_| !motors.contains(index + 1));
             }
         }
         identity
@@ -89,24 +78,24 @@ mod tests {
             ("M1->X:$C000,8", [0; 4]),
         ] {
             let expected = ScaleDoubts { motors: expected.map(Motors::from_bits), servo_period: false };
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(expected), "{line}");
+            assert_eq!(ScaleDoubts::of(&Meaning::of(line)), Some(expected), "{line}");
         }
         for line in ["I100..199=0", "I108,8,100=96", "I(P1)=7", "$$$"] {
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), Some(ScaleDoubts::ALL), "{line}");
+            assert_eq!(ScaleDoubts::of(&Meaning::of(line)), Some(ScaleDoubts::ALL), "{line}");
         }
         for (line, expected) in [("i10=3713707", true), ("I110=1 I100=2", false), ("P1=1I10=5", true)] {
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()).unwrap().servo_period, expected, "{line}");
+            assert_eq!(ScaleDoubts::of(&Meaning::of(line)).unwrap().servo_period, expected, "{line}");
         }
     }
     #[test]
     fn only_lines_that_may_change_an_answer_have_it_asked_again() {
         for line in ["I59=4", "i108=96", "P1=2I19=1", "$$$", "WX$D009,1", "I(P1)=3"] {
-            assert!(ScaleDoubts::of_line(line.as_bytes()).is_some(), "{line}");
+            assert!(ScaleDoubts::of(&Meaning::of(line)).is_some(), "{line}");
         }
         for line in
             ["#1J=1000 #2J=-5", "LINEAR X8=1 DWELL7=8", "SEND\"I108=1\"", "P5=1", "M1=0", "#1J=", "I108", "?"]
         {
-            assert_eq!(ScaleDoubts::of_line(line.as_bytes()), None, "{line}");
+            assert_eq!(ScaleDoubts::of(&Meaning::of(line)), None, "{line}");
         }
     }
 }

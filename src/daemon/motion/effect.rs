@@ -5,13 +5,11 @@ use std::time::Duration;
 use super::target::Target;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::Command;
+use crate::format::Text;
 use crate::function::panel::PanelAction;
+use crate::language::{LineEnds, Meaning, WhileOpen};
 use crate::map::{Motors, Systems};
-use crate::protocol::buffer_line::WhileOpen;
-use crate::protocol::line_ends::LineEnds;
-use crate::protocol::moved_motors::{EndlessJogs, motors_moved};
-use crate::protocol::tokens::{self, Kind, Needs};
-use crate::protocol::{control, i_lines, line};
+use crate::protocol::control;
 
 /// The programs that a call starts, and whether its caller means what is left too.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -45,7 +43,7 @@ impl CommandEffect {
     /// Of `command`.
     pub fn of(command: &Command) -> Self {
         match command {
-            Command::Send { line, .. } => Self { ends: LineEnds::of(line), ..Self::default() },
+            Command::Send { line, .. } => Self { ends: line.meaning.ends(), ..Self::default() },
             Command::Control { character, .. } => Self {
                 ends: ended_by_character(*character),
                 stops_all: matches!(*character, control::ABORT | control::KILL).then_some(*character),
@@ -76,37 +74,31 @@ pub fn ended_by_stop(target: Target) -> Option<LineEnds> {
 }
 
 fn ended_by_panel(action: PanelAction, mask: u32) -> Option<LineEnds> {
-    let ends = LineEnds { what: format!("panel {action}"), ..LineEnds::default() };
+    let ends = LineEnds { what: Text::of(&format_args!("panel {action}")), ..LineEnds::default() };
     match action {
         PanelAction::Start | PanelAction::Hold => None,
         _ if mask == 0 => None,
-        _ if action.is_for_motors() => Some(LineEnds { motors: mask, ..ends }),
-        _ => Some(LineEnds { systems: mask, ..ends }),
+        _ if action.is_for_motors() => Some(LineEnds { motors: Motors::from_bits(mask), ..ends }),
+        _ => Some(LineEnds { systems: Systems::from_bits(mask), ..ends }),
     }
 }
 
 fn ended_by_character(character: u8) -> Option<LineEnds> {
-    let ends = LineEnds { what: control::name(character), systems: u32::MAX, ..LineEnds::default() };
+    let what = Text::of(&control::name(character));
+    let ends = LineEnds { what, systems: Systems::ALL, ..LineEnds::default() };
     match character {
-        control::ABORT | control::KILL => Some(LineEnds { motors: u32::MAX, ..ends }),
+        control::ABORT | control::KILL => Some(LineEnds { motors: Motors::ALL, ..ends }),
         control::QUIT | control::STEP => Some(ends),
         _ => None,
     }
 }
 
-/// The motors that `line` names and moves.
-pub fn moved_by(line: &str) -> Motors {
-    Motors::from_bits(motors_moved(line))
-}
-
-/// What a command line does to the programs of the coordinate systems it names, to the control panel, and to motors.
+/// What a command line does, once the board has carried it out, to what the daemon knows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LineEffect {
-    /// It starts them.
-    pub starts: Systems,
-    /// It points them elsewhere, or takes away what their rotary buffers hold.
+    /// The coordinate systems that it points elsewhere, or whose rotary buffers it empties.
     pub forgets: Systems,
-    /// It ends them, or points them at their rotary buffers.
+    /// Those whose programs it ends, or that it points at their rotary buffers.
     pub aborts: Systems,
     /// It switches the control panel off.
     pub ends_panel: bool,
@@ -119,67 +111,23 @@ pub struct LineEffect {
 }
 
 impl LineEffect {
-    /// Of `line`, while the rotary buffers are open or not, on a board whose I-variable `panel` is 3 while it reads the control
-    /// panel. Which coordinate system a line means that names none is not known.
-    pub fn of(line: &str, rotary_is_open: bool, panel: Option<u16>) -> Self {
-        let is_off = |setting: i_lines::Setting| {
-            panel.is_some_and(|panel| setting.numbers.has(panel.into())) && setting.value != Some(3)
-        };
-        let ends_panel = i_lines::settings(line.as_bytes()).any(is_off);
-        let plain = line::plain(line);
-        // CLEAR empties the buffer that is open, which this line may have opened itself.
-        let clears = match plain.find("OPEN") {
-            Some(at) => plain[at..].starts_with("OPENROT"),
-            None => rotary_is_open,
-        };
-        let takes_away = |commands: &str| {
-            let is_cleared = clears && ["CLEAR", "CLR"].iter().any(|word| commands.contains(word));
-            is_cleared || ["DELETEROT", "DELROT"].iter().any(|word| commands.contains(word))
-        };
-        let before = plain.split('&').next().unwrap_or_default();
-        let all = takes_away(before) || line::resets(line.as_bytes());
-        let forgets = if all { Systems::ALL } else { Systems::NONE };
-        let mut effect =
-            Self { forgets, ends_panel, while_open: WhileOpen::of(line.as_bytes()), ..Self::default() };
-        let text = line::commands(line).collect::<Vec<_>>().join(" ").to_ascii_uppercase();
-        for ((bit, commands), spaced) in line::addressed(&plain, '&').zip(text.split('&').skip(1)) {
-            let system = Systems::from_bits(bit);
-            if takes_away(commands) {
-                effect.forgets.add(system);
-            }
-            effect.add_starts(system, commands);
-            effect.add_starts(
-                system,
-                spaced.trim_start_matches(|c: char| c.is_ascii_digit() || c.is_whitespace()),
-            );
+    /// Of a line, while the rotary buffers are open or not, on a board whose I-variable `panel` is 3 while it reads the control
+    /// panel.
+    pub fn of(line: &Meaning, rotary_is_open: bool, panel: Option<u16>) -> Self {
+        let clears = if rotary_is_open { line.clears } else { Systems::NONE };
+        Self {
+            forgets: line.takes_away.and(line.points_elsewhere).and(clears),
+            aborts: line.aborts,
+            ends_panel: panel.is_some_and(|panel| line.settings.has_not_3(panel)),
+            while_open: line.while_open,
+            ..Self::default()
         }
-        effect
     }
 
-    /// The jogs of `line` end with its sender, and when the sender is silent for so long.
-    pub fn ends_jogs(&mut self, line: &str, silence: Option<Duration>) {
-        let jogs = [EndlessJogs::of(line), EndlessJogs::of_refused(line)];
-        self.jogs = jogs.map(|jogs| Motors::from_bits(jogs.motors));
+    /// The jogs of the line end with its sender, and when the sender is silent for so long.
+    pub fn ends_jogs(&mut self, line: &Meaning, silence: Option<Duration>) {
+        self.jogs = [line.jogs, line.jogs_if_refused].map(|jogs| jogs.motors);
         self.silence = silence;
-    }
-
-    /// Adds whether `commands` start or abort the coordinate system that is addressed, or point it elsewhere. An `&` may be an
-    /// operator, and `P R` one word or two: a start that is asked about once too often harms nobody.
-    fn add_starts(&mut self, system: Systems, commands: &str) {
-        let mut elsewhere = false;
-        for token in tokens::of_known(commands) {
-            let said = &commands[token.span];
-            match (token.kind, said.as_bytes().first()) {
-                (Kind::Moves(Needs::System), Some(b'B')) => {
-                    let program = said[1..].trim_start_matches('0');
-                    elsewhere = program.starts_with(|c: char| c.is_ascii_digit());
-                    if elsewhere { &mut self.forgets } else { &mut self.aborts }.add(system);
-                }
-                (Kind::Moves(Needs::System), Some(b'R' | b'S')) if !elsewhere => self.starts.add(system),
-                (Kind::Moves(Needs::System), Some(b'A' | b'Q')) => self.aborts.add(system),
-                _ => {}
-            }
-        }
     }
 }
 
@@ -188,66 +136,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b1_5_a_line_tells_which_programs_it_starts_and_which_lines_may_be_gone() {
-        for (line, starts, forgets) in [
-            ("&1R", 0b1, 0),
-            ("& 2 b0 s", 0b10, 0),
-            ("&1R&2R", 0b11, 0),
-            ("R", 0, 0),
-            ("&1PR", 0, 0),
-            ("&1B5R", 0, 0b1),
-            ("&1R#1P", 0b1, 0),
-            ("&1 R P1", 0b1, 0),
-            ("&1#1P R", 0b1, 0),
-            ("P1=5 &1R", 0b1, 0),
-            ("#1->X &3R", 0b100, 0),
-            ("&1B0P1=3S", 0b1, 0),
-            ("&1B5B0R", 0b1, 0b1),
-            ("&1RX$700", 0, 0),
-            ("&1SAVE", 0, 0),
-            ("&1B0", 0, 0),
-            ("&1B0.5", 0, 0),
-            ("&3DELETE ROT", 0, 0b100),
-            ("&3DELETE GATHER", 0, 0),
-            ("&3CLEAR", 0, 0),
-            ("OPEN ROT CLEAR", 0, u32::MAX),
-            ("&2 OPEN ROTARY CLEAR", 0, 0b10),
-            ("OPEN PLC 3 CLEAR", 0, 0),
-            ("OPEN PROG 3 CLEAR", 0, 0),
-            ("SEND\"DELROT &1R $$$\"", 0, 0),
-            ("$$$", 0, u32::MAX),
-            ("&0R", 0, 0),
-            ("&99R", 0, 0),
-            ("&1A", 0, 0),
-            ("#1J+", 0, 0),
+    fn a_line_may_take_away_what_is_left_or_switch_the_panel_off() {
+        for (line, while_open, forgets) in [
+            ("CLEAR", false, Systems::NONE),
+            ("CLEAR", true, Systems::ALL),
+            ("&3clr", true, Systems::of(3)),
+            ("OPEN PLC 3 CLEAR", true, Systems::NONE),
+            ("OPEN ROT CLEAR", false, Systems::ALL),
+            ("$$$", false, Systems::ALL),
         ] {
-            let aborts = match line {
-                "&1A" | "&1B0" | "&1B0.5" | "&1B0P1=3S" | "&1B5B0R" => 1,
-                "& 2 b0 s" => 2,
-                _ => 0,
-            };
-            let found = LineEffect::of(line, false, Some(2));
-            let found = [found.starts, found.forgets, found.aborts].map(Systems::bits);
-            assert_eq!(found, [starts, forgets, aborts], "{line}");
+            assert_eq!(LineEffect::of(&Meaning::of(line), while_open, None).forgets, forgets, "{line}");
         }
-        for (line, forgets) in [("CLEAR", u32::MAX), ("&3clr", 0b100), ("OPEN PLC 3 CLEAR", 0)] {
-            let LineEffect { starts, forgets: found, aborts, .. } = LineEffect::of(line, true, Some(2));
-            assert_eq!([starts, found, aborts].map(Systems::bits), [0, forgets, 0], "{line}");
-        }
-    }
-
-    #[test]
-    fn b2_6_a_line_tells_whether_it_switches_the_panel_off() {
-        for (line, ends) in [
-            ("I2=0", true),
-            ("I1..5=0", true),
-            ("i 2 = P1", true),
-            ("I2=3", false),
-            ("I2", false),
-            ("I22=0", false),
-        ] {
-            assert_eq!(LineEffect::of(line, false, Some(2)).ends_panel, ends, "{line}");
-            assert!(!LineEffect::of(line, false, None).ends_panel, "{line}");
+        for (line, ends) in
+            [("I2=0", true), ("I1..5=0", true), ("I2=P1", true), ("I2=3", false), ("I22=0", false)]
+        {
+            let meaning = Meaning::of(line);
+            assert_eq!(LineEffect::of(&meaning, false, Some(2)).ends_panel, ends, "{line}");
+            assert!(!LineEffect::of(&meaning, false, None).ends_panel, "{line}");
         }
     }
 }

@@ -133,6 +133,7 @@ pub fn start_anyway(cs: impl std::fmt::Display, has_panel: bool) -> String {
 mod tests {
     use super::*;
     use crate::daemon::motion::effect::LineEffect;
+    use crate::language::Meaning;
 
     #[test]
     fn b1_5_what_is_left_is_told_until_it_may_be_gone() {
@@ -165,7 +166,7 @@ mod tests {
     fn what_was_left_is_asked_about_again_once_another_program_or_a_part_of_it_has_run() {
         let start = Starts { systems: Systems::of(1), confirmed: false };
         let effect = |left: &mut Leftovers, line: &str| {
-            let LineEffect { forgets, aborts, .. } = LineEffect::of(line, false, Some(2));
+            let LineEffect { forgets, aborts, .. } = LineEffect::of(&Meaning::of(line), false, Some(2));
             left.forget(forgets);
             left.aborted(aborts);
         };

@@ -7,9 +7,9 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use crate::daemon::shared::caller::Caller;
+use crate::language::LineEnds;
 use crate::map::Family;
 use crate::protocol::board::SentStop;
-use crate::protocol::line_ends::LineEnds;
 
 /// How many are kept.
 const KEPT: usize = 16;
@@ -70,12 +70,12 @@ impl Sent {
         };
         SentStop {
             number: *number,
-            what: ends.what.clone(),
+            what: ends.what.to_string(),
             uid: by.peer.uid.as_raw(),
             pid: by.peer.pid,
             named: !ends.unnamed,
-            coordinate_systems: within(ends.systems, family.coordinate_systems),
-            motors: within(ends.motors, family.motors),
+            coordinate_systems: within(ends.systems.bits(), family.coordinate_systems),
+            motors: within(ends.motors.bits(), family.motors),
             gather: ends.gather,
         }
     }

@@ -23,7 +23,7 @@ use super::script::{Io, Script};
 use super::{Request, Resource, first, with_notes};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
-use crate::daemon::shared::queue::{Outcome, Text};
+use crate::daemon::shared::queue::{Line, Outcome};
 use crate::gather::GatherMode;
 use crate::map::status::reply_has;
 use crate::map::{Family, ReportStart};
@@ -202,7 +202,7 @@ impl<'a> Gather<'a> {
             let gathers = if told.is_some() && was_seen {
                 told
             } else {
-                let asked = self.io.request_within(Request::Ask(Text::from("???")), ASKING).await;
+                let asked = self.io.request_within(Request::Ask(Line::of("???")), ASKING).await;
                 asked.result.ok().map(|lines| self.gathers(&lines))
             };
 

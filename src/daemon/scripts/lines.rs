@@ -17,12 +17,10 @@ use super::put_back::PutBack;
 use super::script::{Io, Script};
 use super::{Asked, Done, END_STEP, Request, Resource};
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
-use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, Outcome, Text};
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, Line, Outcome};
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
-use crate::protocol::buffer_line::{Effect, effect};
-use crate::protocol::cut_off::{self, line_cuts_off};
-use crate::protocol::line::resets;
-use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line, deadlines};
+use crate::protocol::cut_off;
+use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 
 /// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
 const CLOSE_TRIES: u32 = 3;
@@ -44,18 +42,18 @@ const NO_BUFFER: u16 = 5;
 #[derive(Debug, Default)]
 pub struct Batch {
     kind: String,
-    lines: VecDeque<Text<LINE_MAX>>,
+    lines: VecDeque<Line>,
     timeout: Duration,
     keep_going: bool,
-    at_end: Option<VecDeque<Text<LINE_MAX>>>,
+    at_end: Option<VecDeque<Line>>,
     last: bool,
     confirmed: bool,
 }
 
 impl Batch {
     /// Every line that it may send.
-    pub fn all_lines(&self) -> impl Iterator<Item = &str> {
-        self.lines.iter().chain(self.at_end.iter().flatten()).map(|line| &**line)
+    pub fn all_lines(&self) -> impl Iterator<Item = &Line> {
+        self.lines.iter().chain(self.at_end.iter().flatten())
     }
 
     /// What kind of sequence it is of: `download`.
@@ -87,13 +85,14 @@ impl Batch {
             return Err(CallError::invalid("at_end", format_args!("at most {AT_END_MAX} lines")));
         }
         let confirmed = confirmed == Some(true);
+        let (lines, at_end) = (checked(&lines)?, at_end.map(|lines| checked(&lines)).transpose()?);
         let mut all = lines.iter().chain(at_end.iter().flatten());
-        if let Some(line) = all.find(|line| line_cuts_off(line) && !confirmed) {
-            return Err(cut_off::refusal(line));
+        if let Some(line) = all.find(|line| line.meaning.settings.cuts_off.is_certain() && !confirmed) {
+            return Err(cut_off::refusal(line, line.meaning.settings.cuts_off));
         }
         Ok(Self {
-            lines: checked(&lines)?,
-            at_end: at_end.map(|lines| checked(&lines)).transpose()?,
+            lines,
+            at_end,
             kind,
             timeout: timeout_ms.map_or(DEFAULT_TIMEOUT, Duration::from_millis),
             keep_going: keep_going.unwrap_or(false),
@@ -109,11 +108,11 @@ impl Batch {
 }
 
 /// `lines` as they are sent.
-fn checked(lines: &[String]) -> Result<VecDeque<Text<LINE_MAX>>, CallError> {
+fn checked(lines: &[String]) -> Result<VecDeque<Line>, CallError> {
     let checked = lines.iter().map(|line| {
         check_line(line)
             .map_err(|reason| CallError::InvalidLine { reason: format!("{line:?}: {reason}") })?;
-        Ok(Text::from_bytes(line.as_bytes()))
+        Ok(Line::of(line))
     });
     checked.collect()
 }
@@ -186,7 +185,7 @@ impl Lines {
                 self.leave_out(reason.to_string()).await;
                 continue;
             }
-            self.leaves_out &= self.batch.lines.front().is_none_or(|line| effect(line.as_bytes()).is_none());
+            self.leaves_out &= self.batch.lines.front().is_none_or(|line| line.meaning.buffer.is_none());
             if self.leaves_out && self.batch.lines.pop_front().is_some() {
                 self.leave_out(NOT_OPENED.to_owned()).await;
                 continue;
@@ -195,10 +194,10 @@ impl Lines {
                 self.check().await?;
                 continue;
             }
-            if let Some(text) = self.batch.lines.pop_front() {
-                let timeout = deadlines::of_line(&text, self.batch.timeout);
-                let done = self.io.request_within(Request::Line(text), timeout).await;
-                let told = self.line_done(text, done);
+            if let Some(line) = self.batch.lines.pop_front() {
+                let timeout = line.meaning.deadline(self.batch.timeout);
+                let done = self.io.request_within(Request::Line(line), timeout).await;
+                let told = self.line_done(line, done);
                 self.io.tell(told).await;
             } else if self.batch.last {
                 break;
@@ -239,23 +238,23 @@ impl Lines {
     }
 
     /// The board has answered the line under way, or not.
-    fn line_done(&mut self, line: Text<LINE_MAX>, done: Done) -> Reply {
+    fn line_done(&mut self, line: Line, done: Done) -> Reply {
         let number = self.number;
         self.number += 1;
         self.doubts_now = done.doubts;
-        self.has_reset |= resets(line.as_bytes());
+        self.has_reset |= line.meaning.resets;
         let was_open = self.buffer.is_open();
         if !done.outcome.is_unsent() {
-            self.buffer.begin(line.as_bytes(), Writer::Question, self.io.now());
+            self.buffer.begin(&line.meaning, Writer::Question, self.io.now());
             self.put_back.sent(&line);
         }
         match done.outcome {
-            Outcome::Done => self.buffer.done(line.as_bytes()),
+            Outcome::Done => self.buffer.done(&line.meaning),
             // `FOO CLOSE`: whether the board has closed the buffer is not known.
-            Outcome::Error(code) => self.buffer.refused(line.as_bytes(), code),
+            Outcome::Error(code) => self.buffer.refused(&line.meaning, code),
             _ => {}
         }
-        if let Some(Effect::Opens(_)) = effect(line.as_bytes()) {
+        if line.meaning.opens() {
             self.open_refused = matches!(done.outcome, Outcome::Error(_));
         }
         let is_unopened = self.open_refused && done.outcome == Outcome::Barred(Barred::Closed);
@@ -268,7 +267,7 @@ impl Lines {
         let (lines, failure) = match done.result {
             Ok(lines) => (lines, None),
             // A board that resets need not acknowledge it.
-            Err(_) if done.outcome == Outcome::TimedOut && resets(line.as_bytes()) => (Vec::new(), None),
+            Err(_) if done.outcome == Outcome::TimedOut && line.meaning.resets => (Vec::new(), None),
             Err(mut error) => {
                 let mut failure = failure_of(done.outcome, &error);
                 if is_unopened {

@@ -37,7 +37,7 @@ pub use script::Script;
 
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
-use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::daemon::shared::queue::{Line, Outcome};
 use crate::function::rotary::RotaryState;
 use crate::map::HostOffset;
 use crate::protocol::{CallError, Reply, answer, control};
@@ -84,9 +84,9 @@ impl fmt::Display for Resource {
 #[derive(Debug, Clone)]
 pub enum Request {
     /// Send a line.
-    Line(Text<LINE_MAX>),
+    Line(Line),
     /// Ask the board something. Not sent while a program buffer is open, and not logged.
-    Ask(Text<LINE_MAX>),
+    Ask(Line),
     /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
     Check,
     /// Send a control character that has an answer.

@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::end_retry::{EndRetry, is_kept_back, was_set_meanwhile};
 use super::script::Io;
 use super::{Done, Request};
-use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::daemon::shared::queue::{Line, Outcome};
 use crate::protocol::{CallError, Reply, answer};
 
 /// How long what is known not to have been sent is tried.
@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// A line of the end.
 #[derive(Debug)]
 struct Entry {
-    line: Text<LINE_MAX>,
+    line: Line,
     /// The variable that it puts back, and its value.
     variable: Option<(String, String)>,
     /// What the board has said of the variable after the sequence had set it.
@@ -28,7 +28,7 @@ struct Entry {
 }
 
 impl Entry {
-    fn new(line: Text<LINE_MAX>) -> Self {
+    fn new(line: Line) -> Self {
         let variable = variable_of(&line);
         Self { line, variable, ours: None, is_set: false }
     }
@@ -69,7 +69,7 @@ impl Entry {
 }
 
 /// The variable that `line` sets, and the value.
-fn variable_of(line: &Text<LINE_MAX>) -> Option<(String, String)> {
+fn variable_of(line: &Line) -> Option<(String, String)> {
     let text = line.to_string();
     let (name, value) = text.split_once('=')?;
     let is_name = name.bytes().all(|byte| byte.is_ascii_alphanumeric());
@@ -85,13 +85,13 @@ pub(super) struct PutBack {
 
 impl PutBack {
     /// These lines.
-    pub(super) fn new(lines: VecDeque<Text<LINE_MAX>>) -> Self {
+    pub(super) fn new(lines: VecDeque<Line>) -> Self {
         let entries = lines.into_iter().map(Entry::new).collect();
         Self { entries, notes: Vec::new() }
     }
 
     /// The same end, as a later call names it.
-    pub(super) fn renewed(&mut self, lines: VecDeque<Text<LINE_MAX>>) {
+    pub(super) fn renewed(&mut self, lines: VecDeque<Line>) {
         let mut old = std::mem::take(&mut self.entries);
         self.entries = lines.into_iter().map(Entry::new).collect();
         for entry in &mut self.entries {
@@ -102,7 +102,7 @@ impl PutBack {
     }
 
     /// The sequence has sent `line`.
-    pub(super) fn sent(&mut self, line: &Text<LINE_MAX>) {
+    pub(super) fn sent(&mut self, line: &Line) {
         let Some((name, _)) = variable_of(line) else { return };
         let is_it = |entry: &&mut Entry| entry.variable.as_ref().is_some_and(|(other, _)| *other == name);
         if let Some(entry) = self.entries.iter_mut().find(is_it) {
@@ -113,7 +113,7 @@ impl PutBack {
     /// What is to be asked after the lines so far.
     pub(super) fn question(&self) -> Option<Request> {
         let (name, _) = self.entries.iter().find(|entry| entry.is_set)?.variable.as_ref()?;
-        Some(Request::Ask(Text::of(name)))
+        Some(Request::Ask(Line::of(name)))
     }
 
     /// The answer to that. Where there is none, what is found at the end counts as set by the sequence.

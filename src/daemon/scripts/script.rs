@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use super::{Asked, CHECK, Done, END_STEP, Ending, Request, Resource, STEP, Step};
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{REASON_MAX, Text};
+use crate::daemon::shared::queue::{Line, REASON_MAX, Text};
 use crate::map::masks::Systems;
 use crate::protocol::{CallError, Reply};
 
@@ -142,12 +142,12 @@ impl Io {
 
     /// Sends a line.
     pub(super) async fn line(&self, text: &str) -> Done {
-        self.request(Request::Line(Text::from(text))).await
+        self.request(Request::Line(Line::of(text))).await
     }
 
     /// Asks the board, unless a program buffer is open.
     pub(super) async fn ask(&self, text: &str) -> Done {
-        self.request(Request::Ask(Text::from(text))).await
+        self.request(Request::Ask(Line::of(text))).await
     }
 
     /// Has the bus thread do a job.

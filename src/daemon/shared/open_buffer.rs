@@ -19,12 +19,12 @@ use std::time::{Duration, Instant};
 use super::rotary_address::{AddressFirst, RotaryAddress};
 pub use super::writer::{Account, Writer};
 use crate::format::Text;
+pub use crate::language::NAME_MAX;
+use crate::language::{Effect, Meaning};
 use crate::protocol::OpenBufferInfo;
-pub use crate::protocol::buffer_line::NAME_MAX;
-use crate::protocol::buffer_line::{Effect, WhileOpen, effect, is_close};
 
-/// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`;
-/// GRAMMAR 2.7). So the board answers it at once while one is open, too, and it is no word of any program.
+/// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`).
+/// So the board answers it at once while one is open, too, and it is no word of any program.
 pub const QUESTION: &[u8] = b"SIZE";
 /// How long its answer is believed.
 pub const ANSWER_AGE: Duration = Duration::from_millis(200);
@@ -37,7 +37,7 @@ const OLD_REPORTS: u64 = 50;
 /// after it.
 pub const ASKED_REPORT: u64 = OLD_REPORTS / 2;
 
-/// The error of an `OPEN` while a buffer is open (FACTS 2: buffer already in use).
+/// The error of an `OPEN` while a buffer is open: buffer already in use (Software Reference p. 25).
 const IN_USE: u16 = 7;
 
 /// The buffers of which no report tells.
@@ -179,13 +179,13 @@ impl OpenBuffer {
     /// Whether the board has to be asked before `writer` may send `line`. Who opened the buffer needs not know, and what stores
     /// nothing does not wait.
     #[must_use]
-    pub fn must_ask(&self, line: &[u8], writer: Writer, now: Instant) -> bool {
+    pub fn must_ask(&self, line: &Meaning, writer: Writer, now: Instant) -> bool {
         // What belongs into a buffer would be carried out at once if a reset has closed that, which no line tells of.
         let goes_by_lines = self.is_own(writer) && !matches!(writer, Writer::IntoBuffer(_));
         let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
         let closes =
-            matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside) && is_close(line);
-        let passes = !matches!(writer, Writer::Sequence { .. }) && WhileOpen::of(line).passes();
+            matches!(writer, Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside) && line.is_close;
+        let passes = !matches!(writer, Writer::Sequence { .. }) && line.while_open.passes();
         !is_sure && !closes && !passes
     }
 
@@ -214,21 +214,17 @@ impl OpenBuffer {
     /// Why `writer` must not send `line` now, if that is so. What is on-line only passes, but of a sequence: that has lines behind it
     /// which enter. By hand `CLOSE` passes, too.
     #[must_use]
-    pub fn bars(&self, line: &[u8], writer: Writer) -> Option<Barred> {
+    pub fn bars(&self, line: &Meaning, writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
-        let while_open = WhileOpen::of(line);
+        let while_open = line.while_open;
         let passes = match writer {
-            Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside => is_close(line) || while_open.passes(),
+            Writer::Hand(_) | Writer::IntoBuffer(_) | Writer::Beside => line.is_close || while_open.passes(),
             Writer::Stop | Writer::Question => while_open.passes(),
             Writer::Sequence { .. } => false,
         };
         match writer {
             Writer::Sequence { inside: true, .. } if !own => Some(Barred::Closed),
-            Writer::IntoBuffer(_)
-                if !self.is_open() && !passes && !matches!(effect(line), Some(Effect::Opens(_))) =>
-            {
-                Some(Barred::Closed)
-            }
+            Writer::IntoBuffer(_) if !self.is_open() && !passes && !line.opens() => Some(Barred::Closed),
             _ if own || passes => None,
             _ if !self.is_open() => {
                 self.binary.filter(|_| while_open.changes).map(|by| Barred::Changes(Some(by)))
@@ -246,9 +242,9 @@ impl OpenBuffer {
 
     /// What has to be done about the address before `writer` sends `line`, which is not barred.
     #[must_use]
-    pub fn address_first(&self, line: &[u8], writer: Writer) -> Option<AddressFirst> {
+    pub fn address_first(&self, line: &Meaning, writer: Writer) -> Option<AddressFirst> {
         let opener = self.rotary_opener()?;
-        let enters = self.is_own(writer) && !is_close(line) && !WhileOpen::of(line).passes();
+        let enters = self.is_own(writer) && !line.is_close && !line.while_open.passes();
         self.address.before(line, writer, opener, enters)
     }
 
@@ -264,8 +260,8 @@ impl OpenBuffer {
 
     /// What has become of `line`, which `writer` was free to send, if somebody has opened or closed a buffer meanwhile.
     #[must_use]
-    pub fn surprise(&self, line: &[u8], writer: Writer) -> Option<Barred> {
-        self.bars(line, writer).filter(|_| effect(line).is_none())
+    pub fn surprise(&self, line: &Meaning, writer: Writer) -> Option<Barred> {
+        self.bars(line, writer).filter(|_| line.buffer.is_none())
     }
 
     /// Takes note of what report number `report` of the board says.
@@ -326,11 +322,11 @@ impl OpenBuffer {
 
     /// Takes note of a line that goes to the board. What it opens counts as open from now on, even if the board refuses the
     /// line: an error may follow what opened it.
-    pub fn begin(&mut self, line: &[u8], by: Writer, now: Instant) {
+    pub fn begin(&mut self, line: &Meaning, by: Writer, now: Instant) {
         if let Some(opener) = self.rotary_opener() {
             self.address.goes(line, by, opener);
         }
-        match effect(line) {
+        match line.buffer {
             Some(Effect::Opens(name)) => {
                 self.address = RotaryAddress::default();
                 self.opened_before = self.opened.replace(Opened { name, by, at: now });
@@ -345,9 +341,9 @@ impl OpenBuffer {
     }
 
     /// Takes note of a line that the board has acknowledged.
-    pub fn done(&mut self, line: &[u8]) {
+    pub fn done(&mut self, line: &Meaning) {
         self.opens_now = false;
-        match effect(line) {
+        match line.buffer {
             Some(Effect::Closes) => self.close(),
             Some(Effect::Opens(_)) => self.distrust(),
             Some(Effect::OpensBinary) | None => {}
@@ -355,28 +351,27 @@ impl OpenBuffer {
     }
 
     /// Takes note of a line that the board has refused with this error. One was open before, if that says so, and is still.
-    pub fn refused(&mut self, line: &[u8], error: u16) {
+    pub fn refused(&mut self, line: &Meaning, error: u16) {
         self.doubt(line);
-        let effect = effect(line);
-        if effect == Some(Effect::OpensBinary) {
+        if line.buffer == Some(Effect::OpensBinary) {
             self.binary = None;
         }
-        if error == IN_USE && matches!(effect, Some(Effect::Opens(_))) {
+        if error == IN_USE && line.opens() {
             self.opened = self.opened_before;
             self.settle(true);
         }
     }
 
     /// Takes note of a line that may have been carried out or not: what it opens or closes may be open or not.
-    pub fn doubt(&mut self, line: &[u8]) {
+    pub fn doubt(&mut self, line: &Meaning) {
         self.opens_now = false;
-        if effect(line).is_some() {
+        if line.buffer.is_some() {
             (self.in_doubt, self.believed_until) = (true, None);
             self.distrust();
         }
     }
 
-    /// On Turbo boards `CLOSE` may close what this port has opened and nothing else (FACTS-TURBO 14, K): of somebody else's buffer the
+    /// On Turbo boards `CLOSE` may close what this port has opened and nothing else; no manual says so: of somebody else's buffer the
     /// board has to say whether it is closed.
     fn close(&mut self) {
         if self.seen && self.opened.is_none() {

@@ -3,11 +3,13 @@
 use std::time::Instant;
 
 use crate::format::Text;
+use crate::language::Line;
+use crate::language::password::without_password;
 
 /// The longest reason of a refusal.
 pub const REASON_MAX: usize = 480;
 /// As much of a line as others are told who have to wait for it.
-pub const SHOWN_MAX: usize = 60;
+const SHOWN_MAX: usize = 60;
 
 /// Whose line it is, and what others are told of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -18,6 +20,16 @@ pub struct Origin {
     pub shown: Text<SHOWN_MAX>,
     /// It ends a sequence, and is sent even if somebody stops all motion meanwhile.
     pub stays: bool,
+    /// It may move something.
+    pub may_move: bool,
+}
+
+impl Origin {
+    /// Of `line`, which user `uid` sends.
+    #[must_use]
+    pub fn of(uid: u32, line: &Line, stays: bool) -> Self {
+        Self { uid, shown: Text::of(&without_password(line)), stays, may_move: line.meaning.may_move }
+    }
 }
 
 /// A command that the board works on, or that was given up. Nothing else is sent until the board has shown that it works on it

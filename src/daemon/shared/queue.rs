@@ -18,9 +18,11 @@ use super::status::BoardStatus;
 pub use crate::format::Text;
 use crate::function::line_port::ResponseText;
 use crate::function::rotary::RotaryState;
+use crate::language::deadlines;
+pub use crate::language::{LINE_MAX, Line};
 use crate::map::HostOffset;
-use crate::protocol::{CommandPort, MessageKind, control, deadlines};
-pub use crate::protocol::{LINE_MAX, READ_MAX};
+pub use crate::protocol::READ_MAX;
+use crate::protocol::{CommandPort, MessageKind, control};
 
 /// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
 /// (`socket::fair_queue`), and the bus thread's queues have just this room.
@@ -57,7 +59,7 @@ pub enum Command {
         /// Whose command this is.
         ticket: Ticket,
         /// The line without terminator, 1 to [`LINE_MAX`] bytes, no control characters.
-        line: Text<LINE_MAX>,
+        line: Line,
         /// Whose line it is.
         origin: Origin,
         /// When to give up, wherever the line is by then.
@@ -71,7 +73,7 @@ pub enum Command {
         /// Whose command this is.
         ticket: Ticket,
         /// The line.
-        line: Text<LINE_MAX>,
+        line: Line,
         /// Whose line it is.
         origin: Origin,
         /// When to give up.

@@ -3,7 +3,7 @@
 //! line of who opened the buffers.
 
 use super::writer::Writer;
-use crate::protocol::tokens;
+use crate::language::Meaning;
 
 /// What has to be done before a line goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,23 +31,23 @@ impl RotaryAddress {
     /// What has to be done before `writer` sends `line`, where `opener` has opened the buffers; `enters`: it enters them, and may.
     pub(super) fn before(
         &self,
-        line: &[u8],
+        line: &Meaning,
         writer: Writer,
         opener: Writer,
         enters: bool,
     ) -> Option<AddressFirst> {
-        if enters && self.moved_by.is_some_and(|by| !is_same(by, writer)) && !begins_with_address(line) {
+        if enters && self.moved_by.is_some_and(|by| !is_same(by, writer)) && !line.begins_with_system {
             return Some(self.told.map_or(AddressFirst::Unknown, AddressFirst::PutBack));
         }
         // A stop does not wait.
-        let moves = !is_one(opener, writer) && addresses(line) && !tokens::stops(line);
+        let moves = !is_one(opener, writer) && line.addresses_system && !line.stops;
         let is_unasked = self.moved_by.is_none() && self.told.is_none() && !self.is_untold;
         (moves && is_unasked).then_some(AddressFirst::Ask)
     }
 
     /// `writer` sends `line`, where `opener` has opened the buffers.
-    pub(super) fn goes(&mut self, line: &[u8], writer: Writer, opener: Writer) {
-        if !addresses(line) || writer == Writer::Stop && ends_with_address(line) {
+    pub(super) fn goes(&mut self, line: &Meaning, writer: Writer, opener: Writer) {
+        if !line.addresses_system || writer == Writer::Stop && line.ends_with_system {
             return;
         }
         if is_one(opener, writer) {
@@ -90,22 +90,6 @@ fn is_one(one: Writer, other: Writer) -> bool {
         (Writer::Sequence { number: one, .. }, Writer::Sequence { number: other, .. }) => one == other,
         _ => false,
     }
-}
-
-/// Whether `line` addresses a coordinate system. An `&` that is an operator counts, too.
-fn addresses(line: &[u8]) -> bool {
-    (0..line.len()).any(|at| begins_with_address(&line[at..]))
-}
-
-fn begins_with_address(line: &[u8]) -> bool {
-    let behind = line.trim_ascii_start().strip_prefix(b"&");
-    behind.is_some_and(|behind| behind.trim_ascii_start().first().is_some_and(u8::is_ascii_digit))
-}
-
-/// Whether the last command of `line` is an address: it puts back what was addressed.
-fn ends_with_address(line: &[u8]) -> bool {
-    let address = line.trim_ascii_end().rsplit(|byte| *byte == b'&').next();
-    address.is_some_and(|number| !number.is_empty() && number.iter().all(u8::is_ascii_digit))
 }
 
 #[cfg(test)]

@@ -8,11 +8,11 @@ const OPENER: Writer = Writer::Hand(ANNE);
 const BOB: Writer = Writer::Hand(Account { uid: 1001, pid: 2 });
 
 fn before(address: &RotaryAddress, line: &str, writer: Writer, enters: bool) -> Option<AddressFirst> {
-    address.before(line.as_bytes(), writer, OPENER, enters)
+    address.before(&Meaning::of(line), writer, OPENER, enters)
 }
 
 fn goes(address: &mut RotaryAddress, line: &str, writer: Writer) {
-    address.goes(line.as_bytes(), writer, OPENER);
+    address.goes(&Meaning::of(line), writer, OPENER);
 }
 
 #[test]

@@ -17,25 +17,25 @@ use crate::daemon::scripts::{Batch, GatherCall, RotaryCall};
 use crate::daemon::shared::info::Info;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::parameters::{inside, rotary_buffer};
-use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, LINE_MAX, READ_MAX, Text};
+use crate::daemon::shared::queue::{DEFAULT_TIMEOUT, Line, READ_MAX};
 use crate::function::variable_read::VariableEntry;
+use crate::language::settings::CutsOff;
 use crate::map::{Family, HostOffset, VariableKind};
-use crate::protocol::buffer_line::{Effect, effect};
-use crate::protocol::cut_off::{self, character_cuts_off, line_cuts_off};
+use crate::protocol::cut_off::{self, character_cuts_off};
 use crate::protocol::function::UNKNOWN_FAMILY;
-use crate::protocol::moved_motors::EndlessJogs;
 use crate::protocol::{
     BOARD, BOARD_DESCRIPTION, Call, CallError, Function, Reply, SERVICE, SERVICE_DESCRIPTION, calls,
-    check_line, control, deadlines, parameters,
+    check_line, control, parameters,
 };
 
 /// What a call asks of the bus thread.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Ask {
     /// Send a command line.
     Send {
         /// The line, of printable characters.
-        line: Text<LINE_MAX>,
+        line: Line,
         /// How long the board may take.
         timeout: Duration,
         /// It is a question, which enters no program buffer.
@@ -71,7 +71,7 @@ pub enum Ask {
 
 impl Ask {
     /// Send `line` by hand, as one that nothing more is said of.
-    pub(super) const fn line(line: Text<LINE_MAX>) -> Self {
+    pub(super) const fn line(line: Line) -> Self {
         Self::Send {
             line,
             timeout: DEFAULT_TIMEOUT,
@@ -103,6 +103,7 @@ impl Ask {
 
 /// What is to be done about a call.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Action {
     /// Answer at once.
     Reply(Reply),
@@ -414,24 +415,24 @@ fn send(
     calls::Send { line, timeout_ms, question, into_buffer, while_connected, silence_ms, confirmed }: calls::Send,
 ) -> Result<Action, CallError> {
     check_line(&line).map_err(|reason| CallError::InvalidLine { reason })?;
-    if line_cuts_off(&line) && confirmed != Some(true) {
-        return Err(cut_off::refusal(&line));
+    let line = Line::of(line);
+    let cuts_off = line.meaning.settings.cuts_off;
+    if cuts_off.is_certain() && confirmed != Some(true) {
+        return Err(cut_off::refusal(&line, cuts_off));
     }
     let while_connected = while_connected == Some(true);
     if silence_ms.is_some() && !while_connected {
         return Err(CallError::invalid("silence_ms", "null where while_connected is not true"));
     }
-    if while_connected && EndlessJogs::possible(&line).unnamed {
+    if while_connected && line.meaning.possible_jogs().unnamed {
         let reason = "the jog does not say which motor it means (#1J+), and would have no end".to_owned();
         return Err(CallError::InvalidLine { reason });
     }
-    if into_buffer == Some(false) && matches!(effect(line.as_bytes()), Some(Effect::Opens(_))) {
+    if into_buffer == Some(false) && line.meaning.opens() {
         let reason = "a line that enters no program buffer opens none either".to_owned();
         return Err(CallError::InvalidLine { reason });
     }
-    let line = Text::new(line.as_bytes())
-        .ok_or_else(|| CallError::InvalidLine { reason: "the line is too long".to_owned() })?;
-    let plain = || deadlines::of_line(&line, DEFAULT_TIMEOUT);
+    let plain = || line.meaning.deadline(DEFAULT_TIMEOUT);
     let timeout = timeout_ms.map_or_else(plain, Duration::from_millis);
     Ok(Action::Ask(Ask::Send {
         line,
@@ -450,7 +451,7 @@ fn send_control(
     let character = control::parse(character)
         .ok_or_else(|| CallError::invalid("character", "^A to ^_, or the character itself"))?;
     if character_cuts_off(character) && *confirmed != Some(true) {
-        return Err(cut_off::refusal(&control::name(character)));
+        return Err(cut_off::refusal(&control::name(character), CutsOff::Enable));
     }
     Ok(Action::Ask(Ask::Control {
         character,

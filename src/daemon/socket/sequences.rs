@@ -11,7 +11,7 @@ use crate::daemon::scripts::{Batch, Ending, GatherCall, LEASE, Resource, RotaryC
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
-use crate::protocol::line_ends::LineEnds;
+use crate::language::LineEnds;
 use crate::protocol::{CallError, Reply};
 
 /// What a client asks of a sequence, or begins one with.
@@ -95,9 +95,7 @@ impl Running {
     pub(super) fn is_ended_by(&self, ends: &LineEnds) -> bool {
         match self.script.resource() {
             Resource::Gather => ends.gather,
-            Resource::Rotary(_) => {
-                ends.buffer || (ends.systems | ends.rotary) & self.script.feeds().bits() != 0
-            }
+            Resource::Rotary(_) => ends.buffer || ends.systems.and(ends.rotary).meets(self.script.feeds()),
             Resource::Lines => ends.buffer,
         }
     }

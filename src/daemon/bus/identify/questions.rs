@@ -22,14 +22,14 @@ pub(super) enum Question {
     /// Its firmware.
     Version,
     /// The I-variables that say what is reported and switched on.
-    Reports(Vec<(u16, Meaning)>),
+    Reports(Vec<(u16, Tells)>),
     /// Ix07, Ix08, Ix09, Ix60 of these motors, one after the other.
     Scales(RangeInclusive<usize>),
 }
 
 /// What the value of an I-variable says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Meaning {
+pub(super) enum Tells {
     /// I10.
     ServoPeriod,
     /// Servo cycles from one servo report to the next; 0: there is no such number.
@@ -59,15 +59,15 @@ pub(super) enum Meaning {
 pub(super) fn questions(family: &Family) -> Vec<Question> {
     let i = &family.i;
     let reports = [
-        (Some(I10), Meaning::ServoPeriod),
-        (Some(i.servo_period), Meaning::ReportCycles),
-        (Some(i.servo_enable), Meaning::ServoReport),
-        (i.servo_in_background, Meaning::ServoInBackground),
-        (Some(i.background_enable), Meaning::BackgroundReport),
-        (i.reported, Meaning::Reported),
-        (i.panel, Meaning::Panel),
-        (Some(i.variables_enable), Meaning::Variables),
-        (Some(HANDSHAKE), Meaning::Handshake),
+        (Some(I10), Tells::ServoPeriod),
+        (Some(i.servo_period), Tells::ReportCycles),
+        (Some(i.servo_enable), Tells::ServoReport),
+        (i.servo_in_background, Tells::ServoInBackground),
+        (Some(i.background_enable), Tells::BackgroundReport),
+        (i.reported, Tells::Reported),
+        (i.panel, Tells::Panel),
+        (Some(i.variables_enable), Tells::Variables),
+        (Some(HANDSHAKE), Tells::Handshake),
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
@@ -82,10 +82,8 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
     }
     questions.push(Question::Scales(first..=family.motors));
     // By themselves: old captures have no answer to these.
-    questions.push(Question::Reports(vec![
-        (PLC_CONTROL, Meaning::PlcControl),
-        (ERROR_REPORT, Meaning::ErrorReport),
-    ]));
+    questions
+        .push(Question::Reports(vec![(PLC_CONTROL, Tells::PlcControl), (ERROR_REPORT, Tells::ErrorReport)]));
     questions
 }
 

@@ -63,7 +63,7 @@ fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
     assert_eq!(identifier.enabling().panel, Some(false));
     let second = identifier.take_update().unwrap();
     assert_eq!((second.ix08[0], second.board_type), (Some(48), first.board_type));
-    identifier.line_goes(b"I2=3", now);
+    identifier.line_goes(&Meaning::of("I2=3"), now);
     assert_eq!(identifier.changes()[5], None);
     identifier.begin_anew(now);
     assert!(identifier.changes().iter().all(Option::is_none));
@@ -85,7 +85,7 @@ fn what_a_line_may_set_of_the_errors_of_programs_is_unknown_until_the_board_has_
             asked = answer(&mut identifier, now, &["0", "1"]);
         }
         assert_eq!(identifier.program_reports(), [Some(0), Some(1)]);
-        identifier.line_goes(line.as_bytes(), now);
+        identifier.line_goes(&Meaning::of(line), now);
         assert_eq!(identifier.program_reports(), left, "{line}");
     }
 }
@@ -270,15 +270,15 @@ fn a_scale_in_doubt_is_unknown_until_the_board_has_told_it_again() {
     };
     all(&mut identifier, now);
     identifier.take_update();
-    identifier.line_goes(b"I122=3", now);
+    identifier.line_goes(&Meaning::of("I122=3"), now);
     assert_eq!(identifier.take_update(), None, "no scale");
-    identifier.line_goes(b"I208=48", now);
+    identifier.line_goes(&Meaning::of("I208=48"), now);
     let told = identifier.take_update().unwrap();
     assert_eq!((told.ix08[0], told.ix08[1], told.ix07[1]), (Some(91), None, Some(94)));
     assert_eq!(told.firmware.as_deref(), Some("1.16D"));
     // A further change while the board is asked.
     answer(&mut identifier, now + IDENTITY_AFTER_LINE, &["PMAC1"]);
-    identifier.line_goes(b"I308=48", now + IDENTITY_AFTER_LINE);
+    identifier.line_goes(&Meaning::of("I308=48"), now + IDENTITY_AFTER_LINE);
     assert_eq!(identifier.take_update().unwrap().ix08[1..3], [None, None]);
     all(&mut identifier, now + 2 * IDENTITY_AFTER_LINE);
     assert_eq!(identifier.take_update().unwrap().ix08[1..3], [Some(95), Some(99)]);

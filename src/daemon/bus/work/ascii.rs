@@ -12,7 +12,6 @@ mod characters;
 mod check;
 mod controls;
 mod expiry;
-mod letters;
 mod line_pace;
 mod outbox;
 mod page;
@@ -47,9 +46,7 @@ use crate::daemon::bus::timing::{
 };
 use crate::daemon::bus::work::kill::Kill;
 use crate::daemon::shared::open_buffer::{Barred, OpenBuffer, Writer};
-use crate::daemon::shared::queue::{
-    Command, Event, LINE_MAX, Origin, Outcome, Sender, Text, Ticket, at_once,
-};
+use crate::daemon::shared::queue::{Command, Event, Line, Origin, Outcome, Sender, Text, Ticket, at_once};
 use crate::daemon::shared::rotary_address::AddressFirst;
 use crate::device::{Bus, BusError};
 use crate::function::ascii::control::control_has_reply;
@@ -95,7 +92,7 @@ enum InFlight {
 #[derive(Clone, Copy)]
 struct WaitingLine {
     ticket: Ticket,
-    line: Text<LINE_MAX>,
+    line: Line,
     origin: Origin,
     wait: Wait,
     writer: Writer,
@@ -330,7 +327,7 @@ impl AsciiQueue {
         self.ports.begin_use(now);
         match *command {
             Command::Send { ticket, line, origin, deadline, writer } => {
-                if ScaleDoubts::of_line(line.as_bytes()).is_some() {
+                if ScaleDoubts::of(&line.meaning).is_some() {
                     self.fallback.ask_soon(&self.ports, now);
                 }
                 let dropped_by = None;
@@ -478,16 +475,16 @@ impl AsciiQueue {
                 // Its caller may have been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
                 return Ok(());
             }
-            let line = next.line.as_bytes();
-            if self.buffer.must_ask(line, next.writer, now) {
+            let meaning = &next.line.meaning;
+            if self.buffer.must_ask(meaning, next.writer, now) {
                 return self.ask_buffer(bus, poll);
             }
-            if let Some(barred) = self.buffer.bars(line, next.writer) {
+            if let Some(barred) = self.buffer.bars(meaning, next.writer) {
                 self.lines.pop_front();
                 self.outbox.tell(poll.events, Event::Done(next.ticket, Outcome::Barred(barred)));
                 return Ok(());
             }
-            match self.buffer.address_first(line, next.writer) {
+            match self.buffer.address_first(meaning, next.writer) {
                 Some(AddressFirst::Unknown) => {
                     self.lines.pop_front();
                     let outcome = Outcome::Barred(Barred::Addressed);
@@ -500,11 +497,11 @@ impl AsciiQueue {
                 }
                 None => {}
             }
-            if self.ports.current_mut().begin(bus, line)? {
+            if self.ports.current_mut().begin(bus, next.line.as_bytes())? {
                 self.lines.pop_front();
-                self.buffer.begin(line, next.writer, now);
-                self.identifier.line_goes(line, now);
-                self.scan.line_goes(line, now);
+                self.buffer.begin(meaning, next.writer, now);
+                self.identifier.line_goes(meaning, now);
+                self.scan.line_goes(meaning, now);
                 self.start(InFlight::Line(next), next.wait.deadline, poll);
             }
         } else if !questions_wait {

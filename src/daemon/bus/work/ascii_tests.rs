@@ -98,9 +98,9 @@ impl Rig {
     }
 
     fn send(&mut self, ticket: u64, line: &str, patience: Duration) {
-        let line = Text::new(line.as_bytes()).unwrap();
+        let line = Line::of(line);
         let deadline = self.now + patience;
-        let origin = Origin { uid: 1000, shown: Text::from_bytes(line.as_bytes()), stays: false };
+        let origin = Origin::of(1000, &line, false);
         let writer = Writer::Hand(Account { uid: 0, pid: 1 });
         let command = Command::Send { ticket: Ticket(ticket), line, origin, deadline, writer };
         self.queue.submit(&command, self.now);

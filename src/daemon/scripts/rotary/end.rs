@@ -10,7 +10,7 @@ use super::count::lines_left;
 use crate::daemon::scripts::end_retry::EndRetry;
 use crate::daemon::scripts::{Done, Ending, Request, with_notes};
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::queue::{Outcome, Text};
+use crate::daemon::shared::queue::{Line, Outcome};
 use crate::protocol::board::RotaryStopReply;
 use crate::protocol::{CallError, Reply};
 
@@ -190,5 +190,5 @@ impl Rotary<'_> {
 }
 
 fn line(text: &str) -> Request {
-    Request::Line(Text::from(text))
+    Request::Line(Line::of(text))
 }

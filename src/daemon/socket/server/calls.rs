@@ -12,7 +12,7 @@ use crate::daemon::motion::target::Target;
 use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Origin, Outcome, Text, Ticket};
+use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Ticket};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
@@ -21,9 +21,8 @@ use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
 use crate::function::variable_read::VariableEntry;
+use crate::language::password::without_password;
 use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, WatchReply};
-use crate::protocol::line::only_asks_for_variables;
-use crate::protocol::password::without_password;
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
 /// How long a watch may wait for its turn to ask.
@@ -150,7 +149,7 @@ impl Service {
         if let Ask::Control { character, .. } = ask
             && let Some(line) = self.line_for(character)?
         {
-            return self.ask(caller, Ask::line(Text::from(line)), now);
+            return self.ask(caller, Ask::line(Line::of(line)), now);
         }
         let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
         let deadline = now + ask.timeout();
@@ -161,14 +160,14 @@ impl Service {
                 }
                 let mut effect = self.may_send(caller.client, &line, confirmed)?;
                 if while_connected {
-                    effect.ends_jogs(&line, silence);
+                    effect.ends_jogs(&line.meaning, silence);
                 }
-                let shown = without_password(&line);
                 // Into an open buffer it may be a part of a program.
                 let is_closed = self.info.board().open_buffer.is_none();
-                let is_question = is_closed && only_asks_for_variables(line.as_bytes());
-                let audit = audit::entry(caller.peer, format!("sends {shown:?}"), is_question);
-                let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&shown), stays: false };
+                let is_question = is_closed && line.meaning.only_asks_for_variables;
+                let sends = format!("sends {:?}", without_password(&line));
+                let audit = audit::entry(caller.peer, sends, is_question);
+                let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
                 let account = caller.peer.account();
                 let writer = match (question, into_buffer) {
                     (true, _) => Writer::Question,
@@ -278,8 +277,8 @@ impl Service {
 
     /// Asks the board `question`; `then` begins if its answer is what its guard wants.
     pub(super) fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
-        let line = Text::of(&question);
-        let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&question), stays: false };
+        let line = Line::of(question);
+        let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
         self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
             ticket,
             line,

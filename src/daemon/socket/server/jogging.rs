@@ -8,7 +8,7 @@ use std::time::Instant;
 use super::Service;
 use super::replies::outcome_reply;
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, Line, Origin, Outcome};
 use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::jog_to::JogTo;
 use crate::protocol::CallError;
@@ -59,7 +59,8 @@ impl Service {
         // Somebody may have begun to hold it meanwhile.
         self.may_jog(caller, jog)?;
         let line = jog.line(addressed);
-        let origin = Origin { uid: caller.peer.uid.as_raw(), shown: Text::of(&&*line), stays: false };
+        let line = Line::of(&*line);
+        let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
         let audit = Some(format!("sends {:?}", &*line));
         self.wait_for_board(caller, deadline, Then::ReplyDone(None), audit, |ticket| Command::Send {
             ticket,

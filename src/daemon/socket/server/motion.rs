@@ -15,9 +15,9 @@ use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, dropped_by};
 use crate::daemon::socket::call_table::{Ended, Then};
 use crate::daemon::socket::connection::Client;
+use crate::language::meaning::RESET;
 use crate::map::Motors;
 use crate::protocol::Function;
-use crate::protocol::line_ends::RESET;
 
 impl Service {
     /// Takes note of what the command of `ended` has done to motion, as far as the board has carried it out, or may have.
@@ -27,7 +27,7 @@ impl Service {
         if outcome == Outcome::Done
             && let Some(ends) = ends.as_ref().filter(|ends| !ends.unnamed)
         {
-            let motors = Motors::from_bits(ends.motors);
+            let motors = ends.motors;
             self.ledger.commanded(motors);
             self.let_go(motors, now);
         }
@@ -49,7 +49,7 @@ impl Service {
         }
         self.ledger.jog_by_panel(jogs);
         if let Some(ends) = ends {
-            if ends.what == RESET {
+            if *ends.what == *RESET {
                 self.resets.was_sent(now);
             }
             let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };

@@ -11,16 +11,15 @@ use crate::daemon::scripts::{
     Asked, Batch, Done, Ending, Found, Request, Resource, Script, Step, gather, lines, rotary, stop_gather,
 };
 use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::sequences::{Running, SequenceCall, Sequences, Waits};
+use crate::language::LineEnds;
+use crate::language::password::without_password;
 use crate::map::Systems;
-use crate::protocol::line::only_asks_for_variables;
-use crate::protocol::line_ends::LineEnds;
-use crate::protocol::password::without_password;
 use crate::protocol::{CallError, Reply};
 
 /// How long a sequence waits for its owner to fetch what it has been told.
@@ -287,7 +286,7 @@ impl Service {
         let (mut effect, mut audit) = (LineEffect::default(), None);
         if let Request::Line(line) = &request {
             let sends = format!("({}) sends {:?}", running.script.name(), without_password(line));
-            audit = audit::entry(peer, sends, only_asks_for_variables(line.as_bytes()));
+            audit = audit::entry(peer, sends, line.meaning.only_asks_for_variables);
             if !is_stream {
                 match self.may_send(client, line, false) {
                     Ok(found) => effect = found,
@@ -307,14 +306,14 @@ impl Service {
             let (line, stays, inside) = match request {
                 Request::Line(line) => (line, is_ending, is_inside),
                 Request::Ask(line) => (line, false, false),
-                Request::Check => (Text::from(resets::QUESTION), false, false),
+                Request::Check => (Line::of(resets::QUESTION), false, false),
                 Request::Job(job) => return Command::Job { ticket, job, deadline },
                 Request::Control(character) => {
                     return Command::Control { ticket, uid, drops_lines: false, character, deadline };
                 }
                 Request::Read { first, count } => return Command::ReadWords { ticket, first, count },
             };
-            let origin = Origin { uid, shown: Text::of(&without_password(&line)), stays };
+            let origin = Origin::of(uid, &line, stays);
             let writer = Writer::Sequence { number, account, inside };
             Command::Send { ticket, line, origin, deadline, writer }
         });

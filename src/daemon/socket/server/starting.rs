@@ -4,13 +4,14 @@ use std::time::Instant;
 
 use super::Service;
 use super::replies::{held_by_another, reply_lines};
-use crate::daemon::motion::effect::{LineEffect, Starts, moved_by};
+use crate::daemon::motion::effect::{LineEffect, Starts};
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
+use crate::language::settings::CutsOff;
+use crate::language::{Line, WhileOpen};
 use crate::map::Motors;
 use crate::protocol::board::SendReply;
-use crate::protocol::buffer_line::WhileOpen;
 use crate::protocol::cut_off;
 use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
 
@@ -22,13 +23,14 @@ impl Service {
     pub(super) fn may_send(
         &mut self,
         client: u64,
-        line: &str,
+        line: &Line,
         confirmed: bool,
     ) -> Result<LineEffect, CallError> {
+        let meaning = &line.meaning;
+        self.may_start(Starts { systems: meaning.starts, confirmed })?;
         let open = self.info.board().open_buffer.as_ref().and_then(|open| open.name.as_deref());
-        let effect = LineEffect::of(line, open.is_some_and(is_rotary), self.info.family().i.panel);
-        self.may_start(Starts { systems: effect.starts, confirmed })?;
-        self.spares_holds(client, moved_by(line))?;
+        let effect = LineEffect::of(meaning, open.is_some_and(is_rotary), self.info.family().i.panel);
+        self.spares_holds(client, meaning.moves)?;
         Ok(effect)
     }
 
@@ -78,9 +80,10 @@ impl Service {
     ///
     /// # Errors
     /// What it does, and to whom; nothing was sent.
-    pub(super) fn is_meant(&self, caller: Caller, line: &str) -> Result<(), CallError> {
-        if self.info.board().open_buffer.is_none() && cut_off::line_may_cut_off(line) {
-            return Err(cut_off::refusal(line));
+    pub(super) fn is_meant(&self, caller: Caller, line: &Line) -> Result<(), CallError> {
+        let cuts_off = line.meaning.settings.cuts_off;
+        if self.info.board().open_buffer.is_none() && cuts_off != CutsOff::No {
+            return Err(cut_off::refusal(line, cuts_off));
         }
         self.spares_others(caller, line)
     }
@@ -89,8 +92,8 @@ impl Service {
     ///
     /// # Errors
     /// Whose work it ends; nothing was sent.
-    pub(super) fn spares_others(&self, caller: Caller, line: &str) -> Result<(), CallError> {
-        let Some(command) = cut_off::ends_work(line) else { return Ok(()) };
+    pub(super) fn spares_others(&self, caller: Caller, line: &Line) -> Result<(), CallError> {
+        let Some(command) = cut_off::ends_work(&line.meaning) else { return Ok(()) };
         let uid = caller.peer.uid;
         let is_others = |open: &&OpenBufferInfo| !open.sequence && open.uid != Some(uid.as_raw());
         let buffer = self.info.board().open_buffer.as_ref().filter(is_others).map(ToString::to_string);

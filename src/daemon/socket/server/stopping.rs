@@ -13,7 +13,7 @@ use crate::daemon::motion::timing::{PANEL_STOP_TAKES, STOP_AGAIN, STOP_LINE_TAKE
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
-use crate::daemon::shared::queue::{Command, LINE_MAX, Origin, Outcome, Text};
+use crate::daemon::shared::queue::{Command, LINE_MAX, Line, Origin, Outcome, Text};
 use crate::daemon::socket::call_table::Then;
 use crate::map::Motors;
 use crate::protocol::{CallError, Function, Reply, control};
@@ -225,7 +225,8 @@ impl Service {
 
     /// Sends `line` past all others for stop `number`. Where the bus thread has no room, that step is over.
     fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant, now: Instant) {
-        let origin = Origin { uid: geteuid().as_raw(), shown: Text::of(&&*line), stays: true };
+        let line = Line::of(&*line);
+        let origin = Origin::of(geteuid().as_raw(), &line, true);
         let sent = self.calls.send_own(by_itself(), deadline, Then::Stop(number), |ticket| Command::First {
             ticket,
             line,

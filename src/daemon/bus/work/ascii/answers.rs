@@ -2,19 +2,17 @@
 
 use std::time::Instant;
 
-use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, OWN_LINE, OWN_REPLY, Poll, STX, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::open_buffer::Barred;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Unsolicited};
 use crate::function::line_port::{AsciiEvent, ResponseText};
-use crate::protocol::line::only_asks_for_variables;
 use crate::protocol::{CommandState, MessageKind};
 use crate::segment::Counter;
 
 /// Whether this asks for values: a board that only acknowledges it has taken it for a line of a program.
 fn asks_for_values(command: &InFlight) -> bool {
     match command {
-        InFlight::Line(line) => only_asks_for_variables(line.line.as_bytes()),
+        InFlight::Line(line) => line.line.meaning.only_asks_for_variables,
         InFlight::Identify | InFlight::Scan => true,
         _ => false,
     }
@@ -120,7 +118,7 @@ impl AsciiQueue {
 
     /// Whatever becomes of `line`, the board may have carried it out by now.
     pub(super) fn line_over(&mut self, line: &WaitingLine) {
-        if may_start_program(line.line.as_bytes()) {
+        if line.line.meaning.may_start_program {
             self.may_start_program();
         }
     }

@@ -125,7 +125,7 @@ impl AsciiQueue {
     /// line, its acknowledgement says little.
     pub(super) fn outcome_of(&mut self, line: &WaitingLine, result: Result<(), u16>) -> Outcome {
         let WaitingLine { line, writer, .. } = line;
-        let line = line.as_bytes();
+        let line = &line.meaning;
         let surprise = self.buffer.surprise(line, *writer);
         match (result, surprise) {
             (Err(number), _) => {

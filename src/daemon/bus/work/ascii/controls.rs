@@ -2,9 +2,7 @@
 
 use std::time::Instant;
 
-use super::letters::may_move;
 use super::{AsciiQueue, EndedBy, InFlight, Poll, UnderWay, WaitingControl};
-use crate::daemon::shared::origin::SHOWN_MAX;
 use crate::daemon::shared::queue::{Event, Outcome};
 use crate::device::Bus;
 use crate::function::ascii::control::{control_has_reply, goes_over_line};
@@ -87,13 +85,9 @@ impl AsciiQueue {
     fn line_may_move(&self) -> bool {
         let unsettled = self.unsettled.as_ref().map(|unsettled| &unsettled.under_way);
         match unsettled.or(self.under_way.as_ref()) {
-            Some(UnderWay { command: InFlight::Line(line), .. }) => may_move(line.line.as_bytes()),
+            Some(UnderWay { command: InFlight::Line(line), .. }) => line.line.meaning.may_move,
             Some(UnderWay { command: InFlight::Check, .. }) | None => {
-                self.check.given_up().is_some_and(|given_up| {
-                    let shown = given_up.by.shown.as_bytes();
-                    // What was cut off is not known.
-                    shown.len() == SHOWN_MAX || may_move(shown)
-                })
+                self.check.given_up().is_some_and(|given_up| given_up.by.may_move)
             }
             Some(_) => false,
         }

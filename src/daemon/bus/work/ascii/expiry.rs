@@ -96,12 +96,12 @@ impl AsciiQueue {
         match command {
             InFlight::Line(line) => {
                 self.line_over(line);
-                self.buffer.doubt(line.line.as_bytes());
+                self.buffer.doubt(&line.line.meaning);
                 Some((line.ticket, line.origin))
             }
             InFlight::Control(WaitingControl { ticket, uid, character, .. }) => {
                 let shown = Text::of(&format_args!("^{}", control::letter(*character)));
-                Some((*ticket, Origin { uid: *uid, shown, stays: false }))
+                Some((*ticket, Origin { uid: *uid, shown, stays: false, may_move: true }))
             }
             InFlight::Identify
             | InFlight::Scan

@@ -151,8 +151,8 @@ fn a_line_that_lies_untaken_behind_an_error_is_made_empty_before_a_stop() {
 fn b1_6_what_ends_a_sequence_is_not_taken_back_by_a_stop() {
     let mut rig = Rig::new();
     let deadline = rig.now + Duration::from_secs(600);
-    let line = Text::new(b"CLOSE").unwrap();
-    let origin = Origin { uid: 1000, shown: Text::from_bytes(b"CLOSE"), stays: true };
+    let line = Line::of("CLOSE");
+    let origin = Origin::of(1000, &line, true);
     let command = Command::Send { ticket: Ticket(1), line, origin, deadline, writer: Writer::Stop };
     rig.queue.submit(&command, rig.now);
     rig.poll();

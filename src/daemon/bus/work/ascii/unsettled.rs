@@ -8,7 +8,6 @@
 use std::time::Instant;
 
 use super::check::REPLY_LINES;
-use super::letters::may_start_program;
 use super::{AsciiQueue, InFlight, Poll, UnderWay, WaitingControl, WaitingLine};
 use crate::daemon::shared::queue::{Event, GivenUp, Outcome, Text, stopped_by};
 use crate::function::line_port::ResponseText;
@@ -67,7 +66,7 @@ impl AsciiQueue {
     /// Whether an error that came during this command may be a program's.
     fn programs_may_report(&self, under_way: &UnderWay) -> bool {
         let starts_one = match &under_way.command {
-            InFlight::Line(line) => may_start_program(line.line.as_bytes()),
+            InFlight::Line(line) => line.line.meaning.may_start_program,
             _ => false,
         };
         let none_ran = || !starts_one && self.programs.none_ran(self.clock.ns_of(under_way.since));

@@ -76,7 +76,7 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
     let begun = rig.now;
     rig.now += Duration::from_secs(1);
     rig.poll();
-    let by = Origin { uid: 1000, shown: Text::of(&"SLOW"), stays: false };
+    let by = Origin { uid: 1000, shown: Text::of(&"SLOW"), stays: false, may_move: true };
     let holds = GivenUp { by, since: begun };
     assert_eq!(rig.ended(), [(3, Outcome::Refused(holds.reason(rig.now)))]);
     assert_eq!(rig.status().holds_port, Some(holds), "so those are told who wait before the socket");

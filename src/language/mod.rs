@@ -1,0 +1,69 @@
+//! The language of command lines (layer 1): what a line means, read once.
+//!
+//! A line is read where it comes in, and its [`Meaning`] goes with it, as a [`Line`]: to the log, to the bus thread, to the
+//! gateway. Nobody behind reads the text again to find out what it does.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `reader` | the characters: blanks, words, numbers |
+//! | [`number`] | numbers of variables, and expressions of constants |
+//! | `words` | the words |
+//! | [`command`] | what a command is |
+//! | [`lexer`] | the commands of a line, one [`command::Token`] each |
+//! | [`meaning`] | what the commands of a line come to |
+//! | [`settings`] | which I-variables a line sets |
+//! | [`while_open`] | what becomes of a command while a program buffer is open |
+//! | [`deadlines`] | how long the board may take |
+//! | [`password`] | the line as others may see it |
+//!
+//! Nothing here asks for memory but [`password`]. Where a command is not known the likelier reading that does more harm counts: a
+//! line that may stop, start or close something is taken to do so.
+
+pub mod command;
+pub mod deadlines;
+pub mod lexer;
+pub mod meaning;
+pub mod number;
+pub mod password;
+mod reader;
+pub mod settings;
+pub mod while_open;
+mod words;
+
+use std::ops::Deref;
+
+pub use self::command::{Effect, NAME_MAX};
+pub use self::meaning::{Jogs, LineEnds, Meaning};
+pub use self::while_open::WhileOpen;
+use crate::format::Text;
+
+/// The longest line a board of any family takes, in characters (DPRAM manual p. 27).
+pub const LINE_MAX: usize = 200;
+
+/// A command line and its meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Line {
+    text: Text<LINE_MAX>,
+    /// What it means.
+    pub meaning: Meaning,
+}
+
+impl Line {
+    /// Reads `line`, of which no more than the board takes counts.
+    #[must_use]
+    pub fn of(line: impl AsRef<[u8]>) -> Self {
+        let text = Text::from_bytes(line.as_ref());
+        Self { text, meaning: Meaning::of(text.as_bytes()) }
+    }
+}
+
+impl Deref for Line {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        &self.text
+    }
+}
+
+#[cfg(test)]
+mod tests;

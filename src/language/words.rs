@@ -1,0 +1,71 @@
+//! The words of the language: on-line commands, and statements that begin as those of one letter do. Words that mean the same stand
+//! together, parted by `|`.
+
+use super::command::Effect;
+use super::command::Kind::{self, Asks, Buffers, Changes, Moves, Statement};
+use super::command::Needs::{self, Motor, Nothing, System};
+
+/// What a word is, or begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Word {
+    Is(Kind),
+    List,
+    Open,
+    Define,
+    Delete,
+    Station,
+}
+
+use Word::Is;
+
+pub(super) const WORDS: [(Word, &str); 24] = [
+    (Is(Asks(Nothing)), "CHECKSUM|CHKS|CID|CPU|DATE|SID|SIZE|TIME|TODAY|TYPE|VID"),
+    (Is(Asks(System)), "PC|PE|PR"),
+    (Is(Kind::Version), "VER|VERSION"),
+    (Is(Moves(Motor, b'H')), "HM|HOME"),
+    (Is(Moves(Motor, b'Z')), "HMZ|HOMEZ"),
+    // It aborts the program and runs it from its beginning.
+    (Is(Moves(System, b'R')), "ABR"),
+    (Is(Kind::Buffer(Effect::Closes)), "CLOSE|CLS"),
+    (Is(Kind::Clears), "CLEAR|CLR"),
+    (Is(Kind::Learns), "LEARN"),
+    (Is(Kind::Saves), "SAVE"),
+    (Is(Kind::StationSaves), "MSSAVE|MACROSLVSAVE"),
+    (Is(Kind::EndsGather), "ENDG|ENDGATHER|END GATHER|END G"),
+    (Is(Kind::Password), "PASSWORD"),
+    (Is(Kind::StartsPlcs), "ENABLEPLC|ENABLE PLC|ENAPLC|ENA PLC|RESUMEPLC|RESUME PLC|RESPLC|RES PLC"),
+    (Is(Changes(Nothing)), "GAT|GATHER"),
+    (Is(Changes(System)), "MFLUSH|PMATCH"),
+    (Is(Buffers(System)), "UNDEFINE|UNDEF|UNDEFINE ALL|UNDEFINEALL|UNDEF ALL|UNDEFALL"),
+    (Is(Statement(Nothing)), STATEMENTS),
+    (Is(Statement(System)), "ABS|FRAX|INC"),
+    (Word::List, "LIST"),
+    (Word::Open, "OPEN"),
+    (Word::Define, "DEF|DEFINE"),
+    (Word::Delete, "DEL|DELETE"),
+    (Word::Station, "MS|MACROSLV"),
+];
+const STATEMENTS: &str = "ADDRESS|ADIS|ADR|AND|AROT|BLOCKSTART|BLOCKSTOP|BSTART|BSTOP|DELAY|PSET|PAUSE|PVT|RAPID|READ|RESUME|RET|RETURN|\
+    RPD|SEND|SETPHASE|SPLINE|STN|STOP";
+
+/// What is defined and deleted, as it is called where it is deleted.
+pub(super) const TABLES: [(Kind, &str); 5] = [
+    (Kind::DeletesRotary, "ROT|ROTARY"),
+    (Kind::DeletesGather, "GAT|GATHER"),
+    (Buffers(Motor), "BLCOMP|COMP|TCOMP"),
+    (Buffers(System), "CCBUF|CCUBUF|LOOK|LOOKAHEAD"),
+    (Buffers(Nothing), "ALL|PLCC|TBUF|TBUFFER|TEMPS|TRACE|TRANS|UBUF|UBUFFER"),
+];
+/// What `LIST` lists.
+pub(super) const LISTED: [(Needs, &str); 3] = [
+    (Nothing, "PROGRAM|PROG|PLCC|PLC|GATHER|LINK|LDS"),
+    (Motor, "BLCOMP|TCOMP|COMP"),
+    (System, "ROTARY|ROT|FORWARD|INVERSE|PC|PE"),
+];
+/// What `OPEN` opens; the first has binary lines alone.
+pub(super) const OPENED: [(bool, &str); 2] = [
+    (true, "BIN|BINARY|BIN ROT|BINARY ROT|BIN ROTARY|BINARY ROTARY"),
+    (false, "PROG|PLC|PLCC|ROT|ROTARY|FORWARD|INVERSE"),
+];
+/// The board's memories.
+pub(super) const MEMORIES: [((), &str); 1] = [((), "DP|D|F|L|X|Y")];
