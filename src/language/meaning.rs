@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
+use super::LINE_MAX;
 use super::command::{Does, Effect, Kind, Needs, Token};
 use super::deadlines::{limit, slow};
 use super::lexer::tokens;
@@ -172,6 +173,7 @@ impl Meaning {
         let mut reading = Reading { line, ..Reading::default() };
         tokens(line).for_each(|token| reading.take(&token));
         let mut meaning = reading.meaning;
+        meaning.moves.add(moves_without_blanks(line));
         meaning.is_close = reading.count == 1 && meaning.buffer == Some(Effect::Closes);
         meaning.only_asks_for_variables = reading.count > 0 && reading.variables == reading.count;
         meaning.has_address = line.contains(&b'$');
@@ -208,6 +210,23 @@ impl Meaning {
     pub const fn opens(&self) -> bool {
         matches!(self.buffer, Some(Effect::Opens(_)))
     }
+}
+
+/// The motors that `line` names and moves on a board that ignores the blanks between letters, too: `#1 H M` homes there (Software
+/// Reference p. 17: blanks are ignored). A held motor is guarded on both.
+fn moves_without_blanks(line: &[u8]) -> Motors {
+    let is_parted =
+        |three: &[u8]| three[0].is_ascii_alphabetic() && three[1] == b' ' && three[2].is_ascii_alphabetic();
+    if !line.windows(3).any(is_parted) {
+        return Motors::NONE;
+    }
+    let mut packed = Text::<LINE_MAX>::default();
+    for byte in line.iter().filter(|byte| **byte != b' ') {
+        let _ = packed.write_char(char::from(*byte));
+    }
+    let mut reading = Reading { line: packed.as_bytes(), ..Reading::default() };
+    tokens(packed.as_bytes()).for_each(|token| reading.take(&token));
+    reading.meaning.moves
 }
 
 /// How far a line is read.

@@ -104,6 +104,7 @@ pub enum Request {
 
 /// What is to be done next.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Step {
     /// Have the bus thread do this, within so long.
     Board(Request, Duration),
