@@ -19,7 +19,7 @@ import time
 
 MAGIC = int.from_bytes(b"PMACDPRM", "little")
 REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variables", 6: "gather"}
-# Where in a motor's servo block its actual position is (pmacctl map).
+# Where in a motor's servo block its actual position is (pmacctl board map).
 ACTUAL_POSITION = 4
 # How long to wait for a sample, in seconds.
 PATIENCE_S = 5

@@ -25,7 +25,7 @@ pub struct Entry {
     pub offset: HostOffset,
 }
 
-/// A register as `pmacctl map --json` prints it.
+/// A register as `pmacctl board map --json` prints it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct MapRecord {
     /// The automatic function.

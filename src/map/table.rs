@@ -68,7 +68,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format's name in `pmacctl map`.
+    /// The format's name in `pmacctl board map`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! A capture of a board (layer 1): a directory of plain files that `pmacctl capture` writes.
+//! A capture of a board (layer 1): a directory of plain files that `pmacctl board capture` writes.
 //!
 //! | file | what |
 //! |---|---|

@@ -16,7 +16,7 @@ impl Dump {
         Self { family, bytes: vec![0; length] }
     }
 
-    /// The bytes, as `pmacctl decode` takes them.
+    /// The bytes, as `pmacctl board decode` takes them.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }

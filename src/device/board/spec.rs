@@ -27,7 +27,7 @@ pub enum BoardSpec {
         /// The maximum width of a read of its data.
         access: Access,
     },
-    /// `replay:DIR`: a recording that `pmacctl capture` wrote.
+    /// `replay:DIR`: a recording that `pmacctl board capture` wrote.
     Replay {
         /// Where it lies.
         directory: PathBuf,

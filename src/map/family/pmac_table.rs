@@ -1,6 +1,6 @@
 //! The register table of PMAC(1) and PMAC2, built from the addresses in [`super::pmac`].
 //!
-//! The identifiers are stable: `pmacctl map --json` and other programs use them.
+//! The identifiers are stable: `pmacctl board map --json` and other programs use them.
 
 use super::pmac as at;
 use crate::map::functions::rotary_header;

@@ -1,6 +1,6 @@
 //! The register table of Turbo PMAC and Turbo PMAC2, built from the addresses in [`super::turbo`].
 //!
-//! The identifiers are stable: `pmacctl map --json` and other programs use them. Every row says how sure it is.
+//! The identifiers are stable: `pmacctl board map --json` and other programs use them. Every row says how sure it is.
 
 use super::turbo as at;
 use crate::map::functions::rotary_header;
