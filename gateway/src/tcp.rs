@@ -198,7 +198,7 @@ mod tests {
     use nix::sys::socket::getsockopt;
 
     #[test]
-    fn d7_a_client_whose_cable_is_pulled_is_gone_whether_an_answer_is_under_way_or_not() {
+    fn a_client_whose_cable_is_pulled_is_gone_whether_an_answer_is_under_way_or_not() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         notice_the_end(&stream).unwrap();

@@ -457,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn d2_questions_for_many_variables_go_in_parts() {
+    fn questions_for_many_variables_go_in_parts() {
         let of = |line: &str| short_questions(line, &tokens_of(line));
         assert_eq!(of("i0..119").unwrap(), ["i0..49", "i50..99", "i100..119"]);
         assert_eq!(of("M10..70->").unwrap(), ["M10..59->", "M60..70->"]);

@@ -38,7 +38,7 @@ mod tests {
     use crate::format::Text;
 
     #[test]
-    fn c1_a_board_is_identified_once_it_has_told_its_servo_period_too() {
+    fn a_board_is_identified_once_it_has_told_its_servo_period_too() {
         let mut identity = Identity { firmware: Some(Text::from_bytes(b"1.947")), ..Identity::default() };
         assert!(!is_identified(&identity));
         identity.servo_period_ps = Some(442_740_000);

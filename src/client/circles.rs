@@ -57,7 +57,7 @@ mod tests {
     use super::is_circle;
 
     #[test]
-    fn b5_5_circles_are_known() {
+    fn circles_are_known() {
         for text in [
             "CIRCLE1",
             "circle 2 X10 Y0 I5",

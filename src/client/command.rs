@@ -532,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_8_a_broken_connection_says_whether_a_line_may_have_been_carried_out() {
+    fn a_broken_connection_says_whether_a_line_may_have_been_carried_out() {
         let said = |theirs: Option<&[u8]>| {
             let (ours, mut other) = UnixStream::pair().unwrap();
             let mut connection = Connection::over(ours, Path::new("x.sock"));

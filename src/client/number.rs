@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_8_numbers_have_the_digits_that_mean_something() {
+    fn numbers_have_the_digits_that_mean_something() {
         for (value, text) in [
             (12.299_999_999_813_735, "12.3"),
             (-0.1 - 0.2, "-0.3"),

@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_an_integer_whose_scale_is_not_known_is_no_number() {
+    fn an_integer_whose_scale_is_not_known_is_no_number() {
         let unknown = MotorScales::default();
         let known = MotorScales { position_scale: Some(96.0), ..unknown };
         assert_eq!(Quantity::position(6144, unknown).number(), None);

@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b4_5_control_characters_are_seen() {
+    fn control_characters_are_seen() {
         let text = "a\u{1b}[2J\u{9b}K\r\u{8}\n\u{7f}b\u{e9}";
         assert_eq!(Visible(text).to_string(), "a\\x1b[2J\\x9bK\\x0d\\x08\\x0a\\x7fb\u{e9}");
         assert_eq!(Visible("a\u{202e}b\u{2028}").to_string(), "a\\x202eb\\x2028");

@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_behind_a_report_that_was_overtaken_the_board_is_held_off() {
+    fn behind_a_report_that_was_overtaken_the_board_is_held_off() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(TURBO2.length.into()).unwrap();
         let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();

@@ -247,7 +247,7 @@ fn another_definition_is_not_followed() {
 }
 
 #[test]
-fn b1_4_a_clock_that_pauses_is_not_the_end() {
+fn a_clock_that_pauses_is_not_the_end() {
     let (mut reader, mut board) = pair(buffer(2000, 2, GatherMode::Wrap));
     poll(&mut reader, &mut board);
     board.pass(20);

@@ -180,7 +180,7 @@ fn turbo_report(rig: &mut Rig, block: &ServoBlock, timer: u16) {
 }
 
 #[test]
-fn c5_an_update_of_a_turbo_board() {
+fn an_update_of_a_turbo_board() {
     let all = |numbers: u32| u32::MAX >> (32 - numbers);
     for family in [&TURBO, &TURBO2] {
         for (access, reading, row) in [

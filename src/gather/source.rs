@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_turbo_board_has_a_register_for_the_following_error() {
+    fn a_turbo_board_has_a_register_for_the_following_error() {
         let layout = Layout::new(&TURBO2, None);
         // D:$000091 + $80*(n-1), as drivers in production read it (epics-modules/tpmac, ls-cat-org/pgpmac).
         for (text, code) in [("1.following_error", 0x80_0091), ("32.following_error", 0x80_1011)] {

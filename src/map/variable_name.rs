@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b5_9_function_blocks_have_names() {
+    fn function_blocks_have_names() {
         for (text, shown, word) in [
             ("PLCC:7", "PLCC:7", None),
             (" plcc:x:7", "PLCC:X:7", Some(Space::X)),

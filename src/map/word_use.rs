@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn c3_each_word_has_the_function_that_uses_it() {
+    fn each_word_has_the_function_that_uses_it() {
         use Function::{Ascii, Background, Gather, Panel, Rotary, Servo, Variables};
         for (place, function) in [
             ("Y:$D000,8,1", Panel),
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn c3_a_definition_is_read_in_both_forms_and_what_is_none_does_not_tell() {
+    fn a_definition_is_read_in_both_forms_and_what_is_none_does_not_tell() {
         let place = |text| match definition(text, 11, &TURBO2) {
             Some(Definition::Dpram(at)) => Some(TURBO2.print_half(at.offset)),
             Some(Definition::Elsewhere) => Some("elsewhere".to_owned()),

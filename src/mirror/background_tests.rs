@@ -247,7 +247,7 @@ fn turbo_segment() -> (Publisher, Subscriber, tempfile::TempDir) {
 }
 
 #[test]
-fn c3_a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
+fn a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
     let file = tempfile::tempfile().unwrap();
     file.set_len(TURBO2.length.into()).unwrap();
     let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();

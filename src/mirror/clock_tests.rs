@@ -282,7 +282,7 @@ fn middle(mut errors: Vec<f64>) -> [f64; 2] {
 }
 
 #[test]
-fn b6_1_a_late_find_moves_neither_phase_nor_period() {
+fn a_late_find_moves_neither_phase_nor_period() {
     for late in [100_000, 300_000, 1_000_000, 5_000_000] {
         let mut clock = UpdateClock::default();
         run(&mut clock, 442_708.4, 5_000, 5_000);
@@ -295,7 +295,7 @@ fn b6_1_a_late_find_moves_neither_phase_nor_period() {
 }
 
 #[test]
-fn b6_1_polls_that_are_always_late_are_only_an_upper_bound() {
+fn polls_that_are_always_late_are_only_an_upper_bound() {
     // No wake-up is less than 60 us late. Polls that aim earlier find when the updates are made.
     for period in [442_708.4, 2e6] {
         let mut random = random();
@@ -308,7 +308,7 @@ fn b6_1_polls_that_are_always_late_are_only_an_upper_bound() {
 }
 
 #[test]
-fn b6_1_polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
+fn polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
     // The board makes one update in four: I19 was changed, and nobody has told.
     for period in [442_708.4, 2e6] {
         let all = updates(20_000, |_| period).into_iter();
@@ -321,7 +321,7 @@ fn b6_1_polls_in_vain_for_updates_left_out_do_not_make_the_others_late() {
 }
 
 #[test]
-fn b6_1_a_board_that_is_often_late_does_not_make_the_polls_late() {
+fn a_board_that_is_often_late_does_not_make_the_polls_late() {
     // A simulated board is held up as its machine is. Its late updates say nothing of when the others come.
     for (percent, period) in [(15, 2e6), (15, 442_708.4), (20, 2e6), (20, 442_708.4)] {
         let mut clock = UpdateClock::default();
@@ -342,7 +342,7 @@ fn b6_1_a_board_that_is_often_late_does_not_make_the_polls_late() {
 }
 
 #[test]
-fn b6_1_a_period_that_is_held_for_too_long_is_unlearnt() {
+fn a_period_that_is_held_for_too_long_is_unlearnt() {
     // A machine that stood still at the wrong moment can have taught the clock such a period. Each poll finds an update then.
     for period in [111_111.1, 442_708.4, 2e6, 4_427_084.0, 6e6, 8_854_168.0] {
         for too_long in [0.5, 1.0, 1.25, 1.5, 1.75, 2.0, 3.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 24.0] {
@@ -359,7 +359,7 @@ fn b6_1_a_period_that_is_held_for_too_long_is_unlearnt() {
 }
 
 #[test]
-fn b6_1_a_period_is_learnt_where_no_wake_up_is_in_time() {
+fn a_period_is_learnt_where_no_wake_up_is_in_time() {
     // None is less than a quarter of a period late, up to a third.
     for (period, late) in [(111_111.1, 30_000), (111_111.1, 36_000), (221_354.2, 60_000), (221_354.2, 72_000)]
     {
@@ -374,7 +374,7 @@ fn b6_1_a_period_is_learnt_where_no_wake_up_is_in_time() {
 }
 
 #[test]
-fn b6_1_after_rough_times_the_phase_is_found_again() {
+fn after_rough_times_the_phase_is_found_again() {
     // The clock is told a wrong period or none; the board is held up or leaves updates out, or the machine is held up, once in so
     // many updates. Then all goes well.
     const CALM: usize = 5_000;
@@ -408,7 +408,7 @@ fn b6_1_after_rough_times_the_phase_is_found_again() {
 }
 
 #[test]
-fn b6_1_a_board_whose_time_slips_is_found_again() {
+fn a_board_whose_time_slips_is_found_again() {
     // A simulated board that was held up counts on from there: now and then an update comes some periods later.
     for (period, at_most) in [(111_111.1, 15_000), (442_708.4, 20_000), (2e6, 20_000)] {
         for slip in [2.0, 3.0, 4.0, 5.0, 9.0] {
@@ -425,7 +425,7 @@ fn b6_1_a_board_whose_time_slips_is_found_again() {
 }
 
 #[test]
-fn b6_1_the_phase_is_found_soon_after_the_start() {
+fn the_phase_is_found_soon_after_the_start() {
     // Board and machine are each 10 us late and more, one time in fifty by milliseconds.
     for (period, is_told) in [(2e6, true), (2e6, false), (442_708.4, true), (442_708.4, false)] {
         let (mut slow, mut lost) = (0, 0);
@@ -459,7 +459,7 @@ fn b6_1_the_phase_is_found_soon_after_the_start() {
 }
 
 #[test]
-fn b6_2_few_polls_are_in_vain_once_the_aim_is_found() {
+fn few_polls_are_in_vain_once_the_aim_is_found() {
     // A poll in vain costs a wake-up. An aim that is far too late would cost none.
     for period in [2e6, 442_708.4, 111_111.1] {
         let mut clock = UpdateClock::default();
@@ -475,7 +475,7 @@ fn b6_2_few_polls_are_in_vain_once_the_aim_is_found() {
 }
 
 #[test]
-fn b6_3_the_phase_is_found_on_a_machine_that_is_held_up() {
+fn the_phase_is_found_on_a_machine_that_is_held_up() {
     for (period, changed) in
         [(2e6, 1e6), (442_708.4, 885_416.8), (111_111.1, 222_222.2), (885_416.8, 442_708.4)]
     {

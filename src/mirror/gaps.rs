@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_steps_without_a_period_are_one_update_each() {
+    fn steps_without_a_period_are_one_update_each() {
         // Turbo User Manual p. 403: in the background "when more than I50 servo cycles have passed", at some pass.
         let steps = [11, 12, 11, 14, 23, 11, 13];
         let irregular = |counter: &mut UpdateCounter, count: usize| {

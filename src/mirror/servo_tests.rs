@@ -226,7 +226,7 @@ fn motors_that_another_host_takes_out_of_the_mask_are_not_shown_any_more() {
 }
 
 #[test]
-fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
+fn a_board_that_was_reset_gets_its_mask_again() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     for timer in 0..3 {
         rig.update(timer);
@@ -248,7 +248,7 @@ fn b3_10_a_board_that_was_reset_gets_its_mask_again() {
 }
 
 #[test]
-fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_came_in_later() {
+fn what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_came_in_later() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     rig.mirror.reader.keep_as_found(true);
     rig.put(0x0070, 1);
@@ -276,7 +276,7 @@ fn c3_what_the_board_made_under_the_mask_as_found_is_not_taken_for_motors_that_c
 }
 
 #[test]
-fn c3_a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_next_update() {
+fn a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_next_update() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     for timer in 0..3 {
         rig.update(timer);
@@ -295,7 +295,7 @@ fn c3_a_motor_that_another_host_had_taken_out_of_the_mask_comes_back_with_the_ne
 }
 
 #[test]
-fn c1_the_mask_is_put_back_as_it_was_found_also_behind_a_reset_that_kept_it() {
+fn the_mask_is_put_back_as_it_was_found_also_behind_a_reset_that_kept_it() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     rig.put(0x0070, 0b1);
     rig.put(0x0072, 0);
@@ -350,7 +350,7 @@ fn addresses_of_a_turbo_pmac_go_both_ways() {
 }
 
 #[test]
-fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
+fn a_report_made_in_the_background_or_on_request_misses_nothing() {
     let mut rig = Rig::new(ServoReading::Optimistic);
     // Section 4: with I57=1 "when more than I50 servo cycles have passed since the last copy", with I47=0 when the host has
     // taken the last one. What the daemon was told before no longer counts.
@@ -373,7 +373,7 @@ fn c1_a_report_made_in_the_background_or_on_request_misses_nothing() {
 }
 
 #[test]
-fn c1_a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
+fn a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
     // With I47=0 PMAC looks every servo cycle, and copies once the host has cleared Data-Ready (Turbo User Manual p. 403).
     // The board tells I47 before the first update, or in the middle. A poll wakes up late, at times very late.
     const CYCLES: u64 = 20_000;

@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_2_a_directory_that_others_can_write_to_is_ignored() {
+    fn a_directory_that_others_can_write_to_is_ignored() {
         let directory = tempfile::tempdir().unwrap();
         let with = |mode| {
             std::fs::set_permissions(directory.path(), PermissionsExt::from_mode(mode)).unwrap();

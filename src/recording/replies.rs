@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_a_question_is_answered_variable_by_variable() {
+    fn a_question_is_answered_variable_by_variable() {
         let replies = replies(
             &[
                 ("TYPE", &["PMAC1"]),

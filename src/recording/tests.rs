@@ -78,7 +78,7 @@ fn fault(directory: &Path) -> String {
 }
 
 #[test]
-fn e6_a_recording_comes_back_as_it_was_written() {
+fn a_recording_comes_back_as_it_was_written() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path().join("new/capture");
     let written = write(&at);
@@ -101,7 +101,7 @@ fn e6_a_recording_comes_back_as_it_was_written() {
 }
 
 #[test]
-fn e6_a_recording_that_was_cut_short_is_read_up_to_there_and_says_so() {
+fn a_recording_that_was_cut_short_is_read_up_to_there_and_says_so() {
     let directory = tempfile::tempdir().unwrap();
     let mut writer = Writer::create(directory.path(), &about()).unwrap();
     writer.answer(&Answer { line: "TYPE".into(), reply: vec![], refused: None }).unwrap();
@@ -115,7 +115,7 @@ fn e6_a_recording_that_was_cut_short_is_read_up_to_there_and_says_so() {
 }
 
 #[test]
-fn e6_a_damaged_recording_is_refused_with_file_and_line() {
+fn a_damaged_recording_is_refused_with_file_and_line() {
     let directory = tempfile::tempdir().unwrap();
     assert!(fault(directory.path()).starts_with("about.json: not there: this is no capture"));
     let line = serde_json::to_string(&accesses()[2]).unwrap();
@@ -165,7 +165,7 @@ fn e6_a_damaged_recording_is_refused_with_file_and_line() {
 }
 
 #[test]
-fn e6_a_recording_is_read_in_bounds() {
+fn a_recording_is_read_in_bounds() {
     let directory = tempfile::tempdir().unwrap();
     write(directory.path());
     let time = "{\"t\":1,\"file\":\"0000.bin\"}\n";
@@ -185,7 +185,7 @@ fn e6_a_recording_is_read_in_bounds() {
 
 /// Who records as root would write over whatever file a link there names, or copy it.
 #[test]
-fn e6_a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
+fn a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
     use std::os::unix::fs::{PermissionsExt as _, symlink};
     let place = tempfile::tempdir().unwrap();
     let at = |name: &str| place.path().join(name);
@@ -215,7 +215,7 @@ fn e6_a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
 }
 
 #[test]
-fn e6_an_image_is_named_once() {
+fn an_image_is_named_once() {
     let place = tempfile::tempdir().unwrap();
     write(place.path());
     let path = place.path().join(files::IMAGE_TIMES);

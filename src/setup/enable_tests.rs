@@ -200,7 +200,7 @@ fn a_report_that_runs_takes_no_gather() {
 }
 
 #[test]
-fn c1_a_turbo_board_is_told_which_dpram_its_functions_use() {
+fn a_turbo_board_is_told_which_dpram_its_functions_use() {
     // Turbo User Manual p. 45: I24 names the one DPRAM of all functions; the board finds it at a re-initialisation.
     for (family, told) in [(&TURBO2, 1), (&PMAC, 0)] {
         let plans =

@@ -74,7 +74,7 @@ impl ByBytes<'_> {
 }
 
 #[test]
-fn c4_a_driver_that_reads_byte_by_byte_gets_motors_systems_and_variables() {
+fn a_driver_that_reads_byte_by_byte_gets_motors_systems_and_variables() {
     // tpmac's own settings: I47=20 and I50=40; and the same on request.
     for periods in ["I47=20 I50=40", "I47=0 I50=0"] {
         let mut bench = board("I48=1 I49=1 I55=1 I56=1 I57=0\nI3100=1 I3200=1\n&16#32->X\n#31J/#32J/");
@@ -181,7 +181,7 @@ impl ByMailbox {
 }
 
 #[test]
-fn c4_a_driver_talks_through_the_mailboxes_once_it_has_chosen_the_page() {
+fn a_driver_talks_through_the_mailboxes_once_it_has_chosen_the_page() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("mailbox");
     let mut bench = board("I3=2 I4=0 I6=1 I49=1");
@@ -286,7 +286,7 @@ impl Flushing<'_> {
 }
 
 #[test]
-fn c4_a_driver_that_flushes_first_talks_through_the_dpram() {
+fn a_driver_that_flushes_first_talks_through_the_dpram() {
     let mut bench = board("I3=2 I6=1 I58=1\nM161->D:$88\nM162->D:$8B\nI200=1\n#1J/#2J/");
     let mut host = Flushing(&mut bench);
     host.begin();
@@ -346,7 +346,7 @@ impl Clearing<'_> {
 }
 
 #[test]
-fn c4_a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_there() {
+fn a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_there() {
     // The site's status words lie where the motor report would.
     let mut bench = board("I58=1 I63=1 I64=1\nM5075->*\nM321->DP:$60121\nM301->DP:$60101");
     let mut host = Clearing(&mut bench);

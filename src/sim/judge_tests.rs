@@ -9,7 +9,7 @@ fn board() -> Bench {
 }
 
 #[test]
-fn c4_the_judge_finds_what_a_turbo_host_may_not_write() {
+fn the_judge_finds_what_a_turbo_host_may_not_write() {
     for (offset, value, said) in [
         (0x006C, 1, "0x006C, which is PMAC's"),
         (0x006E, 0x8000, "0x006E: the host only clears Data-Ready"),
@@ -34,7 +34,7 @@ fn c4_the_judge_finds_what_a_turbo_host_may_not_write() {
 }
 
 #[test]
-fn c4_the_judge_finds_a_command_that_changes_behind_its_flag() {
+fn the_judge_finds_a_command_that_changes_behind_its_flag() {
     let mut bench = board();
     bench.set(58, 1.0);
     bench.write(0x0EA0, u16::from_le_bytes(*b"#1"));
@@ -47,7 +47,7 @@ fn c4_the_judge_finds_a_command_that_changes_behind_its_flag() {
 }
 
 #[test]
-fn c4_the_judge_lets_a_turbo_host_take_its_reports() {
+fn the_judge_lets_a_turbo_host_take_its_reports() {
     // The whole word, or the flag alone: the upper part of the timer stays.
     for keep in [0, 0x7FFF] {
         let mut bench = board();

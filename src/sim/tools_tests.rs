@@ -103,7 +103,7 @@ fn board(tables: &'static FirmwareTables) -> Bench {
 }
 
 #[test]
-fn c4_what_tools_ask_is_answered_line_by_line() {
+fn what_tools_ask_is_answered_line_by_line() {
     let mut bench = board(&turbo::TURBO2);
     for (tool, asked, answer) in ASKED {
         let character = asked.starts_with(|c: char| c.is_ascii_control());
@@ -129,7 +129,7 @@ fn c4_what_tools_ask_is_answered_line_by_line() {
 }
 
 #[test]
-fn c4_gathered_words_are_listed_as_tools_read_them() {
+fn gathered_words_are_listed_as_tools_read_them() {
     let mut bench = board(&turbo::TURBO2);
     let mut send = |line: &str| {
         let reply = bench.world.execute(line.as_bytes());

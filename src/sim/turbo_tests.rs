@@ -138,7 +138,7 @@ fn motors_can_be_reported_in_the_background() {
 /// In both ways of reading the host gets every update, on request too: it clears the flag each time.
 #[cfg(any(feature = "cli", feature = "daemon"))]
 #[test]
-fn c1_the_host_takes_every_update_of_the_motors() {
+fn the_host_takes_every_update_of_the_motors() {
     use crate::function::servo::{ServoPoll, ServoReader, ServoReading};
     for reading in [ServoReading::Optimistic, ServoReading::Handshake] {
         for period in [0, 1, 3] {
@@ -169,7 +169,7 @@ fn c1_the_host_takes_every_update_of_the_motors() {
 /// The host asks for a report of sixteen coordinate systems and gets it, while a host before it left its busy bit set.
 #[cfg(any(feature = "cli", feature = "daemon"))]
 #[test]
-fn c1_the_host_asks_for_coordinate_systems() {
+fn the_host_asks_for_coordinate_systems() {
     use crate::function::background::{BackgroundPoll, BackgroundReader};
     for period in [0, 7] {
         let mut bench = bench();
@@ -282,7 +282,7 @@ fn serial(bench: &mut Bench, line: &str) -> String {
 }
 
 #[test]
-fn c4_a_turbo_board_tells_what_it_is() {
+fn a_turbo_board_tells_what_it_is() {
     for (tables, name) in [(&turbo::TURBO, "TURBO1, X4"), (&turbo::TURBO2, "TURBO2, X4")] {
         let mut bench = bare(tables);
         assert_eq!(
@@ -309,7 +309,7 @@ fn c4_a_turbo_board_tells_what_it_is() {
 }
 
 #[test]
-fn c4_status_words_have_turbos_bits() {
+fn status_words_have_turbos_bits() {
     let mut bench = bench();
     assert_eq!(
         send(&mut bench, "?"),
@@ -329,7 +329,7 @@ fn c4_status_words_have_turbos_bits() {
 }
 
 #[test]
-fn c4_i24_names_the_dpram_that_the_functions_use() {
+fn i24_names_the_dpram_that_the_functions_use() {
     let mut bench = bench();
     assert_eq!(send(&mut bench, "RHY$3F"), ["064000"], "Turbo User Manual p. 402");
     let counts = |bench: &mut Bench| {
@@ -348,7 +348,7 @@ fn c4_i24_names_the_dpram_that_the_functions_use() {
 }
 
 #[test]
-fn c4_variables_go_to_8191_and_wrap_and_have_factory_values() {
+fn variables_go_to_8191_and_wrap_and_have_factory_values() {
     let mut bench = bench();
     assert_eq!(send(&mut bench, "P8191=5 M8191->* M8191=6 Q8191=7 P8191 M8191 Q8191"), ["5", "6", "7"]);
     assert_eq!(send(&mut bench, "P8192=8 P0"), ["8"], "reduced, no error");
@@ -368,7 +368,7 @@ fn c4_variables_go_to_8191_and_wrap_and_have_factory_values() {
 }
 
 #[test]
-fn c4_each_port_addresses_its_own_motor_and_group() {
+fn each_port_addresses_its_own_motor_and_group() {
     let mut bench = bench();
     send(&mut bench, "I3=2 I6=1");
     assert_eq!(serial(&mut bench, "#7&9##3\r"), "\x06");
@@ -388,7 +388,7 @@ fn c4_each_port_addresses_its_own_motor_and_group() {
 }
 
 #[test]
-fn c4_programs_name_the_port_that_they_speak_to() {
+fn programs_name_the_port_that_they_speak_to() {
     let mut bench = bench();
     send(&mut bench, "I3=2 I6=1 I64=1 I5=2 I9=2");
     for line in [
@@ -455,7 +455,7 @@ fn control_characters_go_to_the_port_that_a_program_names() {
 }
 
 #[test]
-fn c4_what_the_board_does_not_have_is_answered_as_a_board_without_it() {
+fn what_the_board_does_not_have_is_answered_as_a_board_without_it() {
     let mut bench = bench();
     for (line, error) in [
         ("MS0,MI910", 8),
@@ -543,7 +543,7 @@ fn rotary_buffers_are_deleted_upwards() {
 }
 
 #[test]
-fn c4_the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
+fn the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
     for tables in [&turbo::TURBO, &turbo::TURBO_32K, &turbo::TURBO2, &turbo::TURBO2_8K] {
         let mut bench = Bench::of(tables, tables.firmware);
         bench.world.load("shipped", tables.startup).unwrap();

@@ -259,7 +259,7 @@ fn unsafe_code_lives_on_its_islands() {
 
 /// A name service may hang for seconds. What looks a name up is called at the start only.
 #[test]
-fn b2_7_the_sockets_thread_looks_no_name_up() {
+fn the_sockets_thread_looks_no_name_up() {
     let look_ups = ["getgrouplist", "User::from_", "Group::from_", "group_id("];
     let word = |line: &str| look_ups.iter().any(|word| line.contains(word)).then(|| line.trim().to_owned());
     let allowed = ["policy.rs", "listener.rs"].map(|file| format!("src/daemon/socket/{file}"));

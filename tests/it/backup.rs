@@ -45,7 +45,7 @@ fn a_whole_backup_names_what_has_changed_and_puts_it_back() {
 
 /// A Turbo board has 8192 of each kind, and coordinate systems to 16 whose Q-variables are the same registers.
 #[test]
-fn c4b_a_whole_turbo_board_is_backed_up_and_put_back() {
+fn a_whole_turbo_board_is_backed_up_and_put_back() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_identity();
     site.ask("I8191=$123456 I3222=40.5 I6699=0.5 P8191=-2 M8191->X:$3501,0,24,S M8190=7");
@@ -106,7 +106,7 @@ fn what_a_board_lists_in_its_own_spelling_is_no_difference() {
 
 /// What an integrator gives a board besides variables: axes, kinematics, PLCs and motion programs.
 #[test]
-fn c4b_axes_and_programs_are_backed_up_compared_and_put_back() {
+fn axes_and_programs_are_backed_up_compared_and_put_back() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_identity();
     let text = "&2\n#3->I\n#4->1000X+5\nOPEN INVERSE CLEAR\nP3=Q7*2\nCLOSE\nOPEN PROG 1000 CLEAR\nLIN X(P1)\nCLOSE\n\

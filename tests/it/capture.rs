@@ -41,7 +41,7 @@ fn refusal(connection: &mut Connection) -> String {
 }
 
 #[test]
-fn e6_every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
+fn every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("servo data", || site.attach().counter(Counter::Updates) > 0);
     site.hold();
@@ -76,7 +76,7 @@ fn e6_every_access_to_the_bus_is_traced_while_an_engineer_wants_it() {
 }
 
 #[test]
-fn e6_a_trace_that_nobody_fetches_counts_what_it_drops() {
+fn a_trace_that_nobody_fetches_counts_what_it_drops() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("servo data", || site.attach().counter(Counter::Updates) > 0);
     site.hold();
@@ -100,7 +100,7 @@ fn directory(site: &VirtualSite) -> (PathBuf, String) {
 }
 
 #[test]
-fn e6_a_capture_holds_the_board_and_changes_nothing() {
+fn a_capture_holds_the_board_and_changes_nothing() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     site.ask("P7=2.5 M50->* M50=12");
@@ -157,7 +157,7 @@ fn e6_a_capture_holds_the_board_and_changes_nothing() {
 }
 
 #[test]
-fn e6_a_turbo_board_with_the_small_dpram_is_captured() {
+fn a_turbo_board_with_the_small_dpram_is_captured() {
     let site = VirtualSite::configured(&["--family", "turbo"], "family = \"turbo\"\n");
     let (path, text) = directory(&site);
     let ran = site.hurried(|| site.run(&["capture", &text, "--seconds", "0.05", "--no-variables"]));
@@ -174,7 +174,7 @@ fn e6_a_turbo_board_with_the_small_dpram_is_captured() {
 }
 
 #[test]
-fn e6_what_is_not_told_to_a_capture_is_said() {
+fn what_is_not_told_to_a_capture_is_said() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     site.ask("OPEN PROG 1 CLEAR");
@@ -186,7 +186,7 @@ fn e6_what_is_not_told_to_a_capture_is_said() {
 }
 
 #[test]
-fn e6_passwords_and_programs_are_in_no_capture() {
+fn passwords_and_programs_are_in_no_capture() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     site.ask("OPEN PROG 1 CLEAR");
@@ -224,7 +224,7 @@ fn e6_passwords_and_programs_are_in_no_capture() {
 }
 
 #[test]
-fn e6_a_capture_that_is_cut_short_is_whole_up_to_there_and_says_so() {
+fn a_capture_that_is_cut_short_is_whole_up_to_there_and_says_so() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     let begin = |name: &str| {
@@ -260,7 +260,7 @@ fn e6_a_capture_that_is_cut_short_is_whole_up_to_there_and_says_so() {
 }
 
 #[test]
-fn e6_a_full_disk_leaves_whole_lines() {
+fn a_full_disk_leaves_whole_lines() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     let (path, text) = directory(&site);
@@ -282,7 +282,7 @@ fn e6_a_full_disk_leaves_whole_lines() {
 
 /// Where the directory's group is somebody else's, nobody of it may change what is sent on.
 #[test]
-fn e6_nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
+fn nobody_else_may_write_into_a_captures_files_whatever_the_umask() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     let (path, text) = directory(&site);
@@ -316,7 +316,7 @@ fn files_of(tar: &[u8]) -> BTreeMap<String, String> {
 }
 
 #[test]
-fn e6_a_report_is_one_file_without_names_and_paths_of_the_users() {
+fn a_report_is_one_file_without_names_and_paths_of_the_users() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_until("the board's scales", || site.has_scales());
     let path = site.path("report.tar.gz");

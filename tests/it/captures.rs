@@ -88,7 +88,7 @@ fn recorded_blocks(recording: &Recording, family: &Family) -> BTreeMap<u32, Vec<
 }
 
 #[test]
-fn e6_the_mirror_of_every_capture_shows_what_was_recorded() {
+fn the_mirror_of_every_capture_shows_what_was_recorded() {
     for directory in captures() {
         let recording = Recording::read(&directory).unwrap();
         let family = recording.about.family(&directory).unwrap();
@@ -121,7 +121,7 @@ fn e6_the_mirror_of_every_capture_shows_what_was_recorded() {
 }
 
 #[test]
-fn e6_a_replay_in_virtual_time_is_over_at_once_and_goes_on_in_real_time() {
+fn a_replay_in_virtual_time_is_over_at_once_and_goes_on_in_real_time() {
     let site = Site::new();
     let recording = Recording::read(&home().join("simulator-pmac")).unwrap();
     let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"))

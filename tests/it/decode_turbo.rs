@@ -51,7 +51,7 @@ fn scales() -> Scales {
 }
 
 #[test]
-fn c1_decode_shows_the_motors_of_the_mask() {
+fn decode_shows_the_motors_of_the_mask() {
     let data = dump(LENGTH_32K).image().servo(32, &scales()).unwrap();
     assert_eq!((data.servo_timer, data.pmac_busy, data.host_busy), (0x12_5678, false, true));
     assert_eq!(data.global_status, None);
@@ -77,7 +77,7 @@ fn c1_decode_shows_the_motors_of_the_mask() {
 }
 
 #[test]
-fn c1_decode_shows_the_coordinate_systems_that_are_reported() {
+fn decode_shows_the_coordinate_systems_that_are_reported() {
     let data = dump(LENGTH_32K).image().background(16, &scales(), REGISTER).unwrap();
     assert_eq!((data.ready, data.servo_timer), (true, 0xBA_FEDC));
     let ports = json!({"control_panel": 0x11_1111, "machine_io": 0xFF_FFFF, "thumbwheel": 0x33_3333});
@@ -140,7 +140,7 @@ fn with_buffers(mut dump: Dump) -> Dump {
 }
 
 #[test]
-fn c1_decode_shows_gathering_tables_and_rotary_buffers() {
+fn decode_shows_gathering_tables_and_rotary_buffers() {
     let image = with_buffers(dump(LENGTH_32K)).image();
     let buffers = json!(Buffers::of(&image, &Layout::new(image.family(), None), REGISTER));
     assert_eq!(buffers["gather"], json!({"size_longs": 300, "next_long": 12}));
@@ -214,7 +214,7 @@ global status: $080001 $400000: data_gathering_on this_card_addressed vme_board
 ";
 
 #[test]
-fn c1_pmacctl_decodes_a_turbo_image() {
+fn pmacctl_decodes_a_turbo_image() {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), with_buffers(dump(LENGTH_8K)).bytes()).unwrap();
     let path = file.path().display();

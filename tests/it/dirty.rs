@@ -7,7 +7,7 @@ use pmac_dpram::map::HostOffset;
 use crate::support::{PATIENCE, VirtualSite};
 
 #[test]
-fn b3_10_the_masks_of_the_panel_are_cleared_before_the_panel_is_enabled() {
+fn the_masks_of_the_panel_are_cleared_before_the_panel_is_enabled() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     assert_eq!(site.pmacctl(&["send", "I2=0"]).0, 0);
@@ -21,7 +21,7 @@ fn b3_10_the_masks_of_the_panel_are_cleared_before_the_panel_is_enabled() {
 }
 
 #[test]
-fn b3_10_a_board_full_of_garbage_comes_up() {
+fn a_board_full_of_garbage_comes_up() {
     for seed in ["1", "2", "3"] {
         let site = VirtualSite::running(&["--garbage", seed], &[]);
         site.wait_for_identity();
@@ -31,7 +31,7 @@ fn b3_10_a_board_full_of_garbage_comes_up() {
 }
 
 #[test]
-fn b3_10_functions_that_are_saved_as_enabled_do_no_harm_once_the_daemon_runs() {
+fn functions_that_are_saved_as_enabled_do_no_harm_once_the_daemon_runs() {
     let site = VirtualSite::running(&["--garbage", "4", "--saved-enables"], &[]);
     site.wait_for_identity();
     site.wait_for_live_servo();
@@ -40,7 +40,7 @@ fn b3_10_functions_that_are_saved_as_enabled_do_no_harm_once_the_daemon_runs() {
 }
 
 #[test]
-fn b3_10_a_simulator_powers_up_with_anything_in_its_memory_unless_told_otherwise() {
+fn a_simulator_powers_up_with_anything_in_its_memory_unless_told_otherwise() {
     for (options, clean) in [(&[][..], false), (&["--garbage", "off"], true)] {
         let site = VirtualSite::new();
         site.start_simulator(options);
@@ -50,7 +50,7 @@ fn b3_10_a_simulator_powers_up_with_anything_in_its_memory_unless_told_otherwise
 }
 
 #[test]
-fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
+fn save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
     for slow in ["1", "3"] {
         let site = VirtualSite::running(&["--slow", slow], &[]);
         site.wait_for_identity();
@@ -77,7 +77,7 @@ fn b3_10_save_and_a_reset_take_their_time_and_the_port_is_gone_meanwhile() {
 
 /// It is asked for few at a time, so that callers' lines go between.
 #[test]
-fn c1_a_board_that_takes_its_time_for_every_line_of_a_reply_refuses_no_line() {
+fn a_board_that_takes_its_time_for_every_line_of_a_reply_refuses_no_line() {
     let config = "family = \"turbo2\"\nask_m_variables = true\n";
     let site = VirtualSite::configured(&["--family", "turbo2"], config);
     site.wait_until("the board's scales", || site.has_scales());
@@ -100,7 +100,7 @@ fn c1_a_board_that_takes_its_time_for_every_line_of_a_reply_refuses_no_line() {
 }
 
 #[test]
-fn c4_a_turbo_board_full_of_garbage_comes_up() {
+fn a_turbo_board_full_of_garbage_comes_up() {
     for options in [&["--garbage", "1"][..], &["--garbage", "2", "--saved-enables"], &["--slow", "3"]] {
         let options = [&["--family", "turbo2"], options].concat();
         let site = VirtualSite::configured(&options, "family = \"turbo2\"\n");

@@ -177,7 +177,7 @@ fn a_port_that_was_not_used_is_told_as_unknown() {
 }
 
 #[test]
-fn b1_7_the_doctor_waits_for_a_board_that_comes_up_after_a_reset() {
+fn the_doctor_waits_for_a_board_that_comes_up_after_a_reset() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.wait_for_identity();

@@ -117,7 +117,7 @@ fn a_file_of_comments_alone_changes_nothing() {
 }
 
 #[test]
-fn b5_5_what_is_no_program_file_is_refused_before_anything_is_sent() {
+fn what_is_no_program_file_is_refused_before_anything_is_sent() {
     let site = VirtualSite::running(&[], &[]);
     let path =
         site.file("note.txt", "A note to the operators:\nHome the telescope.\nThen park it.\nThank you.\n");
@@ -135,7 +135,7 @@ fn b5_5_what_is_no_program_file_is_refused_before_anything_is_sent() {
 }
 
 #[test]
-fn b5_5_a_circle_without_segmentation_is_warned_of() {
+fn a_circle_without_segmentation_is_warned_of() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     let program = "OPEN PROG 5 CLEAR\nINC TM500\nCIRCLE1 X10 Y0 I5\nCLOSE\n";
@@ -256,7 +256,7 @@ fn text_as_other_systems_write_it_is_the_same_text() {
 }
 
 #[test]
-fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
+fn a_file_of_a_turbo_site_downloads_as_it_is_written() {
     let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
     site.wait_until("the board to be identified", || site.log().contains("the board is TURBO2"));
     site.file("names.pmc", "#define Base 10F\n#define Stop M33\n");
@@ -286,7 +286,7 @@ fn c4b_a_file_of_a_turbo_site_downloads_as_it_is_written() {
 
 /// Files with compiled PLCs in them: no board takes those as lines.
 #[test]
-fn c4b_the_lines_of_a_buffer_that_is_not_opened_are_left_out() {
+fn the_lines_of_a_buffer_that_is_not_opened_are_left_out() {
     let site = VirtualSite::running(&[], &[]);
     let text = "P1=1\nOPEN PLCC 0 CLEAR\nP2=1\nP3=1\nCLOSE\nP4=1\n";
     let path = site.file("compiled.pmc", text);
@@ -306,7 +306,7 @@ fn c4b_the_lines_of_a_buffer_that_is_not_opened_are_left_out() {
 
 /// A file for the board that clears more than is there, and sets variables of a MACRO station that are called as the board's.
 #[test]
-fn c4b_a_file_that_clears_a_board_downloads() {
+fn a_file_that_clears_a_board_downloads() {
     let site = VirtualSite::configured(&["--family", "turbo2", "--macro"], "family = \"turbo2\"\n");
     site.wait_for_identity();
     let text = "CLOSE\nUNDEFINE ALL\n#1DEL BLCOMP\n#32DELETE COMP\n#2 DEL TCOMP\nDELETE CCBUF\n&1\n#1->100X\n#2->0\n&2\n#1->0\n\

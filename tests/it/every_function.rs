@@ -130,7 +130,7 @@ fn every_function_works_on_a_board_of_either_family() {
 }
 
 #[test]
-fn b3_9_firmware_that_writes_no_variables_is_not_asked_to() {
+fn firmware_that_writes_no_variables_is_not_asked_to() {
     for (firmware, writes) in [("1.15F", false), ("1.15G", true)] {
         let site = VirtualSite::running(&["--firmware", firmware], &[]);
         site.wait_for_identity();

@@ -39,7 +39,7 @@ fn status(site: &VirtualSite) -> Value {
 }
 
 #[test]
-fn c2_a_board_that_reports_is_recognised() {
+fn a_board_that_reports_is_recognised() {
     for family in FAMILIES {
         for garbage in ["off", "1", "7"] {
             let site = board(&["--family", family, "--dpram-startup", "--garbage", garbage]);
@@ -54,7 +54,7 @@ fn c2_a_board_that_reports_is_recognised() {
 }
 
 #[test]
-fn c2_nothing_is_written_to_a_board_that_is_not_recognised() {
+fn nothing_is_written_to_a_board_that_is_not_recognised() {
     for family in FAMILIES {
         for garbage in ["off", "3", "11"] {
             // 32K x 16 bits would tell.
@@ -89,7 +89,7 @@ fn c2_nothing_is_written_to_a_board_that_is_not_recognised() {
 }
 
 #[test]
-fn c2_a_configuration_that_contradicts_the_board_is_refused() {
+fn a_configuration_that_contradicts_the_board_is_refused() {
     for (family, written, message) in [
         (
             "turbo2",
@@ -116,7 +116,7 @@ fn c2_a_configuration_that_contradicts_the_board_is_refused() {
 }
 
 #[test]
-fn c2_a_file_without_a_family_stays_a_pmac() {
+fn a_file_without_a_family_stays_a_pmac() {
     let site = board(&["--family", "pmac2", "--dpram-startup"]);
     configured(&site, "");
     site.wait_until("TYPE", || status(&site)["board"]["type"].is_string());
@@ -125,7 +125,7 @@ fn c2_a_file_without_a_family_stays_a_pmac() {
 }
 
 #[test]
-fn c2_doctor_tells_the_other_board_of_a_generation() {
+fn doctor_tells_the_other_board_of_a_generation() {
     for (family, written, text) in [
         ("pmac2", "pmac", "is a PMAC2, but pmacd takes it for a PMAC, which has the same functions"),
         ("turbo", "turbo2", "is a Turbo PMAC, but pmacd takes it for a Turbo PMAC2, which has the same"),
@@ -153,7 +153,7 @@ fn c2_doctor_tells_the_other_board_of_a_generation() {
 }
 
 #[test]
-fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
+fn the_size_of_the_dpram_tells_turbo_without_a_report() {
     let site = board(&["--family", "turbo2", "--garbage", "off"]);
     configured(&site, AUTO);
     site.run_for(Duration::from_secs(1));
@@ -164,7 +164,7 @@ fn c2_the_size_of_the_dpram_tells_turbo_without_a_report() {
 }
 
 #[test]
-fn c2_words_are_read_by_their_offset_while_the_family_is_not_known() {
+fn words_are_read_by_their_offset_while_the_family_is_not_known() {
     let site = board(&["--family", "turbo2", "--dpram", "8k", "--garbage", "3"]);
     configured(&site, AUTO);
     site.wait_until("a daemon that has given up", || status(&site)["condition"] == "family_unknown");
@@ -197,7 +197,7 @@ fn c2_words_are_read_by_their_offset_while_the_family_is_not_known() {
 }
 
 #[test]
-fn c1_map_and_setup_answer_for_the_board_that_is_there() {
+fn map_and_setup_answer_for_the_board_that_is_there() {
     let site = board(&["--family", "turbo2", "--dpram-startup"]);
     configured(&site, "family = \"turbo2\"\n");
     for arguments in [&["map"] as &[&str], &["setup", "enable", "servo"]] {
@@ -208,7 +208,7 @@ fn c1_map_and_setup_answer_for_the_board_that_is_there() {
 }
 
 #[test]
-fn c1_clients_know_how_large_the_dpram_is() {
+fn clients_know_how_large_the_dpram_is() {
     // Turbo User Manual p. 402: the last locations are $060FFF and $063FFF. Each size with the family that comes with the other.
     for (family, size, last, beyond) in
         [("turbo", "32k", "Y:$063FFF", "Y:$064000"), ("turbo2", "8k", "Y:$060FFF", "Y:$061000")]

@@ -52,7 +52,7 @@ fn assert_as_before(site: &VirtualSite) {
 }
 
 #[test]
-fn b1_3_a_second_gather_is_refused_with_the_owners_name() {
+fn a_second_gather_is_refused_with_the_owners_name() {
     let site = running();
     let first = gathering(&site, &["--seconds", "4"]);
     let ran = site.run(&["gather", "--source", "servo_timer", "--seconds", "0.2", "-o", "-"]);
@@ -65,7 +65,7 @@ fn b1_3_a_second_gather_is_refused_with_the_owners_name() {
 }
 
 #[test]
-fn b1_3_the_daemon_puts_back_what_a_killed_gather_changed() {
+fn the_daemon_puts_back_what_a_killed_gather_changed() {
     let site = running();
     let mut killed = gathering(&site, &[]);
     assert_eq!(site.ask("I19"), ["3"]);
@@ -76,7 +76,7 @@ fn b1_3_the_daemon_puts_back_what_a_killed_gather_changed() {
 }
 
 #[test]
-fn b1_3_a_silent_gather_ends() {
+fn a_silent_gather_ends() {
     let site = running();
     let layout = Layout::new(&PMAC, Some("1.16D".parse().unwrap()));
     let request = GatherRequest {
@@ -100,7 +100,7 @@ fn b1_3_a_silent_gather_ends() {
 }
 
 #[test]
-fn b1_3_a_daemon_that_is_gone_leaves_samples_and_a_board_that_may_gather() {
+fn a_daemon_that_is_gone_leaves_samples_and_a_board_that_may_gather() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);
     site.with_world(|world| world.daemon = None);
@@ -112,7 +112,7 @@ fn b1_3_a_daemon_that_is_gone_leaves_samples_and_a_board_that_may_gather() {
 }
 
 #[test]
-fn b1_7_a_reset_ends_the_gather_and_is_not_undone() {
+fn a_reset_ends_the_gather_and_is_not_undone() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);
     site.control("reset");
@@ -130,7 +130,7 @@ fn b1_7_a_reset_ends_the_gather_and_is_not_undone() {
 }
 
 #[test]
-fn b1_3_a_daemon_that_stops_ends_the_gather() {
+fn a_daemon_that_stops_ends_the_gather() {
     let site = running();
     let gather = gathering(&site, &[]);
     site.stop_daemon();
@@ -141,7 +141,7 @@ fn b1_3_a_daemon_that_stops_ends_the_gather() {
 }
 
 #[test]
-fn b1_3_less_than_was_asked_for_is_never_exit_0() {
+fn less_than_was_asked_for_is_never_exit_0() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);
     let ran = site.run(&["gather", "--stop"]);
@@ -163,7 +163,7 @@ fn b1_3_less_than_was_asked_for_is_never_exit_0() {
 }
 
 #[test]
-fn b1_3_a_gather_that_nobody_owns_is_refused_and_can_be_ended() {
+fn a_gather_that_nobody_owns_is_refused_and_can_be_ended() {
     let site = running();
     site.ask("I20=1 I21=$80002B I45=3 DEFINE GATHER 100");
     site.ask("GATHER");
@@ -175,7 +175,7 @@ fn b1_3_a_gather_that_nobody_owns_is_refused_and_can_be_ended() {
 }
 
 #[test]
-fn b1_4_a_servo_report_that_pauses_is_no_report_that_has_ended() {
+fn a_servo_report_that_pauses_is_no_report_that_has_ended() {
     let site = running();
     site.control("fault servo_silent on");
     site.wait_until("stale servo data", || !is_live(&site.attach(), RegionId::Servo));
@@ -195,7 +195,7 @@ fn b1_4_a_servo_report_that_pauses_is_no_report_that_has_ended() {
 }
 
 #[test]
-fn b1_3_a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent() {
+fn a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent() {
     let site = running();
     let start = |period: u32| {
         let parameters = serde_json::json!({
@@ -213,7 +213,7 @@ fn b1_3_a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent()
 }
 
 #[test]
-fn b1_9_a_gather_that_another_host_ends_says_so() {
+fn a_gather_that_another_host_ends_says_so() {
     let site = running();
     let gather = gathering(&site, &["--seconds", "60"]);
     UnixStream::connect(site.path("serial")).unwrap().write_all(b"ENDGATHER\r").unwrap();
@@ -227,7 +227,7 @@ fn b1_9_a_gather_that_another_host_ends_says_so() {
 }
 
 #[test]
-fn b1_9_a_gather_that_another_client_ends_by_line_names_him() {
+fn a_gather_that_another_client_ends_by_line_names_him() {
     let site = running();
     for line in ["ENDGATHER", "END GATHER"] {
         let gather = gathering(&site, &["--seconds", "60"]);
@@ -242,7 +242,7 @@ fn b1_9_a_gather_that_another_client_ends_by_line_names_him() {
 }
 
 #[test]
-fn b1_3_i19_is_put_back_when_a_buffer_that_was_open_over_the_end_is_closed() {
+fn i19_is_put_back_when_a_buffer_that_was_open_over_the_end_is_closed() {
     let site = running();
     let mut gather = gathering(&site, &[]);
     site.ask("OPEN PROG 7 CLEAR");

@@ -61,7 +61,7 @@ fn elsewhere(site: &VirtualSite, line: &str) {
 const UNITS: &str = "[[motor]]\nnumber = 2\nname = \"azimuth\"\nunit = \"deg\"\ncounts_per_unit = -1000\n";
 
 #[test]
-fn b5_7_a_motor_is_jogged_to_a_position_and_waited_for() {
+fn a_motor_is_jogged_to_a_position_and_waited_for() {
     let site = running(UNITS);
     site.ask("#5");
     assert_eq!(done(&site, &["jog", "1", "=3000", "--wait"]), "#1: 3000.0\n");
@@ -81,7 +81,7 @@ fn b5_7_a_motor_is_jogged_to_a_position_and_waited_for() {
 }
 
 #[test]
-fn b5_7_a_jog_goes_on_until_it_is_stopped() {
+fn a_jog_goes_on_until_it_is_stopped() {
     let site = running(UNITS);
     for (key, sign) in [("+", 1.0), ("-", -1.0)] {
         done(&site, &["jog", "azimuth", key]);
@@ -94,7 +94,7 @@ fn b5_7_a_jog_goes_on_until_it_is_stopped() {
 }
 
 #[test]
-fn c1_a_jog_of_a_turbo_board_closes_no_loop_of_a_killed_motor_either() {
+fn a_jog_of_a_turbo_board_closes_no_loop_of_a_killed_motor_either() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.ask("#3K");
@@ -110,7 +110,7 @@ fn c1_a_jog_of_a_turbo_board_closes_no_loop_of_a_killed_motor_either() {
 }
 
 #[test]
-fn b5_7_a_jog_is_refused_with_nothing_sent() {
+fn a_jog_is_refused_with_nothing_sent() {
     let site = running(UNITS);
     site.ask("#3K");
     site.wait_until("the open loop", || site.pmacctl(&["motors"]).1.contains("open-loop"));
@@ -137,7 +137,7 @@ fn b5_7_a_jog_is_refused_with_nothing_sent() {
 }
 
 #[test]
-fn b5_7_a_jog_to_a_position_is_refused_while_somebody_else_holds_the_motor() {
+fn a_jog_to_a_position_is_refused_while_somebody_else_holds_the_motor() {
     let site = running("");
     let (mut holder, mut other, mut board) = (site.connection(), site.connection(), site.connection());
     board.send("#5", PATIENCE).unwrap();
@@ -167,7 +167,7 @@ fn b5_7_a_jog_to_a_position_is_refused_while_somebody_else_holds_the_motor() {
 }
 
 #[test]
-fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
+fn a_wait_tells_why_a_motor_did_not_arrive() {
     let site = running("");
     site.ask("I113=1000");
     refused(&site, &["jog", "1", "=5000", "--wait"], 1, ", not at 5000.0 (+limit");
@@ -189,7 +189,7 @@ fn b5_7_a_wait_tells_why_a_motor_did_not_arrive() {
 
 /// Its position in raw units is nowhere near the target in counts.
 #[test]
-fn b5_7_a_wait_judges_no_motor_whose_scale_is_not_known() {
+fn a_wait_judges_no_motor_whose_scale_is_not_known() {
     let site = VirtualSite::new();
     site.start_simulator(&["--dpram-startup"]);
     site.start_daemon(&["--config", &site.file("silent.toml", "ask_board = false\n")]);
@@ -199,7 +199,7 @@ fn b5_7_a_wait_judges_no_motor_whose_scale_is_not_known() {
 }
 
 #[test]
-fn b5_7_the_end_of_a_wait_is_not_the_end_of_the_motion() {
+fn the_end_of_a_wait_is_not_the_end_of_the_motion() {
     let site = running("");
     site.ask("I122=5 I222=5");
     let waits = ["jog", "1", "=1000000", "--wait", "--timeout", "0.2"];
@@ -235,7 +235,7 @@ fn a_wait_whose_daemon_is_gone_says_so() {
 }
 
 #[test]
-fn b5_7_a_wait_names_the_reset_that_ended_it() {
+fn a_wait_names_the_reset_that_ended_it() {
     // Its reports go on after a reset.
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
@@ -248,7 +248,7 @@ fn b5_7_a_wait_names_the_reset_that_ended_it() {
 }
 
 #[test]
-fn b5_7_a_jog_that_a_home_search_took_over_has_not_arrived() {
+fn a_jog_that_a_home_search_took_over_has_not_arrived() {
     let site = running("");
     site.ask("#3J=5000");
     site.wait_until("the start", || number(&site, "#3P") > 4999.0);
@@ -262,7 +262,7 @@ fn b5_7_a_jog_that_a_home_search_took_over_has_not_arrived() {
 }
 
 #[test]
-fn b5_7_a_home_search_is_waited_for() {
+fn a_home_search_is_waited_for() {
     let site = running("");
     site.ask("#4J=5000");
     site.wait_until("the start", || number(&site, "#4P") > 4999.0);
@@ -287,7 +287,7 @@ fn b5_7_a_home_search_is_waited_for() {
 }
 
 #[test]
-fn b5_7_a_wait_says_which_motors_nobody_reports() {
+fn a_wait_says_which_motors_nobody_reports() {
     let site = running("[servo]\nmotors = [1, 2]\n");
     for line in ["&1 #1->X", "OPEN PROG 7 CLEAR", "LINEAR INC TM300 TA50 TS0", "X2000", "CLOSE", "&1 B7"] {
         site.ask(line);
@@ -297,7 +297,7 @@ fn b5_7_a_wait_says_which_motors_nobody_reports() {
 }
 
 #[test]
-fn b5_7_a_program_is_waited_for() {
+fn a_program_is_waited_for() {
     let site = running("");
     let lines =
         ["&1 #1->X", "OPEN PROG 7 CLEAR", "LINEAR INC TM300 TA50 TS0", "X2000", "X2000", "CLOSE", "&1 B7"];
@@ -339,7 +339,7 @@ fn b5_7_a_program_is_waited_for() {
 
 /// A Turbo board reports no commanded position: it is the actual one and the following error.
 #[test]
-fn c1_a_motor_of_a_turbo_board_is_jogged_to_a_position_and_waited_for() {
+fn a_motor_of_a_turbo_board_is_jogged_to_a_position_and_waited_for() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -375,7 +375,7 @@ fn endless(site: &VirtualSite) -> Child {
 }
 
 #[test]
-fn b1_9_a_wait_ends_when_somebody_ends_what_it_waits_for_and_names_him() {
+fn a_wait_ends_when_somebody_ends_what_it_waits_for_and_names_him() {
     let site = running("");
     let sent = |what: &str| format!("uid {} (pid {}) sent {what}", nix::unistd::getuid(), std::process::id());
     let mut board = site.connection();

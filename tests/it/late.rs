@@ -39,7 +39,7 @@ fn seconds(site: &VirtualSite, action: impl FnOnce()) -> f64 {
 }
 
 #[test]
-fn b1_2_a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
+fn a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
     let site = board();
     site.control("fault ascii_slow 100ms");
     for line in ["OPEN PROG 7 CLEAR", "X1", "CLOSE"] {
@@ -54,7 +54,7 @@ fn b1_2_a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
 }
 
 #[test]
-fn b2_1_a_slow_commands_reply_is_nobody_elses() {
+fn a_slow_commands_reply_is_nobody_elses() {
     let site = board();
     let mut connection = site.connection();
     site.control("fault ascii_slow 7000ms");
@@ -77,7 +77,7 @@ fn b2_1_a_slow_commands_reply_is_nobody_elses() {
 }
 
 #[test]
-fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
+fn who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
     let site = board();
     site.control("fault ascii_slow 60000ms");
     assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
@@ -97,7 +97,7 @@ fn b2_1_who_did_not_get_his_turn_is_told_whose_line_holds_the_port() {
 }
 
 #[test]
-fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
+fn who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
     let site = board();
     site.control("fault ascii_slow 20000ms");
     // The first is with the board and the second with the bus thread, or on its way to it. The third waits in the socket's thread.
@@ -114,7 +114,7 @@ fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() 
 }
 
 #[test]
-fn b1_8_what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behind_it() {
+fn what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behind_it() {
     let site = board();
     site.control("fault ascii_slow 20000ms");
     let _slow: Vec<Raw> = ["P5=3", "P6=1", "P7=1"].map(|line| waiting(&site, line)).into();
@@ -128,7 +128,7 @@ fn b1_8_what_is_done_is_not_told_as_not_done_because_nothing_could_be_asked_behi
 }
 
 #[test]
-fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
+fn a_new_daemon_does_not_take_what_the_old_one_has_left() {
     let site = board();
     site.control("fault ascii_slow 3000ms");
     let _asker = waiting(&site, "P5=3 P5");
@@ -143,7 +143,7 @@ fn b2_1_a_new_daemon_does_not_take_what_the_old_one_has_left() {
 }
 
 #[test]
-fn b2_1_a_board_with_a_slow_servo_cycle_is_believed_at_once() {
+fn a_board_with_a_slow_servo_cycle_is_believed_at_once() {
     let site = VirtualSite::running(&["--servo-hz", "500"], &[]);
     let took = seconds(&site, || assert_eq!(site.ask("P5=7 P5"), ["7"]));
     assert!(took < 1.0, "{took} s");
@@ -151,7 +151,7 @@ fn b2_1_a_board_with_a_slow_servo_cycle_is_believed_at_once() {
 }
 
 #[test]
-fn b2_1_after_a_reset_the_port_is_free() {
+fn after_a_reset_the_port_is_free() {
     let site = board();
     site.control("fault ascii_slow 60000ms");
     assert!(site.connection().send("P5=3", Duration::from_secs(1)).is_err());
@@ -161,7 +161,7 @@ fn b2_1_after_a_reset_the_port_is_free() {
 }
 
 #[test]
-fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
+fn a_cancel_ends_the_line_under_way_at_once() {
     let site = board();
     site.control("fault ascii_no_reply on");
     let mut client = waiting(&site, "P5=3 P5");
@@ -197,7 +197,7 @@ fn abort_is_answered_in_time() {
 }
 
 #[test]
-fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
+fn abort_drops_the_lines_that_wait_whosever_they_are() {
     for keeps in [false, true] {
         let site = board();
         site.control("fault ascii_no_reply on");
@@ -227,7 +227,7 @@ fn b1_6_abort_drops_the_lines_that_wait_whosever_they_are() {
 
 /// One connection has one call under way; the others lie unread.
 #[test]
-fn b1_6_what_was_sent_before_an_abort_is_not_begun_after_it() {
+fn what_was_sent_before_an_abort_is_not_begun_after_it() {
     const CALLS: usize = 50;
     for goes in [false, true] {
         let site = board();
@@ -266,7 +266,7 @@ fn b1_6_what_was_sent_before_an_abort_is_not_begun_after_it() {
 }
 
 #[test]
-fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
+fn a_stop_tells_only_what_was_not_sent_as_not_sent() {
     let site = board();
     site.control("fault ascii_no_reply on");
     let mut sent = waiting(&site, "P5=3");
@@ -288,7 +288,7 @@ fn b1_8_a_stop_tells_only_what_was_not_sent_as_not_sent() {
 }
 
 #[test]
-fn b2_4_a_board_that_clears_its_words_some_time_after_a_cancel_loses_no_line() {
+fn a_board_that_clears_its_words_some_time_after_a_cancel_loses_no_line() {
     for late in ["10ms", "30ms", "45ms"] {
         let site = board();
         site.control(&format!("fault ascii_late_cancel {late}"));
@@ -305,7 +305,7 @@ fn b2_4_a_board_that_clears_its_words_some_time_after_a_cancel_loses_no_line() {
 }
 
 #[test]
-fn b1_2_a_board_that_refuses_the_question_for_a_buffer_takes_lines() {
+fn a_board_that_refuses_the_question_for_a_buffer_takes_lines() {
     for late in ["0ms", "250ms"] {
         let site = VirtualSite::running(&[], &[]);
         site.wait_for_identity();
@@ -383,7 +383,7 @@ fn stop_at_once(site: &VirtualSite, stopping: &mut Raw, stop: &str) -> f64 {
 }
 
 #[test]
-fn b2_a_line_that_is_half_way_when_everything_stops_is_not_finished() {
+fn a_line_that_is_half_way_when_everything_stops_is_not_finished() {
     for family in [&PMAC, &TURBO2] {
         for stop in ["^A", "^K"] {
             let site = VirtualSite::configured(
@@ -434,7 +434,7 @@ fn stops_before_the_line(family: &Family, stop: &str) -> bool {
 }
 
 #[test]
-fn b2_a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
+fn a_line_that_lies_untaken_when_everything_stops_moves_nothing_after_it() {
     for family in [&PMAC, &TURBO2] {
         for stop in ["^A", "^K"] {
             let met = (0..10).any(|_| stops_before_the_line(family, stop));

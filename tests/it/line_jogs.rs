@@ -15,7 +15,7 @@ fn running() -> VirtualSite {
 }
 
 #[test]
-fn d7_a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
+fn a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
     let site = running();
     let mut board = site.connection();
     for enable in ["I2=3", "I2=0"] {
@@ -50,7 +50,7 @@ fn d7_a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
 }
 
 #[test]
-fn d7_of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behind_it() {
+fn of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behind_it() {
     let site = running();
     let mut board = site.connection();
     for line in ["#1J+K5", "#1J-O200", "#1J+J^X", "#1J-J:X"] {
@@ -67,7 +67,7 @@ fn d7_of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behin
 }
 
 #[test]
-fn d7_a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for() {
+fn a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for() {
     let site = running();
     let mut board = site.connection();
     let mut client = site.connection();
@@ -89,7 +89,7 @@ fn d7_a_jog_by_line_ends_with_the_silence_of_its_client_where_that_was_asked_for
 }
 
 #[test]
-fn d7_who_jogs_a_motor_that_was_just_stopped_for_another_is_left_alone() {
+fn who_jogs_a_motor_that_was_just_stopped_for_another_is_left_alone() {
     let site = running();
     let mut board = site.connection();
     board.send("I2=0", PATIENCE).unwrap();

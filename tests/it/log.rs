@@ -108,7 +108,7 @@ const LONG_SECONDS: u64 = 3600;
 
 #[test]
 #[ignore = "an hour of the board's time, as fast as it goes"]
-fn e1_an_hour_of_updates_stands_in_the_file() {
+fn an_hour_of_updates_stands_in_the_file() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     site.ask("#1J+");
@@ -289,7 +289,7 @@ fn log_into(site: &VirtualSite, file: &Path, options: &[&str]) -> Child {
 }
 
 #[test]
-fn e1_data_that_stop_and_stay_away_are_a_row_at_the_end_and_exit_status_1() {
+fn data_that_stop_and_stay_away_are_a_row_at_the_end_and_exit_status_1() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     for seconds in [Some(30.0), None] {
@@ -333,7 +333,7 @@ fn e1_data_that_stop_and_stay_away_are_a_row_at_the_end_and_exit_status_1() {
 }
 
 #[test]
-fn e1_a_trigger_that_never_comes_leaves_the_file_as_it_was() {
+fn a_trigger_that_never_comes_leaves_the_file_as_it_was() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     let file = site.path("log.csv");
@@ -353,7 +353,7 @@ fn e1_a_trigger_that_never_comes_leaves_the_file_as_it_was() {
 
 /// After a reset the length of a servo cycle is not known for a while. The timer, which begins anew, is no turn of its 24 bits then.
 #[test]
-fn e1_a_turbo_boards_reset_is_no_number_of_missed_updates() {
+fn a_turbo_boards_reset_is_no_number_of_missed_updates() {
     let site =
         VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n[servo]\nmotors = [1]\n");
     site.wait_until("the board's scales", || site.has_scales());
@@ -408,7 +408,7 @@ fn a_trigger_brings_the_rows_from_before_it() {
 }
 
 #[test]
-fn e1_what_is_missing_before_the_trigger_is_a_row_too() {
+fn what_is_missing_before_the_trigger_is_a_row_too() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     site.wait_until("the board's scales", || site.has_scales());

@@ -118,7 +118,7 @@ fn an_error_has_its_number_whether_its_bell_stands_alone_or_not() {
 }
 
 #[test]
-fn b3_8_a_group_that_begins_with_the_byte_left_in_mailbox_0_is_seen() {
+fn a_group_that_begins_with_the_byte_left_in_mailbox_0_is_seen() {
     let site = vme(&shipped(""), &[], "use = \"always\"\n");
     identified(&site);
     let mut board = site.connection();
@@ -334,7 +334,7 @@ fn the_page_is_written_at_the_start_and_after_every_reset() {
 }
 
 #[test]
-fn b1_9_a_page_that_a_reset_took_is_written_again_where_no_report_runs() {
+fn a_page_that_a_reset_took_is_written_again_where_no_report_runs() {
     // Only lines: nothing else of the board tells of a reset.
     let keys = "use = \"never\"\npage = 0x3F\n";
     let site = vme_with("functions = [\"ascii\"]\n", &shipped("SAVE"), &["--dpram-page", "0x3F"], keys);
@@ -385,7 +385,7 @@ fn silent_vme(family: &str, written: &str) -> (VirtualSite, String) {
 }
 
 #[test]
-fn c2_a_board_that_shows_nothing_is_asked_through_its_mailboxes() {
+fn a_board_that_shows_nothing_is_asked_through_its_mailboxes() {
     for family in ["pmac", "pmac2", "turbo", "turbo2"] {
         let (site, config) = silent_vme(family, "auto");
         site.start_daemon(&["--config", &config]);
@@ -399,7 +399,7 @@ fn c2_a_board_that_shows_nothing_is_asked_through_its_mailboxes() {
 }
 
 #[test]
-fn c2_a_family_that_the_mailboxes_contradict_is_refused() {
+fn a_family_that_the_mailboxes_contradict_is_refused() {
     for (family, written, right) in [("turbo2", "pmac", "turbo"), ("pmac", "turbo", "pmac")] {
         let (site, config) = silent_vme(family, written);
         let before = std::fs::read(site.path("dpram")).unwrap();

@@ -199,7 +199,7 @@ fn the_simulators_page_explains_every_fault_and_control_line() {
 }
 
 #[test]
-fn e4_completions_know_boards_and_registers() {
+fn completions_know_boards_and_registers() {
     for shell in completions::SHELLS {
         for program in site::programs() {
             let is_pmacctl = program.get_name() == "pmacctl";

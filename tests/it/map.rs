@@ -136,7 +136,7 @@ fn record_list(family: &Family) -> Vec<Value> {
 }
 
 #[test]
-fn c1_the_map_is_the_record_list_record_by_record() {
+fn the_map_is_the_record_list_record_by_record() {
     for family in FAMILIES {
         let expected = record_list(family);
         let (records_there_are, keys) = match family.generation {

@@ -15,7 +15,7 @@ fn stretch(site: &VirtualSite, name: &str) -> (String, String) {
 }
 
 #[test]
-fn c3_doctor_memory_prints_who_uses_which_stretch() {
+fn doctor_memory_prints_who_uses_which_stretch() {
     for (family, definitions, servo, all) in [
         (
             "turbo2",
@@ -59,7 +59,7 @@ fn c3_doctor_memory_prints_who_uses_which_stretch() {
 }
 
 #[test]
-fn c3_doctor_memory_asks_nothing_while_a_program_buffer_is_open() {
+fn doctor_memory_asks_nothing_while_a_program_buffer_is_open() {
     let site = VirtualSite::running(&[], &[]);
     for line in ["OPEN PROG 7 CLEAR", "X1"] {
         let (code, _, error) = site.hurried(|| site.pmacctl(&["send", line]));

@@ -26,7 +26,7 @@ fn number(site: &VirtualSite, line: &str) -> f64 {
 }
 
 #[test]
-fn b5_6_a_motor_tells_following_error_velocity_and_flags() {
+fn a_motor_tells_following_error_velocity_and_flags() {
     let rig = Rig::new().live();
     let document = rig.run("motors --json").json();
     let [first, second, third] = [0, 1, 2].map(|index| document["motors"][index].clone());
@@ -58,7 +58,7 @@ fn b5_6_a_motor_tells_following_error_velocity_and_flags() {
 }
 
 #[test]
-fn c1_where_no_motor_is_reported_that_is_said() {
+fn where_no_motor_is_reported_that_is_said() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -69,7 +69,7 @@ fn c1_where_no_motor_is_reported_that_is_said() {
 }
 
 #[test]
-fn b5_6_a_line_that_was_not_sent_leaves_positions_in_counts() {
+fn a_line_that_was_not_sent_leaves_positions_in_counts() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     site.wait_for_live_servo();
@@ -82,7 +82,7 @@ fn b5_6_a_line_that_was_not_sent_leaves_positions_in_counts() {
 }
 
 #[test]
-fn b5_6_the_following_error_is_what_f_answers() {
+fn the_following_error_is_what_f_answers() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -108,7 +108,7 @@ fn b5_6_the_following_error_is_what_f_answers() {
 }
 
 #[test]
-fn b5_6_the_following_error_of_a_turbo_board_is_what_f_answers() {
+fn the_following_error_of_a_turbo_board_is_what_f_answers() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -131,7 +131,7 @@ fn b5_6_the_following_error_of_a_turbo_board_is_what_f_answers() {
 }
 
 #[test]
-fn b5_6_motors_say_why_p_answers_something_else() {
+fn motors_say_why_p_answers_something_else() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -154,7 +154,7 @@ const NAMED: &str = "[[motor]]\nnumber = 1\nname = \"azimuth\"\nunit = \"deg\"\n
                      [[motor]]\nnumber = 3\nname = \"focus\"\n";
 
 #[test]
-fn b5_7_names_and_units_stand_beside_the_counts() {
+fn names_and_units_stand_beside_the_counts() {
     let site = VirtualSite::configured(&[], NAMED);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -178,7 +178,7 @@ fn b5_7_names_and_units_stand_beside_the_counts() {
 }
 
 #[test]
-fn b5_8_what_the_board_reports_is_shown() {
+fn what_the_board_reports_is_shown() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -203,7 +203,7 @@ fn b5_8_what_the_board_reports_is_shown() {
 }
 
 #[test]
-fn b5_8_a_reset_that_is_not_acknowledged_is_no_failure() {
+fn a_reset_that_is_not_acknowledged_is_no_failure() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -215,7 +215,7 @@ fn b5_8_a_reset_that_is_not_acknowledged_is_no_failure() {
 }
 
 #[test]
-fn b5_9_a_feed_rate_in_percent_goes_by_the_i10_of_now() {
+fn a_feed_rate_in_percent_goes_by_the_i10_of_now() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -227,7 +227,7 @@ fn b5_9_a_feed_rate_in_percent_goes_by_the_i10_of_now() {
 }
 
 #[test]
-fn b5_5_a_held_jog_without_input_goes_by_its_time() {
+fn a_held_jog_without_input_goes_by_its_time() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -244,7 +244,7 @@ fn b5_5_a_held_jog_without_input_goes_by_its_time() {
 }
 
 #[test]
-fn c1_a_report_on_request_stays_as_fast_as_it_was() {
+fn a_report_on_request_stays_as_fast_as_it_was() {
     // Turbo User Manual p. 403: with I47=0 the board makes a report in the servo cycle after the host has taken the last one.
     let site = VirtualSite::new();
     site.start_simulator(&["--family", "turbo2", "--dpram-startup"]);

@@ -11,7 +11,7 @@ use crate::support::rig::{Rig, pmacctl_with};
 use crate::support::{PATIENCE, Place, Site, VirtualSite, status_within, wait_until};
 
 #[test]
-fn b5_1_a_socket_alone_is_that_of_its_own_board() {
+fn a_socket_alone_is_that_of_its_own_board() {
     let (first, second) = (Rig::new().live(), Rig::new().live());
     let bench = Bench::called(&second.name, |_| {});
     let socket = bench.socket.to_str().unwrap();
@@ -48,7 +48,7 @@ fn b5_1_a_socket_alone_is_that_of_its_own_board() {
 }
 
 #[test]
-fn b5_1_the_client_library_keeps_a_board_together() {
+fn the_client_library_keeps_a_board_together() {
     let (first, second) = (Rig::new().live(), Rig::new().live());
     let bench = Bench::called(&second.name, |_| {});
     assert_eq!(Board::at_socket(&bench.socket).unwrap().name().as_str(), second.name);
@@ -62,7 +62,7 @@ fn b5_1_the_client_library_keeps_a_board_together() {
 }
 
 #[test]
-fn b5_2_a_simulator_that_was_killed_ends_its_daemon() {
+fn a_simulator_that_was_killed_ends_its_daemon() {
     let place = Place::new();
     let log = std::fs::File::create(place.path("log")).unwrap();
     let mut daemon = Command::new(env!("CARGO_BIN_EXE_pmacd"))
@@ -86,7 +86,7 @@ fn b5_2_a_simulator_that_was_killed_ends_its_daemon() {
 }
 
 #[test]
-fn b5_2_the_exit_statuses_are_the_documented_ones() {
+fn the_exit_statuses_are_the_documented_ones() {
     let site = Site::new();
     let config = site.file("pmacd.toml", "board = \"sim\"\n");
     let missing = site.path("no/such/directory/x.sock").display().to_string();
@@ -106,7 +106,7 @@ fn b5_2_the_exit_statuses_are_the_documented_ones() {
 }
 
 #[test]
-fn b5_2_the_demo_has_the_name_it_was_given_and_says_how_to_reach_it() {
+fn the_demo_has_the_name_it_was_given_and_says_how_to_reach_it() {
     let place = Place::new();
     let mut demo = place.command(&["demo", "--seconds", "600"]);
     let mut demo =
@@ -170,7 +170,7 @@ fn as_root_b5_2_a_user_starts_a_board_by_hand() {
 }
 
 #[test]
-fn b5_3_a_board_with_stale_servo_data_is_not_live() {
+fn a_board_with_stale_servo_data_is_not_live() {
     let rig = Rig::new().live();
     let bench = Bench::called(&rig.name, |_| {});
     let status = || {
@@ -202,7 +202,7 @@ fn b5_3_a_board_with_stale_servo_data_is_not_live() {
 }
 
 #[test]
-fn b5_3_a_dead_board_is_noticed_without_its_reports() {
+fn a_dead_board_is_noticed_without_its_reports() {
     let site = VirtualSite::configured(&[], "functions = [\"ascii\", \"panel\"]\n");
     site.wait_for_identity();
     site.wait_until("a board that lives", || site.pmacctl(&["status"]).0 == 0);

@@ -42,7 +42,7 @@ fn assert_refused(site: &VirtualSite, arguments: &[&str], who: &str) {
 }
 
 #[test]
-fn b1_2_no_sequence_enters_an_open_program_buffer() {
+fn no_sequence_enters_an_open_program_buffer() {
     let site = VirtualSite::running(&[], &[]);
     let file = site.file("file.pmc", "P5=1\n");
     // The end of a one-shot `send` closes nothing.
@@ -68,7 +68,7 @@ fn b1_2_no_sequence_enters_an_open_program_buffer() {
 }
 
 #[test]
-fn b1_2_no_other_users_line_enters_but_close_and_what_stops_pass() {
+fn no_other_users_line_enters_but_close_and_what_stops_pass() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("OPEN PROG 77 CLEAR");
     let mut client = stranger(&site);
@@ -89,7 +89,7 @@ fn b1_2_no_other_users_line_enters_but_close_and_what_stops_pass() {
 }
 
 #[test]
-fn b1_2_a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
+fn a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("OPEN PROG 77 CLEAR");
     site.ask("X1");
@@ -100,7 +100,7 @@ fn b1_2_a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
 }
 
 #[test]
-fn b1_2_a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
+fn a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
     let site = VirtualSite::running(&[], &[]);
     let mut board = site.connection();
     let mut beside =
@@ -120,7 +120,7 @@ fn b1_2_a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
 }
 
 #[test]
-fn d1_a_programs_lines_enter_its_own_buffer_and_no_other() {
+fn a_programs_lines_enter_its_own_buffer_and_no_other() {
     let site = VirtualSite::running(&[], &[]);
     let (mut connection, mut own) = (site.connection(), OwnBuffer::default());
     let mut send = |line| own.send(&mut connection, line, PATIENCE).map_err(|error| error.to_string());
@@ -232,7 +232,7 @@ fn a_terminal_enters_no_buffer_that_another_process_of_its_user_has_open() {
 }
 
 #[test]
-fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
+fn a_buffer_that_the_serial_port_opened_counts() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     // A question of the daemon's that is on its way at this moment would enter.
@@ -250,7 +250,7 @@ fn b1_2_a_buffer_that_the_serial_port_opened_counts() {
 }
 
 #[test]
-fn b1_2_a_close_that_closes_nothing_lets_no_line_enter() {
+fn a_close_that_closes_nothing_lets_no_line_enter() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -269,7 +269,7 @@ fn b1_2_a_close_that_closes_nothing_lets_no_line_enter() {
 }
 
 #[test]
-fn b1_2_without_servo_data_the_board_is_asked_for_open_buffers() {
+fn without_servo_data_the_board_is_asked_for_open_buffers() {
     let site = VirtualSite::new();
     let startup = site.file("startup.pmc", "I58=1\n");
     site.start_simulator(&["--startup", &startup]);
@@ -301,7 +301,7 @@ fn b1_2_without_servo_data_the_board_is_asked_for_open_buffers() {
 }
 
 #[test]
-fn b1_2_status_doctor_and_terminal_name_the_open_buffer() {
+fn status_doctor_and_terminal_name_the_open_buffer() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     assert_eq!(site.run(&["status", "--json"]).json()["socket"]["open_buffer"], Value::Null);
@@ -332,7 +332,7 @@ fn b1_2_status_doctor_and_terminal_name_the_open_buffer() {
 }
 
 #[test]
-fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
+fn a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
     let site = VirtualSite::running(&[], &[]);
     let file = site.file("long.pmc", &format!("OPEN PROG 9 CLEAR\n{}P5=1\nCLOSE\n", "X1\n".repeat(2000)));
     site.ask("P5=7");
@@ -349,7 +349,7 @@ fn b1_2_a_sequence_whose_buffer_somebody_closed_carries_nothing_out() {
 }
 
 #[test]
-fn b1_2_the_characters_that_open_and_close_the_rotary_buffers_follow_the_rules_of_lines() {
+fn the_characters_that_open_and_close_the_rotary_buffers_follow_the_rules_of_lines() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     site.ask("&1DEFINE ROT 100");

@@ -233,7 +233,7 @@ fn is_open(board: &mut Connection) -> bool {
 }
 
 #[test]
-fn b2_6_a_line_by_hand_does_not_move_a_motor_that_somebody_holds() {
+fn a_line_by_hand_does_not_move_a_motor_that_somebody_holds() {
     let site = running();
     let (mut holder, mut other) = (site.connection(), site.connection());
     holder.panel_hold("jog+", &[1]).unwrap();
@@ -250,7 +250,7 @@ fn b2_6_a_line_by_hand_does_not_move_a_motor_that_somebody_holds() {
 }
 
 #[test]
-fn b2_6_without_servo_data_a_killed_motor_stays_killed_too() {
+fn without_servo_data_a_killed_motor_stays_killed_too() {
     let site = running();
     let mut board = site.connection();
     for kill in ["$$$", "#1K"] {

@@ -21,7 +21,7 @@ fn traces(path: &Path) -> Vec<Vec<[f64; 2]>> {
 }
 
 #[test]
-fn e3_gather_and_log_draw_what_they_wrote() {
+fn gather_and_log_draw_what_they_wrote() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     site.wait_until("the board's scales", || site.has_scales());
@@ -64,7 +64,7 @@ fn e3_gather_and_log_draw_what_they_wrote() {
 }
 
 #[test]
-fn e4_a_line_that_the_board_refuses_ends_the_gather() {
+fn a_line_that_the_board_refuses_ends_the_gather() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     let csv = site.path("g.csv");

@@ -97,7 +97,7 @@ fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
 }
 
 #[test]
-fn c7_the_demo_of_a_turbo_board_shows_the_motors_that_move() {
+fn the_demo_of_a_turbo_board_shows_the_motors_that_move() {
     let place = Site::new();
     let demo = std::process::Command::new(env!("CARGO_BIN_EXE_pmacctl"))
         .args(["demo", "--family", "turbo2", "--seconds", "1"])
@@ -109,7 +109,7 @@ fn c7_the_demo_of_a_turbo_board_shows_the_motors_that_move() {
 }
 
 #[test]
-fn c4_a_daemon_starts_a_simulated_turbo_board_that_reports_everything() {
+fn a_daemon_starts_a_simulated_turbo_board_that_reports_everything() {
     let family = "family = \"turbo2\"\n";
     for (board, config, family, length) in [
         ("sim,family=turbo2", "", "turbo2", 0x1_0000),

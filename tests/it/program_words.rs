@@ -51,7 +51,7 @@ fn held(site: &VirtualSite) -> Vec<(String, String)> {
 }
 
 #[test]
-fn c3_a_function_into_whose_words_a_program_points_is_not_used() {
+fn a_function_into_whose_words_a_program_points_is_not_used() {
     for (family, definitions, place) in [
         // As sites on Turbo boards have it: status words in the motor report (ls-cat-org/pgpmac), a buffer where one gathers.
         ("turbo2", ["M211->DP:$60080", "M500->F:$60450"], "Y:$060080"),
@@ -112,7 +112,7 @@ fn assert_theirs(site: &VirtualSite, when: &str) {
 
 /// With I9 odd the board repeats the question before each definition (Software Reference p. 253).
 #[test]
-fn c3_definitions_in_the_long_form_are_understood() {
+fn definitions_in_the_long_form_are_understood() {
     for (family, definition) in [("turbo2", "M211->DP:$60080"), ("pmac", "M211->DP:$D012")] {
         for i9 in ["I9=1", "I9=3"] {
             let site = site(family, &["I48=0", definition, i9], ASKS);
@@ -129,7 +129,7 @@ fn c3_definitions_in_the_long_form_are_understood() {
 }
 
 #[test]
-fn c3_a_board_that_is_slow_or_silent_for_a_while_keeps_its_words() {
+fn a_board_that_is_slow_or_silent_for_a_while_keeps_its_words() {
     for fault in ["ascii_slow 700ms", "ascii_slow 900ms", "ascii_no_reply on"] {
         let site = site_with_data_in_the_hosts_words();
         site.control(&format!("fault {fault}"));
@@ -149,7 +149,7 @@ fn c3_a_board_that_is_slow_or_silent_for_a_while_keeps_its_words() {
 }
 
 #[test]
-fn c3_how_far_a_slow_board_has_told_its_definitions_is_told() {
+fn how_far_a_slow_board_has_told_its_definitions_is_told() {
     let site = VirtualSite::new();
     site.start_simulator(&["--family", "turbo2"]);
     site.control("fault ascii_slow 400ms");
@@ -186,7 +186,7 @@ fn c3_how_far_a_slow_board_has_told_its_definitions_is_told() {
 }
 
 #[test]
-fn c3_words_that_turn_out_to_be_a_programs_are_put_back() {
+fn words_that_turn_out_to_be_a_programs_are_put_back() {
     let site = site_with_data_in_the_hosts_words();
     site.control("fault ascii_no_reply on");
     start_asking(&site);
@@ -214,7 +214,7 @@ fn reported_and_kept(site: &VirtualSite) -> [u16; 7] {
 }
 
 #[test]
-fn c3_the_board_is_told_to_report_no_more_than_before_until_its_definitions_are_known() {
+fn the_board_is_told_to_report_no_more_than_before_until_its_definitions_are_known() {
     let site = site_with_data_in_unreported_words();
     let before = reported_and_kept(&site);
     assert_eq!(before, [3, 0, 2, 0x5678, 0x1234, 0x5678, 0x1234]);
@@ -235,7 +235,7 @@ fn c3_the_board_is_told_to_report_no_more_than_before_until_its_definitions_are_
 }
 
 #[test]
-fn c1_what_the_board_reports_is_as_before_when_the_daemon_ends() {
+fn what_the_board_reports_is_as_before_when_the_daemon_ends() {
     let site =
         site("turbo2", &["M20->DP:$6001C", "M20=3", "M21->Y:$6019D,0,16", "M21=2", "M20->* M21->*"], ASKS);
     let chosen = || CHOSEN.map(|offset| word(&site, offset));
@@ -246,7 +246,7 @@ fn c1_what_the_board_reports_is_as_before_when_the_daemon_ends() {
 }
 
 #[test]
-fn c3_behind_a_reset_the_board_reports_what_it_says_until_its_definitions_are_known_again() {
+fn behind_a_reset_the_board_reports_what_it_says_until_its_definitions_are_known_again() {
     use std::os::unix::fs::FileExt as _;
     let site = site("turbo2", &[], ASKS);
     wait_until_known(&site);
@@ -268,7 +268,7 @@ fn c3_behind_a_reset_the_board_reports_what_it_says_until_its_definitions_are_kn
 }
 
 #[test]
-fn c3_a_daemon_that_cannot_ask_the_board_says_so() {
+fn a_daemon_that_cannot_ask_the_board_says_so() {
     let warning = "the board is not asked where its M-variables point";
     for (config, is_told) in [
         ("ask_m_variables = true\nfunctions = [\"servo\"]\n", true),
@@ -283,7 +283,7 @@ fn c3_a_daemon_that_cannot_ask_the_board_says_so() {
 
 /// Who asks the board for long lists all the time neither stops the questions nor makes pmacd give them up.
 #[test]
-fn c3_lines_of_others_do_not_make_the_board_one_that_does_not_tell() {
+fn lines_of_others_do_not_make_the_board_one_that_does_not_tell() {
     let site = site_with_data_in_the_hosts_words();
     site.control("fault ascii_slow 200ms");
     start_asking(&site);
@@ -299,7 +299,7 @@ fn c3_lines_of_others_do_not_make_the_board_one_that_does_not_tell() {
 }
 
 #[test]
-fn c3_the_configuration_overrules_it_by_name() {
+fn the_configuration_overrules_it_by_name() {
     let config = format!("{ASKS}shared_functions = [\"servo\"]\n");
     let site = site("pmac", &["M211->DP:$D012", "M212->Y:$D000"], &config);
     wait_until_known(&site);
@@ -321,7 +321,7 @@ fn c3_the_configuration_overrules_it_by_name() {
 }
 
 #[test]
-fn c3_what_is_defined_later_is_found_and_what_is_taken_away_is_used_again() {
+fn what_is_defined_later_is_found_and_what_is_taken_away_is_used_again() {
     let site = site("pmac", &[], ASKS);
     wait_until_known(&site);
     site.wait_for_live_servo();
@@ -340,7 +340,7 @@ fn c3_what_is_defined_later_is_found_and_what_is_taken_away_is_used_again() {
 }
 
 #[test]
-fn c3_a_board_that_cannot_be_asked_is_used_as_before() {
+fn a_board_that_cannot_be_asked_is_used_as_before() {
     let site = site("pmac", &["M211->DP:$D012", "I58=0"], ASKS);
     site.wait_for_live_servo();
     wait_until_known(&site);
@@ -350,7 +350,7 @@ fn c3_a_board_that_cannot_be_asked_is_used_as_before() {
 
 /// Somebody else may have it open for long: what he keeps in the DPRAM stays until the board can tell.
 #[test]
-fn c3_no_question_enters_an_open_buffer_and_functions_wait_until_it_is_closed() {
+fn no_question_enters_an_open_buffer_and_functions_wait_until_it_is_closed() {
     let site = site("pmac", &["OPEN PROG 77 CLEAR", "X1"], ASKS);
     site.wait_for_live_servo();
     site.run_for(Duration::from_secs(30));
@@ -364,7 +364,7 @@ fn c3_no_question_enters_an_open_buffer_and_functions_wait_until_it_is_closed() 
 }
 
 #[test]
-fn c3_abort_and_kill_overtake_the_questions() {
+fn abort_and_kill_overtake_the_questions() {
     let site = site("turbo2", &[], ASKS);
     site.wait_for_identity();
     // The questions have begun, and are far from their end.

@@ -50,7 +50,7 @@ fn moving(family: &str) -> VirtualSite {
 }
 
 #[test]
-fn b4_5_an_escape_sequence_in_the_boards_type_is_seen_and_does_nothing() {
+fn an_escape_sequence_in_the_boards_type_is_seen_and_does_nothing() {
     let recorded = moving("pmac");
     let (directory, _) = record(&recorded, &ASKED, TIME);
     let answers = directory.join("answers.ndjson");
@@ -116,12 +116,12 @@ fn gives_the_board_again(family: &str, asked: &[&str]) {
 }
 
 #[test]
-fn e6_a_replay_gives_the_daemon_the_board_again() {
+fn a_replay_gives_the_daemon_the_board_again() {
     gives_the_board_again("pmac", &ASKED);
 }
 
 #[test]
-fn e6_a_replay_gives_the_daemon_a_turbo_board_again() {
+fn a_replay_gives_the_daemon_a_turbo_board_again() {
     let motors: Vec<String> = (1..=32).map(|motor| format!("I{motor}00..{motor}99")).collect();
     let all: Vec<&str> =
         ASKED[..5].iter().copied().chain(["I0..99"]).chain(motors.iter().map(String::as_str)).collect();
@@ -129,7 +129,7 @@ fn e6_a_replay_gives_the_daemon_a_turbo_board_again() {
 }
 
 #[test]
-fn e6_what_pmacctl_captured_is_played_again() {
+fn what_pmacctl_captured_is_played_again() {
     let recorded = moving("pmac");
     let directory = recorded.path("captured");
     let ran =
@@ -147,7 +147,7 @@ fn e6_what_pmacctl_captured_is_played_again() {
 
 /// Its own questions are refused then, and nobody's line waits for that.
 #[test]
-fn e6_a_recording_without_the_boards_variables_answers_what_it_has() {
+fn a_recording_without_the_boards_variables_answers_what_it_has() {
     let recorded = moving("turbo2");
     let (directory, _) = record(&recorded, &["TYPE"], TIME);
     let site = replayed(&directory);
@@ -158,7 +158,7 @@ fn e6_a_recording_without_the_boards_variables_answers_what_it_has() {
 }
 
 #[test]
-fn e6_nothing_can_be_moved_in_a_replay_and_every_difference_is_told() {
+fn nothing_can_be_moved_in_a_replay_and_every_difference_is_told() {
     let recorded = moving("pmac");
     // Of what the daemon asks for, a part.
     let (directory, _) = record(&recorded, &["TYPE", "VERSION", "SIZE"], TIME);

@@ -177,7 +177,7 @@ fn every_vector_is_shown_or_waits_for_a_reason() {
 }
 
 #[test]
-fn c4_replies_byte_for_byte_of_every_family() {
+fn replies_byte_for_byte_of_every_family() {
     let mut wrong = Vec::new();
     for vector in vectors() {
         let Some((_, setup)) = SETUPS.iter().find(|(ids, _)| ids.contains(&vector.id)) else { continue };

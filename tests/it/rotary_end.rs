@@ -103,7 +103,7 @@ fn runs_on(site: &VirtualSite, family: &Family) -> bool {
 }
 
 #[test]
-fn b1_5_a_stream_after_an_abort_does_not_run_the_lines_that_are_left() {
+fn a_stream_after_an_abort_does_not_run_the_lines_that_are_left() {
     let site = running();
     let child = long_stream(&site);
     assert_eq!(site.pmacctl(&["abort"]).0, 0);
@@ -129,7 +129,7 @@ fn b1_5_a_stream_after_an_abort_does_not_run_the_lines_that_are_left() {
 }
 
 #[test]
-fn b1_1_status_tells_what_runs_and_what_is_left_whoever_started_it() {
+fn status_tells_what_runs_and_what_is_left_whoever_started_it() {
     let site = running();
     let program = |site: &VirtualSite| {
         let (_, status, _) = site.pmacctl(&["status"]);
@@ -147,7 +147,7 @@ fn b1_1_status_tells_what_runs_and_what_is_left_whoever_started_it() {
 }
 
 #[test]
-fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
+fn no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
     let site = running();
     let child = long_stream(&site);
     assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
@@ -187,7 +187,7 @@ fn b1_5_no_start_runs_what_an_aborted_stream_left_unless_that_is_asked_for() {
 }
 
 #[test]
-fn b1_5_a_program_that_was_streamed_whole_and_aborted_is_not_started_unasked() {
+fn a_program_that_was_streamed_whole_and_aborted_is_not_started_unasked() {
     for abort in [&["abort"][..], &["abort", "1"], &["send", "&1A"]] {
         let site = running();
         let lines: String = (1..=60).map(|target| format!("X{target}\n")).collect();
@@ -215,7 +215,7 @@ fn b1_5_a_program_that_was_streamed_whole_and_aborted_is_not_started_unasked() {
 }
 
 #[test]
-fn b1_5_a_restarted_daemon_asks_the_board_what_lies_there_before_the_first_start() {
+fn a_restarted_daemon_asks_the_board_what_lies_there_before_the_first_start() {
     let site = running();
     let child = long_stream(&site);
     assert_eq!(site.pmacctl(&["abort", "1"]).0, 0);
@@ -257,7 +257,7 @@ fn b1_5_a_restarted_daemon_asks_the_board_what_lies_there_before_the_first_start
 }
 
 #[test]
-fn b1_5_a_program_starts_after_what_a_stream_left_was_taken_away() {
+fn a_program_starts_after_what_a_stream_left_was_taken_away() {
     let site = running();
     let child = long_stream(&site);
     assert_eq!(site.pmacctl(&["abort"]).0, 0);
@@ -298,7 +298,7 @@ fn a_stream_that_clears_what_another_left_is_held_and_started_again_at_will() {
 }
 
 #[test]
-fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
+fn what_is_left_runs_first_when_that_is_asked_for() {
     let site = running();
     let file = site.file("first.pmc", "LINEAR INC TM20\nX50\n");
     assert_eq!(site.pmacctl(&["rotary", "stream", &file, "--define", "100"]).0, 0);
@@ -318,7 +318,7 @@ fn b1_5_what_is_left_runs_first_when_that_is_asked_for() {
 }
 
 #[test]
-fn b1_5_a_stream_notices_that_its_program_was_stopped() {
+fn a_stream_notices_that_its_program_was_stopped() {
     let site = running();
     let child = long_stream(&site);
     // ^Q ends every program; no board says so by itself.
@@ -333,7 +333,7 @@ fn b1_5_a_stream_notices_that_its_program_was_stopped() {
 }
 
 #[test]
-fn b1_9_a_stream_says_who_ended_its_program_as_far_as_known() {
+fn a_stream_says_who_ended_its_program_as_far_as_known() {
     for line in ["&1A", "A"] {
         let site = running();
         let child = long_stream(&site);
@@ -353,7 +353,7 @@ fn b1_9_a_stream_says_who_ended_its_program_as_far_as_known() {
 }
 
 #[test]
-fn b1_5_the_end_of_a_stream_says_that_a_feed_hold_keeps_its_program() {
+fn the_end_of_a_stream_says_that_a_feed_hold_keeps_its_program() {
     let site = running();
     let child = long_stream(&site);
     site.ask("&1H");
@@ -372,7 +372,7 @@ fn b1_5_the_end_of_a_stream_says_that_a_feed_hold_keeps_its_program() {
 }
 
 #[test]
-fn b1_1_a_stream_whose_client_is_killed_ends_its_program() {
+fn a_stream_whose_client_is_killed_ends_its_program() {
     let site = running();
     let mut child = long_stream(&site);
     child.kill().unwrap();
@@ -383,7 +383,7 @@ fn b1_1_a_stream_whose_client_is_killed_ends_its_program() {
 }
 
 #[test]
-fn b1_1_a_stream_whose_client_is_silent_ends_its_program() {
+fn a_stream_whose_client_is_silent_ends_its_program() {
     let site = running();
     let lines: Vec<RotaryLine> = vec![vec![(0x000E23, 0x500000), (0x000661, 0x980000)]; 400];
     let mut owner = site.connection();
@@ -422,7 +422,7 @@ fn a_stream_whose_client_was_suspended_says_that_it_was_silent() {
 }
 
 #[test]
-fn b1_1_a_daemon_that_stops_ends_the_program_of_a_stream() {
+fn a_daemon_that_stops_ends_the_program_of_a_stream() {
     let site = running();
     let child = long_stream(&site);
     site.stop_daemon();
@@ -434,7 +434,7 @@ fn b1_1_a_daemon_that_stops_ends_the_program_of_a_stream() {
 }
 
 #[test]
-fn b1_1_a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why() {
+fn a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why() {
     for is_serial in [false, true] {
         let site = running();
         let child = long_stream(&site);
@@ -460,7 +460,7 @@ fn b1_1_a_stream_whose_buffer_somebody_closes_ends_within_a_second_and_says_why(
 }
 
 #[test]
-fn b1_1_an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand() {
+fn an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand() {
     let site = running();
     let child = stream_of(
         &site,
@@ -478,7 +478,7 @@ fn b1_1_an_abort_of_its_coordinate_system_ends_a_stream_whose_program_may_stand(
 }
 
 #[test]
-fn b1_7_a_stream_notices_that_the_board_was_reset() {
+fn a_stream_notices_that_the_board_was_reset() {
     let site = running();
     let child = long_stream(&site);
     site.control("reset");
@@ -497,7 +497,7 @@ fn b1_7_a_stream_notices_that_the_board_was_reset() {
 /// Streams one after the other: none counts or runs a line of the one before it, however that ended, and where the board's
 /// count has a line that it has begun, too.
 #[test]
-fn d1_streams_in_series_begin_with_their_own_lines() {
+fn streams_in_series_begin_with_their_own_lines() {
     for (name, family) in [("pmac", &PMAC), ("turbo2", &TURBO2)] {
         let site = VirtualSite::configured(&["--family", name], &format!("family = \"{name}\"\n"));
         site.wait_until("a board that takes commands", || site.pmacctl(&["send", "#1J/"]).0 == 0);

@@ -374,7 +374,7 @@ fn the_boards_error_is_passed_on() {
 
 /// The board counts coordinate systems from another number than pmacd writes, so that &2 gets the lines of &1.
 #[test]
-fn b3_lines_that_the_board_puts_elsewhere_are_noticed_before_r() {
+fn lines_that_the_board_puts_elsewhere_are_noticed_before_r() {
     let site = VirtualSite::running(&["--rotary-cs-base", "0"], &[]);
     site.wait_for_axes();
     site.ask("&2DEFINE ROT 100");

@@ -243,7 +243,7 @@ fn as_root_an_object_of_a_foreign_owner_is_left_alone_and_not_believed() {
 }
 
 #[test]
-fn b4_2_a_squatted_name_does_not_keep_pmacd_away() {
+fn a_squatted_name_does_not_keep_pmacd_away() {
     let directory = tempfile::tempdir().unwrap();
     let squats = [".pmac0.new", ".pmac0.0123456789abcdef.new", ".pmac0.lock"];
     for squat in squats {
@@ -284,7 +284,7 @@ fn a_segment_that_lives_keeps_its_name_with_another_name_and_without_its_lock() 
 }
 
 #[test]
-fn b4_3_a_file_that_is_no_segment_is_refused_and_left_alone() {
+fn a_file_that_is_no_segment_is_refused_and_left_alone() {
     let late = [&[0; 0x4000][..], b"a board's own memory"].concat();
     for content in [&b"a board's own memory"[..], &late] {
         let directory = tempfile::tempdir().unwrap();
@@ -310,7 +310,7 @@ fn a_file_that_holds_nothing_is_replaced() {
 }
 
 #[test]
-fn b4_2_a_lock_that_is_none_is_left_alone() {
+fn a_lock_that_is_none_is_left_alone() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("pmac0.lock");
     std::fs::write(&path, b"notes").unwrap();

@@ -48,7 +48,7 @@ fn assert_closed(site: &VirtualSite) {
 }
 
 #[test]
-fn b2_6_no_sequence_moves_a_motor_that_somebody_holds() {
+fn no_sequence_moves_a_motor_that_somebody_holds() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     let mut holder = site.connection();
@@ -64,7 +64,7 @@ fn b2_6_no_sequence_moves_a_motor_that_somebody_holds() {
 }
 
 #[test]
-fn b1_1_lines_run_in_order_and_tell_their_replies() {
+fn lines_run_in_order_and_tell_their_replies() {
     let site = VirtualSite::running(&[], &[]);
     let mut connection = site.connection();
     let lines: Vec<String> = (0..300).map(|number| format!("P{number}={number}")).collect();
@@ -86,7 +86,7 @@ fn b1_1_lines_run_in_order_and_tell_their_replies() {
 }
 
 #[test]
-fn b1_1_a_second_sequence_is_refused_with_the_owners_name() {
+fn a_second_sequence_is_refused_with_the_owners_name() {
     let site = VirtualSite::running(&[], &[]);
     let owner = begin(&site, &["P5=7"]);
     let refused = site.connection().run_lines(DOWNLOAD, &["P5=8"], |_| true).unwrap_err();
@@ -102,7 +102,7 @@ fn b1_1_a_second_sequence_is_refused_with_the_owners_name() {
 }
 
 #[test]
-fn b1_1_the_daemon_closes_what_a_dead_client_has_left_open() {
+fn the_daemon_closes_what_a_dead_client_has_left_open() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("P5=7");
     drop(begin(&site, &["OPEN PROG 9 CLEAR", "X1", "X2"]));
@@ -114,7 +114,7 @@ fn b1_1_the_daemon_closes_what_a_dead_client_has_left_open() {
 }
 
 #[test]
-fn b1_1_the_daemon_closes_what_a_silent_client_has_left_open() {
+fn the_daemon_closes_what_a_silent_client_has_left_open() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("P5=7");
     let mut client = begin(&site, &["OPEN PROG 9 CLEAR", "X1"]);
@@ -135,7 +135,7 @@ fn b1_1_the_daemon_closes_what_a_silent_client_has_left_open() {
 }
 
 #[test]
-fn b1_1_the_daemon_closes_what_is_open_when_it_stops() {
+fn the_daemon_closes_what_is_open_when_it_stops() {
     let site = VirtualSite::running(&[], &[]);
     site.ask("P5=7");
     let _client = begin(&site, &["OPEN PROG 9 CLEAR", "X1"]);
@@ -148,7 +148,7 @@ fn b1_1_the_daemon_closes_what_is_open_when_it_stops() {
 }
 
 #[test]
-fn b1_7_a_download_notices_a_reset_between_two_lines() {
+fn a_download_notices_a_reset_between_two_lines() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     let lines: String = (0..900).map(|number| format!("P{number}={number}\n")).collect();
@@ -185,7 +185,7 @@ fn restore_of_900_lines() -> (VirtualSite, String, Child) {
 }
 
 #[test]
-fn b1_7_a_restore_notices_a_reset_between_two_lines() {
+fn a_restore_notices_a_reset_between_two_lines() {
     let (site, file, child) = restore_of_900_lines();
     site.control("reset");
     let ran = Ran::from(child.wait_with_output().unwrap());
@@ -203,7 +203,7 @@ fn b1_7_a_restore_notices_a_reset_between_two_lines() {
 }
 
 #[test]
-fn b1_8_a_restore_that_the_end_of_pmacd_cuts_short_fails() {
+fn a_restore_that_the_end_of_pmacd_cuts_short_fails() {
     let (site, file, child) = restore_of_900_lines();
     site.stop_daemon();
     let ran = Ran::from(child.wait_with_output().unwrap());
@@ -213,7 +213,7 @@ fn b1_8_a_restore_that_the_end_of_pmacd_cuts_short_fails() {
 }
 
 #[test]
-fn b1_7_a_download_into_a_program_says_that_a_reset_took_it() {
+fn a_download_into_a_program_says_that_a_reset_took_it() {
     // Without servo data, only the board's refusal (ERR005) shows that its buffer is not open any more.
     for before in [None, Some("ENDGATHER")] {
         let site = VirtualSite::running(&[], &[]);
@@ -237,7 +237,7 @@ fn b1_7_a_download_into_a_program_says_that_a_reset_took_it() {
 }
 
 #[test]
-fn b1_6_an_abort_ends_a_sequence_that_goes_on_with_further_lines() {
+fn an_abort_ends_a_sequence_that_goes_on_with_further_lines() {
     let site = VirtualSite::running(&[], &[]);
     let mut client = begin(&site, &["P5=7"]);
     let mut board = site.connection();

@@ -160,7 +160,7 @@ fn as_root_it_becomes_another_user_in_every_thread_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn b4_4_b4_5_questions_fill_no_log_and_passwords_stay_out_of_it() {
+fn questions_fill_no_log_and_passwords_stay_out_of_it() {
     let site = Site::running(&[], &[]);
     let mut connection = site.connection();
     let refused = (0..200).filter(|_| connection.rotary_state(1).is_err()).count();
@@ -342,7 +342,7 @@ fn values(path: &str, key: &str) -> Vec<String> {
 }
 
 #[test]
-fn d2_the_gateways_process_may_ask_and_its_user_may_no_more_than_look() {
+fn the_gateways_process_may_ask_and_its_user_may_no_more_than_look() {
     const UNIT: &str = "systemd/pmac-gateway@.service";
     let group = values(UNIT, "SupplementaryGroups=");
     // What pmacd's shipped configuration gives the role to that a command line takes.
@@ -359,7 +359,7 @@ fn d2_the_gateways_process_may_ask_and_its_user_may_no_more_than_look() {
 }
 
 #[test]
-fn b4_7_the_service_has_bounds_and_one_node() {
+fn the_service_has_bounds_and_one_node() {
     let unit = fs::read_to_string(root().join("systemd/pmacd@.service")).unwrap();
     let value = |name: &str| unit.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default();
     let megabytes: u64 = value("MemoryMax=").strip_suffix('M').unwrap().parse().unwrap();

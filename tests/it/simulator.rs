@@ -65,7 +65,7 @@ fn interrupts_are_counted_for_every_host_and_can_be_lost() {
 }
 
 #[test]
-fn b4_6_the_running_simulator_holds_no_capability() {
+fn the_running_simulator_holds_no_capability() {
     let mut sim = Sim::start(&["--virtual"]);
     sim.ok("step 1");
     let status = std::fs::read_to_string(format!("/proc/{}/status", sim.child.id())).unwrap();
@@ -143,7 +143,7 @@ fn refused(options: &[&str]) -> Output {
 }
 
 #[test]
-fn c4_turbo_boards_start_with_the_dpram_that_is_asked_for() {
+fn turbo_boards_start_with_the_dpram_that_is_asked_for() {
     for (family, dpram, length) in [
         ("turbo", None, 0x4000),
         ("turbo", Some("32k"), 0x1_0000),

@@ -53,7 +53,7 @@ fn is_open(board: &mut Connection) -> bool {
 
 /// Both are read in one round, and the character goes first.
 #[test]
-fn b2_6_a_jog_that_is_asked_for_just_before_an_abort_is_held_by_nobody_and_does_not_begin() {
+fn a_jog_that_is_asked_for_just_before_an_abort_is_held_by_nobody_and_does_not_begin() {
     let site = running("");
     site.wait_for_identity();
     let mut board = site.connection();
@@ -74,7 +74,7 @@ fn b2_6_a_jog_that_is_asked_for_just_before_an_abort_is_held_by_nobody_and_does_
 }
 
 #[test]
-fn b2_6_a_held_jog_stops_by_command_line_where_the_panel_is_gone() {
+fn a_held_jog_stops_by_command_line_where_the_panel_is_gone() {
     let site = running("");
     let mut board = site.connection();
     board.send("#3", PATIENCE).unwrap();
@@ -94,7 +94,7 @@ fn b2_6_a_held_jog_stops_by_command_line_where_the_panel_is_gone() {
 }
 
 #[test]
-fn c1_where_there_is_no_panel_stops_go_as_command_lines() {
+fn where_there_is_no_panel_stops_go_as_command_lines() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     let mut board = site.connection();
@@ -124,7 +124,7 @@ fn jogs(board: &mut Connection) {
 }
 
 #[test]
-fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
+fn a_stop_by_line_goes_whoever_has_which_buffer_open() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     let mut board = site.connection();
@@ -156,7 +156,7 @@ fn b2_6_a_stop_by_line_goes_whoever_has_which_buffer_open() {
 }
 
 #[test]
-fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
+fn a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
     let site = running("");
     let mut board = site.connection();
     jogs(&mut board);
@@ -199,7 +199,7 @@ fn b2_6_a_daemon_that_starts_while_a_buffer_is_open_stops_a_jog() {
 }
 
 #[test]
-fn b2_6_a_held_jog_ends_when_somebody_switches_the_panel_off() {
+fn a_held_jog_ends_when_somebody_switches_the_panel_off() {
     for by_serial in [false, true] {
         let site = running("");
         let mut board = site.connection();
@@ -233,7 +233,7 @@ fn b2_6_a_held_jog_ends_when_somebody_switches_the_panel_off() {
 }
 
 #[test]
-fn b2_6_a_killed_motor_gets_no_line_either() {
+fn a_killed_motor_gets_no_line_either() {
     let site = running("");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
@@ -247,7 +247,7 @@ fn b2_6_a_killed_motor_gets_no_line_either() {
 }
 
 #[test]
-fn b2_6_a_stop_by_line_leaves_a_killed_motor_killed() {
+fn a_stop_by_line_leaves_a_killed_motor_killed() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     let mut board = site.connection();
@@ -281,7 +281,7 @@ fn b2_6_a_stop_by_line_leaves_a_killed_motor_killed() {
 }
 
 #[test]
-fn b2_6_a_jog_whose_panel_goes_is_told_and_stops_by_line() {
+fn a_jog_whose_panel_goes_is_told_and_stops_by_line() {
     for by_serial in [false, true] {
         let site = running("");
         let mut board = site.connection();
@@ -331,7 +331,7 @@ fn a_held_jog_whose_stop_the_board_refuses_ends_by_an_abort_of_everything() {
 }
 
 #[test]
-fn b2_6_a_held_jog_stops_by_line_while_a_buffer_is_open() {
+fn a_held_jog_stops_by_line_while_a_buffer_is_open() {
     let site = running("");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
@@ -348,7 +348,7 @@ fn b2_6_a_held_jog_stops_by_line_while_a_buffer_is_open() {
 }
 
 #[test]
-fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
+fn with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
     let site = running("stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
@@ -362,7 +362,7 @@ fn b2_6_with_0_nothing_is_aborted_and_the_stop_is_asked_for_again() {
 }
 
 #[test]
-fn b2_6_a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
+fn a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
     let site = running("");
     let mut board = site.connection();
     let held = holder(&site, &mut board);
@@ -375,7 +375,7 @@ fn b2_6_a_board_that_takes_nothing_not_even_an_abort_is_asked_again() {
 }
 
 #[test]
-fn b2_6_a_held_jog_is_stopped_before_the_daemon_ends_however_long_the_board_is_busy() {
+fn a_held_jog_is_stopped_before_the_daemon_ends_however_long_the_board_is_busy() {
     for command in ["SAVE", "$$$"] {
         let site = running_with(&["--slow", "1"], "");
         let mut board = site.connection();
@@ -400,7 +400,7 @@ fn b2_6_a_held_jog_is_stopped_before_the_daemon_ends_however_long_the_board_is_b
 }
 
 #[test]
-fn b2_6_a_daemon_that_ends_says_which_motor_may_still_move() {
+fn a_daemon_that_ends_says_which_motor_may_still_move() {
     let site = running("");
     let mut board = site.connection();
     let told = hears_of_its_end(holder(&site, &mut board));
@@ -413,7 +413,7 @@ fn b2_6_a_daemon_that_ends_says_which_motor_may_still_move() {
 }
 
 #[test]
-fn b2_6_the_holder_is_told_that_the_motor_moves() {
+fn the_holder_is_told_that_the_motor_moves() {
     let site = running("stop_all_after_ms = 0\n");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
@@ -431,7 +431,7 @@ fn b2_6_the_holder_is_told_that_the_motor_moves() {
 }
 
 #[test]
-fn b2_6_abort_of_a_coordinate_system_falls_back_the_same_way() {
+fn abort_of_a_coordinate_system_falls_back_the_same_way() {
     let site = running("");
     let mut board = site.connection();
     board.send("&2 #2->X I293=$8C6", PATIENCE).unwrap();
@@ -452,7 +452,7 @@ fn b2_6_abort_of_a_coordinate_system_falls_back_the_same_way() {
 }
 
 #[test]
-fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
+fn a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
     use pmac_dpram::daemon::bus::work::panel::PanelQueue;
     use pmac_dpram::daemon::shared::queue::{Event, Outcome, Ticket};
     use pmac_dpram::device::{Bus, FileBoard};
@@ -484,7 +484,7 @@ fn b2_6_a_late_clearing_of_the_mask_is_not_taken_for_a_stop() {
 }
 
 #[test]
-fn b2_6_another_ones_stop_ends_a_hold_and_no_other_jog_begins() {
+fn another_ones_stop_ends_a_hold_and_no_other_jog_begins() {
     let site = running("");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
@@ -508,7 +508,7 @@ fn b2_6_another_ones_stop_ends_a_hold_and_no_other_jog_begins() {
 }
 
 #[test]
-fn b2_6_a_held_jog_notices_a_stop_that_came_by_another_way() {
+fn a_held_jog_notices_a_stop_that_came_by_another_way() {
     let site = running("");
     let mut board = site.connection();
     let mut held = holder(&site, &mut board);
@@ -527,7 +527,7 @@ fn b2_6_a_held_jog_notices_a_stop_that_came_by_another_way() {
 }
 
 #[test]
-fn d7_characters_that_only_report_fill_no_log() {
+fn characters_that_only_report_fill_no_log() {
     let site = running("");
     let mut board = site.connection();
     for character in *b"\x02\x03\x06\x07\x10\x16" {

@@ -111,7 +111,7 @@ fn abort_and_kill_go_at_once_and_the_status_says_whether_they_went() {
 }
 
 #[test]
-fn b4_1_the_help_of_kill_says_that_a_vertical_axis_falls() {
+fn the_help_of_kill_says_that_a_vertical_axis_falls() {
     for arguments in ["kill --help", "--help"] {
         let told = pmacctl(arguments).stdout.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(
@@ -122,7 +122,7 @@ fn b4_1_the_help_of_kill_says_that_a_vertical_axis_falls() {
 }
 
 #[test]
-fn b2_5_what_cuts_everybody_off_is_not_sent_unless_somebody_says_so() {
+fn what_cuts_everybody_off_is_not_sent_unless_somebody_says_so() {
     let bench = Bench::new();
     let socket = bench.socket.display();
     for line in ["^Z", "I58=0"] {

@@ -104,7 +104,7 @@ fn a_board_is_set_up_over_the_serial_line() {
 }
 
 #[test]
-fn e7_lines_over_the_serial_line_are_for_the_family_that_the_board_tells() {
+fn lines_over_the_serial_line_are_for_the_family_that_the_board_tells() {
     let site = VirtualSite::new();
     site.start_simulator(&["--family", "turbo2"]);
     let wire = Wire::to(&site);

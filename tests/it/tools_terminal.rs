@@ -52,7 +52,7 @@ fn in_a_pipe_replies_errors_and_texts_are_kept_apart() {
 }
 
 #[test]
-fn b4_5_control_characters_of_the_board_do_nothing_unless_wanted() {
+fn control_characters_of_the_board_do_nothing_unless_wanted() {
     let site = VirtualSite::running(&[], &[]);
     for (options, shown) in [(&[][..], "-- SEND: A\\x1b[2JB"), (&["--raw"], "-- SEND: A\u{1b}[2JB")] {
         let mut child = piped(&site, options);
@@ -194,7 +194,7 @@ fn on_a_terminal_there_is_a_prompt_editing_and_history() {
 }
 
 #[test]
-fn b5_4_the_keys_that_abort_and_kill_reach_the_board_from_an_empty_line() {
+fn the_keys_that_abort_and_kill_reach_the_board_from_an_empty_line() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     let pty = pty(Some(&nix::pty::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 }));
@@ -286,7 +286,7 @@ fn on_a_terminal_a_stream_shows_how_far_it_is() {
 }
 
 #[test]
-fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
+fn a_piped_terminal_notices_a_reset_between_two_lines() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_identity();
     // A reset shows when the board has run for longer before it than since.
@@ -312,7 +312,7 @@ fn b1_7_a_piped_terminal_notices_a_reset_between_two_lines() {
 }
 
 #[test]
-fn b1_2_a_line_by_an_address_that_somebody_else_has_changed_is_not_sent() {
+fn a_line_by_an_address_that_somebody_else_has_changed_is_not_sent() {
     let site = VirtualSite::running(&[], &[]);
     let mut other = site.connection();
     let mut child = piped(&site, &[]);
@@ -341,7 +341,7 @@ fn b1_2_a_line_by_an_address_that_somebody_else_has_changed_is_not_sent() {
 }
 
 #[test]
-fn b1_2_a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed_that() {
+fn a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed_that() {
     for closing in ["CLOSE", "a reset"] {
         let site = VirtualSite::running(&[], &[]);
         site.wait_for_live_servo();
@@ -378,7 +378,7 @@ fn b1_2_a_line_that_belongs_into_a_buffer_is_no_command_when_somebody_has_closed
 }
 
 #[test]
-fn b1_2_the_prompt_shows_an_address_that_somebody_else_has_changed() {
+fn the_prompt_shows_an_address_that_somebody_else_has_changed() {
     let site = VirtualSite::running(&[], &[]);
     let pty = pty(Some(&nix::pty::Winsize { ws_row: 24, ws_col: 200, ws_xpixel: 0, ws_ypixel: 0 }));
     let slave = || Stdio::from(pty.slave.try_clone().unwrap());

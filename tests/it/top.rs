@@ -124,7 +124,7 @@ fn moves(site: &VirtualSite) -> bool {
 }
 
 #[test]
-fn e2_the_screen_shows_the_board_and_is_taken_away() {
+fn the_screen_shows_the_board_and_is_taken_away() {
     let site = running();
     let mut seat = Seat::at(&site, &["P1", "X:$0000"]);
     for text in ["in-position", "following error of #1", "counters", "linear", "P1=0"] {
@@ -154,7 +154,7 @@ fn e2_the_screen_shows_the_board_and_is_taken_away() {
 }
 
 #[test]
-fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
+fn a_motor_jogs_only_while_its_armed_key_is_held_down() {
     let site = running();
     let mut seat = Seat::at(&site, &[]);
     seat.sees("in-position");
@@ -185,7 +185,7 @@ fn e2_a_motor_jogs_only_while_its_armed_key_is_held_down() {
 }
 
 #[test]
-fn e2_a_turbo_boards_motor_jogs_by_line_while_its_armed_key_is_held_down() {
+fn a_turbo_boards_motor_jogs_by_line_while_its_armed_key_is_held_down() {
     let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -203,7 +203,7 @@ fn e2_a_turbo_boards_motor_jogs_by_line_while_its_armed_key_is_held_down() {
 }
 
 #[test]
-fn e2_a_jog_ends_with_the_screen_however_that_ends() {
+fn a_jog_ends_with_the_screen_however_that_ends() {
     let site = running();
     for end in ["kill", "term", "key"] {
         let mut seat = Seat::at(&site, &[]);
@@ -226,7 +226,7 @@ fn e2_a_jog_ends_with_the_screen_however_that_ends() {
 }
 
 #[test]
-fn e2_two_screens_do_not_jog_one_motor() {
+fn two_screens_do_not_jog_one_motor() {
     let site = running();
     let (mut first, mut second) = (Seat::at(&site, &[]), Seat::at(&site, &[]));
     first.sees("in-position");
@@ -255,7 +255,7 @@ fn e2_two_screens_do_not_jog_one_motor() {
 }
 
 #[test]
-fn e2_the_screen_outlives_the_daemon() {
+fn the_screen_outlives_the_daemon() {
     let site = running();
     let mut seat = Seat::at(&site, &[]);
     seat.sees("in-position");
@@ -276,7 +276,7 @@ fn e2_the_screen_outlives_the_daemon() {
 }
 
 #[test]
-fn e2_a_suspended_screen_gives_the_terminal_back_and_takes_it_again() {
+fn a_suspended_screen_gives_the_terminal_back_and_takes_it_again() {
     let site = running();
     let mut seat = Seat::at(&site, &[]);
     let state = |seat: &Seat| {
@@ -308,7 +308,7 @@ fn e2_a_suspended_screen_gives_the_terminal_back_and_takes_it_again() {
 }
 
 #[test]
-fn e2_without_a_terminal_it_says_what_to_use_instead() {
+fn without_a_terminal_it_says_what_to_use_instead() {
     let ran = pmacctl("top");
     let why = "pmacctl: top needs a terminal; in a pipe, pmacctl watch prints lines, and motors --json a document\n";
     assert_eq!(ran, Ran { stdout: String::new(), stderr: why.to_owned(), code: Some(2) });

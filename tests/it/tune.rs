@@ -22,7 +22,7 @@ fn site() -> VirtualSite {
 }
 
 #[test]
-fn e3_a_step_is_timed_drawn_and_taken_back() {
+fn a_step_is_timed_drawn_and_taken_back() {
     let site = site();
     let before = site.ask(SET);
     let [csv, svg] = ["step.csv", "step.svg"].map(|name| site.path(name));
@@ -53,7 +53,7 @@ fn e3_a_step_is_timed_drawn_and_taken_back() {
 }
 
 #[test]
-fn e3_what_a_motor_must_not_do_is_not_begun() {
+fn what_a_motor_must_not_do_is_not_begun() {
     let site = site();
     let before = site.ask(SET);
     site.ask("#2J+#1");
@@ -102,7 +102,7 @@ fn step_with_a_question(site: &VirtualSite, meanwhile: Option<&str>) -> Ran {
 }
 
 #[test]
-fn e3_nothing_moves_by_variables_that_somebody_set_after_the_question() {
+fn nothing_moves_by_variables_that_somebody_set_after_the_question() {
     let site = site();
     for (line, said) in
         [("I120=3", "I120 was 200, and is 3 now"), ("I111=1000", "I111 was 32000, and is 1000 now")]
@@ -125,7 +125,7 @@ fn e3_nothing_moves_by_variables_that_somebody_set_after_the_question() {
 }
 
 #[test]
-fn e3_the_board_kills_a_motor_that_falls_behind() {
+fn the_board_kills_a_motor_that_falls_behind() {
     let site = site();
     let before = site.ask(SET);
     site.control("stall 1 on");
@@ -139,7 +139,7 @@ fn e3_the_board_kills_a_motor_that_falls_behind() {
 }
 
 #[test]
-fn e3_the_daemon_puts_back_what_a_killed_client_has_set() {
+fn the_daemon_puts_back_what_a_killed_client_has_set() {
     let site = site();
     let before = site.ask(SET);
     let tune = ["tune", "parabolic", "1", "--time", "20000", "--size", "20000", "--limit", "500", "--yes"];
@@ -171,7 +171,7 @@ fn end(site: &VirtualSite, child: Child) -> Ran {
 }
 
 #[test]
-fn b1_2_what_an_open_buffer_keeps_back_is_told_and_put_back_when_it_is_closed() {
+fn what_an_open_buffer_keeps_back_is_told_and_put_back_when_it_is_closed() {
     let site = site();
     let before = site.ask(SET);
     let child = moving(&site);
@@ -188,7 +188,7 @@ fn b1_2_what_an_open_buffer_keeps_back_is_told_and_put_back_when_it_is_closed() 
 }
 
 #[test]
-fn b1_2_what_somebody_else_sets_during_a_move_stays() {
+fn what_somebody_else_sets_during_a_move_stays() {
     let site = site();
     let before = site.ask(SET);
     let child = moving(&site);
@@ -205,7 +205,7 @@ fn b1_2_what_somebody_else_sets_during_a_move_stays() {
 }
 
 #[test]
-fn e3_a_motor_that_is_not_brought_back_is_told_of() {
+fn a_motor_that_is_not_brought_back_is_told_of() {
     let site = site();
     site.ask("#1J=500");
     site.wait_until("the motor to stand", || site.ask("#1P") == ["500"]);
@@ -224,7 +224,7 @@ fn e3_a_motor_that_is_not_brought_back_is_told_of() {
 }
 
 #[test]
-fn e3_each_variable_is_put_back_once() {
+fn each_variable_is_put_back_once() {
     let site = site();
     let ran = site.hurried(|| site.run(&["tune", "step", "1", "--stay", "--yes"]));
     assert_eq!(ran.code, Some(0), "{ran:?}");
@@ -234,7 +234,7 @@ fn e3_each_variable_is_put_back_once() {
 }
 
 #[test]
-fn e3_a_move_that_does_not_come_to_its_end_has_no_figures() {
+fn a_move_that_does_not_come_to_its_end_has_no_figures() {
     for stops in ["kill", "interrupt", "reset"] {
         let site = site();
         let child = moving(&site);

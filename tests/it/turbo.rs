@@ -14,7 +14,7 @@ fn list(motors: impl IntoIterator<Item = usize>) -> String {
 }
 
 #[test]
-fn c1_the_motors_of_a_turbo_board_reach_pmacctl() {
+fn the_motors_of_a_turbo_board_reach_pmacctl() {
     let choices = [vec![1], vec![2, 17, 32], (1..=8).collect(), (1..=32).collect::<Vec<_>>()];
     for motors in choices {
         for reading in ["optimistic", "handshake"] {
@@ -75,7 +75,7 @@ fn motors_that_are_not_activated_are_not_shown() {
 }
 
 #[test]
-fn c1_words_of_motors_outside_the_mask_are_neither_read_nor_written() {
+fn words_of_motors_outside_the_mask_are_neither_read_nor_written() {
     let mut site = Site::new("functions = [\"servo\"]\n[servo]\nmotors = [3]\n");
     site.cycles(400);
     let segment = site.site.attach();
@@ -98,7 +98,7 @@ fn c1_words_of_motors_outside_the_mask_are_neither_read_nor_written() {
 }
 
 #[test]
-fn c5_a_turbo_update_costs_the_words_of_the_masked_motors() {
+fn a_turbo_update_costs_the_words_of_the_masked_motors() {
     for count in [1, 8, 32] {
         for (reading, polls) in [("optimistic", 6), ("handshake", 10)] {
             let chosen = list(1..=count);
@@ -122,7 +122,7 @@ fn c5_a_turbo_update_costs_the_words_of_the_masked_motors() {
 }
 
 #[test]
-fn c1_the_coordinate_systems_of_a_turbo_board_reach_pmacctl() {
+fn the_coordinate_systems_of_a_turbo_board_reach_pmacctl() {
     let mut site = Site::new("functions = [\"servo\", \"background\"]\n[background]\nmotors = [1, 9, 16]\n");
     site.cycles(1000);
     assert_eq!(site.board().word(SYSTEM_COUNT), 16, "the highest that is read");
@@ -136,7 +136,7 @@ fn c1_the_coordinate_systems_of_a_turbo_board_reach_pmacctl() {
 }
 
 #[test]
-fn c1_that_a_turbo_board_gathers_for_others_is_told() {
+fn that_a_turbo_board_gathers_for_others_is_told() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     let gathers = |site: &Site| {
@@ -151,7 +151,7 @@ fn c1_that_a_turbo_board_gathers_for_others_is_told() {
 }
 
 #[test]
-fn c1_a_function_that_is_not_there_is_refused_by_name() {
+fn a_function_that_is_not_there_is_refused_by_name() {
     let mut site = Site::new("");
     site.cycles(400);
     let status = site.json(&["status"]);
@@ -174,7 +174,7 @@ fn c1_a_function_that_is_not_there_is_refused_by_name() {
 }
 
 #[test]
-fn c1_the_lines_of_a_set_up_are_for_the_daemons_board() {
+fn the_lines_of_a_set_up_are_for_the_daemons_board() {
     let mut site = Site::new("");
     site.cycles(400);
     for what in [&["enable", "servo"][..], &["isa", "--address", "0xD4000"]] {
@@ -187,7 +187,7 @@ fn c1_the_lines_of_a_set_up_are_for_the_daemons_board() {
 
 /// I48 alone starts a Turbo board's report, so an ENDGATHER does not end it.
 #[test]
-fn c1_a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
+fn a_gather_buffer_that_is_refused_says_what_ends_the_gather_in_its_way() {
     let mut site = Site::new("");
     site.cycles(400);
     site.board().refuses = Some("DEFINE");
@@ -205,7 +205,7 @@ fn a_board_without_a_report_that_tells_of_buffers_is_asked_and_answers_at_once()
 }
 
 #[test]
-fn c1_command_lines_go_through_a_turbo_boards_dpram() {
+fn command_lines_go_through_a_turbo_boards_dpram() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     assert_eq!(site.board().parts, 0, "questions of our own fit one part");
@@ -228,7 +228,7 @@ fn c1_command_lines_go_through_a_turbo_boards_dpram() {
 }
 
 #[test]
-fn c1_a_program_buffer_that_the_background_report_shows_open_takes_no_line_of_others() {
+fn a_program_buffer_that_the_background_report_shows_open_takes_no_line_of_others() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     // Open: 19 a motion buffer, 18 a rotary buffer for text, 17 a PLC buffer; 20, for binary lines, takes no text (Turbo Software
@@ -246,7 +246,7 @@ fn c1_a_program_buffer_that_the_background_report_shows_open_takes_no_line_of_ot
 }
 
 #[test]
-fn c1_a_message_of_a_program_is_told_without_its_mark() {
+fn a_message_of_a_program_is_told_without_its_mark() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     let mut messages = site.site.connection().messages().unwrap();
@@ -259,7 +259,7 @@ fn c1_a_message_of_a_program_is_told_without_its_mark() {
 }
 
 #[test]
-fn c1_a_turbo_board_gathers() {
+fn a_turbo_board_gathers() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     let arguments =
@@ -282,7 +282,7 @@ fn c1_a_turbo_board_gathers() {
 }
 
 #[test]
-fn c1_background_variables_of_a_turbo_board_are_read() {
+fn background_variables_of_a_turbo_board_are_read() {
     let mut site = Site::with_board("", |_| ());
     site.cycles(8000);
     let (code, stdout, stderr) =

@@ -34,7 +34,7 @@ fn header(site: &VirtualSite, cs: u64) -> [u16; 6] {
 }
 
 #[test]
-fn c1_every_coordinate_system_of_a_turbo_board_has_a_rotary_buffer() {
+fn every_coordinate_system_of_a_turbo_board_has_a_rotary_buffer() {
     let site = running(&[]);
     let file = program(&site, "RAPID X10\nX250\n");
     let file = file.to_str().unwrap();
@@ -58,7 +58,7 @@ fn c1_every_coordinate_system_of_a_turbo_board_has_a_rotary_buffer() {
 }
 
 #[test]
-fn c1_headers_full_of_garbage_are_not_in_use_when_binary_entry_opens() {
+fn headers_full_of_garbage_are_not_in_use_when_binary_entry_opens() {
     let site = running(&["--garbage", "5"]);
     let memory = std::fs::File::options().write(true).open(site.path("dpram")).unwrap();
     memory.write_all_at(&[0x16; 16 * HEADER as usize], HEADERS).unwrap();
@@ -74,7 +74,7 @@ fn c1_headers_full_of_garbage_are_not_in_use_when_binary_entry_opens() {
 }
 
 #[test]
-fn c1_a_turbo_board_lists_what_it_was_sent_home_of_motor_24_too() {
+fn a_turbo_board_lists_what_it_was_sent_home_of_motor_24_too() {
     let site = running(&[]);
     let check = site.run(&["rotary", "check", "--cs", "9", "--define", "500"]);
     assert_eq!(
@@ -91,7 +91,7 @@ fn c1_a_turbo_board_lists_what_it_was_sent_home_of_motor_24_too() {
 }
 
 #[test]
-fn c1_the_buffer_of_another_coordinate_system_is_refused() {
+fn the_buffer_of_another_coordinate_system_is_refused() {
     let site = running(&[]);
     let file = program(&site, "X1\n");
     let stream = site.run(&[
@@ -120,7 +120,7 @@ fn c1_the_buffer_of_another_coordinate_system_is_refused() {
 
 /// What the words have no room for is refused with its place, not sent to another motor or variable.
 #[test]
-fn c1_motors_and_variables_without_a_bit_are_refused() {
+fn motors_and_variables_without_a_bit_are_refused() {
     let site = VirtualSite::new();
     let encode = |text: &str, family: &str| {
         let file = program(&site, text);
@@ -146,7 +146,7 @@ fn c1_motors_and_variables_without_a_bit_are_refused() {
 
 /// A stream into a high coordinate system sees that its program ended, though ^C tells of eight systems alone.
 #[test]
-fn c1_a_stream_into_a_high_coordinate_system_ends_with_its_program() {
+fn a_stream_into_a_high_coordinate_system_ends_with_its_program() {
     let site = running(&[]);
     site.ask("&12#5->X");
     let line = vec![(0x00_0E23, 0x50_0000)];

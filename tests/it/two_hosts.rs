@@ -36,7 +36,7 @@ fn elsewhere(site: &VirtualSite) -> Vec<Value> {
 const RECHECK: Duration = Duration::from_secs(32);
 
 #[test]
-fn b1_9_status_says_what_another_host_has_changed() {
+fn status_says_what_another_host_has_changed() {
     let (site, mut serial) = running();
     assert_eq!(elsewhere(&site), [Value::Null; 0]);
     send(&site, &mut serial, "I2=1 I55=0 I108=48");
@@ -61,7 +61,7 @@ fn b1_9_status_says_what_another_host_has_changed() {
 }
 
 #[test]
-fn b1_9_a_reset_is_no_change_by_another_host() {
+fn a_reset_is_no_change_by_another_host() {
     let (site, _serial) = running();
     site.ask("I2=1");
     site.run_for(RECHECK);
@@ -72,7 +72,7 @@ fn b1_9_a_reset_is_no_change_by_another_host() {
 }
 
 #[test]
-fn b1_9_what_is_believed_is_asked_again_before_it_is_acted_on() {
+fn what_is_believed_is_asked_again_before_it_is_acted_on() {
     let (site, mut serial) = running();
     site.run_for(Duration::from_secs(2));
     send(&site, &mut serial, "I55=0");
@@ -87,7 +87,7 @@ fn b1_9_what_is_believed_is_asked_again_before_it_is_acted_on() {
 }
 
 #[test]
-fn b1_9_status_says_that_another_host_has_a_buffer_open_gathers_or_has_switched_lines_off() {
+fn status_says_that_another_host_has_a_buffer_open_gathers_or_has_switched_lines_off() {
     let (site, mut serial) = running();
     let has = |what: &str| elsewhere(&site).iter().any(|change| change["what"] == what);
     send(&site, &mut serial, "OPEN PROG 7 CLEAR");

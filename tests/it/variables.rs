@@ -177,7 +177,7 @@ fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
 }
 
 #[test]
-fn b5_9_function_blocks_of_compiled_plcs_are_watched_and_written() {
+fn function_blocks_of_compiled_plcs_are_watched_and_written() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -210,7 +210,7 @@ fn b5_9_function_blocks_of_compiled_plcs_are_watched_and_written() {
 }
 
 #[test]
-fn b5_9_function_blocks_need_firmware_that_has_them() {
+fn function_blocks_need_firmware_that_has_them() {
     let site = VirtualSite::running(&["--firmware", "1.15G"], &[]);
     site.wait_for_live_servo();
     site.wait_for_identity();
@@ -223,7 +223,7 @@ fn b5_9_function_blocks_need_firmware_that_has_them() {
 }
 
 #[test]
-fn e4_registers_and_variables_are_watched_side_by_side() {
+fn registers_and_variables_are_watched_side_by_side() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
     for line in ["WY$700,$123456", "P1=2.5", "M102->Y:$0700,0,8", "I122=40"] {

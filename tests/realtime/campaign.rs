@@ -522,7 +522,7 @@ fn whatever_the_board_does_everything_works_again() {
 }
 
 #[test]
-fn c6_whatever_a_turbo_board_does_everything_works_again() {
+fn whatever_a_turbo_board_does_everything_works_again() {
     campaign(Some(&TURBO2), 1, SHORT);
 }
 

@@ -149,7 +149,7 @@ fn many_held_jogs_end_with_the_daemon() {
 }
 
 #[test]
-fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
+fn with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
     let site = running();
     let mut child = start(&site, &["panel", "jog+", "1", "--hold"]);
     wait_until("the jog", || moves_by_itself(&site));
@@ -169,7 +169,7 @@ fn b2_8_with_the_daemon_stopped_the_holder_soon_says_that_the_motor_may_move() {
 }
 
 #[test]
-fn b2_8_with_the_daemon_stopped_an_abort_soon_says_that_nothing_may_stand() {
+fn with_the_daemon_stopped_an_abort_soon_says_that_nothing_may_stand() {
     let site = running();
     for stop in [&["abort"][..], &["send", "^A"], &["panel", "jog-stop", "1"], &["jog", "1", "stop"]] {
         site.signal_daemon(Signal::SIGSTOP);

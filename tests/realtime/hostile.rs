@@ -117,7 +117,7 @@ fn attackers_are_not_noticed_by_others() {
 }
 
 #[test]
-fn c6_attackers_are_not_noticed_by_others_on_a_turbo_board() {
+fn attackers_are_not_noticed_by_others_on_a_turbo_board() {
     attackers_are_not_noticed_on(&TURBO2);
 }
 

@@ -62,7 +62,7 @@ fn no_snapshot_is_mixed() {
 }
 
 #[test]
-fn c6_no_snapshot_of_a_turbo_board_is_mixed() {
+fn no_snapshot_of_a_turbo_board_is_mixed() {
     no_snapshot_is_mixed_on(&TURBO2);
 }
 

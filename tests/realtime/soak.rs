@@ -225,7 +225,7 @@ fn everything_at_once_loses_nothing_and_stays_as_small_as_it_was() {
 }
 
 #[test]
-fn c6_everything_at_once_loses_nothing_on_a_turbo_board() {
+fn everything_at_once_loses_nothing_on_a_turbo_board() {
     everything_at_once_on(&TURBO2);
 }
 

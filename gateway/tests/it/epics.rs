@@ -70,7 +70,7 @@ const SITE: [&str; 9] = [
 ];
 
 #[test]
-fn d4_the_epics_drivers_questions_are_answered_in_their_forms() {
+fn the_epics_drivers_questions_are_answered_in_their_forms() {
     const CARD: &str = "602413";
     let site = Site::of("turbo2", &[]);
     for line in SITE {

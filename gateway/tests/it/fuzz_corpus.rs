@@ -7,7 +7,7 @@ use std::path::Path;
 mod gateway;
 
 #[test]
-fn d7_what_clients_send_is_answered_or_ends_them() {
+fn what_clients_send_is_answered_or_ends_them() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");
     let below = |kind: &str| std::fs::read_dir(root.join(kind).join("gateway")).into_iter().flatten();
     let mut count = 0;

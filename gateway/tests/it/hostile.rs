@@ -66,7 +66,7 @@ fn attack(site: &Site) {
 }
 
 #[test]
-fn d7_a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
+fn a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
     // Slow enough for a busy machine to read every update in time.
     let site = Site::set_up(Setup { simulator: &["--servo-hz", "100"], ..Setup::default() });
     let mut honest = site.client();
@@ -105,7 +105,7 @@ fn d7_a_thousand_hostile_clients_leave_honest_ones_and_the_mirror_alone() {
 }
 
 #[test]
-fn d7_a_gateway_killed_at_any_moment_leaves_no_queue_blocked_and_no_buffer_open() {
+fn a_gateway_killed_at_any_moment_leaves_no_queue_blocked_and_no_buffer_open() {
     let site = Site::new(&[]);
     for round in 0..12 {
         let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
@@ -173,7 +173,7 @@ fn slow_to_stop<'a>(family: &'a str, gateway: &'a [&'a str]) -> Site {
 }
 
 #[test]
-fn d7_a_gateway_killed_or_a_client_gone_leaves_no_jog_running() {
+fn a_gateway_killed_or_a_client_gone_leaves_no_jog_running() {
     for family in ["pmac", "turbo2"] {
         let site = slow_to_stop(family, &[]);
         let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
@@ -205,7 +205,7 @@ fn d7_a_gateway_killed_or_a_client_gone_leaves_no_jog_running() {
 }
 
 #[test]
-fn d7_a_gateway_that_hangs_leaves_no_jog_running() {
+fn a_gateway_that_hangs_leaves_no_jog_running() {
     let site = slow_to_stop("pmac", &[]);
     let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
     let (mut client, _log) = listening(&mut gateway);
@@ -219,7 +219,7 @@ fn d7_a_gateway_that_hangs_leaves_no_jog_running() {
 }
 
 #[test]
-fn d7_a_gateway_that_keeps_jogs_leaves_them_running() {
+fn a_gateway_that_keeps_jogs_leaves_them_running() {
     let site = Site::new(&["--keep-jogs"]);
     let mut client = site.client();
     jog(&site, &mut client, "#1J+");
@@ -228,7 +228,7 @@ fn d7_a_gateway_that_keeps_jogs_leaves_them_running() {
 }
 
 #[test]
-fn d7_a_line_that_opens_or_closes_a_buffer_jogs_nothing_and_a_program_has_its_arcs() {
+fn a_line_that_opens_or_closes_a_buffer_jogs_nothing_and_a_program_has_its_arcs() {
     let site = Site::new(&[]);
     let mut client = site.client();
     assert_eq!(client.line("#1J+ OPEN PROG 7"), "\x07ERR001\r");
@@ -240,7 +240,7 @@ fn d7_a_line_that_opens_or_closes_a_buffer_jogs_nothing_and_a_program_has_its_ar
 }
 
 #[test]
-fn d7_a_client_who_is_gone_in_the_middle_of_his_request_leaves_no_jog_running() {
+fn a_client_who_is_gone_in_the_middle_of_his_request_leaves_no_jog_running() {
     let site = slow_to_stop("pmac", &[]);
     for (request, separator) in [(0xBF, "\r"), (0xC6, "\0"), (0xB0, "\r")] {
         // Each line takes its time; the whole takes minutes.

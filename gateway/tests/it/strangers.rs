@@ -9,7 +9,7 @@ use pmac_dpram::map::functions::RESPONSE_BYTES;
 use super::site::{PATIENCE, Site, datagram, get_response, listening, packet, wait_until};
 
 #[test]
-fn d2_what_was_not_sent_is_an_error_and_the_client_stays() {
+fn what_was_not_sent_is_an_error_and_the_client_stays() {
     let mut site = Site::new(&[]);
     let mut client = site.client();
     assert_eq!(client.line("P1=3"), "\x06");
@@ -25,7 +25,7 @@ fn d2_what_was_not_sent_is_an_error_and_the_client_stays() {
 }
 
 #[test]
-fn d2_a_reset_ends_no_connection() {
+fn a_reset_ends_no_connection() {
     for family in ["pmac", "turbo"] {
         let site = Site::of(family, &[]);
         let mut client = site.client();
@@ -49,7 +49,7 @@ fn d2_a_reset_ends_no_connection() {
 }
 
 #[test]
-fn d2_of_who_only_reads_no_address_reaches_the_board() {
+fn of_who_only_reads_no_address_reaches_the_board() {
     let site = Site::new(&["--read-only"]);
     site.ask("#4&3");
     let mut client = site.client();
@@ -61,7 +61,7 @@ fn d2_of_who_only_reads_no_address_reaches_the_board() {
 }
 
 #[test]
-fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
+fn a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
     let site = Site::new(&[]);
     let (one, two) = (site.udp(), site.udp());
     for line in ["OPEN PLC 5 CLEAR", "P1=0", "CLOSE"] {
@@ -85,7 +85,7 @@ fn d2_a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
 }
 
 #[test]
-fn d2_behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
+fn behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
     let site = Site::new(&[]);
     let (mut one, mut two) = (site.client(), site.client());
     assert_eq!(one.line("#1"), "\x06");
@@ -112,7 +112,7 @@ fn d2_behind_a_line_that_was_refused_a_stop_goes_to_no_other_motor() {
 }
 
 #[test]
-fn d2_a_refused_line_leaves_in_doubt_only_what_it_addressed() {
+fn a_refused_line_leaves_in_doubt_only_what_it_addressed() {
     let site = Site::new(&[]);
     let mut client = site.client();
     assert!(client.line("P99999999 #3").starts_with("\x07ERR"));
@@ -125,7 +125,7 @@ fn d2_a_refused_line_leaves_in_doubt_only_what_it_addressed() {
 }
 
 #[test]
-fn d2_who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
+fn who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
     let site = Site::new(&[]);
     let one = site.udp();
     assert_eq!(datagram(&one, "OPEN PROG 7 CLEAR"), "\x06");
@@ -142,7 +142,7 @@ fn d2_who_has_lost_his_buffer_by_silence_sends_nothing_before_he_says_close() {
 }
 
 #[test]
-fn d2_who_has_lost_his_buffer_to_another_hears_it_and_stays() {
+fn who_has_lost_his_buffer_to_another_hears_it_and_stays() {
     let site = Site::new(&[]);
     let mut client = site.client();
     assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06");
@@ -172,7 +172,7 @@ fn d2_who_has_lost_his_buffer_to_another_hears_it_and_stays() {
 }
 
 #[test]
-fn d2_nobody_fills_the_log() {
+fn nobody_fills_the_log() {
     let site = Site::new(&[]);
     for _ in 0..500 {
         let mut client = site.client();
@@ -197,7 +197,7 @@ fn d2_nobody_fills_the_log() {
 }
 
 #[test]
-fn d2_an_unread_log_holds_nobody_up() {
+fn an_unread_log_holds_nobody_up() {
     let site = Site::new(&[]);
     let mut gateway = site.another_gateway(&[]).stderr(Stdio::piped()).spawn().unwrap();
     // Nobody reads the log on. These fill the pipe three times over.
@@ -212,7 +212,7 @@ fn d2_an_unread_log_holds_nobody_up() {
 }
 
 #[test]
-fn d2_nobody_reads_others_lines_out_of_the_dpram() {
+fn nobody_reads_others_lines_out_of_the_dpram() {
     for options in [&[][..], &["--read-only"]] {
         let site = Site::new(options);
         site.ask("P77=4711");

@@ -19,7 +19,7 @@ fn have_it_send(site: &Site) {
 }
 
 #[test]
-fn d2_a_programs_text_comes_behind_the_replies_of_each_client_where_it_is_marked() {
+fn a_programs_text_comes_behind_the_replies_of_each_client_where_it_is_marked() {
     const TEXT: &[u8] = b"\x02hello there\r";
     for family in ["pmac", "turbo2"] {
         let site = site_that_sends(family);

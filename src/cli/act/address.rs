@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_2_a_line_tells_whether_it_goes_by_the_address() {
+    fn a_line_tells_whether_it_goes_by_the_address() {
         for line in ["J+", "j/", "J=5000", "P", "?", "HM", "K", "O10", "&1J+", "P1=5 J+", "#", "$"] {
             assert_eq!(goes_by_address(line), line != "#", "{line}");
         }
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_2_the_answer_to_the_question_is_the_address() {
+    fn the_answer_to_the_question_is_the_address() {
         let of =
             |reply: &[&str]| Addressed::of(&reply.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>());
         assert_eq!(of(&["2", "1"]).map(|addressed| addressed.to_string()).as_deref(), Some("#2 &1"));

@@ -172,7 +172,7 @@ mod tests {
     const DEGREES: fn() -> UserUnit = || UserUnit { name: "deg".into(), counts_per_unit: -1000.0 };
 
     #[test]
-    fn b5_7_a_destination_is_typed_as_a_position_a_direction_or_stop() {
+    fn a_destination_is_typed_as_a_position_a_direction_or_stop() {
         for (text, value, unit) in [
             ("=5000", 5000.0, None),
             ("=-12.5deg", -12.5, Some("deg")),
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_a_number_alone_is_not_taken_in_the_wrong_unit() {
+    fn a_number_alone_is_not_taken_in_the_wrong_unit() {
         let of = |value, unit, has: Option<UserUnit>| {
             counts(value, unit, has, 1).map_err(|error| error.to_string())
         };
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_a_motor_goes_by_number_or_name() {
+    fn a_motor_goes_by_number_or_name() {
         let identity = || {
             let mut identity = Identity::default();
             identity.names[2] = Some("focus".into());

@@ -467,7 +467,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b5_4_what_is_typed_is_understood() {
+    fn what_is_typed_is_understood() {
         assert_eq!(Input::of("  "), Input::Nothing);
         assert_eq!(Input::of(" .quit "), Input::Quit);
         assert_eq!(Input::of("^k"), Input::Control(11));

@@ -338,13 +338,13 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_number_without_its_scale_says_so() {
+    fn a_number_without_its_scale_says_so() {
         assert_eq!(if_raw("count"), "");
         assert_eq!(if_raw("1/(Ix08*32) count"), "[1/(Ix08*32) count]");
     }
 
     #[test]
-    fn e4_variables_go_by_their_letter_and_number() {
+    fn variables_go_by_their_letter_and_number() {
         for (text, name) in [
             ("p1", Some("P1")),
             ("I122", Some("I122")),

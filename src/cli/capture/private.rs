@@ -157,7 +157,7 @@ mod tests {
     use crate::map::PMAC;
 
     #[test]
-    fn e6_users_and_processes_are_named_without_their_numbers() {
+    fn users_and_processes_are_named_without_their_numbers() {
         for (text, shown) in [
             ("PROG 5 is open: opened by uid 1000 (pid 9400)", "PROG 5 is open: opened by uid N (pid N)"),
             ("uid 0 pid 7 sent uid ", "uid N pid N sent uid "),
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_questions_are_shown_and_nothing_else() {
+    fn questions_are_shown_and_nothing_else() {
         for order in [TextOrder::LowFirst, TextOrder::HighFirst] {
             for line in ["I122 P1..5", "type", "M3-> M5", "???"] {
                 let question = exchange(order, line, response::LINE, "32");
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_what_belongs_to_no_question_is_not_shown() {
+    fn what_belongs_to_no_question_is_not_shown() {
         let question = exchange(TextOrder::LowFirst, "I122", response::LINE, "32");
         // A reply without its line, and a line without its flag.
         assert_eq!(shown(&question[4..]), without_text(&question[4..]));
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_where_accesses_are_missing_no_text_is_shown() {
+    fn where_accesses_are_missing_no_text_is_shown() {
         let question = exchange(TextOrder::LowFirst, "I122", response::LINE, "32");
         let mut filter = TextFilter::new(&PMAC.ascii);
         let mut show = |step: fn(&mut TextFilter), accesses: &[Access]| {

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b4_5_control_characters_are_escaped_in_json() {
+    fn control_characters_are_escaped_in_json() {
         let text = "a\u{9b}2J\u{7f}\u{1b}é";
         let document = serde_json::to_string(text).unwrap();
         let shown = visible(&document);

@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_two_do_not_write_one_file() {
+    fn two_do_not_write_one_file() {
         let directory = tempfile::tempdir().unwrap();
         let (stop, path) = (Interrupt::never(), directory.path().join("x"));
         let first = Rows::open(&path, true, &stop).unwrap();

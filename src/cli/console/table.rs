@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_8_a_narrow_screen_costs_whole_columns_and_no_flag() {
+    fn a_narrow_screen_costs_whole_columns_and_no_flag() {
         let table = || {
             let mut table =
                 Table::new(&[("motor", Align::Right), ("spare", Align::Right), ("flags", Align::Left)]);
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_5_control_characters_of_a_board_are_seen_in_a_table() {
+    fn control_characters_of_a_board_are_seen_in_a_table() {
         let mut table = Table::new(&[("reply", Align::Left)]);
         table.row(["a\u{9b}2J\u{1b}".to_owned()]);
         assert_eq!(table.to_string(), "reply\na\\x9b2J\\x1b\n");

@@ -498,7 +498,7 @@ mod tests {
     use crate::map::{PMAC, TURBO2};
 
     #[test]
-    fn c1_a_turbo_board_that_reports_nothing_may_use_another_dpram() {
+    fn a_turbo_board_that_reports_nothing_may_use_another_dpram() {
         // Turbo User Manual p. 45: I24 is the base of the one DPRAM that serves all automatic functions.
         let told = |family: &Family| Identity {
             family: Some(family.number),
@@ -522,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_report_in_the_background_is_not_called_the_other_one() {
+    fn a_report_in_the_background_is_not_called_the_other_one() {
         let told = Identity {
             family: Some(TURBO2.number),
             servo_report: Some(1),

@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn c4b_comments_go_over_lines() {
+    fn comments_go_over_lines() {
         let text =
             "/* title ; one\n\"two\" P9=9 */ P1=1 /* on */ P2=2\nSEND\"/* no */\"\nP3=4/*x*//2//*\nP4=1\n";
         assert_eq!(lines(text), ["f:2: P1=1   P2=2", "f:3: SEND\"/* no */\"", "f:4: P3=4 /2", "f:5: P4=1"]);
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn c4b_a_name_behind_a_dollar_may_have_digits_behind_it() {
+    fn a_name_behind_a_dollar_may_have_digits_behind_it() {
         let text = "#define Base B8\n#define Store Base3\n#define B 7\n#define Based 10\nM1->X:$Base30,0,4\n\
                     M2->L:$Based0\nM3->L:$Basement\nP1=$B0\nM4->L:$Base\nBase30=1\n#define Next BaseC\nM5->L:$Next\n";
         assert_eq!(
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn c4b_an_include_needs_no_quotes() {
+    fn an_include_needs_no_quotes() {
         let files =
             [("dir/main.pmc", "#include a b.pmc ; beside it\nP1=A\n"), ("dir/a b.pmc", "#define A 7\n")];
         assert_eq!(run(&files).unwrap(), ["dir/main.pmc:2: P1=7"]);
@@ -517,7 +517,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_5_what_is_no_program_file_is_refused_with_its_place() {
+    fn what_is_no_program_file_is_refused_with_its_place() {
         let mistakes = run(&[("f", "P1=1\nCMD\"$\u{e9}\"\n#define B 1\nM1->X:$\u{fffd}B,0\n")]).unwrap_err();
         let places: Vec<&str> = mistakes.iter().filter_map(|mistake| mistake.get(..4)).collect();
         assert_eq!(places, ["f:2:", "f:4:"], "{mistakes:?}");

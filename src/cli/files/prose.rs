@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_5_what_is_no_program_file_is_refused() {
+    fn what_is_no_program_file_is_refused() {
         for text in [
             "Dear colleagues,\nplease find the new limits below.\nA. Smith\n",
             "A note to the operators:\nhome the telescope first.\nThen park it.\n",
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_5_program_files_are_taken() {
+    fn program_files_are_taken() {
         for text in [
             "",
             "CLOSE\nDELETE GATHER\nOPEN PROG 5 CLEAR\nLINEAR INC TM500\nX1000Y-20\nDWELL100\nCLOSE\n",
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_5_every_on_line_command_begins_as_pmac() {
+    fn every_on_line_command_begins_as_pmac() {
         let table = include_str!("../../../tests/data/online_commands.tsv");
         // Wrong on purpose.
         let foreign = ["UNITS", "JOG"];

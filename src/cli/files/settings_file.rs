@@ -421,7 +421,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e6_what_a_board_answers_becomes_an_address_only_if_it_is_a_number() {
+    fn what_a_board_answers_becomes_an_address_only_if_it_is_a_number() {
         assert_eq!(["1", " 16 ", "32"].map(addressed), [Some("1"), Some("16"), Some("32")]);
         for reply in ["1B1R", "1J+", "", "+1", "1 2", "100", "\u{1b}[2J", "-1"] {
             assert_eq!(addressed(reply), None, "{reply:?}");

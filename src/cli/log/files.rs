@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_no_file_of_somebody_elses_is_written_over_or_removed() {
+    fn no_file_of_somebody_elses_is_written_over_or_removed() {
         let directory = tempfile::tempdir().unwrap();
         let at = |name: &str| directory.path().join(name);
         let path = at("log.csv");
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_in_a_directory_of_everybodys_only_ones_own_files_count() {
+    fn in_a_directory_of_everybodys_only_ones_own_files_count() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("log.csv");
         let sparse = |number| {
@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_where_not_even_one_file_fits_the_last_rows_stay() {
+    fn where_not_even_one_file_fits_the_last_rows_stay() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("log.csv");
         let rotation = Rotation { keep: Some(4), ..Rotation::default() };
@@ -514,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_all_files_take_no_more_than_they_may_at_any_time() {
+    fn all_files_take_no_more_than_they_may_at_any_time() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("log.csv");
         for rotate in [None, Some(5000), Some(1_000_000)] {
@@ -531,7 +531,7 @@ mod tests {
     }
 
     #[test]
-    fn e1_a_recording_that_is_there_stays_until_there_is_a_row() {
+    fn a_recording_that_is_there_stays_until_there_is_a_row() {
         let directory = tempfile::tempdir().unwrap();
         for form in ["csv", "npy"] {
             let path = directory.path().join(format!("log.{form}"));

@@ -408,7 +408,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e1_of_a_disk_that_stays_full_no_row_is_promised() {
+    fn of_a_disk_that_stays_full_no_row_is_promised() {
         for (lost, said) in [
             ((0, 0), None),
             ((5, 0), Some("5 updates are not in the file; its rows with lost > 0 say where")),

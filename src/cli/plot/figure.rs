@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_no_label_is_cut_or_overlaps_another() {
+    fn no_label_is_cut_or_overlaps_another() {
         let many: Vec<String> = (1..=24).map(|motor| format!("{motor}.commanded_position")).collect();
         let huge: Vec<f64> = (0..100).map(|index| 34_359_738_000.0 + f64::from(index) / 1e3).collect();
         for traces in [names(&["1.actual_position"]), names(&[&"x".repeat(500), "&<"]), many] {
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_motor_has_one_colour_and_lines_stay_in_their_frame() {
+    fn a_motor_has_one_colour_and_lines_stay_in_their_frame() {
         let traces = names(&["1.commanded_position", "1.actual_position", "2.actual_position"]);
         let scene = picture(&traces, &[0.0, 5.0, -3.0, 4.0]);
         let lines: Vec<_> = scene

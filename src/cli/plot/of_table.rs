@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_what_is_alike_shares_an_axis() {
+    fn what_is_alike_shares_an_axis() {
         let log = table(
             "update,time_s,unix_s,missed,lost,1.commanded_position [count],1.following_error [count],1.servo_status,2.actual_position \
              [count],X:$0033\n1,0,1,0,0,1,2,3,4,5\n2,1,1,3,0,,,,,\n3,2,1,0,4,,,,,\n",
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_gather_tells_what_it_lost() {
+    fn a_gather_tells_what_it_lost() {
         let gather = table("sample,servo_cycle,Y:$C003\n0,0,1\n1,2,1\n5,10,1\n6,12,1\n");
         let drawn = figure(&gather, &[], String::new()).unwrap();
         assert_eq!(
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_what_cannot_be_drawn_says_why() {
+    fn what_cannot_be_drawn_says_why() {
         assert_eq!(
             panels(&table("sample,time_s,a\n"), &[]),
             Err("x.csv: no rows, so nothing is drawn".to_owned())

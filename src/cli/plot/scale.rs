@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_marks_are_round_numbers_with_the_places_they_need() {
+    fn marks_are_round_numbers_with_the_places_they_need() {
         assert_eq!(
             marks(0.0, 1.0, 5),
             ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"].map(|t| if t == "0.0" { "0" } else { t })
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_flat_trace_stands_in_the_middle() {
+    fn a_flat_trace_stands_in_the_middle() {
         let of = |values: &[f64]| Scale::of(values.iter().copied());
         assert_eq!(of(&[]), None);
         assert_eq!(of(&[f64::NAN, f64::INFINITY, f64::MAX]), None);

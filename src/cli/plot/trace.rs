@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e3_missing_values_break_the_line_and_a_lone_one_is_a_dot() {
+    fn missing_values_break_the_line_and_a_lone_one_is_a_dot() {
         let points = [
             Some([0.0, 1.0]),
             Some([1.0, 1.0]),
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_of_a_million_points_the_spike_is_kept() {
+    fn of_a_million_points_the_spike_is_kept() {
         let height = |index: usize| if index == 777_777 { 100.0 } else { (index % 7) as f64 };
         let points = (0..1_000_000).map(|index| Some([index as f64 / 1000.0, height(index)]));
         let Drawn { lines, .. } = drawn(points, &[]);

@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b1_9_what_others_have_changed_is_said_with_the_time() {
+    fn what_others_have_changed_is_said_with_the_time() {
         let now = UNIX_EPOCH + Duration::from_secs(951_827_696);
         let say = |what: &str, values: Option<(i64, i64)>, ago_ms| {
             let (was, is) = values.unzip();

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_a_key_moves_a_motor_only_while_it_repeats() {
+    fn a_key_moves_a_motor_only_while_it_repeats() {
         let now = Instant::now();
         let mut arming = armed(now);
         assert_eq!(arming.press(JogPlus, now), Some(None), "a single press moves nothing");
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_presses_that_lay_waiting_are_one() {
+    fn presses_that_lay_waiting_are_one() {
         let now = Instant::now();
         let mut arming = armed(now);
         for press in 0..40 {
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_two_presses_far_apart_and_two_directions_move_nothing() {
+    fn two_presses_far_apart_and_two_directions_move_nothing() {
         let now = Instant::now();
         let mut arming = armed(now);
         assert_eq!(arming.press(JogPlus, now), Some(None));
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_keys_that_are_not_armed_do_nothing_and_disarming_stops() {
+    fn keys_that_are_not_armed_do_nothing_and_disarming_stops() {
         let now = Instant::now();
         let mut arming = Arming::Off;
         assert_eq!(arming.press(JogPlus, now), None);

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e2_no_key_has_two_meanings() {
+    fn no_key_has_two_meanings() {
         let keys: Vec<Key> = BINDINGS.iter().flat_map(|binding| binding.keys.iter().copied()).collect();
         for (index, key) in keys.iter().enumerate() {
             assert!(!keys[index + 1..].contains(key), "{key:?}");

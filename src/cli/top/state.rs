@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_motors_are_selected_as_they_are_reported() {
+    fn motors_are_selected_as_they_are_reported() {
         let now = Instant::now();
         let mut state = seeing(&[1, 2, 5]);
         assert_eq!(state.selected, 1);
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_any_other_key_stops_and_disarms() {
+    fn any_other_key_stops_and_disarms() {
         let now = Instant::now();
         for key in [Key::Down, Key::Char(' '), Key::Esc, Key::Char('?'), Key::Char(':')] {
             let mut state = armed(now);
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_a_jog_key_needs_armed_keys_and_live_data() {
+    fn a_jog_key_needs_armed_keys_and_live_data() {
         let now = Instant::now();
         let mut state = seeing(&[1]);
         assert_eq!(state.key(Key::Right, true, now), []);
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_what_is_refused_says_why_and_disarms() {
+    fn what_is_refused_says_why_and_disarms() {
         let now = Instant::now();
         let mut state = armed(now);
         state.told(Told::Refused("not permitted".to_owned()), now);
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_a_stop_that_is_not_confirmed_is_told_soon() {
+    fn a_stop_that_is_not_confirmed_is_told_soon() {
         let now = Instant::now();
         let mut state = armed(now);
         state.told(Told::Jogs(5), now);
@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_watches_are_typed() {
+    fn watches_are_typed() {
         let now = Instant::now();
         let mut state = seeing(&[1]);
         let mut line = |text: &str| {

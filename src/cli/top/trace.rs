@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_a_small_trace_has_the_peaks_and_the_gaps() {
+    fn a_small_trace_has_the_peaks_and_the_gaps() {
         let now = Instant::now() + 2 * WINDOW;
         let values =
             [(25, Some(1e9)), (19, Some(1.0)), (13, None), (9, Some(-8.0)), (8, Some(2.0)), (1, Some(0.0))];

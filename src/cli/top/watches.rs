@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e2_a_line_is_never_too_long_for_the_board() {
+    fn a_line_is_never_too_long_for_the_board() {
         let names = vec!["P1023"; 100];
         let lines = lines_of(&names);
         assert!(lines.iter().all(|line| line.len() <= LINE_MAX), "{lines:?}");

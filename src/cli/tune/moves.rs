@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_move_is_a_jog_with_variables_of_its_own() {
+    fn a_move_is_a_jog_with_variables_of_its_own() {
         let factory = settings("32000", "0", "0");
         let lines = |what, size, limit| plan(what, size, limit, &factory).unwrap().join(" ");
         assert_eq!(lines(Move::Step, -100.0, None), "I311=3200 I319=200 I320=1 I321=0 I322=100");
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_what_speaks_against_a_move_is_told_before_it() {
+    fn what_speaks_against_a_move_is_told_before_it() {
         let (factory, unlimited) = (settings("32000", "0", "0"), settings("0", "0", "0"));
         let why = |what, size, limit, settings| plan(what, size, limit, settings).unwrap_err();
         assert!(why(Move::Step, 2000.0, None, &factory).contains("the limit is 2000 counts (I311)"));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_reply_that_is_no_number_is_none() {
+    fn a_reply_that_is_no_number_is_none() {
         let reply = |text: &str| Settings::of(vec![text.to_owned(); ASKED.len()]);
         assert!(reply("1").is_some() && reply("$FF").is_some());
         assert!(reply("").is_none() && reply("ERR003").is_none() && Settings::of(Vec::new()).is_none());

@@ -151,7 +151,7 @@ mod tests {
     ];
 
     #[test]
-    fn e3_the_figures_of_loops_of_the_second_order_are_known() {
+    fn the_figures_of_loops_of_the_second_order_are_known() {
         for (damping, rise, overshoot, settling) in KNOWN {
             for (base, size) in [(0.0, 1000.0), (-5000.0, -40.0), (1e6, 0.5)] {
                 let response = second_order(damping, base, size).response(Settles::AfterBegin).unwrap();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_the_following_error_is_that_of_the_move() {
+    fn the_following_error_is_that_of_the_move() {
         // A quarter of the samples after the beginning are 8 counts behind.
         let behind = |t: f64| if t > 0.0 && t <= 100.0 * STEP_S { 8.0 } else { 0.0 };
         let commanded = |t: f64| if t > 0.0 { 100.0 } else { 0.0 };
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_what_the_recording_does_not_show_is_not_told() {
+    fn what_the_recording_does_not_show_is_not_told() {
         let slow = second_order(0.5, 0.0, 100.0);
         let cut = |samples: usize| Recording {
             times: slow.times[..samples].to_vec(),
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn e3_a_long_move_settles_after_its_end() {
+    fn a_long_move_settles_after_its_end() {
         // A ramp of 10 ms that the motor follows 1 ms behind.
         let ramp = |t: f64| (t / 0.01).clamp(0.0, 1.0) * 1000.0;
         let recording = recording(5000, ramp, |t| ramp(t - 0.001));

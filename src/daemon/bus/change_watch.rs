@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_9_what_no_line_of_ours_can_have_set_was_changed_by_somebody_else() {
+    fn what_no_line_of_ours_can_have_set_was_changed_by_somebody_else() {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
         let mut watch = ChangeWatch::new(&PMAC);

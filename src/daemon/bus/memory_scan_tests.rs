@@ -46,7 +46,7 @@ fn answer(scan: &mut MemoryScan, definitions: &[(u16, &str)], now: Instant) -> u
 }
 
 #[test]
-fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
+fn every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
     let now = Instant::now();
     for (family, asked) in [(&PMAC, 21), (&TURBO2, 165)] {
         let base = family.base;
@@ -73,7 +73,7 @@ fn c3_every_m_variable_is_asked_for_and_those_in_the_dpram_are_kept() {
 }
 
 #[test]
-fn c3_a_board_that_cannot_be_asked_keeps_nobody_waiting() {
+fn a_board_that_cannot_be_asked_keeps_nobody_waiting() {
     let now = Instant::now();
     let begun = || scan_of(&PMAC, true, now);
     // It refuses, does not answer, answers something else, or is never free.
@@ -135,7 +135,7 @@ fn a_board_that_refuses_to_tell_is_waited_for_no_longer_because_it_answers_other
 }
 
 #[test]
-fn c3_what_was_told_stands_whatever_becomes_of_the_other_questions() {
+fn what_was_told_stands_whatever_becomes_of_the_other_questions() {
     let now = Instant::now();
     let mut scan = scan_of(&PMAC, true, now);
     for question in 0..3_u16 {
@@ -176,7 +176,7 @@ fn c3_what_was_told_stands_whatever_becomes_of_the_other_questions() {
 
 /// A question costs a slow board 0.4 s, or each definition 0.15 s: all of them are read, and it is told how long that takes.
 #[test]
-fn c3_a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
+fn a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
     for (a_question, a_line, most) in [(400, 0, 67), (0, 150, 1500)] {
         let began = Instant::now();
         let mut scan = scan_of(&TURBO2, true, began);
@@ -208,7 +208,7 @@ fn c3_a_slow_board_is_read_to_its_end_and_how_far_that_is_is_known() {
 }
 
 #[test]
-fn c3_a_slow_board_is_asked_for_as_many_as_it_tells_in_time() {
+fn a_slow_board_is_asked_for_as_many_as_it_tells_in_time() {
     let now = Instant::now();
     let asked = |most_lines| {
         let line = scan_of(&TURBO2, true, now).next_line(most_lines, now).unwrap().0;
@@ -218,7 +218,7 @@ fn c3_a_slow_board_is_asked_for_as_many_as_it_tells_in_time() {
 }
 
 #[test]
-fn c3_time_in_which_others_hold_the_port_does_not_count() {
+fn time_in_which_others_hold_the_port_does_not_count() {
     let now = Instant::now();
     let mut scan = scan_of(&PMAC, true, now);
     for second in 0..60 {
@@ -234,7 +234,7 @@ fn c3_time_in_which_others_hold_the_port_does_not_count() {
 }
 
 #[test]
-fn c3_an_answer_that_is_no_definition_does_not_say_that_none_points() {
+fn an_answer_that_is_no_definition_does_not_say_that_none_points() {
     let now = Instant::now();
     let mut scan = scan_of(&PMAC, true, now);
     assert_eq!(answer(&mut scan, &[(7, "M8->DP:$D012"), (9, "?")], now), 21);
@@ -247,7 +247,7 @@ fn c3_an_answer_that_is_no_definition_does_not_say_that_none_points() {
 }
 
 #[test]
-fn c3_what_is_defined_during_a_pass_begins_another() {
+fn what_is_defined_during_a_pass_begins_another() {
     let now = Instant::now();
     let mut scan = scan_of(&PMAC, true, now);
     assert!(scan.next_line(u16::MAX, now).is_some());

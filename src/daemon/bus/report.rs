@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_5_changes_that_come_again_and_again_are_counted() {
+    fn changes_that_come_again_and_again_are_counted() {
         let time = ManualTime::at(1);
         let mut log = ChangeLog { quota: None, clock: time.clock() };
         let mut told = 0;

@@ -51,7 +51,7 @@ mod tests {
     use crate::map::pmac::SERVO_PMAC_STATUS;
 
     #[test]
-    fn c3_a_timer_that_runs_is_a_sign_and_a_word_that_jumps_is_none() {
+    fn a_timer_that_runs_is_a_sign_and_a_word_that_jumps_is_none() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();

@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_vme_or_isa_board_shows_16_kib_unless_a_length_is_written() {
+    fn a_vme_or_isa_board_shows_16_kib_unless_a_length_is_written() {
         for (name, shown, all) in
             [("turbo2", &TURBO2_8K, &TURBO2), ("turbo", &TURBO, &TURBO), ("pmac", &PMAC, &PMAC)]
         {
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn c1_a_file_is_of_the_size_of_its_familys_dpram() {
+    fn a_file_is_of_the_size_of_its_familys_dpram() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let board = format!("file:{}", file.path().display());
         for (length, turbo, turbo2) in [(0x4000, &TURBO, &TURBO2_8K), (0x1_0000, &TURBO_32K, &TURBO2)] {
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_a_board_in_a_slot_is_recognised_unless_its_family_is_written() {
+    fn a_board_in_a_slot_is_recognised_unless_its_family_is_written() {
         let slots = ["mem:0xD4000", "uio:/dev/uio0", "pci:03:00.0", "vme:/dev/bus/vme/m0"];
         for (board, written) in slots.map(|slot| (slot, None)).into_iter().chain([("file:m", Some("auto"))]) {
             assert_eq!(known(board, written, None).1, FamilyKnown::Sought, "{board}");

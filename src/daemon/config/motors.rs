@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_names_and_units_reach_the_identity() {
+    fn names_and_units_reach_the_identity() {
         let text = "[[motor]]\nnumber = 2\nname = 'azimuth'\nunit = '°'\ncounts_per_unit = -12000\n\
                     [[motor]]\nnumber = 8\nname = 'focus'\n";
         let mut identity = Identity::default();
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_what_cannot_be_is_refused_by_name() {
+    fn what_cannot_be_is_refused_by_name() {
         let first = "[[motor]]\nnumber = 1\nname = 'x'\n";
         for (text, key, what) in [
             ("number = 9\nname = 'a'", "number", "there is no motor 9; write 1 to 8"),

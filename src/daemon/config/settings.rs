@@ -406,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_6_a_configuration_that_others_can_write_to_or_that_is_none_is_refused() {
+    fn a_configuration_that_others_can_write_to_or_that_is_none_is_refused() {
         use std::os::unix::fs::PermissionsExt;
         let file = tempfile::NamedTempFile::new().unwrap();
         let decide = || {
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_6_a_configuration_that_is_no_file_is_refused_without_waiting() {
+    fn a_configuration_that_is_no_file_is_refused_without_waiting() {
         let directory = tempfile::tempdir().unwrap();
         let fifo = directory.path().join("pmacd.toml");
         nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();

@@ -136,7 +136,7 @@ mod tests {
     use crate::language::Meaning;
 
     #[test]
-    fn b1_5_what_is_left_is_told_until_it_may_be_gone() {
+    fn what_is_left_is_told_until_it_may_be_gone() {
         let start = |systems, confirmed| Starts { systems: Systems::from_bits(systems), confirmed };
         let left = || {
             let mut left = Leftovers::default();
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_5_what_is_left_is_not_known_until_the_board_was_asked_or_it_is_gone() {
+    fn what_is_left_is_not_known_until_the_board_was_asked_or_it_is_gone() {
         let start = Starts { systems: Systems::first(4), confirmed: false };
         let mut left = Leftovers::default();
         assert_eq!(left.to_ask(start).bits(), 0b1111);

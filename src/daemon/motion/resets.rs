@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_7_a_servo_counter_that_goes_back_tells_of_a_reset() {
+    fn a_servo_counter_that_goes_back_tells_of_a_reset() {
         let second = Duration::from_secs(1);
         // A usual servo, a slow simulator, one that stands still, and one that is faster than believed.
         for advance in [2259, 100, 0, 40_000] {

@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn d7_a_motor_that_has_another_command_is_not_watched_any_more_once_its_stop_is_taken() {
+    fn a_motor_that_has_another_command_is_not_watched_any_more_once_its_stop_is_taken() {
         let now = Instant::now();
         let mut stops = Stops::new(Some(Duration::from_secs(1)));
         let number = stops.begin(Stop::new(Target::Motors(Motors::first(2)), None, true, now));
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn b2_6_a_motor_that_goes_on_is_seen_and_one_that_stands_too() {
+    fn a_motor_that_goes_on_is_seen_and_one_that_stands_too() {
         let now = Instant::now();
         let after = Duration::from_secs(1);
         let (moving, standing) = (

@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn b2_6_the_line_stops_what_is_closed_and_puts_the_address_back() {
+    fn the_line_stops_what_is_closed_and_puts_the_address_back() {
         let line = |target: Target, open, addressed| {
             target.line(motors(open), addressed).map(|line| line.to_string())
         };
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn b2_6_the_status_of_each_motor_tells_of_its_loop() {
+    fn the_status_of_each_motor_tells_of_its_loop() {
         let answers = ["1", "846000804401", "812000804401", "846000804401", "8460"].map(str::to_owned);
         let loops = |count: usize| {
             Target::Motors(motors(0b1101)).loops(&answers[..count], crate::map::TURBO2.status.motor)

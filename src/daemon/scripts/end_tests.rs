@@ -351,7 +351,7 @@ fn a_download_of_which_a_step_fails_leaves_no_buffer_open_and_its_variable_as_it
 }
 
 #[test]
-fn b1_5_lines_that_are_left_are_refused_with_their_number() {
+fn lines_that_are_left_are_refused_with_their_number() {
     let mut board = Board { left: 497, ..Board::new(true, true) };
     let before = board.clone();
     let reply = drive(&mut stream(None), &mut board, (STEPS, Ending::OwnerGone), (usize::MAX, Outcome::Done));
@@ -392,7 +392,7 @@ fn disturbed(
 const SOON: Duration = Duration::from_secs(1);
 
 #[test]
-fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
+fn a_stream_notices_that_its_program_does_not_run_any_more() {
     let mut board = Board::new(true, true);
     // Somebody on another host.
     let (said, took) = disturbed(&mut stream(None), &mut board, 2, |board| board.runs = false);
@@ -401,7 +401,7 @@ fn b1_5_a_stream_notices_that_its_program_does_not_run_any_more() {
 }
 
 #[test]
-fn b1_1_the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
+fn the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
     let (mut machine, mut board) = (stream(None), Board::new(true, true));
     let (mut now, mut done, mut closed_at, mut told) = (Instant::now(), None, None, None);
     for _ in 0..20 * STEPS {
@@ -430,7 +430,7 @@ fn b1_1_the_end_of_a_stream_waits_until_somebody_elses_buffer_is_closed() {
 }
 
 #[test]
-fn b1_1_a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
+fn a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
     // Told by the report, and asked for where none comes.
     for report_runs in [true, false] {
         let mut board = Board::new(true, report_runs);
@@ -441,7 +441,7 @@ fn b1_1_a_stream_notices_within_a_second_that_somebody_closed_its_buffer() {
 }
 
 #[test]
-fn b1_7_a_gather_notices_that_the_board_was_reset_or_gathers_no_more() {
+fn a_gather_notices_that_the_board_was_reset_or_gathers_no_more() {
     for (reports, report_runs) in [(true, true), (true, false), (false, false)] {
         let mut board = Board::new(reports, report_runs);
         let (said, took) = disturbed(&mut a_gather(), &mut board, 3, Board::reset);
@@ -457,7 +457,7 @@ fn b1_7_a_gather_notices_that_the_board_was_reset_or_gathers_no_more() {
 }
 
 #[test]
-fn b1_3_a_report_that_comes_too_seldom_is_not_waited_for() {
+fn a_report_that_comes_too_seldom_is_not_waited_for() {
     let mut board = Board { period: "8000000".to_owned(), ..Board::new(true, true) };
     let before = board.clone();
     let ends = (STEPS, Ending::OwnerGone);

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b5_2_the_first_place_that_can_be_made_is_taken() {
+    fn the_first_place_that_can_be_made_is_taken() {
         let directory = tempfile::tempdir().unwrap();
         let own = directory.path().join("run/pmac0.sock");
         // Nobody makes a directory there, root included.

@@ -117,7 +117,7 @@ mod tests {
     use crate::protocol::Functions;
 
     #[test]
-    fn c3_a_function_is_used_when_no_m_variable_points_into_its_words() {
+    fn a_function_is_used_when_no_m_variable_points_into_its_words() {
         let functions = Functions::all(&PMAC).without(Function::Gather);
         let settings = BoardSettings { functions, ..BoardSettings::default() };
         let mut uses = FunctionUse::new(&settings, true);

@@ -16,7 +16,7 @@ fn sent(buffer: &mut OpenBuffer, line: &str, by: Writer) {
 }
 
 #[test]
-fn b1_2_only_who_opened_a_buffer_writes_into_it() {
+fn only_who_opened_a_buffer_writes_into_it() {
     let mut buffer = OpenBuffer::default();
     let everybody = [ANNE, BOB, sequence(1, false), Writer::Question];
     assert!(everybody.iter().all(|writer| buffer.bars(&Meaning::of("X1"), *writer).is_none()));
@@ -76,7 +76,7 @@ fn b1_2_only_who_opened_a_buffer_writes_into_it() {
 }
 
 #[test]
-fn b1_2_the_boards_reports_tell_what_others_open_and_close() {
+fn the_boards_reports_tell_what_others_open_and_close() {
     let mut buffer = OpenBuffer::default();
     buffer.see(true, 1);
     assert_eq!(buffer.bars(&Meaning::of("X1"), ANNE), Some(Barred::Open(None)));
@@ -101,7 +101,7 @@ fn b1_2_the_boards_reports_tell_what_others_open_and_close() {
 }
 
 #[test]
-fn b1_2_a_report_from_before_a_reset_opens_nothing() {
+fn a_report_from_before_a_reset_opens_nothing() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::after_reset();
     buffer.see(true, 700);
@@ -121,7 +121,7 @@ fn b1_2_a_report_from_before_a_reset_opens_nothing() {
 }
 
 #[test]
-fn b1_2_after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
+fn after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();
     buffer.see(true, 1);
@@ -142,7 +142,7 @@ fn b1_2_after_a_close_of_somebody_elses_buffer_the_board_is_asked() {
 }
 
 #[test]
-fn b1_2_without_reports_the_board_is_asked_before_a_line_that_might_enter() {
+fn without_reports_the_board_is_asked_before_a_line_that_might_enter() {
     let now = Instant::now();
     let asks = |buffer: &OpenBuffer, line: &str, writer| buffer.must_ask(&Meaning::of(line), writer, now);
     let mut buffer = OpenBuffer::default();
@@ -171,7 +171,7 @@ fn b1_2_without_reports_the_board_is_asked_before_a_line_that_might_enter() {
 }
 
 #[test]
-fn b1_2_the_first_reports_may_be_older_than_what_was_opened_before_they_came() {
+fn the_first_reports_may_be_older_than_what_was_opened_before_they_came() {
     let mut buffer = OpenBuffer::default();
     sent(&mut buffer, "OPEN PROG 1", ANNE);
     for report in 700..700 + OLD_REPORTS {
@@ -185,7 +185,7 @@ fn b1_2_the_first_reports_may_be_older_than_what_was_opened_before_they_came() {
 }
 
 #[test]
-fn b1_2_reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
+fn reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();
     buffer.see(false, 1);
@@ -206,7 +206,7 @@ fn b1_2_reports_are_older_as_long_as_the_board_takes_to_open_a_buffer() {
 }
 
 #[test]
-fn b1_2_who_could_not_open_a_buffer_has_not_opened_it() {
+fn who_could_not_open_a_buffer_has_not_opened_it() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();
     // The serial port was first.
@@ -221,7 +221,7 @@ fn b1_2_who_could_not_open_a_buffer_has_not_opened_it() {
 }
 
 #[test]
-fn c4b_no_report_says_that_a_kinematic_program_is_closed() {
+fn no_report_says_that_a_kinematic_program_is_closed() {
     let now = Instant::now();
     for name in ["FORWARD", "INVERSE"] {
         let mut buffer = OpenBuffer::default();
@@ -241,7 +241,7 @@ fn c4b_no_report_says_that_a_kinematic_program_is_closed() {
 }
 
 #[test]
-fn b1_2_reports_are_enough_unless_a_line_was_refused() {
+fn reports_are_enough_unless_a_line_was_refused() {
     let now = Instant::now();
     let mut buffer = OpenBuffer::default();
     buffer.see(false, 1);
@@ -281,7 +281,7 @@ fn lines_open_and_close() {
 }
 
 #[test]
-fn b1_2_a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
+fn a_line_that_belongs_into_a_buffer_is_not_sent_when_that_is_closed() {
     let inside = Writer::IntoBuffer(Account { uid: 1000, pid: 1 });
     let mut buffer = OpenBuffer::default();
     sent(&mut buffer, "OPEN PROG 7 CLEAR", ANNE);

@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b4_4_many_users_together_fill_no_log_either() {
+    fn many_users_together_fill_no_log_either() {
         let now = Instant::now();
         let mut refusals = AuditLimit::default();
         let told = |refusals: &mut AuditLimit, now| {
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_4_who_may_only_stop_fills_no_log_and_all_is_counted() {
+    fn who_may_only_stop_fills_no_log_and_all_is_counted() {
         let now = Instant::now();
         let mut audit = AuditLimit::default();
         let peer = Peer { uid: Uid::from_raw(1), gid: nix::unistd::Gid::from_raw(1), pid: 7 };

@@ -391,7 +391,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn c3_who_waits_for_a_function_is_told_of_once() {
+    fn who_waits_for_a_function_is_told_of_once() {
         let (stream, _other) = UnixStream::pair().unwrap();
         let peer = Peer { uid: 0.into(), gid: 0.into(), pid: 1 };
         let mut client = Client::new(stream, peer, Role::Engineer, Instant::now());

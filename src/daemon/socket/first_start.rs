@@ -92,7 +92,7 @@ mod tests {
     use crate::map::Systems;
 
     #[test]
-    fn b1_5_each_question_puts_the_address_back_after_an_error_too() {
+    fn each_question_puts_the_address_back_after_an_error_too() {
         let starts = Starts { systems: Systems::ALL, confirmed: false };
         let mut start =
             FirstStart::new(Ask::Control { character: 18, keeps_lines: false, starts }, 0b1_0000_0111);
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_5_what_the_board_does_not_say_is_no_answer() {
+    fn what_the_board_does_not_say_is_no_answer() {
         for (addressed, left) in [("", None), ("x", None), ("1", Some("1.5")), ("1", Some("-1"))] {
             let reply = |text: &str| Ok(vec![text.to_owned()]);
             let ask = Ask::Control { character: 18, keeps_lines: false, starts: Starts::default() };

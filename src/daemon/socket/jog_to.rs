@@ -71,7 +71,7 @@ mod tests {
     use crate::map::PMAC;
 
     #[test]
-    fn b5_7_a_position_is_sent_to_a_32nd_of_a_count() {
+    fn a_position_is_sent_to_a_32nd_of_a_count() {
         for (counts, text) in [
             (5000.0, "5000"),
             (-0.001, "0"),
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_a_jog_of_no_motor_or_too_far_is_refused() {
+    fn a_jog_of_no_motor_or_too_far_is_refused() {
         for (motor, position, name) in [
             (0, 1.0, "motor"),
             (9, 1.0, "motor"),

@@ -21,7 +21,7 @@ fn board(role: Role, method: &str, parameters: Value) -> Result<Action, CallErro
 }
 
 #[test]
-fn b4_1_each_method_needs_its_role() {
+fn each_method_needs_its_role() {
     for (method, parameters, needed) in [
         ("GetInfo", json!({}), Role::Observe),
         ("Read", json!({"host_offset": 0, "words": 1}), Role::Observe),
@@ -54,7 +54,7 @@ fn b4_1_each_method_needs_its_role() {
 }
 
 #[test]
-fn b4_5_the_lines_of_others_are_for_engineers() {
+fn the_lines_of_others_are_for_engineers() {
     let ascii = &PMAC.ascii;
     let read = |role, offset: u32, words| {
         board(role, "Read", json!({"host_offset": offset, "words": words})).map(drop)
@@ -73,7 +73,7 @@ fn b4_5_the_lines_of_others_are_for_engineers() {
 }
 
 #[test]
-fn b4_4_registers_outside_memory_are_for_engineers() {
+fn registers_outside_memory_are_for_engineers() {
     let watch = |role, registers: &[&str]| {
         let parameters = json!({ "registers": registers });
         let call =

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b2_7_the_kernel_tells_the_groups_of_a_peer() {
+    fn the_kernel_tells_the_groups_of_a_peer() {
         let (ours, _theirs) = UnixStream::pair().unwrap();
         let mut told = peer_groups(&ours).unwrap();
         let mut own = nix::unistd::getgroups().unwrap();

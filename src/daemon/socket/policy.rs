@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_1_by_default_operators_send_what_runs_steps_and_stops_programs() {
+    fn by_default_operators_send_what_runs_steps_and_stops_programs() {
         let default = Characters::default();
         for (names, role) in [("AKO", Role::Stop), ("QRS", Role::Operate), ("BDFGXZ", Role::Engineer)] {
             for letter in names.bytes() {

@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_1_many_users_do_not_make_a_round_long_and_each_has_its_turn() {
+    fn many_users_do_not_make_a_round_long_and_each_has_its_turn() {
         let connections: Vec<_> = (0..20).map(|user| (Uid::from_raw(user), u64::from(user))).collect();
         let mut shares = TimeQuotas::default();
         let mut all = Vec::new();

@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn b3_8_a_simulated_mailbox_shows_each_write_and_a_mapped_one_is_written_by_its_byte_alone() {
+    fn a_simulated_mailbox_shows_each_write_and_a_mapped_one_is_written_by_its_byte_alone() {
         let fake = FakeSystem::new();
         fake.memory("registers", mailbox::LENGTH as u64);
         fake.memory("dev/mem", 0x10_0000);

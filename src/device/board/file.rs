@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_a_file_of_another_size_tells_whose_dpram_it_is() {
+    fn a_file_of_another_size_tells_whose_dpram_it_is() {
         let large = memory(0x1_0000);
         let error = FileBoard::open(large.path(), BYTES).err().unwrap().to_string();
         let end =

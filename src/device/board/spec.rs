@@ -379,7 +379,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e6_others_see_no_path_of_a_board() {
+    fn others_see_no_path_of_a_board() {
         for (text, shown) in [
             ("file:/home/me/dpram,irq=unix:/home/me/irq", "file"),
             ("replay:/home/me/board,time=virtual", "replay"),

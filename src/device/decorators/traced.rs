@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_every_access_is_kept_in_its_order_while_it_is_wanted() {
+    fn every_access_is_kept_in_its_order_while_it_is_wanted() {
         let (mut bus, trace) = board(16, Access::Bits16);
         bus.read16(HERE).unwrap();
         trace.begin();
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_two_words_at_once_are_one_access() {
+    fn two_words_at_once_are_one_access() {
         let (mut bus, trace) = board(16, Access::Bits32);
         for word in 0..6 {
             bus.write16(HostOffset::new(0x100 + 2 * word), word as u16 + 1).unwrap();
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_what_does_not_fit_is_dropped_and_counted() {
+    fn what_does_not_fit_is_dropped_and_counted() {
         let (mut bus, trace) = board(4, Access::Bits16);
         trace.begin();
         bus.read_block(HERE, &mut [0; 6]).unwrap();

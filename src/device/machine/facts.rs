@@ -88,7 +88,7 @@ mod tests {
     use crate::device::testing::FakeSystem;
 
     #[test]
-    fn e6_the_boards_device_is_told_and_nothing_that_names_somebody() {
+    fn the_boards_device_is_told_and_nothing_that_names_somebody() {
         let fake = FakeSystem::new();
         fake.file("proc/sys/kernel/osrelease", "6.1.0-rt\n");
         fake.file("proc/sys/kernel/hostname", "secret\n");

@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_a_report_that_goes_on_tells_the_generation() {
+    fn a_report_that_goes_on_tells_the_generation() {
         for family in GENERATIONS {
             for seed in 0..50 {
                 let mut board = board(garbage(seed));
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_a_machine_that_is_held_up_looks_again() {
+    fn a_machine_that_is_held_up_looks_again() {
         // The board seems to stand for 50 ms in the first look.
         let held_up = |board: &mut FileBoard, cycle: u64| {
             let seen = if (200..313).contains(&cycle) { 200 } else { cycle };
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_memory_in_which_nothing_is_reported_tells_nothing() {
+    fn memory_in_which_nothing_is_reported_tells_nothing() {
         for seed in 0..50 {
             assert_eq!(look(&mut board(garbage(seed)), |_, _| {}), None, "seed {seed}");
             let mut board = board(garbage(seed));
@@ -243,7 +243,7 @@ mod tests {
 
     /// A PLC of a site counts at the very word, as fast as the servo, on a board of the other generation.
     #[test]
-    fn c2_a_sites_counter_in_the_timers_place_is_no_report() {
+    fn a_sites_counter_in_the_timers_place_is_no_report() {
         for family in GENERATIONS {
             for fill in [0, 0xFFFF] {
                 let count = |board: &mut FileBoard, cycle| set_timer(board, family, cycle);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_a_timer_that_is_no_clock_is_no_report() {
+    fn a_timer_that_is_no_clock_is_no_report() {
         for family in GENERATIONS {
             let told = |timer: fn(u64) -> u64| {
                 let mut board = board(|_| 0);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_two_reports_at_once_tell_nothing() {
+    fn two_reports_at_once_tell_nothing() {
         let mut board = board(|_| 0);
         GENERATIONS.iter().for_each(|family| set_motor(&mut board, family));
         let both = |board: &mut FileBoard, cycle| {

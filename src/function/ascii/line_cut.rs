@@ -19,7 +19,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b3_a_line_is_cut_at_a_blank_so_that_the_last_byte_matters_to_no_number() {
+    fn a_line_is_cut_at_a_blank_so_that_the_last_byte_matters_to_no_number() {
         for line in ["P1=1234567 ".repeat(15), "P22=333 ".repeat(22), "#1J=1234 #2J=5678 ".repeat(10)] {
             let line = line.trim_end();
             let (first, second) = line.split_at(cut(line.as_bytes(), 159, 200));
@@ -34,7 +34,7 @@ mod tests {
     }
 
     #[test]
-    fn b3_without_a_blank_that_may_grow_it_is_cut_where_the_buffer_ends() {
+    fn without_a_blank_that_may_grow_it_is_cut_where_the_buffer_ends() {
         for line in [format!("P1={}", "1".repeat(180)), format!("SEND\"{}\"", "a ".repeat(90))] {
             assert_eq!(cut(line.as_bytes(), 159, 200), 159, "{line}");
         }

@@ -89,7 +89,7 @@ mod tests {
     const ANSWERS: [&str; 4] = ["PMAC1, ISA, BATTERY", "PMAC2, VME", "TURBO1, X4", "TURBO2, X4"];
 
     #[test]
-    fn c2_type_tells_a_board_of_another_family() {
+    fn type_tells_a_board_of_another_family() {
         for (at, taken) in FAMILIES.iter().copied().enumerate() {
             for (says, answer) in ANSWERS.into_iter().enumerate() {
                 let told = taken.contradicted_by_type(answer).map(|other| other.says.name);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn c2_only_the_other_generation_is_laid_out_otherwise() {
+    fn only_the_other_generation_is_laid_out_otherwise() {
         let told = |taken: &'static Family, answer| taken.contradicted_by_type(answer).unwrap();
         let other = told(&PMAC, "TURBO2, X4");
         assert!(other.is_laid_out_otherwise());

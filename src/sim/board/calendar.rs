@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn c4_dates_are_counted_both_ways() {
+    fn dates_are_counted_both_ways() {
         for (parts, text) in [
             ([1, 1, 2000], "SAT 01/01/2000"),
             ([2, 29, 2024], "THU 02/29/2024"),

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_6_no_link_is_followed_to_a_memory() {
+    fn no_link_is_followed_to_a_memory() {
         let directory = tempfile::tempdir().unwrap();
         let target = directory.path().join("target");
         std::fs::write(&target, b"").unwrap();

@@ -48,7 +48,7 @@ fn nothing_is_written_while_the_host_has_not_freed_the_buffer() {
 
 /// "The control word has to be 0 before PMAC writes" (manual p. 28): a board waits, however much it has to say.
 #[test]
-fn d7_a_reply_is_whole_however_many_lines_it_has() {
+fn a_reply_is_whole_however_many_lines_it_has() {
     let mut turbo = Bench::of(&turbo::TURBO2, turbo::TURBO2.firmware);
     turbo.set(4, 0.0);
     let mut pmac = Bench::started();
@@ -88,7 +88,7 @@ fn d7_a_reply_is_whole_however_many_lines_it_has() {
 
 /// What is not asked for has nobody to wait: what of it is lost the judge tells, once.
 #[test]
-fn d7_messages_that_no_host_fetches_are_lost_and_told() {
+fn messages_that_no_host_fetches_are_lost_and_told() {
     let mut bench = Bench::started();
     bench.world.board.dpram_becomes_active();
     let kept = 4096;

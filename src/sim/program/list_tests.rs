@@ -108,7 +108,7 @@ fn enter(bench: &mut Bench, name: &str, lines: &[String]) -> usize {
 }
 
 #[test]
-fn c4b_what_is_listed_of_any_program_downloads_to_the_same_listing() {
+fn what_is_listed_of_any_program_downloads_to_the_same_listing() {
     let bench = RefCell::new(board());
     let plc = lines(common().boxed()).prop_map(|lines| ("PLC 3", lines));
     let program = lines(prop_oneof![common(), motion()].boxed()).prop_map(|lines| ("PROG 7", lines));
@@ -136,7 +136,7 @@ fn c4b_what_is_listed_of_any_program_downloads_to_the_same_listing() {
 }
 
 #[test]
-fn c4b_a_hex_number_ends_before_the_word_behind_it() {
+fn a_hex_number_ends_before_the_word_behind_it() {
     let mut bench = board();
     for line in [
         "I5=2 P1=15 P2=1",

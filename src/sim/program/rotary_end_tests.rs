@@ -15,7 +15,7 @@ fn bench_of(tables: &'static FirmwareTables) -> Bench {
 /// lines to come, and `PR` counts only those (Turbo Software Reference p. 286). An abort loses the
 /// calculated moves (Turbo User Manual p. 319).
 #[test]
-fn d1_no_line_that_was_executed_comes_back_when_the_program_is_ended() {
+fn no_line_that_was_executed_comes_back_when_the_program_is_ended() {
     for family in [&firmware::PMAC, &turbo::TURBO2] {
         for (end, left) in [("Q", 0), ("A", 0), ("/", 0), ("\\", 0), ("Q", 6), ("A", 6), ("/", 6)] {
             for (mode, step) in [("LINEAR", 37), ("SPLINE1", 137), ("RAPID", 137)] {

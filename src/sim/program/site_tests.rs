@@ -28,7 +28,7 @@ fn load(bench: &mut Bench, text: &str) {
 }
 
 #[test]
-fn c4b_conditions_go_on_over_lines() {
+fn conditions_go_on_over_lines() {
     let program =
         "OPEN PLC 1 CLEAR\nIF (P1=1)\nAND (P2=1)\n or(P3=1 and P2!=7)\nP10=1\nELSE\nP10=2\nENDIF\nP11=0
         WHILE(P11<5)\nAND (P11<P4)\nP11=P11+1\nENDWHILE\nCLOSE\nI5=2 ENABLE PLC 1";
@@ -59,7 +59,7 @@ fn c4b_conditions_go_on_over_lines() {
 }
 
 #[test]
-fn c4b_a_condition_that_goes_on_needs_one_above_it() {
+fn a_condition_that_goes_on_needs_one_above_it() {
     let mut bench = board(&turbo::TURBO2);
     assert_eq!(refusal(&mut bench, "AND (P1=1)"), Some(CommandError::NO_OPEN_BUFFER));
     send(&mut bench, "OPEN PLC 1 CLEAR");
@@ -73,7 +73,7 @@ fn c4b_a_condition_that_goes_on_needs_one_above_it() {
 }
 
 #[test]
-fn c4b_end_may_stand_apart() {
+fn end_may_stand_apart() {
     for tables in FAMILIES {
         let mut bench = board(tables);
         load(
@@ -87,7 +87,7 @@ fn c4b_end_may_stand_apart() {
 }
 
 #[test]
-fn c4b_a_loop_on_one_line_waits_and_comes_back_as_two() {
+fn a_loop_on_one_line_waits_and_comes_back_as_two() {
     for tables in FAMILIES {
         let mut bench = board(tables);
         load(
@@ -110,7 +110,7 @@ fn c4b_a_loop_on_one_line_waits_and_comes_back_as_two() {
 }
 
 #[test]
-fn c4b_return_ends_a_scan() {
+fn return_ends_a_scan() {
     let mut bench = board(&turbo::TURBO2);
     load(
         &mut bench,
@@ -123,7 +123,7 @@ fn c4b_return_ends_a_scan() {
 }
 
 #[test]
-fn c4b_what_was_listed_downloads_to_the_same_listing() {
+fn what_was_listed_downloads_to_the_same_listing() {
     let programs = [
         (
             "PLC 3",
@@ -182,7 +182,7 @@ fn setphase_takes_motors_of_a_turbo_board() {
 }
 
 #[test]
-fn c4b_kinematic_programs_are_kept_by_coordinate_system_and_not_run() {
+fn kinematic_programs_are_kept_by_coordinate_system_and_not_run() {
     let mut bench = board(&turbo::TURBO2);
     load(
         &mut bench,
@@ -209,7 +209,7 @@ fn c4b_kinematic_programs_are_kept_by_coordinate_system_and_not_run() {
 }
 
 #[test]
-fn c4b_macro_stations_keep_their_variables() {
+fn macro_stations_keep_their_variables() {
     let mut bench = board(&turbo::TURBO2);
     for line in ["MS0,I996=1", "ms 24,i992", "MSW16,MI124,P1", "MSR16,MI124,P1", "MSCLRF0"] {
         assert_eq!(refusal(&mut bench, line), Some(CommandError::MACRO), "{line}");
@@ -258,7 +258,7 @@ fn macro_stations_are_saved_and_reset_one_by_one() {
 }
 
 #[test]
-fn c4b_addresses_and_sizes_as_sites_write_them() {
+fn addresses_and_sizes_as_sites_write_them() {
     let mut bench = board(&turbo::TURBO2);
     load(
         &mut bench,

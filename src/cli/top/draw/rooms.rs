@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_the_motors_are_there_however_small_the_screen_is() {
+    fn the_motors_are_there_however_small_the_screen_is() {
         for rows in 0..200 {
             for motors in [1, 9, 33] {
                 let rooms = Rooms::share(rows, Rooms { motors, ..LIKE });
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn e2_a_usual_screen_has_all_parts() {
+    fn a_usual_screen_has_all_parts() {
         // 80x24 without the title and the last line.
         assert_eq!(Rooms::share(22, LIKE), Rooms { health: 3, motors: 9, trace: 4, systems: 5, watches: 1 });
         let rooms = Rooms::share(22, Rooms { motors: 33, systems: 17, ..LIKE });

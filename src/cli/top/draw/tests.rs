@@ -140,7 +140,7 @@ fn assert_screen(board: &Board, width: u16, height: u16, golden: &str) {
 }
 
 #[test]
-fn e6_of_a_replay_that_is_over_the_cable_is_not_to_be_looked_at() {
+fn of_a_replay_that_is_over_the_cable_is_not_to_be_looked_at() {
     let mut board = Board::of(&PMAC, 8).stale(Staleness::BoardSilent);
     let screen = |board: &Board| board.screen(160, 30).join("\n");
     assert!(screen(&board).contains("cable"), "{}", screen(&board));
@@ -150,24 +150,24 @@ fn e6_of_a_replay_that_is_over_the_cable_is_not_to_be_looked_at() {
 }
 
 #[test]
-fn e2_a_screen_of_80_by_24_has_everything() {
+fn a_screen_of_80_by_24_has_everything() {
     assert_screen(&Board::of(&PMAC, 8), 80, 24, include_str!("screens/80x24"));
 }
 
 #[test]
-fn e2_a_large_screen_has_more_of_it() {
+fn a_large_screen_has_more_of_it() {
     assert_screen(&Board::of(&PMAC, 8), 120, 40, include_str!("screens/120x40"));
 }
 
 #[test]
-fn e2_a_small_screen_keeps_the_motors() {
+fn a_small_screen_keeps_the_motors() {
     let mut board = Board::of(&PMAC, 8);
     board.state.selected = 8;
     assert_screen(&board, 40, 10, include_str!("screens/40x10"));
 }
 
 #[test]
-fn e2_of_32_motors_those_around_the_selected_one_are_shown() {
+fn of_32_motors_those_around_the_selected_one_are_shown() {
     let mut board = Board::of(&TURBO2, 32);
     board.state.selected = 30;
     let screen = board.screen(80, 24);
@@ -181,7 +181,7 @@ fn e2_of_32_motors_those_around_the_selected_one_are_shown() {
 }
 
 #[test]
-fn e2_a_board_that_reports_no_velocity_tells_it_by_its_positions() {
+fn a_board_that_reports_no_velocity_tells_it_by_its_positions() {
     let mut board = Board::of(&TURBO2, 2);
     let seen = board.snapshot.as_ref().unwrap().servo.as_ref().unwrap().data.clone();
     let add = |board: &mut Board, ms: u64, counts: f64, stale: bool| {
@@ -207,7 +207,7 @@ fn e2_a_board_that_reports_no_velocity_tells_it_by_its_positions() {
 }
 
 #[test]
-fn e2_what_is_not_live_says_so_and_why() {
+fn what_is_not_live_says_so_and_why() {
     let said = |board: &Board| board.screen(80, 24)[1].clone();
     let board = Board::of(&PMAC, 8).stale(Staleness::DaemonGone);
     assert_eq!(said(&board), "STALE: pmacd is gone; start it");
@@ -223,7 +223,7 @@ fn e2_what_is_not_live_says_so_and_why() {
 }
 
 #[test]
-fn e2_without_colours_nothing_is_coloured_and_all_is_said() {
+fn without_colours_nothing_is_coloured_and_all_is_said() {
     let mut board = Board::of(&PMAC, 8).stale(Staleness::DaemonGone);
     board.state.told(Told::Fault("the jog is over".to_owned()), board.now);
     let colours = |colours: bool| {
@@ -236,7 +236,7 @@ fn e2_without_colours_nothing_is_coloured_and_all_is_said() {
 }
 
 #[test]
-fn e2_no_warning_is_cut() {
+fn no_warning_is_cut() {
     let mut board = Board::of(&PMAC, 8);
     let warning = crate::cli::act::hold::may_be_moving(&[1]);
     board.state.told(Told::Fault(warning.clone()), board.now);
@@ -248,7 +248,7 @@ fn e2_no_warning_is_cut() {
 }
 
 #[test]
-fn e2_the_pages_of_text_can_be_read_on_any_screen() {
+fn the_pages_of_text_can_be_read_on_any_screen() {
     let mut board = Board::of(&PMAC, 8);
     for (page, first, last) in [(Page::Help, "up, k", "emergency"), (Page::Status, "name", "open buffer")] {
         board.state.page = page;
@@ -261,7 +261,7 @@ fn e2_the_pages_of_text_can_be_read_on_any_screen() {
 }
 
 #[test]
-fn e2_nothing_breaks_on_a_screen_of_any_size() {
+fn nothing_breaks_on_a_screen_of_any_size() {
     let mut board = Board::of(&PMAC, 8);
     for page in [Page::Board, Page::Help, Page::Status] {
         board.state.page = page;

@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn e2_an_axis_ends_at_a_round_number() {
+    fn an_axis_ends_at_a_round_number() {
         for (value, end) in
             [(0.0, 1.0), (0.3, 1.0), (1.0, 1.0), (1.1, 2.0), (4.9, 5.0), (5.1, 10.0), (73_000.0, 100_000.0)]
         {

@@ -41,7 +41,7 @@ fn it_asks_everything_once_and_tells_it_once() {
 }
 
 #[test]
-fn b1_9_what_another_host_changes_is_found_within_half_a_minute() {
+fn what_another_host_changes_is_found_within_half_a_minute() {
     let start = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
     let scales: Vec<String> = (0..32).map(|index| (90 + index).to_string()).collect();
@@ -91,7 +91,7 @@ fn what_a_line_may_set_of_the_errors_of_programs_is_unknown_until_the_board_has_
 }
 
 #[test]
-fn b1_9_lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
+fn lines_that_always_wait_neither_keep_a_recheck_off_nor_wait_for_all_of_it() {
     let start = Instant::now();
     let mut identifier = Identifier::new(&PMAC, Identity::default(), true, start);
     for lines in
@@ -147,7 +147,7 @@ fn a_family_is_asked_for_the_variables_it_has() {
 }
 
 #[test]
-fn c1_a_report_in_the_background_is_told_without_a_period() {
+fn a_report_in_the_background_is_told_without_a_period() {
     for (in_background, i47, cycles, on_request) in
         [("1", "10", 0, false), ("0", "10", 10, false), ("0", "0", 0, true), ("1", "0", 0, false)]
     {

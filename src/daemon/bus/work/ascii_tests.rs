@@ -184,7 +184,7 @@ impl Rig {
 }
 
 #[test]
-fn b2_1_who_waits_for_a_line_given_up_is_told_so_within_his_own_deadline() {
+fn who_waits_for_a_line_given_up_is_told_so_within_his_own_deadline() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));
     rig.poll();
@@ -205,7 +205,7 @@ fn b2_1_who_waits_for_a_line_given_up_is_told_so_within_his_own_deadline() {
 }
 
 #[test]
-fn b2_1_the_first_line_after_one_given_up_is_our_own() {
+fn the_first_line_after_one_given_up_is_our_own() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));
     rig.poll();
@@ -241,7 +241,7 @@ fn next_check(rig: &mut Rig) -> String {
 }
 
 #[test]
-fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
+fn a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));
     rig.poll();
@@ -262,7 +262,7 @@ fn b2_1_a_late_reply_to_a_line_of_our_own_is_not_the_next_ones() {
 }
 
 #[test]
-fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
+fn a_new_daemons_line_is_not_the_old_ones() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(1));
     rig.poll();
@@ -280,7 +280,7 @@ fn b2_1_a_new_daemons_line_is_not_the_old_ones() {
 }
 
 #[test]
-fn b2_1_the_next_doubt_begins_with_another_line() {
+fn the_next_doubt_begins_with_another_line() {
     let mut rig = Rig::new();
     for expected in ["I3 I10 I3", "I3 I10 I10 I3", "I3 I10 I10 I10 I3", "I3 I10 I10 I10 I10 I3", "I3 I10 I3"]
     {
@@ -298,7 +298,7 @@ fn b2_1_the_next_doubt_begins_with_another_line() {
 }
 
 #[test]
-fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
+fn no_line_of_our_own_goes_into_an_open_program_buffer() {
     let mut rig = Rig::new();
     rig.send(1, "OPEN PROG 1", Duration::from_secs(1));
     rig.poll();
@@ -316,7 +316,7 @@ fn b2_1_no_line_of_our_own_goes_into_an_open_program_buffer() {
 }
 
 #[test]
-fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for_i3() {
+fn where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for_i3() {
     let mut rig = Rig::without_reports();
     rig.send(1, "#1P", Duration::from_secs(1));
     rig.poll();
@@ -336,7 +336,7 @@ fn b2_1_where_nobody_knows_of_a_buffer_the_board_is_asked_before_it_is_asked_for
 }
 
 #[test]
-fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
+fn a_cancel_ends_the_line_under_way_at_once() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(60));
     rig.poll();
@@ -355,7 +355,7 @@ fn b2_4_a_cancel_ends_the_line_under_way_at_once() {
 }
 
 #[test]
-fn b1_6_what_stops_all_motion_drops_the_lines_that_wait() {
+fn what_stops_all_motion_drops_the_lines_that_wait() {
     for (character, how) in [(b'A' - 64, "aborted"), (b'K' - 64, "killed")] {
         let mut rig = Rig::new();
         rig.send(1, "#1J+", Duration::from_secs(60));

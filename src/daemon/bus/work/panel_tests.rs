@@ -154,7 +154,7 @@ fn told(queue: &mut PanelQueue, bus: &mut FileBoard, now: Instant) -> Vec<(u64, 
 }
 
 #[test]
-fn b2_6_a_stop_in_the_panel_never_closes_the_loop_that_a_kill_opens() {
+fn a_stop_in_the_panel_never_closes_the_loop_that_a_kill_opens() {
     for is_taken in [true, false] {
         let mut bus = memory();
         let now = Instant::now();
@@ -182,7 +182,7 @@ fn b2_6_a_stop_in_the_panel_never_closes_the_loop_that_a_kill_opens() {
 }
 
 #[test]
-fn b1_6_nothing_that_moves_goes_after_an_abort() {
+fn nothing_that_moves_goes_after_an_abort() {
     for character in [control::ABORT, control::KILL] {
         let mut bus = memory();
         let now = Instant::now();

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn b1_5_a_line_that_the_board_has_begun_counts_or_not() {
+    fn a_line_that_the_board_has_begun_counts_or_not() {
         for (is_inside_line, told, is_right) in [
             (false, 18, true),
             (false, 19, false),

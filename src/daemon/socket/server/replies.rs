@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn c1_a_port_that_does_not_answer_is_named() {
+    fn a_port_that_does_not_answer_is_named() {
         let told = |port| {
             let outcome = Outcome::Unavailable { port, page: Some(0x1C) };
             reply_lines(outcome, Vec::new(), false, Instant::now()).unwrap_err().to_string()

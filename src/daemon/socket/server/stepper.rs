@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn b5_7_a_motor_that_somebody_begins_to_hold_meanwhile_is_not_jogged() {
+    fn a_motor_that_somebody_begins_to_hold_meanwhile_is_not_jogged() {
         let directory = tempfile::tempdir().unwrap();
         let options = ServeOptions::new(directory.path().join("socket"));
         let (commands, taken) = queue(at_once::ALL).unwrap();
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_1_an_abort_does_not_wait_for_a_flood_of_observers() {
+    fn an_abort_does_not_wait_for_a_flood_of_observers() {
         let directory = tempfile::tempdir().unwrap();
         let options = ServeOptions::new(directory.path().join("socket"));
         let (commands, taken) = queue(at_once::ALL).unwrap();
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn b4_1_who_may_stop_may_stop_one_motor_where_there_is_no_panel() {
+    fn who_may_stop_may_stop_one_motor_where_there_is_no_panel() {
         let directory = tempfile::tempdir().unwrap();
         let options = ServeOptions::new(directory.path().join("socket"));
         let (commands, taken) = queue(at_once::ALL).unwrap();

@@ -145,7 +145,7 @@ mod tests {
     use crate::recording::testing::recording;
 
     #[test]
-    fn e6_what_has_been_told_is_told_again_only_where_more_has_come() {
+    fn what_has_been_told_is_told_again_only_where_more_has_come() {
         let mut differences = Differences::new(&recording(), &PMAC);
         differences.asked("I5");
         differences.asked("I5");

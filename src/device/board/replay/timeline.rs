@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_an_update_is_put_there_as_a_whole_however_it_was_read() {
+    fn an_update_is_put_there_as_a_whole_however_it_was_read() {
         let servo = &PMAC.servo;
         let (flag, data) = (servo.pmac_status.word, servo.motors.first);
         let next = data.plus_words(1);
@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_a_flag_that_the_host_clears_comes_again_with_each_update() {
+    fn a_flag_that_the_host_clears_comes_again_with_each_update() {
         let servo = &TURBO2.servo;
         let (flag, timer, data) = (servo.pmac_status.word, servo.timer.low, servo.motors.first);
         let set = u32::from(servo.pmac_status.mask);
@@ -469,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_other_words_come_in_bursts_and_the_hosts_own_not_at_all() {
+    fn other_words_come_in_bursts_and_the_hosts_own_not_at_all() {
         let (own, other) = (HostOffset::new(0x2000), HostOffset::new(0x2002));
         let ascii = PMAC.ascii.response;
         let found = steps(
@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_without_a_trace_the_images_are_played_and_a_report_comes_whole() {
+    fn without_a_trace_the_images_are_played_and_a_report_comes_whole() {
         let servo = &TURBO2.servo;
         let (flag, timer, data) = (servo.pmac_status, servo.timer.low, servo.motors.first);
         let free = HostOffset::new(0x2000);
@@ -508,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn e6_what_the_trace_tells_the_images_do_not() {
+    fn what_the_trace_tells_the_images_do_not() {
         let servo = &PMAC.servo;
         let (flag, data) = (servo.pmac_status.word, servo.motors.first);
         let (told, untold) = (HostOffset::new(0x2000), HostOffset::new(0x2100));

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
+fn without_servo_reports_the_board_is_asked_before_a_line() {
     for (size, expected) in [("-41301", None), ("41301", Some("P5=7")), ("0", Some("P5=7"))] {
         let mut rig = Rig::without_reports();
         rig.send(1, "P5=7", Duration::from_secs(60));
@@ -23,7 +23,7 @@ fn b1_2_without_servo_reports_the_board_is_asked_before_a_line() {
 }
 
 #[test]
-fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
+fn a_board_that_does_not_know_the_question_still_gets_lines() {
     let mut rig = Rig::without_reports();
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();
@@ -43,7 +43,7 @@ fn b1_2_a_board_that_does_not_know_the_question_still_gets_lines() {
 }
 
 #[test]
-fn b1_2_what_may_have_entered_a_buffer_is_not_told_as_done() {
+fn what_may_have_entered_a_buffer_is_not_told_as_done() {
     let mut rig = Rig::new();
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();
@@ -61,7 +61,7 @@ fn b1_2_what_may_have_entered_a_buffer_is_not_told_as_done() {
 }
 
 #[test]
-fn b1_2_a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
+fn a_board_that_says_nothing_of_its_buffers_gets_lines_and_that_is_told() {
     let mut rig = Rig::without_reports();
     rig.send(1, "P5=7", Duration::from_secs(60));
     rig.poll();

@@ -350,7 +350,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn b2_1_no_line_goes_whose_reply_the_line_given_up_may_have() {
+    fn no_line_goes_whose_reply_the_line_given_up_may_have() {
         for (given_up, next) in [
             ("I3 I10 I3", "I3 I10 I10 I3"),
             ("p1p2p1", "I3 I10 I10 I3"),
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn b2_1_the_end_of_a_reply_to_another_question_is_no_answer() {
+    fn the_end_of_a_reply_to_another_question_is_no_answer() {
         let own = ["2", "3713707", "3713707", "3713707", "2"];
         assert_eq!(answer(&own), Some(2));
         let late = ["0 0 0 0 0 0 0 0", "2", "3713707", "3713707", "3713707", "2"];

@@ -24,7 +24,7 @@ fn a_line_that_a_stop_ends_half_way_is_told_as_not_sent() {
 }
 
 #[test]
-fn b2_a_cancel_is_handed_over_that_ends_a_line_half_way() {
+fn a_cancel_is_handed_over_that_ends_a_line_half_way() {
     let mut rig = Rig::new();
     rig.send(1, &long_line(), Duration::from_secs(600));
     rig.poll();
@@ -41,7 +41,7 @@ fn b2_a_cancel_is_handed_over_that_ends_a_line_half_way() {
 }
 
 #[test]
-fn b2_a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out() {
+fn a_line_that_lies_untaken_when_everything_stops_may_have_been_carried_out() {
     for stop in [control::ABORT, control::KILL] {
         let mut rig = Rig::new();
         rig.send(1, "#1J+", Duration::from_secs(600));
@@ -83,7 +83,7 @@ impl Rig {
 
 /// An `^A` behind a `^K` would close the loops again.
 #[test]
-fn b2_of_two_stops_over_one_line_the_stronger_goes_once_more() {
+fn of_two_stops_over_one_line_the_stronger_goes_once_more() {
     for (first, second, again) in [
         (control::ABORT, control::KILL, control::KILL),
         (control::KILL, control::ABORT, control::KILL),
@@ -112,7 +112,7 @@ fn b2_of_two_stops_over_one_line_the_stronger_goes_once_more() {
 }
 
 #[test]
-fn b2_a_stop_while_our_own_line_asks_after_one_given_up_goes_once_more() {
+fn a_stop_while_our_own_line_asks_after_one_given_up_goes_once_more() {
     let cut = format!("{:<60}#1J+", "P1=1");
     for (line, is_again) in [("#1J+", true), ("P1=1", false), (&cut, true)] {
         let mut rig = Rig::new();
@@ -148,7 +148,7 @@ fn a_line_that_lies_untaken_behind_an_error_is_made_empty_before_a_stop() {
 }
 
 #[test]
-fn b1_6_what_ends_a_sequence_is_not_taken_back_by_a_stop() {
+fn what_ends_a_sequence_is_not_taken_back_by_a_stop() {
     let mut rig = Rig::new();
     let deadline = rig.now + Duration::from_secs(600);
     let line = Line::of("CLOSE");

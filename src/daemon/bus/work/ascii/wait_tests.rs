@@ -66,7 +66,7 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
 }
 
 #[test]
-fn b2_1_who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
+fn who_waits_behind_one_that_waits_longer_is_refused_at_his_own_deadline() {
     let mut rig = Rig::new();
     rig.send(1, "SLOW", Duration::from_secs(60));
     rig.send(2, "P2=1", Duration::from_secs(30));
