@@ -334,7 +334,7 @@ impl Scene {
             }
             // Held jogs are stopped without delay, unless the board did not take a stop and is asked again.
             if alone == ALONE && !self.board.rough && self.board.late.is_empty() {
-                assert_eq!(self.server.kept().leases, 0);
+                assert_eq!(self.server.kept().holds, 0);
             }
             self.board.take(usize::MAX);
             while !self.board.has.is_empty() {

@@ -1,5 +1,12 @@
-//! The bus to the board (layer 2): the trait, the kinds of boards, decorators, the interrupt, and facts about the
-//! machine.
+//! The bus to the board (layer 2).
+//!
+//! | module | holds |
+//! |---|---|
+//! | `bus` | how the words of a board are reached: [`Bus`], [`Board`], and what can go wrong |
+//! | [`machine`] | the machine: what `/sys` and `/proc` tell, inherited descriptors, rights, the processors' sleep |
+//! | [`board`] | the boards: memory that is mapped, byte ports, recordings; [`open`] opens the one of a [`BoardSpec`] |
+//! | [`interrupt`] | where a board's interrupt comes from, and how a UIO device is armed again |
+//! | `decorators` | a bus that counts, swaps bytes, or keeps a trace of another one |
 
 pub mod board;
 mod bus;

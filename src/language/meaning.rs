@@ -15,7 +15,7 @@ use crate::format::Text;
 use crate::map::{Motors, Systems};
 
 /// What resets the board, and so ends everything.
-pub const RESET: &str = "$$$";
+const RESET: &str = "$$$";
 /// As much is told of the commands of a line that end something.
 const ENDS_MAX: usize = 120;
 

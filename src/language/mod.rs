@@ -1,7 +1,7 @@
 //! The language of command lines (layer 1): what a line means, read once.
 //!
-//! A line is read where it comes in, and its [`Meaning`] goes with it, as a [`Line`]: to the log, to the bus thread, to the
-//! gateway. Nobody behind reads the text again to find out what it does.
+//! The daemon reads a line where it comes in, and its [`Meaning`] goes with it, as a [`Line`], to the log and to the bus thread: none
+//! of them reads the text again to find out what it does. The gateway and `pmacctl` read their own lines by the same [`Meaning`].
 //!
 //! | file | holds |
 //! |---|---|

@@ -146,7 +146,7 @@ fn a_jog_to_a_position_is_refused_while_somebody_else_holds_the_motor() {
     holder.panel_renew().unwrap();
     let told = other.jog_to(1, -5000.0).unwrap_err().to_string();
     assert!(
-        told.contains("holds a jog of motor 1; nothing was sent; panel jog-stop or abort ends that"),
+        told.contains("holds a jog of motor 1; nothing was sent; pmacctl jog N stop or abort ends that"),
         "{told}"
     );
     other.jog_to(2, 100.0).unwrap();

@@ -196,7 +196,7 @@ impl World {
 
     /// Whether the next step stops a held jog or ends a sequence, unless its owner renews it before.
     pub fn is_lease_over(&self) -> bool {
-        let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_lease_end());
+        let end = self.daemon.as_ref().and_then(|daemon| daemon.server.first_hold_end());
         end.is_some_and(|end| end <= self.now() + 2 * self.period())
     }
 

@@ -1,6 +1,6 @@
 //! Where the board's own programs keep data in the DPRAM: every M-variable that points into it.
 //!
-//! Sites keep data of their own there, also where automatic functions have their words (FACTS-TURBO 19.2). So the board is
+//! Sites keep data of their own there, also where automatic functions have their words (pgpmac does on a Turbo board). So the board is
 //! asked for the definitions of all its M-variables, a few at a time, when nobody else has a line to send: at the start,
 //! after a reset, and after a line that defines one. What another host defines meanwhile is not noticed.
 //!

@@ -1,4 +1,4 @@
-//! What a command does to programs, motions and a gather, as far as its text tells: the one place of these rooms that reads it.
+//! What a command does to programs, motions and a gather.
 
 use std::time::Duration;
 
@@ -33,6 +33,8 @@ impl Starts {
 pub struct CommandEffect {
     /// What it ends. What stops in the place of a panel request counts as that.
     pub ends: Option<LineEnds>,
+    /// It resets the board.
+    pub resets: bool,
     /// This control character stops every motor: no jog is held any more.
     pub stops_all: Option<u8>,
     /// The motors that it sets in motion by the control panel.
@@ -43,20 +45,22 @@ impl CommandEffect {
     /// Of `command`.
     pub fn of(command: &Command) -> Self {
         match command {
-            Command::Send { line, .. } => Self { ends: line.meaning.ends(), ..Self::default() },
+            Command::Send { line, .. } => {
+                Self { ends: line.meaning.ends(), resets: line.meaning.resets, ..Self::default() }
+            }
             Command::Control { character, .. } => Self {
                 ends: ended_by_character(*character),
                 stops_all: matches!(*character, control::ABORT | control::KILL).then_some(*character),
-                jogs: Motors::NONE,
+                ..Self::default()
             },
             Command::Job { job, .. } => match &**job {
                 Job::Panel(request) => request.action().map_or_else(Self::default, |action| Self {
                     ends: ended_by_panel(action, request.mask()),
-                    stops_all: None,
                     jogs: match action.is_for_motors() && action != PanelAction::JogStop {
                         true => Motors::from_bits(request.mask()),
                         false => Motors::NONE,
                     },
+                    ..Self::default()
                 }),
                 _ => Self::default(),
             },

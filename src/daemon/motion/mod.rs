@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`ledger`], [`hold_end`] | a row for each command that motors obey: whose it is, until when, seen moving or not; why a hold is over |
 //! | [`stops`], [`target`] | a row for each stop under way, and how far it is; what it stops, and its command line |
-//! | [`effect`] | what a command does to motion, read from its text |
+//! | [`effect`] | what a command does to motion |
 //! | [`sent_stops`] | the last commands that have ended something, for those whom that concerns |
 //! | [`leftovers`] | a row for each coordinate system: lines left in its rotary buffer |
 //! | [`resets`] | how often the board was reset |

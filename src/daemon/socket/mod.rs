@@ -13,7 +13,8 @@
 //! | `watches`, `tracing` | the registers that clients watch; who gets the trace of bus accesses |
 //! | `audit`, `program_errors` | what the log is told, and how often |
 //!
-//! What moves, for whom, and how it stops stands in `daemon/motion`.
+//! What moves, for whom, and how far its stop is stands in `daemon/motion`; [`server`] drives the stops. What the daemon says to the
+//! board step by step stands in `daemon/scripts`.
 
 mod admission;
 mod audit;

@@ -142,7 +142,7 @@ fn every_motors_scales_are_asked_in_lines_that_the_board_takes() {
 fn a_family_is_asked_for_the_variables_it_has() {
     let line = |family| questions(family)[2].line();
     assert_eq!(line(&PMAC), "I10 I19 I48 I49 I59 I2 I55 I3");
-    // FACTS-TURBO section 3: no I-variable says how many motors are reported, or where the panel is.
+    // On a Turbo board no I-variable says how many motors are reported, or where the panel is.
     assert_eq!(line(&TURBO2), "I10 I47 I48 I57 I49 I55 I3");
 }
 

@@ -4,7 +4,7 @@
 //! leave a motor moving.
 //!
 //! While no servo data come, after a reset for one, the background report tells which amplifiers are off: a killed motor's is,
-//! and a jog enables it (FACTS 3.2).
+//! and a jog enables it (status bit "amplifier enabled", Software Reference, on-line `?`).
 
 use crate::map::Motors;
 

@@ -15,14 +15,13 @@ use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, dropped_by};
 use crate::daemon::socket::call_table::{Ended, Then};
 use crate::daemon::socket::connection::Client;
-use crate::language::meaning::RESET;
 use crate::map::Motors;
 use crate::protocol::Function;
 
 impl Service {
     /// Takes note of what the command of `ended` has done to motion, as far as the board has carried it out, or may have.
     pub(super) fn note_effect(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
-        let CommandEffect { ends, stops_all, jogs } = std::mem::take(&mut ended.effect);
+        let CommandEffect { ends, resets, stops_all, jogs } = std::mem::take(&mut ended.effect);
         let caller = ended.caller;
         if outcome == Outcome::Done
             && let Some(ends) = ends.as_ref().filter(|ends| !ends.unnamed)
@@ -49,7 +48,7 @@ impl Service {
         }
         self.ledger.jog_by_panel(jogs);
         if let Some(ends) = ends {
-            if *ends.what == *RESET {
+            if resets {
                 self.resets.was_sent(now);
             }
             let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };
@@ -144,7 +143,7 @@ impl Service {
 
     fn without_panel(&self, motors: Motors) -> String {
         let cure = if self.uses(Function::Ascii) {
-            "pmacctl panel jog-stop stops it by command line, pmacctl abort everything"
+            "pmacctl jog N stop stops it by command line, pmacctl abort everything"
         } else {
             "pmacd sends no command lines, so nothing of it stops it until the panel is on again"
         };

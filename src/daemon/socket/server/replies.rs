@@ -71,7 +71,7 @@ pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
 pub(super) fn held_by_another(holder: Option<Account>, motors: Motors) -> CallError {
     match holder {
         Some(holder) => CallError::refused(format_args!(
-            "{holder} holds a jog of motor {motors}; nothing was sent; panel jog-stop or abort ends that"
+            "{holder} holds a jog of motor {motors}; nothing was sent; pmacctl jog N stop or abort ends that"
         )),
         None => CallError::refused(format_args!(
             "the board has not taken the stop of motor {motors} yet, which pmacd requests again; nothing was sent; abort stops it"

@@ -36,7 +36,7 @@ pub struct ServerStats {
     /// Stops under way.
     pub stops: usize,
     /// Jogs that a connection holds.
-    pub leases: usize,
+    pub holds: usize,
     /// Commands that wait for their turn or are with the bus thread.
     pub turns: usize,
     /// Registers that are watched.
@@ -84,7 +84,7 @@ impl ServerStepper {
 
     /// When the first jog that a connection holds is stopped, or the first sequence ended, unless it is renewed.
     #[must_use]
-    pub fn first_lease_end(&self) -> Option<Instant> {
+    pub fn first_hold_end(&self) -> Option<Instant> {
         let Service { ledger, sequences, clients, .. } = &self.service;
         let held = ledger.first_end(|client| clients.get(client).is_some());
         held.into_iter().chain(sequences.first_lapse()).min()
@@ -100,7 +100,7 @@ impl ServerStepper {
             tickets: calls.count(),
             sequences: sequences.count(),
             stops: stops.count(),
-            leases: ledger.holds(),
+            holds: ledger.holds(),
             turns: calls.commands(),
             watched: watches.watched(),
             longest_output: clients.iter().map(|(_, client)| client.unsent()).max().unwrap_or(0),
@@ -193,7 +193,7 @@ mod tests {
         // One that nobody would have to renew.
         others.push(client(&mut server, &jog("PanelHold", 1, true), now));
         settle(&mut server, now);
-        assert_eq!(server.kept().leases, 1);
+        assert_eq!(server.kept().holds, 1);
         let open = BoardStatus {
             motors: MotorsStatus { open_loops: Motors::of(1), ..MotorsStatus::default() },
             ..BoardStatus::default()
