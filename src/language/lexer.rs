@@ -10,7 +10,7 @@ pub use super::command::{Does, Effect, Kind, Needs, Token};
 use super::number::{self, Numbers};
 use super::reader::Reader;
 use super::words::Word::Is;
-use super::words::{LISTED, MEMORIES, OPENED, TABLES, WORDS, Word};
+use super::words::{LISTED, MEMORIES, OPENED, PROGRAM_WORDS, TABLES, WORDS, Word};
 use crate::format::Text;
 
 /// The digits of the longest hexadecimal address, `$07FFFF` on Turbo boards.
@@ -119,10 +119,18 @@ fn password(reader: &mut Reader<'_>) -> Kind {
     Kind::Password
 }
 
-/// A letter and those behind it, or another byte, with numbers and signs behind that.
+/// A statement of a program, or a letter and those behind it up to what moves a motor, or another byte, with numbers and signs behind
+/// that.
 fn unknown(reader: &mut Reader<'_>) {
     let start = reader.at;
-    let letters = reader.skip_while(|byte| byte.is_ascii_alphabetic());
+    if reader.word(&PROGRAM_WORDS).is_none() {
+        while reader.byte().is_some_and(|byte| byte.is_ascii_alphabetic())
+            && (reader.at == start || !begins_move(reader))
+        {
+            reader.at += 1;
+        }
+    }
+    let letters = reader.at - start;
     let word = &reader.line[start..reader.at];
     // `MS$$$0` resets a station of a MACRO ring.
     if [&b"MS"[..], b"MACROSLV"].iter().any(|of_station| word.eq_ignore_ascii_case(of_station)) {
@@ -152,6 +160,13 @@ fn unknown(reader: &mut Reader<'_>) {
             return;
         }
     }
+}
+
+/// Whether a jog or a homing begins here.
+fn begins_move(reader: &Reader<'_>) -> bool {
+    let mut behind = reader.clone();
+    behind.takes("J") && behind.is_next(b"+-=:^/")
+        || ["HM", "HOME"].iter().any(|word| reader.clone().takes(word))
 }
 
 /// Behind a `#` or an `&`.
@@ -218,7 +233,8 @@ fn variables(reader: &mut Reader<'_>, letter: u8) -> Kind {
     }
     let start = reader.at;
     let value = number::value(reader);
-    if value.is_none() && reader.peek().is_some_and(|byte| byte.is_ascii_alphabetic()) {
+    let is_word = reader.peek().is_some_and(|byte| byte.is_ascii_alphabetic());
+    if value.is_none() && is_word && !begins_move(reader) {
         unknown(reader);
     }
     let is_whole = |value: &f64| value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value);

@@ -215,9 +215,14 @@ impl Meaning {
 /// The motors that `line` names and moves on a board that ignores the blanks between letters, too: `#1 H M` homes there (Software
 /// Reference p. 17: blanks are ignored). A held motor is guarded on both.
 fn moves_without_blanks(line: &[u8]) -> Motors {
-    let is_parted =
-        |three: &[u8]| three[0].is_ascii_alphabetic() && three[1] == b' ' && three[2].is_ascii_alphabetic();
-    if !line.windows(3).any(is_parted) {
+    let mut words = line.split(|byte| *byte == b' ').filter(|word| !word.is_empty());
+    let is_letter = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_alphabetic);
+    let mut before = words.next().unwrap_or_default();
+    let is_parted = words.any(|word| {
+        let before = std::mem::replace(&mut before, word);
+        is_letter(before.last()) && is_letter(word.first())
+    });
+    if !is_parted {
         return Motors::NONE;
     }
     let mut packed = Text::<LINE_MAX>::default();
@@ -372,8 +377,8 @@ impl Reading<'_> {
         if b"+-".contains(&letter) {
             self.last = Jogs { motors: *motors, unnamed: motor.is_none() };
             meaning.jogs = meaning.jogs.or(self.last);
-        } else if b"/=:^KHO".contains(&letter) {
-            // What may go to another motor ends no jog.
+        } else if b"/=:^KO".contains(&letter) {
+            // What may go to another motor ends no jog, nor does what may be a statement of a program, as HOME1.
             match motor {
                 Some(_) if motors.len() == 1 => meaning.jogs.motors.remove(*motors),
                 None if motors.is_empty() => meaning.jogs.unnamed = false,

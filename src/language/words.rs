@@ -48,6 +48,13 @@ pub(super) const WORDS: [(Word, &str); 24] = [
 const STATEMENTS: &str = "ADDRESS|ADIS|ADR|AND|AROT|BLOCKSTART|BLOCKSTOP|BSTART|BSTOP|DELAY|PSET|PAUSE|PVT|RAPID|READ|RESUME|RET|RETURN|\
     RPD|SEND|SETPHASE|SPLINE|STN|STOP";
 
+/// Statements of programs that begin as no command does. A board takes a command that stands right behind one: `LINEARJ+`.
+pub(super) const PROGRAM_WORDS: [((), &str); 1] = [(
+    (),
+    "CALL|CIR|CIRCLE|CMD|COMMAND|DIS|DISABLE|DISP|DISPLAY|DLY|DWE|DWELL|ELSE|ENDI|ENDIF|ENDW|ENDWHILE|GOS|GOSUB|GOT|GOTO|IDIS|IF|\
+        IROT|LIN|LINEAR|NORMAL|NRM|OR|PRELUDE|TA|TINIT|TM|TS|TSEL|TSELECT|WAI|WAIT|WHILE",
+)];
+
 /// What is defined and deleted, as it is called where it is deleted.
 pub(super) const TABLES: [(Kind, &str); 5] = [
     (Kind::DeletesRotary, "ROT|ROTARY"),
