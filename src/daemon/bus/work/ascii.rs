@@ -437,7 +437,8 @@ impl AsciiQueue {
     fn patience(&self, now: Instant) -> Duration {
         // What cannot be asked now is not waited for.
         let question = if self.ports.in_doubt() {
-            self.check.due_in(now)
+            // Where all ones are read nothing can be begun, however often it is tried.
+            self.check.due_in(now).max(LINES_POLL_LATER)
         } else {
             let due = self.identifier.due_in(now).min(self.scan_due_in(now)).min(self.characters_due_in(now));
             due.max(self.questions_barred_for(now))

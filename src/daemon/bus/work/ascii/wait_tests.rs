@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::daemon::shared::queue::GivenUp;
+use crate::map::HostOffset;
 
 #[test]
 fn a_line_whose_time_is_over_is_never_begun() {
@@ -134,4 +135,19 @@ fn a_character_that_only_waited_for_a_line_says_nothing_of_the_board() {
     let told = rig.ended();
     assert!(matches!(told[..], [(2, Outcome::Refused(_))]), "{told:?}");
     assert_eq!(rig.queue.state(), CommandState::Unknown);
+}
+
+/// A window that nobody answers behind reads all ones.
+#[test]
+fn a_board_that_is_gone_is_not_tried_without_a_pause() {
+    let mut rig = Rig::new();
+    rig.queue.ports.doubt();
+    (0..0x4000).step_by(2).for_each(|at| rig.bus.write16(HostOffset::new(at), u16::MAX).unwrap());
+    rig.now += Duration::from_secs(1);
+    for _ in 0..10 {
+        rig.poll();
+        assert!(!rig.queue.is_under_way());
+        assert!(rig.queue.due() > rig.now, "the bus thread sleeps between two tries");
+        rig.now = rig.queue.due();
+    }
 }
