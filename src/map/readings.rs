@@ -35,5 +35,7 @@ impl RotaryCode2 {
 #[serde(default)]
 pub struct Readings {
     /// The place of CODE2 of ABS, INC and FRAX; unknown unless the configuration has it.
+    // Left out while unknown: clients of an earlier state read the name as text.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rotary_code2: Option<RotaryCode2>,
 }

@@ -101,4 +101,11 @@ mod tests {
         assert_eq!(serde_json::from_str::<BoardSettings>(&json).unwrap(), settings);
         assert!(toml::from_str::<BoardSettings>("[plan]\nplace = 1\n").is_err());
     }
+
+    /// Earlier clients read each reading as text, and refuse a null.
+    #[test]
+    fn an_unknown_reading_is_left_out_of_the_reply() {
+        let json = serde_json::to_value(BoardSettings::default()).unwrap();
+        assert_eq!(json["readings"], serde_json::json!({}));
+    }
 }
