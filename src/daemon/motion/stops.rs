@@ -17,8 +17,10 @@ use crate::map::Motors;
 pub enum At {
     /// The panel is to be asked for it from this moment on.
     Due(Instant),
-    /// The panel was asked for it.
+    /// The daemon has asked the panel for it.
     Panel(Ticket),
+    /// Its caller has asked the panel for it.
+    CallersPanel,
     /// The board was asked what is addressed.
     Question,
     /// The line was sent.
@@ -65,13 +67,13 @@ pub enum Seen {
 }
 
 impl Stop {
-    /// Of `target`, for which `caller` waits, by command line: it begins with the question what is addressed.
-    pub const fn new(target: Target, caller: Option<Caller>, ends_hold: bool, now: Instant) -> Self {
+    /// Of `target`, for which `caller` waits, and which begins so.
+    pub const fn new(target: Target, caller: Option<Caller>, ends_hold: bool, at: At, now: Instant) -> Self {
         Self {
             target,
             caller,
             ends_hold,
-            at: At::Question,
+            at,
             begun: now,
             taken: false,
             is_doubtful: false,
@@ -133,7 +135,7 @@ impl Stops {
 
     /// The panel is to stop `motors`, which nobody holds any more, from this moment on.
     pub fn begin_due(&mut self, motors: Motors, at: Instant) -> u64 {
-        self.begin(Stop { at: At::Due(at), ..Stop::new(Target::Motors(motors), None, true, at) })
+        self.begin(Stop::new(Target::Motors(motors), None, true, At::Due(at), at))
     }
 
     /// What the panel is to be asked for now, as one stop with its number. Nothing while the bus thread has as many of the daemon's
@@ -214,9 +216,10 @@ impl Stops {
         self.running.values().filter_map(moment).min()
     }
 
-    /// The motors that are to be stopped.
+    /// The motors that the daemon is to stop.
     pub fn motors(&self) -> Motors {
-        self.running.values().fold(Motors::NONE, |all, stop| all.and(stop.target.motors()))
+        let own = self.running.values().filter(|stop| stop.at != At::CallersPanel);
+        own.fold(Motors::NONE, |all, stop| all.and(stop.target.motors()))
     }
 
     /// How many.
@@ -233,7 +236,7 @@ mod tests {
     fn a_motor_that_has_another_command_is_not_watched_any_more_once_its_stop_is_taken() {
         let now = Instant::now();
         let mut stops = Stops::new(Some(Duration::from_secs(1)));
-        let number = stops.begin(Stop::new(Target::Motors(Motors::first(2)), None, true, now));
+        let number = stops.begin(Stop::new(Target::Motors(Motors::first(2)), None, true, At::Question, now));
         assert!(stops.let_go(Motors::first(2)).is_empty(), "its stop has not been taken");
         let stop = stops.get_mut(number).unwrap();
         (stop.at, stop.taken) = (At::Watch, true);
@@ -251,9 +254,9 @@ mod tests {
         );
         let look = |taken, motions: &[(u64, Motion)]| {
             let mut stops = Stops::new(Some(after));
-            let number = stops.begin(Stop::new(Target::Motors(Motors::of(1)), None, true, now));
+            let number = stops.begin(Stop::new(Target::Motors(Motors::of(1)), None, true, At::Watch, now));
             let stop = stops.get_mut(number).unwrap();
-            (stop.at, stop.taken) = (At::Watch, taken);
+            stop.taken = taken;
             let seen =
                 motions.iter().map(|(ms, motion)| stops.seen(*motion, now + Duration::from_millis(*ms)));
             seen.flatten().map(|(_, seen)| seen).next()

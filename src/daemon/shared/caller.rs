@@ -12,3 +12,8 @@ pub struct Caller {
     /// Nobody wants the reply.
     pub oneway: bool,
 }
+
+impl Caller {
+    /// In the place of the connection, where no client has called.
+    pub const NOBODY: u64 = u64::MAX;
+}

@@ -8,7 +8,6 @@ use super::first_start::FirstStart;
 use super::jobs::{Guard, JobCall};
 use super::jog_to::JogTo;
 use crate::daemon::motion::effect::{CommandEffect, LineEffect};
-use crate::daemon::motion::target::Target;
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
@@ -49,14 +48,6 @@ pub(super) enum Then {
     Notes(JobCall),
     /// A watch on these registers begins, if the board copies any.
     Watch(Vec<VariableEntry>),
-    /// The caller hears that the panel has stopped this, or it is stopped by command line. It ends a jog that he holds,
-    /// or held, if `ends_hold`.
-    PanelStop {
-        /// What is stopped.
-        target: Target,
-        /// Whether it ends a held jog.
-        ends_hold: bool,
-    },
     /// The stop of this number goes on.
     Stop(u64),
     /// This jog goes on, until then: the board was asked what is addressed.
@@ -113,6 +104,11 @@ impl Pending {
             effect,
             is_logged: false,
         }
+    }
+
+    /// Whether the daemon sends it by itself, to stop something.
+    fn is_own_stop(&self) -> bool {
+        matches!(self.then, Then::Stop(_)) && self.caller.client == Caller::NOBODY
     }
 
     /// When its caller is answered without the bus thread: at his own deadline if that never got the command, so that nothing
@@ -192,7 +188,7 @@ impl CallTable {
         then: Then,
         command: impl FnOnce(Ticket) -> Command,
     ) -> bool {
-        let own = self.pending.values().filter(|pending| matches!(pending.then, Then::Stop(_))).count();
+        let own = self.pending.values().filter(|pending| pending.is_own_stop()).count();
         let ticket = self.new_ticket();
         let command = command(ticket);
         let pending = Pending::new(caller, deadline, then, &command);
@@ -223,10 +219,12 @@ impl CallTable {
                 // How long it waited here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }
-            // A stop goes though nobody waits for its answer.
-            let is_stop = matches!(command, Command::Control { character, .. } if control::stops(character));
+            let stops_all =
+                matches!(command, Command::Control { character, .. } if control::stops(character));
             let pending = self.pending.get_mut(&ticket).filter(|pending| {
                 let Caller { client, oneway, .. } = pending.caller;
+                // A stop goes though nobody waits for its answer.
+                let is_stop = stops_all || matches!(pending.then, Then::Stop(_));
                 (oneway || is_stop || hears(client)) && now < pending.deadline
             });
             match pending {
@@ -303,13 +301,13 @@ impl CallTable {
                 pending.then = Then::Refuse(reason.to_owned());
             }
         }
-        let stops = |ticket: &Ticket| {
+        let stays = |ticket: &Ticket| {
             self.pending
                 .get(ticket)
-                .is_some_and(|pending| matches!(pending.then, Then::PanelStop { .. } | Then::ReplyHeld))
+                .is_some_and(|pending| matches!(pending.then, Then::Stop(_) | Then::ReplyHeld))
         };
         let mut waiting = self.queue.droppable();
-        waiting.retain(|ticket| !stops(ticket));
+        waiting.retain(|ticket| !stays(ticket));
         let dropped =
             waiting.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
         dropped.into_iter().filter_map(|ticket| self.end(ticket)).collect()
@@ -331,8 +329,8 @@ impl CallTable {
 
     /// `client` is gone: nobody waits for its call. A stop goes on.
     pub(super) fn forget(&mut self, client: u64) {
-        let stops = |then: &Then| matches!(then, Then::PanelStop { .. });
-        self.pending.retain(|_, pending| pending.caller.client != client || stops(&pending.then));
+        self.pending
+            .retain(|_, pending| pending.caller.client != client || matches!(pending.then, Then::Stop(_)));
     }
 
     /// Whether `client` waits for the board and wants no reply.
@@ -349,11 +347,6 @@ impl CallTable {
     /// Whether [`Self::hand_out`] has something to hand over.
     pub(super) fn has_next(&self) -> bool {
         self.queue.has_next()
-    }
-
-    /// Whether somebody waits for the panel to stop something.
-    pub(super) fn stops(&self) -> bool {
-        self.pending.values().any(|pending| matches!(pending.then, Then::PanelStop { .. }))
     }
 
     /// Calls that wait for the board.

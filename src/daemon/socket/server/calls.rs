@@ -8,6 +8,7 @@ use super::replies::{hold_over, is_stopping, outcome_reply, reply_lines};
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::motion::leftovers::Leftovers;
 use crate::daemon::motion::resets;
+use crate::daemon::motion::stops::{At, Stop};
 use crate::daemon::motion::target::Target;
 use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
@@ -266,7 +267,10 @@ impl Service {
         }
         let then = match (lease, target, notes) {
             (Some(_), ..) => Then::ReplyHeld,
-            (None, Some(target), _) => Then::PanelStop { target, ends_hold },
+            (None, Some(target), _) => {
+                let stop = Stop::new(target, Some(caller), ends_hold, At::CallersPanel, now);
+                Then::Stop(self.stops.begin(stop))
+            }
             (None, None, Some(notes)) => Then::ReplyNotes(notes),
             (None, None, None) => Then::ReplyDone(guard),
         };
@@ -323,9 +327,6 @@ impl Service {
                 self.jog_addressed(ended.caller, (jog, deadline), &ended.lines, outcome, now);
             }
             Then::FirstStart(start) => self.left_told(ended.caller, start, ended.lines, outcome, now),
-            Then::PanelStop { target, ends_hold } => {
-                self.stop_by_line(target, Some(ended.caller), ends_hold, now);
-            }
             // What was to be asked comes behind what is done, or refused, already.
             Then::Notes(_) | Then::Reason(..) => self.on_end(ended, outcome, now),
             _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
@@ -336,9 +337,6 @@ impl Service {
     pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
         if let Then::Sequence(number) = ended.then {
             return self.step_done(number, ended, outcome, Found::default(), now);
-        }
-        if outcome != Outcome::Done && matches!(ended.then, Then::PanelStop { .. }) {
-            return self.give_up(ended, outcome, now);
         }
         let Ended { caller, lines, is_overlong, then, is_logged, .. } = ended;
         let then = match then {
@@ -411,10 +409,6 @@ impl Service {
                 // The jog has begun: its holder's time runs from here.
                 let held = self.ledger.renew(caller.client, now).map(|()| Reply::done()).map_err(hold_over);
                 if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong, now) }
-            }
-            (Then::PanelStop { target, .. }, Outcome::Done) => {
-                self.has_stopped(target, caller, now);
-                Ok(Reply::done())
             }
             (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
             (Then::ReplyToLine(effect), Outcome::Done) => {

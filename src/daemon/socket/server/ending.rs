@@ -46,7 +46,7 @@ impl Service {
     /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time. Who held
     /// a jog renews it until it has been stopped, and hears of that then.
     pub(super) fn time_left(&mut self, begun: Instant, now: Instant) -> Option<Duration> {
-        let stops = self.ledger.holds() + self.stops.count() > 0 || self.calls.stops();
+        let stops = self.ledger.holds() + self.stops.count() > 0;
         self.stood_since = if stops { None } else { self.stood_since.or(Some(now)) };
         let steps = self.has_sequences().then_some(begun + LAST_STEPS);
         let told = self.stood_since.filter(|_| self.ledger.has_untold()).map(|since| since + HOLD_LEASE);

@@ -446,5 +446,5 @@ impl Service {
 
 /// Who asks for the steps of a sequence of `owner`: its user, whose turn they take; but they are done whether it hears or not.
 fn step_of(owner: Peer) -> Caller {
-    Caller { client: u64::MAX, peer: owner, oneway: true }
+    Caller { client: Caller::NOBODY, peer: owner, oneway: true }
 }

@@ -28,7 +28,7 @@ impl Service {
         ends_hold: bool,
         now: Instant,
     ) {
-        let number = self.stops.begin(Stop::new(target, caller, ends_hold, now));
+        let number = self.stops.begin(Stop::new(target, caller, ends_hold, At::Question, now));
         self.line_begins(number, target, now);
     }
 
@@ -51,10 +51,12 @@ impl Service {
         let Some(stop) = self.stops.get_mut(number) else { return };
         let (target, is_done) = (stop.target, outcome == Outcome::Done);
         match stop.at {
-            At::Panel(_) if is_done => self.stop_over(number, Ok(()), now),
-            At::Panel(_) => {
-                let mask = target.motors().bits();
-                error!(target: "audit", "the board did not take the stop of a held jog (mask {mask:#04x})");
+            At::Panel(_) | At::CallersPanel if is_done => self.stop_over(number, Ok(()), now),
+            At::Panel(_) | At::CallersPanel => {
+                if stop.at != At::CallersPanel {
+                    let mask = target.motors().bits();
+                    error!(target: "audit", "the board did not take the stop of a held jog (mask {mask:#04x})");
+                }
                 (stop.at, stop.begun) = (At::Question, now);
                 self.line_begins(number, target, now);
             }
@@ -185,7 +187,10 @@ impl Service {
         match &result {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
-                    if let Some(ends) = ended_by_stop(stop.target) {
+                    // A request of its caller is noted when the board has taken it.
+                    if stop.at != At::CallersPanel
+                        && let Some(ends) = ended_by_stop(stop.target)
+                    {
                         self.sent_stops.add(ends, caller, None, now);
                     }
                     self.has_stopped(stop.target, caller, now);
@@ -266,5 +271,5 @@ fn tell_of_loops(target: Target, open: Motors, unknown: Motors, reported: Motors
 /// The daemon, as the caller of what it does by itself.
 fn by_itself() -> Caller {
     let pid = std::process::id().cast_signed();
-    Caller { client: u64::MAX, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }
+    Caller { client: Caller::NOBODY, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }
 }
