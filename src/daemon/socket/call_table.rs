@@ -3,19 +3,15 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use super::call_step::{CallStep, CommandPart};
 use super::fair_queue::{FairQueue, Turn};
-use super::first_start::FirstStart;
-use super::jobs::{Guard, JobCall};
-use super::jog_to::JogTo;
-use crate::daemon::motion::effect::{CommandEffect, LineEffect};
+use crate::daemon::motion::effect::CommandEffect;
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::open_buffer::Writer;
-use crate::daemon::shared::queue::{Command, GivenUp, Outcome, Sender, Ticket, at_once};
+use crate::daemon::shared::queue::{Command, GivenUp, Outcome, REASON_MAX, Sender, Text, Ticket, at_once};
 use crate::function::line_port::ResponseText;
-use crate::function::variable_read::VariableEntry;
 use crate::map::Motors;
-use crate::protocol::{CallError, control};
+use crate::protocol::control;
 
 /// How much longer than asked the bus thread may take for what it was given before it is not believed to answer at all: more
 /// than a port takes to be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
@@ -25,48 +21,15 @@ const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
 /// The longest reply of the board that is collected, in bytes.
 pub(super) const COLLECT_MAX: usize = 1024 * 1024;
 
-/// What follows when the board has done what was asked of it.
+/// What follows when the bus thread has done what was asked of it, or not.
 #[derive(Debug)]
 pub(super) enum Then {
-    /// The caller gets the lines of the board's reply.
-    ReplyLines,
-    /// The caller gets them, too, and the line has this effect.
-    ReplyToLine(LineEffect),
-    /// The caller hears that it is done. If it is refused, the board is asked whether what it needs is still so.
-    ReplyDone(Option<Guard>),
-    /// The caller hears that the jog he holds has begun.
-    ReplyHeld,
-    /// The caller hears this, and what the board says of the guard.
-    Reason(Guard, CallError),
-    /// The caller gets remarks.
-    ReplyNotes(Vec<String>),
-    /// A job begins, if the board's answer is what its guard wants.
-    Job(JobCall),
-    /// The board is asked what the job, which is done, needs to have an effect.
-    Question(JobCall, Guard),
-    /// The caller gets the job's remarks, among them what the board's answer comes to.
-    Notes(JobCall),
-    /// A watch on these registers begins, if the board copies any.
-    Watch(Vec<VariableEntry>),
+    /// A call goes on.
+    Call(CallStep),
     /// The stop of this number goes on.
     Stop(u64),
-    /// This jog goes on, until then: the board was asked what is addressed.
-    JogTo(JogTo, Instant),
-    /// This start goes on: the board was asked what lies in rotary buffers.
-    FirstStart(Box<FirstStart>),
-    /// The caller hears how many resets were found; the board was asked then for its servo counter.
-    Resets(Instant),
     /// The sequence of this number goes on.
     Sequence(u64),
-    /// The caller is refused what was to begin: all motion was stopped meanwhile.
-    Refuse(String),
-}
-
-impl Then {
-    /// Whether it follows something that is done already.
-    const fn is_remark(&self) -> bool {
-        matches!(self, Self::Notes(_))
-    }
 }
 
 /// A call that the board has not answered yet.
@@ -81,6 +44,8 @@ struct Pending {
     lines: Vec<String>,
     length: usize,
     then: Then,
+    /// Somebody has stopped all motion, for which nothing is to begin any more: why.
+    dropped: Option<Text<REASON_MAX>>,
     /// What its command does.
     effect: CommandEffect,
     /// Whether the log is told when its command is handed over.
@@ -89,21 +54,39 @@ struct Pending {
 
 impl Pending {
     fn new(caller: Caller, deadline: Instant, then: Then, command: &Command) -> Self {
-        let mut effect = CommandEffect::of(command);
-        if matches!(then, Then::ReplyHeld) {
-            // Its motors stand in the ledger as held.
-            effect.jogs = Motors::NONE;
-        }
-        Self {
+        let mut pending = Self {
             caller,
             deadline,
             is_handed: false,
             lines: Vec::new(),
             length: 0,
             then,
-            effect,
+            dropped: None,
+            effect: CommandEffect::of(command),
             is_logged: false,
+        };
+        if pending.part() == CommandPart::Hold {
+            // Its motors stand in the ledger as held.
+            pending.effect.jogs = Motors::NONE;
         }
+        pending
+    }
+
+    /// What its command is to its call.
+    fn part(&self) -> CommandPart {
+        match &self.then {
+            Then::Call(step) => step.part(),
+            Then::Stop(_) | Then::Sequence(_) => CommandPart::Deed,
+        }
+    }
+
+    /// It has ended so. Its caller `is_given_up` without a word of the bus thread.
+    fn end(self, outcome: Outcome, is_given_up: bool) -> Ended {
+        let Self { caller, deadline, lines, length, then, effect, is_logged, .. } = self;
+        let outcome = self.dropped.map_or(outcome, Outcome::Dropped);
+        let is_overlong = length > COLLECT_MAX;
+        let heard = Heard { caller, deadline, outcome, lines, is_overlong, is_given_up, is_logged };
+        Ended { then, effect, heard }
     }
 
     /// Whether the daemon sends it by itself, to stop something.
@@ -118,19 +101,32 @@ impl Pending {
     }
 }
 
-/// A call that the bus thread has answered.
+/// A command that has ended.
 #[derive(Debug)]
 pub(super) struct Ended {
+    /// What follows.
+    pub then: Then,
+    /// What the command does, if the board has carried it out.
+    pub effect: CommandEffect,
+    /// What became of it.
+    pub heard: Heard,
+}
+
+/// What became of a command.
+#[derive(Debug)]
+pub(super) struct Heard {
     /// Whose it was.
     pub caller: Caller,
+    /// How long its caller waits.
+    pub deadline: Instant,
+    /// How it ended.
+    pub outcome: Outcome,
     /// The lines of the board's reply.
     pub lines: Vec<String>,
     /// The reply was longer than [`COLLECT_MAX`], and is not whole.
     pub is_overlong: bool,
-    /// What follows.
-    pub then: Then,
-    /// What its command does, if the board has carried it out.
-    pub effect: CommandEffect,
+    /// The bus thread has not answered, or did not get it.
+    pub is_given_up: bool,
     /// Whether the log says that it was asked for.
     pub is_logged: bool,
 }
@@ -208,17 +204,11 @@ impl CallTable {
         now: Instant,
         hears: impl Fn(u64) -> bool,
         mut log: impl FnMut(Caller, &str),
-    ) -> Vec<(Ended, Outcome)> {
+    ) -> Vec<Ended> {
         let mut refused = Vec::new();
         while let Some(turn) = self.queue.next() {
             let outcome = not_begun(turn.is_for_port(), holds, now);
             let Turn { ticket, mut command, audit } = turn;
-            if let Command::Send { writer: Writer::Question, deadline, .. } = &mut command
-                && self.is_own_question(ticket)
-            {
-                // How long it waited here says nothing about the board.
-                *deadline = now + QUESTION_TIMEOUT;
-            }
             let stops_all =
                 matches!(command, Command::Control { character, .. } if control::stops(character));
             let pending = self.pending.get_mut(&ticket).filter(|pending| {
@@ -227,6 +217,12 @@ impl CallTable {
                 let is_stop = stops_all || matches!(pending.then, Then::Stop(_));
                 (oneway || is_stop || hears(client)) && now < pending.deadline
             });
+            if let (Some(pending), Command::Send { deadline, .. }) = (&pending, &mut command)
+                && pending.part().is_own_question()
+            {
+                // How long it waited here says nothing about the board.
+                *deadline = now + QUESTION_TIMEOUT;
+            }
             match pending {
                 Some(pending) if self.commands.try_send(command).is_ok() => {
                     pending.is_handed = true;
@@ -235,7 +231,10 @@ impl CallTable {
                         log(caller, &what);
                     }
                 }
-                _ => refused.extend(self.end(ticket).map(|ended| (ended, outcome))),
+                _ => {
+                    self.queue.over(ticket);
+                    refused.extend(self.pending.remove(&ticket).map(|pending| pending.end(outcome, true)));
+                }
             }
         }
         refused
@@ -251,38 +250,21 @@ impl CallTable {
     }
 
     /// The bus thread has answered: the call, unless its caller has been answered already.
-    pub(super) fn end(&mut self, ticket: Ticket) -> Option<Ended> {
+    pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) -> Option<Ended> {
         self.queue.over(ticket);
-        let Pending { caller, lines, length, then, effect, is_logged, .. } = self.pending.remove(&ticket)?;
-        Some(Ended { caller, lines, is_overlong: length > COLLECT_MAX, then, effect, is_logged })
-    }
-
-    /// The sequence whose step `ticket` is.
-    pub(super) fn sequence_of(&self, ticket: Ticket) -> Option<u64> {
-        match self.pending.get(&ticket)?.then {
-            Then::Sequence(number) => Some(number),
-            _ => None,
-        }
-    }
-
-    /// Whether `ticket` is a question that the daemon asks for a call's sake.
-    fn is_own_question(&self, ticket: Ticket) -> bool {
-        let is_callers = |then: &Then| {
-            matches!(then, Then::Sequence(_) | Then::ReplyLines | Then::ReplyToLine(_) | Then::ReplyDone(_))
-        };
-        self.pending.get(&ticket).is_some_and(|pending| !is_callers(&pending.then))
+        self.pending.remove(&ticket).map(|pending| pending.end(outcome, false))
     }
 
     /// Takes out the calls whose time is over, each with how it ended. Lines wait for what `holds` the port.
-    pub(super) fn expire(&mut self, holds: Option<GivenUp>, now: Instant) -> Vec<(Ended, Outcome)> {
+    pub(super) fn expire(&mut self, holds: Option<GivenUp>, now: Instant) -> Vec<Ended> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.given_up_at() <= now);
-        late.map(|(ticket, Pending { caller, lines, then, effect, is_logged, .. })| {
+        late.map(|(ticket, pending)| {
             let outcome = match queue.take_back(ticket) {
                 Some(turn) => not_begun(turn.is_for_port(), holds, now),
                 None => Outcome::TimedOut,
             };
-            (Ended { caller, lines, is_overlong: false, then, effect, is_logged }, outcome)
+            pending.end(outcome, true)
         })
         .collect()
     }
@@ -290,38 +272,29 @@ impl CallTable {
     /// Takes every line and request of the panel back that waits for its turn, whosever it is, but for what stops.
     ///
     /// What was to begin behind a question is refused for this `reason` when that is answered.
-    pub(super) fn drop_what_waits(&mut self, reason: &str) -> Vec<Ended> {
-        for pending in self.pending.values_mut() {
-            let begins = match &pending.then {
-                Then::Job(call) => !call.stops,
-                Then::JogTo(..) | Then::FirstStart(_) => true,
-                _ => false,
-            };
-            if begins {
-                pending.then = Then::Refuse(reason.to_owned());
-            }
+    pub(super) fn drop_what_waits(&mut self, reason: Text<REASON_MAX>) -> Vec<Ended> {
+        for pending in self.pending.values_mut().filter(|pending| pending.part() == CommandPart::Before) {
+            pending.dropped = Some(reason);
         }
         let stays = |ticket: &Ticket| {
-            self.pending
-                .get(ticket)
-                .is_some_and(|pending| matches!(pending.then, Then::Stop(_) | Then::ReplyHeld))
+            self.pending.get(ticket).is_some_and(|pending| matches!(pending.then, Then::Stop(_)))
         };
         let mut waiting = self.queue.droppable();
         waiting.retain(|ticket| !stays(ticket));
         let dropped =
             waiting.into_iter().filter(|ticket| self.queue.take_back(*ticket).is_some()).collect::<Vec<_>>();
-        dropped.into_iter().filter_map(|ticket| self.end(ticket)).collect()
+        dropped.into_iter().filter_map(|ticket| self.end(ticket, Outcome::Dropped(reason))).collect()
     }
 
     /// Whether `client` waits for something of which nothing has been handed over.
     pub(super) fn is_unsent(&self, client: u64) -> bool {
         let mut calls = self.pending.iter().filter(|(_, pending)| pending.caller.client == client);
-        calls.any(|(ticket, pending)| self.queue.waits(*ticket) && !pending.then.is_remark())
+        calls.any(|(ticket, pending)| self.queue.waits(*ticket) && pending.part() != CommandPart::Behind)
     }
 
     /// Takes back the held jog that `client` has asked for, if it was not handed over; whose it was.
     pub(super) fn take_back_hold(&mut self, client: u64) -> Option<Caller> {
-        let mut holds = self.pending.iter().filter(|(_, pending)| matches!(pending.then, Then::ReplyHeld));
+        let mut holds = self.pending.iter().filter(|(_, pending)| pending.part() == CommandPart::Hold);
         let (&ticket, _) = holds.find(|(_, pending)| pending.caller.client == client)?;
         self.queue.take_back(ticket)?;
         self.pending.remove(&ticket).map(|pending| pending.caller)

@@ -8,6 +8,7 @@ use super::methods::Ask;
 use crate::daemon::motion::leftovers::start_anyway;
 use crate::daemon::scripts::lines_left;
 use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
+use crate::map::Systems;
 use crate::protocol::{CallError, answer};
 
 /// A start that waits for what the board says.
@@ -15,9 +16,9 @@ use crate::protocol::{CallError, answer};
 pub(super) struct FirstStart {
     /// What was asked for.
     pub ask: Ask,
-    /// The coordinate systems to ask about, from the one whose question is under way on; bit 0 is &1.
-    systems: u32,
-    addressed: Option<u32>,
+    /// The coordinate systems to ask about, from the one whose question is under way on.
+    systems: Systems,
+    addressed: Option<usize>,
     /// The address has to be put back.
     is_astray: bool,
 }
@@ -27,11 +28,11 @@ impl FirstStart {
     pub(super) const QUESTION: &str = "&";
 
     /// `ask` starts the programs of `systems`, and maybe others.
-    pub(super) const fn new(ask: Ask, systems: u32) -> Self {
+    pub(super) const fn new(ask: Ask, systems: Systems) -> Self {
         Self { ask, systems, addressed: None, is_astray: false }
     }
 
-    /// Takes the board's answer. The coordinate system that it is about, as a mask, and how many lines are left there.
+    /// Takes the board's answer. The coordinate system that it is about, and how many lines are left there.
     ///
     /// # Errors
     /// The board did not say.
@@ -39,44 +40,38 @@ impl FirstStart {
         &mut self,
         outcome: Outcome,
         reply: Result<Vec<String>, CallError>,
-    ) -> Result<Option<(u32, u64)>, CallError> {
-        let system = self.systems & self.systems.wrapping_neg();
-        let left = match outcome {
-            _ if system == 0 => {
-                self.is_astray = false;
-                return Ok(None);
-            }
-            _ if self.addressed.is_none() => {
-                let addressed = reply?.first().and_then(|line| answer::integer(line));
-                self.addressed = addressed.and_then(|number| u32::try_from(number).ok());
-                let unsaid =
-                    || CallError::refused("the board does not say which coordinate system is addressed");
-                return self.addressed.map(|_| None).ok_or_else(unsaid);
-            }
-            Outcome::Error(_) => {
-                self.is_astray = true;
-                0
-            }
-            _ => lines_left(&reply?)?,
+    ) -> Result<Option<(Systems, u64)>, CallError> {
+        if self.addressed.is_none() {
+            let addressed = reply?.first().and_then(|line| answer::integer(line));
+            self.addressed = addressed.and_then(|number| usize::try_from(number).ok());
+            let unsaid = || CallError::refused("the board does not say which coordinate system is addressed");
+            return self.addressed.map(|_| None).ok_or_else(unsaid);
+        }
+        let Some(system) = self.systems.numbers().next().map(Systems::of) else {
+            self.is_astray = false;
+            return Ok(None);
         };
-        self.systems &= !system;
+        let is_refused = matches!(outcome, Outcome::Error(_));
+        self.is_astray |= is_refused;
+        let left = if is_refused { 0 } else { lines_left(&reply?)? };
+        self.systems.remove(system);
         Ok(Some((system, left)))
     }
 
     /// The next line; `None`: everything is known.
     pub(super) fn line(&self) -> Option<Text<LINE_MAX>> {
         let addressed = self.addressed.unwrap_or_default();
-        match self.systems.trailing_zeros() + 1 {
-            _ if self.systems == 0 => self.is_astray.then(|| Text::of(&format_args!("&{addressed}"))),
-            number if number == addressed => Some(Text::of(&format_args!("&{number}PR"))),
-            number => Some(Text::of(&format_args!("&{number}PR&{addressed}"))),
+        match self.systems.numbers().next() {
+            None => self.is_astray.then(|| Text::of(&format_args!("&{addressed}"))),
+            Some(number) if number == addressed => Some(Text::of(&format_args!("&{number}PR"))),
+            Some(number) => Some(Text::of(&format_args!("&{number}PR&{addressed}"))),
         }
     }
 
     /// Why it is not started: the board did not say what is left, for this `reason`. It can be started by the panel where it
     /// `has_panel`.
     pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
-        let cs = self.systems.trailing_zeros() + 1;
+        let cs = self.systems.bits().trailing_zeros() + 1;
         CallError::refused(format_args!(
             "not started: &{cs}'s rotary buffer may hold lines of an earlier program, and the board could not be \
              asked ({reason}). {} runs whatever is there",
@@ -89,13 +84,12 @@ impl FirstStart {
 mod tests {
     use super::*;
     use crate::daemon::motion::effect::Starts;
-    use crate::map::Systems;
 
     #[test]
     fn each_question_puts_the_address_back_after_an_error_too() {
         let starts = Starts { systems: Systems::ALL, confirmed: false };
-        let mut start =
-            FirstStart::new(Ask::Control { character: 18, keeps_lines: false, starts }, 0b1_0000_0111);
+        let asked = [1, 2, 3, 9].into_iter().collect();
+        let mut start = FirstStart::new(Ask::Control { character: 18, keeps_lines: false, starts }, asked);
         let error = CallError::Board { code: 3, meaning: String::new(), lines: Vec::new() };
         let mut lines = vec![FirstStart::QUESTION.to_owned()];
         let mut found = Vec::new();
@@ -108,7 +102,7 @@ mod tests {
             lines.extend(start.line().map(|line| line.to_string()));
         }
         assert_eq!(lines, ["&", "&1PR&2", "&2PR", "&3PR&2", "&9PR&2", "&2"]);
-        assert_eq!(found, [(0b1, 0), (0b10, 7), (0b100, 0), (0b1_0000_0000, 4)]);
+        assert_eq!(found, [(1, 0), (2, 7), (3, 0), (9, 4)].map(|(number, left)| (Systems::of(number), left)));
         assert!(start.line().is_none());
     }
 
@@ -117,7 +111,7 @@ mod tests {
         for (addressed, left) in [("", None), ("x", None), ("1", Some("1.5")), ("1", Some("-1"))] {
             let reply = |text: &str| Ok(vec![text.to_owned()]);
             let ask = Ask::Control { character: 18, keeps_lines: false, starts: Starts::default() };
-            let mut start = FirstStart::new(ask, 1);
+            let mut start = FirstStart::new(ask, Systems::of(1));
             let said = start.take(Outcome::Done, reply(addressed));
             let said = left.map_or(said, |left| start.take(Outcome::Done, reply(left)));
             let told = start.unknown(&said.unwrap_err(), true).to_string();

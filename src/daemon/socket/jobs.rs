@@ -92,11 +92,24 @@ impl TimeBase {
     }
 }
 
+/// How far the call for a job is.
+#[derive(Debug)]
+pub enum JobAt {
+    /// This is to be done. The board may be asked first what it needs.
+    Wanted(Job),
+    /// The bus thread does it.
+    UnderWay,
+    /// It is done, and the board is asked what it needs to have an effect.
+    Done,
+    /// It was not done, or not to its end, for this reason; the board is asked whether what it needs is so.
+    Failed(CallError),
+}
+
 /// A job as it was called for.
 #[derive(Debug)]
 pub struct JobCall {
-    /// What to do.
-    pub job: Job,
+    /// How far it is.
+    pub at: JobAt,
     /// How long it may take.
     pub timeout: Duration,
     pub(super) guard: Option<Guard>,
@@ -132,15 +145,10 @@ impl Guard {
         (self.known)(enabling) == Some(true) && (self.shows || is_new)
     }
 
-    /// Whether the board has to be asked at `now`, which `answers`.
-    pub(super) fn is_open(self, enabling: Enabling, answers: bool, now: Instant) -> bool {
-        !self.is_known(enabling, now) && answers
-    }
-
-    /// Whether what waits for the guard may begin, the board having answered `found`.
-    pub(super) fn check(self, found: Option<&str>) -> Result<(), CallError> {
+    /// Whether what waits for the guard may begin, the board having given these `answers`.
+    pub(super) fn check(self, answers: Option<&[String]>) -> Result<(), CallError> {
         let Self { variable, value, purpose, .. } = self;
-        match found {
+        match answers.and_then(|answers| answers.first()) {
             Some(found) if found != value => Err(CallError::refused(format!(
                 "I{variable} is {found}, and {purpose} needs {value}; send I{variable}={value} first"
             ))),
@@ -167,25 +175,25 @@ impl JobCall {
     ///
     /// # Errors
     /// Why the job is not done then.
-    pub(super) fn take_answer(&mut self, found: Option<&[&str]>) -> Result<(), CallError> {
+    pub(super) fn take_answers(&mut self, answers: Option<&[String]>) -> Result<(), CallError> {
         let guard = self.guard.take();
-        match (guard, found) {
+        match (guard, answers) {
             (Some(guard), None) => self.note_unasked(guard),
-            (_, found) => self.note_time_base(found.and_then(|found| found.get(1).copied())),
+            (_, answers) => self.note_time_base(answers.and_then(|answers| answers.get(1))),
         }
-        guard.map_or(Ok(()), |guard| guard.check(found.and_then(|found| found.first().copied())))
+        guard.map_or(Ok(()), |guard| guard.check(answers))
     }
 
-    /// As [`Self::take_answer`], of what was done before the board was asked: gives every remark.
-    pub(super) fn into_notes(mut self, found: Option<&[&str]>) -> Vec<String> {
-        if let Err(reason) = self.take_answer(found) {
+    /// As [`Self::take_answers`], of what was done before the board was asked: gives every remark.
+    pub(super) fn into_notes(mut self, answers: Option<&[String]>) -> Vec<String> {
+        if let Err(reason) = self.take_answers(answers) {
             self.note(format!("this has no effect: {reason}"));
         }
         self.notes.unwrap_or_default()
     }
 
     /// Takes note of where the coordinate system takes its time base from, if not from the override.
-    fn note_time_base(&mut self, answer: Option<&str>) {
+    fn note_time_base(&mut self, answer: Option<&String>) {
         let (Some(TimeBase { coordinate_system, variable, register }), Some(answer)) =
             (self.time_base, answer)
         else {
@@ -221,7 +229,7 @@ impl JobCall {
 
     fn new(job: Job, timeout: Duration) -> Self {
         Self {
-            job,
+            at: JobAt::Wanted(job),
             timeout,
             guard: None,
             stops: false,

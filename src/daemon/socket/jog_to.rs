@@ -22,12 +22,11 @@ pub struct JogTo {
     motor: u32,
     /// Where to, in counts.
     position: f64,
+    /// The motor that is addressed, once the board has said so.
+    pub(super) addressed: Option<u32>,
 }
 
 impl JogTo {
-    /// Asks what is addressed.
-    pub(super) const QUESTION: &str = "#";
-
     /// What `call` asks for.
     ///
     /// # Errors
@@ -40,7 +39,8 @@ impl JogTo {
                 format_args!("less than {FARTHEST} counts either way: a motor counts no farther"),
             ));
         }
-        Ok(Self { motor: u32::try_from(call.motor).unwrap_or_default(), position: call.position })
+        let motor = u32::try_from(call.motor).unwrap_or_default();
+        Ok(Self { motor, position: call.position, addressed: None })
     }
 
     /// When it is given up if it begins `now`.
@@ -53,10 +53,10 @@ impl JogTo {
         Motors::of(self.motor as usize)
     }
 
-    /// The line that does it and then addresses motor `addressed` again.
-    pub(super) fn line(self, addressed: u32) -> Text<LINE_MAX> {
-        let Self { motor, position } = self;
-        Text::of(&format_args!("#{motor}J={}#{addressed}", constant(position)))
+    /// The line that does it and then addresses the motor again that was addressed before; `None`: the board has not said which.
+    pub(super) fn line(self) -> Option<Text<LINE_MAX>> {
+        let Self { motor, position, addressed } = self;
+        addressed.map(|addressed| Text::of(&format_args!("#{motor}J={}#{addressed}", constant(position))))
     }
 }
 
@@ -80,7 +80,9 @@ mod tests {
             (1e10, "10000000000"),
         ] {
             let jog = JogTo::of(&calls::JogTo { motor: 3, position: counts }, &PMAC).unwrap();
-            assert_eq!((&*jog.line(2), jog.motors()), (&*format!("#3J={text}#2"), Motors::of(3)));
+            assert!(jog.line().is_none(), "the board has not said what is addressed");
+            let line = JogTo { addressed: Some(2), ..jog }.line().unwrap();
+            assert_eq!((&*line, jog.motors()), (&*format!("#3J={text}#2"), Motors::of(3)));
         }
     }
 

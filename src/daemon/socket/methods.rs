@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
-use super::jobs::{self, JobCall};
+use super::jobs::{self, JobAt, JobCall};
 use super::jog_to::JogTo;
 use super::policy::{Characters, Role};
 use super::sequences::SequenceCall;
@@ -369,9 +369,11 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
 fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
         Action::Ask(Ask::Control { character, .. }) => return characters.role_for(*character),
-        Action::Ask(Ask::Job(JobCall { job: Job::Panel(_) | Job::Override { .. }, stops, .. })) => {
-            return if *stops { Role::Stop } else { Role::Operate };
-        }
+        Action::Ask(Ask::Job(JobCall {
+            at: JobAt::Wanted(Job::Panel(_) | Job::Override { .. }),
+            stops,
+            ..
+        })) => return if *stops { Role::Stop } else { Role::Operate },
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
         Action::Watch(entries) => {
             // Where a function block lies, the board alone knows.

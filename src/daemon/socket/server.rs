@@ -9,6 +9,7 @@
 mod calls;
 mod ending;
 mod first_starts;
+mod jobs;
 mod jogging;
 mod motion;
 mod replies;
@@ -30,7 +31,7 @@ use nix::sys::eventfd::{EfdFlags, EventFd};
 
 use super::admission::Admission;
 use super::audit::AuditLimit;
-use super::call_table::CallTable;
+use super::call_table::{CallTable, Ended, Then};
 use super::clients::Clients;
 use super::listener::Listener;
 use super::options::{ServeError, ServeOptions};
@@ -339,31 +340,27 @@ impl Service {
                 if let Some(number) = self.stops.at_panel(ticket) {
                     self.stop_step(number, &[], outcome, now);
                 }
-                if let Some(mut ended) = self.calls.end(ticket) {
-                    self.note_effect(&mut ended, outcome, now);
-                    self.on_end(ended, outcome, now);
+                if let Some(ended) = self.calls.end(ticket, outcome) {
+                    self.on_end(ended, now);
                 }
             }
             Event::Words { ticket, time_ns, words, count } => {
                 let words: Vec<u16> = words.iter().copied().take(count).collect();
-                let Some(words) = self.found(ticket, words, |words| Found { words, ..Found::default() }, now)
-                else {
-                    return;
-                };
-                self.reply_to(ticket, Reply::with(&ReadReply { time_ns, words }), now);
+                let reply = |found: Found| Reply::with(&ReadReply { time_ns, words: found.words });
+                self.on_found(ticket, Found { words, ..Found::default() }, reply, now);
             }
             Event::Rotary(ticket, state) => {
-                let found = |state| Found { rotary: Some(state), ..Found::default() };
-                let Some(state) = self.found(ticket, state, found, now) else { return };
-                let reply = RotaryStateReply {
-                    ahead_commands: state.ahead_commands,
-                    ahead_lines: state.ahead_lines,
-                    sent_lines: state.sent_lines,
-                    busy: state.busy,
-                    error: state.error,
-                    underruns: state.underruns,
+                let reply = |_: Found| {
+                    Reply::with(&RotaryStateReply {
+                        ahead_commands: state.ahead_commands,
+                        ahead_lines: state.ahead_lines,
+                        sent_lines: state.sent_lines,
+                        busy: state.busy,
+                        error: state.error,
+                        underruns: state.underruns,
+                    })
                 };
-                self.reply_to(ticket, Reply::with(&reply), now);
+                self.on_found(ticket, Found { rotary: Some(state), ..Found::default() }, reply, now);
             }
             Event::Watching(ticket, table) => {
                 let clients = self.watches.taken(ticket, table);
@@ -385,19 +382,21 @@ impl Service {
         }
     }
 
-    /// Gives a sequence what it has asked for with `ticket`; `what` itself where a client has.
-    fn found<T>(
+    /// The bus thread has found this for `ticket`: a sequence gets it, a client the reply.
+    fn on_found(
         &mut self,
         ticket: Ticket,
-        what: T,
-        found: impl FnOnce(T) -> Found,
+        found: Found,
+        reply: impl FnOnce(Found) -> Result<Reply, CallError>,
         now: Instant,
-    ) -> Option<T> {
-        let Some(number) = self.calls.sequence_of(ticket) else { return Some(what) };
-        if let Some(ended) = self.calls.end(ticket) {
-            self.step_done(number, ended, Outcome::Done, found(what), now);
+    ) {
+        match self.calls.end(ticket, Outcome::Done) {
+            Some(Ended { then: Then::Sequence(number), heard, .. }) => {
+                self.step_done(number, heard, found, now)
+            }
+            Some(ended) => self.answer(ended.heard.caller, reply(found), now),
+            None => {}
         }
-        None
     }
 
     /// Acts on every deadline that has passed.
@@ -409,9 +408,8 @@ impl Service {
             let what = format_args!("dropped a connection of uid {uid} pid {pid}: stopped half-way");
             self.audit.tell(uid, what, now);
         }
-        for (mut ended, outcome) in self.calls.expire(self.info.holds_port(), now) {
-            self.note_effect(&mut ended, outcome, now);
-            self.give_up(ended, outcome, now);
+        for ended in self.calls.expire(self.info.holds_port(), now) {
+            self.on_end(ended, now);
         }
     }
 }

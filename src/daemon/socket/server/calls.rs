@@ -1,29 +1,29 @@
-//! What becomes of a call: the part of the server that begins calls, asks the board what a job needs to be so first,
-//! and stops what must not outlive its caller.
+//! What becomes of a call: the part of the server that begins calls, and goes on with them when the board has answered.
 
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::{hold_over, is_stopping, outcome_reply, reply_lines};
+use super::replies::{Answered, hold_over, is_stopping, reply_lines};
+use crate::daemon::motion::effect::LineEffect;
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::motion::leftovers::Leftovers;
 use crate::daemon::motion::resets;
-use crate::daemon::motion::stops::{At, Stop};
-use crate::daemon::motion::target::Target;
 use crate::daemon::scripts::{Found, Resource};
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Ticket};
 use crate::daemon::socket::audit;
-use crate::daemon::socket::call_table::{Caller, Ended, Then};
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::{Caller, Ended, Heard, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
-use crate::daemon::socket::jobs::{self, JobCall};
+use crate::daemon::socket::jobs;
+use crate::daemon::socket::jog_to::JogTo;
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
 use crate::daemon::socket::policy::{Peer, Role};
 use crate::daemon::socket::replay;
 use crate::function::variable_read::VariableEntry;
 use crate::language::password::without_password;
-use crate::protocol::board::{JogRenewReply, NotesReply, ResetsReply, WatchReply};
+use crate::protocol::board::{JogRenewReply, ResetsReply, WatchReply};
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
 /// How long a watch may wait for its turn to ask.
@@ -92,7 +92,7 @@ impl Service {
                 return Reply::with(&board).map(Some);
             }
             Action::Ask(ask) => self.ask(caller, ask, now)?,
-            Action::JogTo(jog) => self.jog_to(caller, jog, now)?,
+            Action::JogTo(jog) => self.jog_to(caller, jog, JogTo::deadline(now))?,
             Action::StopByLine(target, audit) => {
                 let Some(client) = self.clients.get_mut(caller.client) else { return Ok(None) };
                 client.wait_for(Waiting::Board);
@@ -101,11 +101,11 @@ impl Service {
             }
             Action::Watch(entries) => {
                 let guard = jobs::variables_enabled(self.info.family());
-                if guard.is_open(self.info.enabling(), self.answers(), now) {
-                    self.question(caller, &guard.question(), Then::Watch(entries), now + WATCH_TIMEOUT);
-                } else {
-                    self.watch(caller.client, entries, now)?;
+                if !self.answers() || guard.is_known(self.info.enabling(), now) {
+                    return self.watch(caller.client, entries, now);
                 }
+                let deadline = now + WATCH_TIMEOUT;
+                self.question(caller, &guard.question(), CallStep::Watch(entries), deadline);
             }
             Action::Stream => {
                 if let Some(client) = self.clients.get_mut(caller.client) {
@@ -125,7 +125,7 @@ impl Service {
                 return Reply::with(&JogRenewReply { going }).map(Some);
             }
             Action::CheckReset => {
-                self.question(caller, resets::QUESTION, Then::Resets(now), now + WATCH_TIMEOUT);
+                self.question(caller, resets::QUESTION, CallStep::Resets(now), now + WATCH_TIMEOUT);
             }
             Action::Renew => {
                 if let Some(renewed) = self.renewed_at_the_end(now) {
@@ -142,7 +142,7 @@ impl Service {
     }
 
     /// Whether the board answers command lines now.
-    fn answers(&self) -> bool {
+    pub(super) fn answers(&self) -> bool {
         self.info.is_enabled(Enabled::ASCII)
     }
 
@@ -176,7 +176,7 @@ impl Service {
                     (false, Some(false)) => Writer::Beside,
                     (false, None) => Writer::Hand(account),
                 };
-                let then = Then::ReplyToLine(effect);
+                let then = Then::Call(CallStep::Reply(effect));
                 self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
                     ticket,
                     line,
@@ -195,7 +195,8 @@ impl Service {
                 }
                 let sends = format!("sends {}", control::name(character));
                 let audit = audit::entry(caller.peer, sends, control::only_reports(character));
-                self.wait_for_board(caller, deadline, Then::ReplyLines, audit, |ticket| Command::Control {
+                let then = Then::Call(CallStep::Reply(LineEffect::default()));
+                self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Control {
                     ticket,
                     uid,
                     drops_lines,
@@ -204,83 +205,21 @@ impl Service {
                 });
             }
             Ask::Read { first, count } => {
-                self.wait_for_board(caller, deadline, Then::ReplyLines, None, |ticket| Command::ReadWords {
+                let then = Then::Call(CallStep::Reply(LineEffect::default()));
+                self.wait_for_board(caller, deadline, then, None, |ticket| Command::ReadWords {
                     ticket,
                     first,
                     count,
                 });
             }
-            Ask::Job(call) => self.ask_job(caller, call, now)?,
+            Ask::Job(call) => self.ask_job(caller, Box::new(call), now)?,
         }
         Ok(())
     }
 
-    /// Has the bus thread do a job, or asks the board first whether that makes sense; of a stop, afterwards. Where the board cannot be asked, the job has
-    /// to show; where command lines are switched off, what the job needs is with its caller.
-    fn ask_job(&mut self, caller: Caller, mut call: JobCall, now: Instant) -> Result<(), CallError> {
-        let deadline = now + call.timeout;
-        if let Some(buffer) = call.feeds {
-            self.own_stream(caller, buffer)?;
-        }
-        if let Some(guard) = call.guard {
-            let enabling = self.info.enabling();
-            let has_question = call.has_question() && self.answers();
-            let asks = has_question || guard.is_open(enabling, self.answers(), now);
-            if asks && call.stops {
-                let (job, audit) = (Box::new(call.job.clone()), call.audit.take());
-                self.wait_for_board(caller, deadline, Then::Question(call, guard), audit, |ticket| {
-                    Command::Job { ticket, job, deadline }
-                });
-                return Ok(());
-            }
-            if asks {
-                let question = call.question(guard);
-                self.question(caller, &question, Then::Job(call), deadline);
-                return Ok(());
-            }
-            if !guard.is_known(enabling, now) {
-                call.guard = None;
-                call.note_unasked(guard);
-            }
-        }
-        self.do_job(caller, call, now)
-    }
-
-    /// Has the bus thread do a job, whatever the board says.
-    fn do_job(&mut self, caller: Caller, call: JobCall, now: Instant) -> Result<(), CallError> {
-        let deadline = now + call.timeout;
-        let JobCall { mut job, notes, lease, audit, target, guard, moves, starts, .. } = call;
-        self.may_start(starts)?;
-        // A stop is never refused.
-        self.spares_holds(caller.client, moves)?;
-        if let Some(motors) = lease {
-            // From now on: a client that is gone before the board has taken the jog is gone all the same.
-            self.ledger.hold(caller.client, caller.peer.account(), motors, deadline);
-        }
-        let mut ends_hold = false;
-        if let Some(Target::Motors(stops)) = target {
-            let stop_for = self.ledger.stop_for(caller.client, stops, now);
-            ends_hold = stop_for.map_err(|end| hold_over(Some(end)))?;
-            if ends_hold {
-                job = Job::EndHold(stops.bits());
-            }
-        }
-        let then = match (lease, target, notes) {
-            (Some(_), ..) => Then::ReplyHeld,
-            (None, Some(target), _) => {
-                let stop = Stop::new(target, Some(caller), ends_hold, At::CallersPanel, now);
-                Then::Stop(self.stops.begin(stop))
-            }
-            (None, None, Some(notes)) => Then::ReplyNotes(notes),
-            (None, None, None) => Then::ReplyDone(guard),
-        };
-        let job = Box::new(job);
-        self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
-        Ok(())
-    }
-
-    /// Asks the board `question`; `then` begins if its answer is what its guard wants.
-    pub(super) fn question(&mut self, caller: Caller, question: &str, then: Then, deadline: Instant) {
+    /// Asks the board `question` for the sake of the call that goes on with `step`.
+    pub(super) fn question(&mut self, caller: Caller, question: &str, step: CallStep, deadline: Instant) {
+        let then = Then::Call(step);
         let line = Line::of(question);
         let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
         self.wait_for_board(caller, deadline, then, None, |ticket| Command::Send {
@@ -313,115 +252,44 @@ impl Service {
             let role = clients.get(caller.client).map(Client::role);
             audit.tell_done(caller.peer, role, what, now);
         };
-        for (ended, outcome) in calls.hand_out(info.holds_port(), now, |client| clients.hears(client), log) {
-            self.give_up(ended, outcome, now);
+        for ended in calls.hand_out(info.holds_port(), now, |client| clients.hears(client), log) {
+            self.on_end(ended, now);
         }
     }
 
-    /// The bus thread has not answered, or was not asked.
-    pub(super) fn give_up(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
-        match ended.then {
-            Then::Sequence(number) => self.step_done(number, ended, outcome, Found::default(), now),
-            Then::Stop(number) => self.stop_step(number, &ended.lines, outcome, now),
-            Then::JogTo(jog, deadline) => {
-                self.jog_addressed(ended.caller, (jog, deadline), &ended.lines, outcome, now);
-            }
-            Then::FirstStart(start) => self.left_told(ended.caller, start, ended.lines, outcome, now),
-            // What was to be asked comes behind what is done, or refused, already.
-            Then::Notes(_) | Then::Reason(..) => self.on_end(ended, outcome, now),
-            _ => self.answer(ended.caller, outcome_reply(outcome, ended.lines, false, now), now),
-        }
-    }
-
-    /// The bus thread has done what `ended` asked of it, or not.
-    pub(super) fn on_end(&mut self, ended: Ended, outcome: Outcome, now: Instant) {
-        if let Then::Sequence(number) = ended.then {
-            return self.step_done(number, ended, outcome, Found::default(), now);
-        }
-        let Ended { caller, lines, is_overlong, then, is_logged, .. } = ended;
-        let then = match then {
-            Then::Job(mut call) => {
-                return self.on_answer(caller, &lines, outcome, now, |service, found| {
-                    call.take_answer(found)?;
-                    service.do_job(caller, call, now)
-                });
-            }
-            Then::Question(call, guard) if outcome == Outcome::Done => {
-                let deadline = now + call.timeout;
-                let question = call.question(guard);
-                return self.question(caller, &question, Then::Notes(call), deadline);
-            }
-            Then::Notes(call) => {
-                return self.on_answer(caller, &lines, outcome, now, |service, found| {
-                    let reply = Reply::with(&NotesReply { notes: call.into_notes(found) });
-                    service.answer(caller, reply, now);
-                    Ok(())
-                });
-            }
-            Then::Watch(entries) => {
-                return self.on_answer(caller, &lines, outcome, now, |service, found| {
-                    let guard = jobs::variables_enabled(service.info.family());
-                    guard.check(found.and_then(|found| found.first().copied()))?;
-                    if found.is_some() {
-                        // Many watches that begin at once ask once.
-                        service.info.confirm_variables(now);
-                    }
-                    service.watch(caller.client, entries, now)
-                });
-            }
-            Then::Stop(number) => return self.stop_step(number, &lines, outcome, now),
-            Then::JogTo(jog, deadline) => {
-                return self.jog_addressed(caller, (jog, deadline), &lines, outcome, now);
-            }
-            Then::FirstStart(start) => return self.left_told(caller, start, lines, outcome, now),
-            Then::Refuse(reason) => return self.answer(caller, Err(CallError::refused(reason)), now),
-            Then::Reason(guard, failed) => {
-                return self.on_answer(caller, &lines, outcome, now, |_, found| {
-                    let why = guard.check(found.and_then(|found| found.first().copied())).err();
-                    Err(match why {
-                        Some(why) => failed.because(&why),
-                        None => failed,
-                    })
-                });
-            }
-            // The board was believed to take it. Another host may have seen to that it does not.
-            Then::ReplyDone(Some(guard))
-                if matches!(outcome, Outcome::Refused(_) | Outcome::Interrupted(_)) && self.answers() =>
-            {
-                if let Err(failed) = reply_lines(outcome, Vec::new(), false, now) {
-                    let then = Then::Reason(guard, failed);
-                    self.question(caller, &guard.question(), then, now + WATCH_TIMEOUT);
-                }
-                return;
-            }
-            then => then,
+    /// The bus thread has done what it was asked for, or not.
+    pub(super) fn on_end(&mut self, mut ended: Ended, now: Instant) {
+        self.note_effect(&mut ended, now);
+        let Ended { then, heard, .. } = ended;
+        let Heard { caller, outcome, .. } = heard;
+        let step = match then {
+            Then::Sequence(number) => return self.step_done(number, heard, Found::default(), now),
+            Then::Stop(number) => return self.stop_step(number, &heard.lines, outcome, now),
+            Then::Call(step) => step,
         };
         // The log says that it was asked for, so it says too that it was not done.
-        if is_logged
+        if heard.is_logged
+            && !heard.is_given_up
             && outcome.is_unsent()
-            && let Err(why) = outcome_reply(outcome, Vec::new(), false, now)
+            && let Err(why) = reply_lines(outcome, Vec::new(), false, now)
         {
             let Peer { uid, pid, .. } = caller.peer;
             self.audit.tell(uid, format_args!("refused that of uid {uid} pid {pid}: {why}"), now);
         }
-        let reply = match (then, outcome) {
-            (Then::ReplyHeld, outcome) => {
-                // The jog has begun: its holder's time runs from here.
-                let held = self.ledger.renew(caller.client, now).map(|()| Reply::done()).map_err(hold_over);
-                if outcome == Outcome::Done { held } else { outcome_reply(outcome, lines, is_overlong, now) }
-            }
-            (Then::ReplyDone(_), Outcome::Done) => Ok(Reply::done()),
-            (Then::ReplyToLine(effect), Outcome::Done) => {
-                self.reply_to_line(effect, caller.peer.account(), (lines, is_overlong), now)
-            }
-            (Then::Resets(asked), Outcome::Done) => {
+        let reply = match step {
+            CallStep::Reply(effect) => self.reply_to_line(effect, heard, now).map(Some),
+            CallStep::Job(call) => self.job_step(call, heard, now),
+            CallStep::JogTo(jog) => self.jog_step(jog, heard, now),
+            CallStep::Start(start) => self.start_step(start, heard, now),
+            CallStep::Watch(entries) => self.watch_step(entries, heard, now),
+            CallStep::Resets(asked) => heard.lines(now).and_then(|lines| {
                 self.see_counter(&lines, asked, now);
-                Reply::with(&ResetsReply { resets: self.resets.count() })
-            }
-            (Then::ReplyNotes(notes), Outcome::Done) => Reply::with(&NotesReply { notes }),
-            _ => outcome_reply(outcome, lines, is_overlong, now),
+                Reply::with(&ResetsReply { resets: self.resets.count() }).map(Some)
+            }),
         };
-        self.answer(caller, reply, now);
+        if let Some(reply) = reply.transpose() {
+            self.answer(caller, reply, now);
+        }
     }
 
     /// The board, asked then for its servo counter, has answered `lines`.
@@ -432,35 +300,6 @@ impl Service {
             .is_some_and(|counter| self.resets.counter_is(counter, asked, now));
         if was_reset {
             self.leftovers = Leftovers::after_reset();
-        }
-    }
-
-    /// The board has answered a question: what waited for it begins, or its caller hears why not.
-    fn on_answer(
-        &mut self,
-        caller: Caller,
-        lines: &[String],
-        outcome: Outcome,
-        now: Instant,
-        begin: impl FnOnce(&mut Self, Option<&[&str]>) -> Result<(), CallError>,
-    ) {
-        let Some(client) = self.clients.get_mut(caller.client) else { return };
-        if let Outcome::Dropped(reason) = outcome {
-            // What waited for the question is not to be begun either.
-            return self.answer(caller, Err(CallError::refused(reason)), now);
-        }
-        client.wait_for(Waiting::Nothing);
-        // A board that cannot be asked (any more) may still do it; if not, the job says so.
-        let found: Vec<&str> = lines.iter().map(|line| answer::text(line)).collect();
-        if let Err(error) = begin(self, (outcome == Outcome::Done).then_some(&found)) {
-            self.answer(caller, Err(error), now);
-        }
-    }
-
-    /// The bus thread has answered `ticket` with this.
-    pub(super) fn reply_to(&mut self, ticket: Ticket, reply: Result<Reply, CallError>, now: Instant) {
-        if let Some(ended) = self.calls.end(ticket) {
-            self.answer(ended.caller, reply, now);
         }
     }
 
@@ -475,16 +314,28 @@ impl Service {
         self.advance(caller.client, now);
     }
 
+    /// The board has said whether it copies registers, or not: a watch begins.
+    fn watch_step(&mut self, entries: Vec<VariableEntry>, heard: Heard, now: Instant) -> Answered {
+        let client = heard.caller.client;
+        let answers = heard.answers(now)?;
+        jobs::variables_enabled(self.info.family()).check(answers.as_deref())?;
+        if answers.is_some() {
+            // Many watches that begin at once ask once.
+            self.info.confirm_variables(now);
+        }
+        self.watch(client, entries, now)
+    }
+
     /// Begins a watch, of which only a change of the table concerns the bus thread. The reply comes when the table is the board's.
-    fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Result<(), CallError> {
-        let Some(client) = self.clients.get_mut(id) else { return Ok(()) };
+    fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Answered {
+        let Some(client) = self.clients.get_mut(id) else { return Ok(None) };
         let observer = (client.role() == Role::Observe).then_some(client.peer().uid);
         let table = self.watches.watch(id, entries, observer).map_err(CallError::refused)?;
         client.wait_for(Waiting::Watch);
         if let Some(table) = table {
             self.tell_watched(&[id], table, now);
         }
-        Ok(())
+        Ok(None)
     }
 
     /// Tells clients that the registers they watch are in the board's table number `table`.
@@ -502,10 +353,7 @@ impl Service {
         for id in clients {
             let Some(client) = self.clients.get_mut(*id) else { continue };
             client.wait_for(Waiting::Nothing);
-            let error = match outcome_reply(outcome, Vec::new(), false, now) {
-                Err(error) => error,
-                Ok(_) => CallError::Busy,
-            };
+            let error = reply_lines(outcome, Vec::new(), false, now).err().unwrap_or(CallError::Busy);
             client.reply(&Reply::of_error(&error), now);
             self.advance(*id, now);
         }

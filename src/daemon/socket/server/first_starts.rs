@@ -7,14 +7,14 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::reply_lines;
+use super::replies::Answered;
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::call_table::{Caller, Then};
-use crate::daemon::socket::connection::Waiting;
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::{Caller, Heard};
 use crate::daemon::socket::first_start::FirstStart;
 use crate::daemon::socket::methods::Ask;
 use crate::map::Systems;
-use crate::protocol::{CallError, Function};
+use crate::protocol::Function;
 
 /// How long a question may wait for its turn.
 const QUESTION: Duration = Duration::from_secs(1);
@@ -30,53 +30,26 @@ impl Service {
         if unknown.is_empty() || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
         }
-        let then = Then::FirstStart(Box::new(FirstStart::new(ask, unknown.bits())));
-        self.question(caller, FirstStart::QUESTION, then, now + QUESTION);
+        let step = CallStep::Start(Box::new(FirstStart::new(ask, unknown)));
+        self.question(caller, FirstStart::QUESTION, step, now + QUESTION);
         None
     }
 
-    /// The board has answered a question of `start`, or not.
-    pub(super) fn left_told(
-        &mut self,
-        caller: Caller,
-        mut start: Box<FirstStart>,
-        lines: Vec<String>,
-        outcome: Outcome,
-        now: Instant,
-    ) {
-        let reply = reply_lines(outcome, lines, false, now);
-        let result = match (start.take(outcome, reply), outcome) {
+    /// The board has answered a question of `start`, or not: the next one follows, or the start itself.
+    pub(super) fn start_step(&mut self, mut start: Box<FirstStart>, heard: Heard, now: Instant) -> Answered {
+        let Heard { caller, outcome, .. } = heard;
+        match (start.take(outcome, heard.lines(now)), outcome) {
             // Somebody has stopped all motion: what waited is not to be begun either.
-            (Err(dropped), Outcome::Dropped(_)) => Err(dropped),
-            (Err(reason), _) => Err(start.unknown(&reason, self.info.why_not(Function::Panel).is_none())),
-            (Ok(found), _) => {
-                match (found, outcome) {
-                    (Some((system, _)), Outcome::Error(error)) => {
-                        self.leftovers.refused(Systems::from_bits(system), error);
-                    }
-                    (Some((system, left)), _) => self.leftovers.find(Systems::from_bits(system), left),
-                    (None, _) => {}
-                }
-                self.go_on_with_start(caller, start, now)
-            }
-        };
-        if let Err(error) = result {
-            self.answer(caller, Err(error), now);
+            (Err(dropped), Outcome::Dropped(_)) => return Err(dropped),
+            (Err(reason), _) => return Err(start.unknown(&reason, self.uses(Function::Panel))),
+            (Ok(Some((system, _))), Outcome::Error(error)) => self.leftovers.refused(system, error),
+            (Ok(Some((system, left))), _) => self.leftovers.find(system, left),
+            (Ok(None), _) => {}
         }
-    }
-
-    fn go_on_with_start(
-        &mut self,
-        caller: Caller,
-        start: Box<FirstStart>,
-        now: Instant,
-    ) -> Result<(), CallError> {
-        let Some(line) = start.line() else {
-            let Some(client) = self.clients.get_mut(caller.client) else { return Ok(()) };
-            client.wait_for(Waiting::Nothing);
-            return self.ask(caller, start.ask, now);
-        };
-        self.question(caller, &line, Then::FirstStart(start), now + QUESTION);
-        Ok(())
+        match start.line() {
+            Some(line) => self.question(caller, &line, CallStep::Start(start), now + QUESTION),
+            None => self.ask(caller, start.ask, now)?,
+        }
+        Ok(None)
     }
 }

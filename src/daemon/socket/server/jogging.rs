@@ -6,63 +6,31 @@
 use std::time::Instant;
 
 use super::Service;
-use super::replies::outcome_reply;
+use super::replies::Answered;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome};
-use crate::daemon::socket::call_table::{Caller, Then};
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::{Caller, Heard, Then};
 use crate::daemon::socket::jog_to::JogTo;
-use crate::protocol::CallError;
+use crate::protocol::{CallError, Reply};
 
 impl Service {
-    /// Begins a jog that `caller` asks for.
+    /// Asks for `caller` which motor is addressed; where the board has said so, sends the line.
     ///
     /// # Errors
     /// Why nothing was sent.
-    pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, now: Instant) -> Result<(), CallError> {
+    pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Result<(), CallError> {
+        // Somebody may have begun to hold it while the board was asked.
         self.may_jog(caller, jog)?;
-        let deadline = JogTo::deadline(now);
-        self.question(caller, JogTo::QUESTION, Then::JogTo(jog, deadline), deadline);
-        Ok(())
-    }
-
-    /// The board has said what is addressed, or not: the line is sent, or the caller hears why not.
-    pub(super) fn jog_addressed(
-        &mut self,
-        caller: Caller,
-        (jog, deadline): (JogTo, Instant),
-        lines: &[String],
-        outcome: Outcome,
-        now: Instant,
-    ) {
-        if let Err(error) = self.send_jog(caller, (jog, deadline), lines, outcome, now) {
-            self.answer(caller, Err(error), now);
-        }
-    }
-
-    fn send_jog(
-        &mut self,
-        caller: Caller,
-        (jog, deadline): (JogTo, Instant),
-        lines: &[String],
-        outcome: Outcome,
-        now: Instant,
-    ) -> Result<(), CallError> {
-        let addressed = match outcome {
-            Outcome::Done => lines.first().and_then(|line| line.trim().parse().ok()),
-            // That is said of the question. The jog has not been sent.
-            Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) => None,
-            outcome => return outcome_reply(outcome, Vec::new(), false, now).map(drop),
+        let Some(line) = jog.line() else {
+            self.question(caller, "#", CallStep::JogTo(jog), deadline);
+            return Ok(());
         };
-        let addressed = addressed.ok_or_else(|| {
-            CallError::refused("the board does not say which motor is addressed; nothing was sent")
-        })?;
-        // Somebody may have begun to hold it meanwhile.
-        self.may_jog(caller, jog)?;
-        let line = jog.line(addressed);
         let line = Line::of(&*line);
         let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
         let audit = Some(format!("sends {:?}", &*line));
-        self.wait_for_board(caller, deadline, Then::ReplyDone(None), audit, |ticket| Command::Send {
+        let then = Then::Call(CallStep::JogTo(jog));
+        self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Send {
             ticket,
             line,
             origin,
@@ -70,6 +38,24 @@ impl Service {
             writer: Writer::Question,
         });
         Ok(())
+    }
+
+    /// The board has said what is addressed, or has taken the line, or not.
+    pub(super) fn jog_step(&mut self, mut jog: JogTo, heard: Heard, now: Instant) -> Answered {
+        let Heard { caller, deadline, outcome, .. } = heard;
+        let is_question = jog.addressed.is_none();
+        let addressed = match outcome {
+            // That is said of the question. The jog has not been sent.
+            Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) if is_question => None,
+            _ => heard.lines(now)?.first().and_then(|line| line.trim().parse().ok()),
+        };
+        if !is_question {
+            return Ok(Some(Reply::done()));
+        }
+        let unsaid =
+            || CallError::refused("the board does not say which motor is addressed; nothing was sent");
+        jog.addressed = Some(addressed.ok_or_else(unsaid)?);
+        self.jog_to(caller, jog, deadline).map(|()| None)
     }
 
     /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is known not to be open. The daemon takes it

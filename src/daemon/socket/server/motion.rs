@@ -13,16 +13,17 @@ use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, dropped_by};
-use crate::daemon::socket::call_table::{Ended, Then};
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::{Ended, Heard, Then};
 use crate::daemon::socket::connection::Client;
 use crate::map::Motors;
 use crate::protocol::Function;
 
 impl Service {
     /// Takes note of what the command of `ended` has done to motion, as far as the board has carried it out, or may have.
-    pub(super) fn note_effect(&mut self, ended: &mut Ended, outcome: Outcome, now: Instant) {
+    pub(super) fn note_effect(&mut self, ended: &mut Ended, now: Instant) {
         let CommandEffect { ends, resets, stops_all, jogs } = std::mem::take(&mut ended.effect);
-        let caller = ended.caller;
+        let Heard { caller, outcome, .. } = ended.heard;
         if outcome == Outcome::Done
             && let Some(ends) = ends.as_ref().filter(|ends| !ends.unnamed)
         {
@@ -30,7 +31,9 @@ impl Service {
             self.ledger.commanded(motors);
             self.let_go(motors, now);
         }
-        if let Then::ReplyToLine(LineEffect { jogs: [carried_out, refused], silence, .. }) = ended.then {
+        if let Then::Call(CallStep::Reply(LineEffect { jogs: [carried_out, refused], silence, .. })) =
+            ended.then
+        {
             let jogs = match outcome {
                 Outcome::Done => carried_out,
                 Outcome::Error(_) => refused,
@@ -75,8 +78,8 @@ impl Service {
             let reason = dropped_by(caller.peer.uid.as_raw(), character);
             self.clients.outdate(reason, caller.client);
             self.sequences.drop_lines(reason);
-            for ended in self.calls.drop_what_waits(&reason.to_string()) {
-                self.on_end(ended, Outcome::Dropped(reason), now);
+            for ended in self.calls.drop_what_waits(reason) {
+                self.on_end(ended, now);
             }
         }
     }

@@ -5,20 +5,33 @@ use std::time::Instant;
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::call_table::COLLECT_MAX;
+use crate::daemon::socket::call_table::{COLLECT_MAX, Heard};
 use crate::map::Motors;
 use crate::map::errors::meaning;
-use crate::protocol::board::SendReply;
-use crate::protocol::{CallError, CommandPort, Reply};
+use crate::protocol::{CallError, CommandPort, Reply, answer};
 
-/// What a call is answered whose command ended so.
-pub(super) fn outcome_reply(
-    outcome: Outcome,
-    lines: Vec<String>,
-    is_overlong: bool,
-    now: Instant,
-) -> Result<Reply, CallError> {
-    Reply::with(&SendReply { lines: reply_lines(outcome, lines, is_overlong, now)?, entered: None })
+/// What a call goes on with: the reply, unless something else waits for the board.
+pub(super) type Answered = Result<Option<Reply>, CallError>;
+
+impl Heard {
+    /// The lines of the board's reply.
+    ///
+    /// # Errors
+    /// Why they are not there.
+    pub(super) fn lines(self, now: Instant) -> Result<Vec<String>, CallError> {
+        reply_lines(self.outcome, self.lines, self.is_overlong, now)
+    }
+
+    /// The board's answers to a question of the daemon's own. `None`: the board cannot be asked (any more). It may still do what the
+    /// caller wants; if not, the job says so.
+    ///
+    /// # Errors
+    /// Why nothing follows: the question had no turn, or somebody has stopped all motion.
+    pub(super) fn answers(self, now: Instant) -> Result<Option<Vec<String>>, CallError> {
+        let is_known = self.is_given_up || matches!(self.outcome, Outcome::Done | Outcome::Dropped(_));
+        let lines = is_known.then(|| self.lines(now)).transpose()?;
+        Ok(lines.map(|lines| lines.iter().map(|line| answer::text(line).to_owned()).collect()))
+    }
 }
 
 /// The lines of the board's reply, or why they are not there.

@@ -13,7 +13,7 @@ use crate::daemon::scripts::{
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
-use crate::daemon::socket::call_table::{Caller, Ended, Then};
+use crate::daemon::socket::call_table::{Caller, Heard, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::sequences::{Running, SequenceCall, Sequences, Waits};
@@ -358,25 +358,18 @@ impl Service {
     }
 
     /// The bus thread has done a step of sequence `number`, or not.
-    pub(super) fn step_done(
-        &mut self,
-        number: u64,
-        ended: Ended,
-        outcome: Outcome,
-        found: Found,
-        now: Instant,
-    ) {
+    pub(super) fn step_done(&mut self, number: u64, heard: Heard, found: Found, now: Instant) {
+        let outcome = heard.outcome;
         let Some(running) = self.sequences.get_mut(number) else { return };
         let (waits, effect) = (running.waits, std::mem::take(&mut running.effect));
         let by = running.owner.peer.account();
         if let (Waits::Check(asked), Outcome::Done) = (waits, outcome) {
-            self.see_counter(&ended.lines, asked, now);
+            self.see_counter(&heard.lines, asked, now);
         }
         if outcome == Outcome::Done {
             self.line_done(effect, by, now);
         }
-        let result = super::replies::reply_lines(outcome, ended.lines, ended.is_overlong, now);
-        let done = self.done(number, outcome, result, found);
+        let done = self.done(number, outcome, heard.lines(now), found);
         self.go_on(number, Some(done), now);
     }
 

@@ -3,11 +3,12 @@
 use std::time::Instant;
 
 use super::Service;
-use super::replies::{held_by_another, reply_lines};
+use super::replies::held_by_another;
 use crate::daemon::motion::effect::{LineEffect, Starts};
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
+use crate::daemon::socket::call_table::Heard;
 use crate::language::settings::CutsOff;
 use crate::language::{Line, WhileOpen};
 use crate::map::Motors;
@@ -57,16 +58,18 @@ impl Service {
         }
     }
 
-    /// What `by` is answered, whose line with this effect the board has carried out.
+    /// What the caller is answered whose line with this effect has ended so.
     pub(super) fn reply_to_line(
         &mut self,
         effect: LineEffect,
-        by: Account,
-        (lines, is_overlong): (Vec<String>, bool),
+        heard: Heard,
         now: Instant,
     ) -> Result<Reply, CallError> {
-        self.line_done(effect, by, now);
-        let lines = reply_lines(Outcome::Done, lines, is_overlong, now)?;
+        let by = heard.caller.peer.account();
+        if heard.outcome == Outcome::Done {
+            self.line_done(effect, by, now);
+        }
+        let lines = heard.lines(now)?;
         // Of this moment: the bus thread tells what is open in the order in which it tells what the board has answered.
         let open = self.info.board().open_buffer.as_ref();
         let WhileOpen { enters, changes, may_act, .. } = effect.while_open;

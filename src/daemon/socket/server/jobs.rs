@@ -1,0 +1,129 @@
+//! The calls that ask for a job: the board is asked first what the job needs, or, of a stop, afterwards.
+
+use std::time::Instant;
+
+use super::Service;
+use super::replies::{Answered, hold_over};
+use crate::daemon::motion::stops::{At, Stop};
+use crate::daemon::motion::target::Target;
+use crate::daemon::shared::job::Job;
+use crate::daemon::shared::queue::{Command, Outcome};
+use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_table::{Caller, Heard, Then};
+use crate::daemon::socket::jobs::{JobAt, JobCall};
+use crate::protocol::board::NotesReply;
+use crate::protocol::{CallError, Reply};
+
+impl Service {
+    /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has to
+    /// show; where command lines are switched off, what the job needs is with its caller.
+    pub(super) fn ask_job(
+        &mut self,
+        caller: Caller,
+        mut call: Box<JobCall>,
+        now: Instant,
+    ) -> Result<(), CallError> {
+        if let Some(buffer) = call.feeds {
+            self.own_stream(caller, buffer)?;
+        }
+        if let Some(guard) = call.guard {
+            let is_known = guard.is_known(self.info.enabling(), now);
+            let asks = self.answers() && (call.has_question() || !is_known);
+            if asks && !call.stops {
+                self.ask_about(caller, call, now);
+                return Ok(());
+            }
+            if !asks && !is_known {
+                call.note_unasked(guard);
+            }
+            if !asks && (call.stops || !is_known) {
+                call.guard = None;
+            }
+        }
+        self.do_job(caller, call, now)
+    }
+
+    /// Asks the board what `call` needs to have an effect.
+    fn ask_about(&mut self, caller: Caller, call: Box<JobCall>, now: Instant) {
+        if let Some(guard) = call.guard {
+            let (question, deadline) = (call.question(guard), now + call.timeout);
+            self.question(caller, &question, CallStep::Job(call), deadline);
+        }
+    }
+
+    /// Has the bus thread do a job, whatever the board says.
+    fn do_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Result<(), CallError> {
+        let deadline = now + call.timeout;
+        self.may_start(call.starts)?;
+        // A stop is never refused.
+        self.spares_holds(caller.client, call.moves)?;
+        let JobAt::Wanted(mut job) = std::mem::replace(&mut call.at, JobAt::UnderWay) else { return Ok(()) };
+        if let Some(motors) = call.lease {
+            // From now on: a client that is gone before the board has taken the jog is gone all the same.
+            self.ledger.hold(caller.client, caller.peer.account(), motors, deadline);
+        }
+        let audit = call.audit.take();
+        let then = match call.target {
+            None => Then::Call(CallStep::Job(call)),
+            Some(target) => {
+                let mut ends_hold = false;
+                if let Target::Motors(stops) = target {
+                    let stop_for = self.ledger.stop_for(caller.client, stops, now);
+                    ends_hold = stop_for.map_err(|end| hold_over(Some(end)))?;
+                    if ends_hold {
+                        job = Job::EndHold(stops.bits());
+                    }
+                }
+                let stop = Stop::new(target, Some(caller), ends_hold, At::CallersPanel, now);
+                Then::Stop(self.stops.begin(stop))
+            }
+        };
+        let job = Box::new(job);
+        self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
+        Ok(())
+    }
+
+    /// The bus thread has done the job, or the board has answered a question about it, or neither.
+    pub(super) fn job_step(&mut self, mut call: Box<JobCall>, heard: Heard, now: Instant) -> Answered {
+        let caller = heard.caller;
+        match call.at {
+            JobAt::Wanted(_) => {
+                call.take_answers(heard.answers(now)?.as_deref())?;
+                self.do_job(caller, call, now).map(|()| None)
+            }
+            JobAt::UnderWay => self.job_done(call, heard, now),
+            JobAt::Done => {
+                Reply::with(&NotesReply { notes: call.into_notes(heard.answers(now)?.as_deref()) }).map(Some)
+            }
+            JobAt::Failed(failed) => {
+                let answers = heard.answers(now)?;
+                let why = call.guard.and_then(|guard| guard.check(answers.as_deref()).err());
+                Err(why.map_or(failed.clone(), |why| failed.because(&why)))
+            }
+        }
+    }
+
+    fn job_done(&mut self, mut call: Box<JobCall>, heard: Heard, now: Instant) -> Answered {
+        let Heard { caller, outcome, .. } = heard;
+        let is_held = call.lease.is_some();
+        // The jog has begun: its holder's time runs from here.
+        let renewed = is_held && !heard.is_given_up;
+        let renewed = if renewed { self.ledger.renew(caller.client, now) } else { Ok(()) };
+        let result = heard.lines(now);
+        let asks = call.guard.is_some()
+            && match outcome {
+                Outcome::Done => call.stops,
+                // The board was believed to take it. Another host may have seen to that it does not.
+                Outcome::Refused(_) | Outcome::Interrupted(_) => !is_held && self.answers(),
+                _ => false,
+            };
+        if asks {
+            call.at = result.map_or_else(JobAt::Failed, |_| JobAt::Done);
+            self.ask_about(caller, call, now);
+            return Ok(None);
+        }
+        result?;
+        renewed.map_err(hold_over)?;
+        call.notes.map_or_else(|| Ok(Reply::done()), |notes| Reply::with(&NotesReply { notes })).map(Some)
+    }
+}
