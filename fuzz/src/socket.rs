@@ -5,6 +5,7 @@ use std::cell::RefCell;
 
 use pmac_dpram::daemon::shared::info::Info;
 use pmac_dpram::daemon::shared::job::Job;
+use pmac_dpram::daemon::socket::jobs::JobAt;
 use pmac_dpram::daemon::socket::methods::{Action, Ask, parse_call};
 use pmac_dpram::daemon::socket::policy::{Characters, Role};
 use pmac_dpram::map::pmac;
@@ -110,7 +111,8 @@ fn within_bounds(ask: &Ask, role: Role) {
         }
         Ask::Job(call) => {
             assert!(call.timeout.as_secs() <= 3600);
-            job(&call.job, role);
+            let JobAt::Wanted(wanted) = &call.at else { panic!("nothing has been done: {call:?}") };
+            job(wanted, role);
         }
     }
 }

@@ -35,8 +35,8 @@ fn a_method_that_returns_nothing_answers_with_no_parameters() {
 }
 
 fn stops(bench: &Bench) -> usize {
-    // Of motors 1 and 3.
-    bench.seen().iter().filter(|job| *job == "EndHold(5)").count()
+    let of_motors_1_and_3 = "EndHold(Motors(5))";
+    bench.seen().iter().filter(|job| *job == of_motors_1_and_3).count()
 }
 
 fn wait_for_stop(bench: &Bench) {

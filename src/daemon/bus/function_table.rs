@@ -440,7 +440,7 @@ impl FunctionTable {
             }
             Job::EndHold(motors) => {
                 let Some(panel) = &mut self.panel else { return Ok(Some(Event::Done(ticket, no_panel()))) };
-                panel.end_hold(ticket, Motors::from_bits(motors), deadline, now);
+                panel.end_hold(ticket, motors, deadline, now);
                 return Ok(None);
             }
             Job::RotarySend { buffer, first, lines } => {

@@ -39,7 +39,7 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{Line, Outcome};
 use crate::function::rotary::RotaryState;
-use crate::map::HostOffset;
+use crate::map::{HostOffset, Systems};
 use crate::protocol::{CallError, Reply, answer, control};
 
 /// How long an owner may be silent while nothing is done for it.
@@ -139,8 +139,8 @@ pub struct Done {
     pub words: Vec<u16>,
     /// Whether the board gathers at that moment; `None` where no report tells.
     pub gathers: Option<bool>,
-    /// The coordinate systems that run a motion program at that moment, bit 0 being number 1; `None` where no report tells.
-    pub programs_run: Option<u32>,
+    /// The coordinate systems that run a motion program at that moment; `None` where no report tells.
+    pub programs_run: Option<Systems>,
     /// Who has ended what the sequence does, if a client did since it began: `uid 0 (pid 7) sent ENDGATHER`.
     pub ended_by: Option<String>,
 }

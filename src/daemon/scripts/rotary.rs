@@ -280,7 +280,7 @@ impl<'a> Rotary<'a> {
             }
             // A line with an address would change what others have addressed.
             Some(systems) if !self.asks_all() => {
-                let runs = Systems::from_bits(systems).contains(self.call.coordinate_system.into());
+                let runs = systems.contains(self.call.coordinate_system.into());
                 if runs || self.run_sent.is_none_or(|sent| self.io.now() >= sent + REPORTED) {
                     self.see_runs(runs)?;
                 }

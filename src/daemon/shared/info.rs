@@ -137,10 +137,10 @@ impl Info {
         self.status.motors.motion
     }
 
-    /// The coordinate systems that run a motion program, bit 0 being number 1; `None` while no report tells of all.
+    /// The coordinate systems that run a motion program; `None` while no report tells of all.
     #[must_use]
-    pub fn programs_run(&self) -> Option<u32> {
-        self.status.programs_run.map(Systems::bits)
+    pub fn programs_run(&self) -> Option<Systems> {
+        self.status.programs_run
     }
 
     /// Whether the board gathers; `None` while no report tells.

@@ -4,7 +4,7 @@ use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
 use crate::function::variable_read::VariableEntry;
 use crate::function::variable_write::WriteRecord;
-use crate::map::{Function, HostOffset};
+use crate::map::{Function, HostOffset, Motors};
 use crate::mirror::GatherClock;
 
 /// One job.
@@ -12,9 +12,9 @@ use crate::mirror::GatherClock;
 pub enum Job {
     /// Hand a control panel request to the board; done when the board has taken it.
     Panel(PanelRequest),
-    /// Stop the motors in this mask, bit 0 being motor 1, whose held jog is over. Not those whose loop is open: a stop closes
-    /// it, and a killed motor must stay killed.
-    EndHold(u32),
+    /// Stop these motors, whose held jog is over. Not those whose loop is open: a stop closes it, and a killed motor must stay
+    /// killed.
+    EndHold(Motors),
     /// Set a coordinate system's feed rate override, or stop overriding it.
     Override {
         /// The coordinate system, from 1.

@@ -12,6 +12,7 @@ use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::language::LineEnds;
+use crate::map::Systems;
 use crate::protocol::{CallError, Reply};
 
 /// What a client asks of a sequence, or begins one with.
@@ -197,21 +198,21 @@ impl Sequences {
             .map(|(&number, running)| (number, running))
     }
 
-    /// The numbers of the sequences that feed programs of the coordinate systems in `mask`, unless they are ending.
-    pub(super) fn that_feed(&self, mask: u32) -> Vec<u64> {
-        let feeds = |running: &Running| running.ending.is_none() && running.script.feeds().bits() & mask != 0;
+    /// The numbers of the sequences that feed programs of `systems`, unless they are ending.
+    pub(super) fn that_feed(&self, systems: Systems) -> Vec<u64> {
+        let feeds = |running: &Running| running.ending.is_none() && running.script.feeds().meets(systems);
         self.running.iter().filter(|(_, running)| feeds(running)).map(|(&number, _)| number).collect()
     }
 
-    /// The coordinate systems whose programs sequences feed; bit 0 is &1.
-    pub(super) fn fed(&self) -> u32 {
-        self.running.values().fold(0, |fed, running| fed | running.script.feeds().bits())
+    /// The coordinate systems whose programs sequences feed.
+    pub(super) fn fed(&self) -> Systems {
+        self.running.values().fold(Systems::NONE, |fed, running| fed.and(running.script.feeds()))
     }
 
-    /// Whether a sequence is ending that feeds a program of the coordinate systems in `mask`.
-    pub(super) fn is_ending_feed(&self, mask: u32) -> bool {
+    /// Whether a sequence is ending that feeds a program of `systems`.
+    pub(super) fn is_ending_feed(&self, systems: Systems) -> bool {
         let mut all = self.running.values();
-        all.any(|running| running.ending.is_some() && running.script.feeds().bits() & mask != 0)
+        all.any(|running| running.ending.is_some() && running.script.feeds().meets(systems))
     }
 
     /// What sequences that are ending still have to do on the board.

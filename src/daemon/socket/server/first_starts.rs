@@ -25,8 +25,7 @@ impl Service {
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
         let existing = Systems::first(self.info.family().coordinate_systems);
         // What a stream of our own feeds it has asked about itself.
-        let fed = Systems::from_bits(self.sequences.fed());
-        let unknown = self.leftovers.to_ask(ask.starts()).among(existing).without(fed);
+        let unknown = self.leftovers.to_ask(ask.starts()).among(existing).without(self.sequences.fed());
         if unknown.is_empty() || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
         }

@@ -71,7 +71,7 @@ impl Service {
                     let stop_for = self.ledger.stop_for(caller.client, stops, now);
                     ends_hold = stop_for.map_err(|end| hold_over(Some(end)))?;
                     if ends_hold {
-                        job = Job::EndHold(stops.bits());
+                        job = Job::EndHold(stops);
                     }
                 }
                 let stop = Stop::new(target, Some(caller), ends_hold, At::CallersPanel, now);

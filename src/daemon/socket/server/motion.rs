@@ -124,7 +124,7 @@ impl Service {
     pub(super) fn stop_at_the_end(&mut self, now: Instant) {
         let motors = self.ledger.held_motors().and(self.stops.due_motors());
         if !motors.is_empty() {
-            self.calls.send_now(Job::EndHold(motors.bits()), now + PANEL_STOP_TAKES);
+            self.calls.send_now(Job::EndHold(motors), now + PANEL_STOP_TAKES);
         }
     }
 

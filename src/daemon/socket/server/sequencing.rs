@@ -158,14 +158,14 @@ impl Service {
     /// Somebody has stopped every motor: no stream goes on feeding a program.
     pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
         self.leftovers.aborted(Systems::ALL);
-        for number in self.sequences.that_feed(u32::MAX) {
+        for number in self.sequences.that_feed(Systems::ALL) {
             self.end_sequence(number, Ending::AllStopped(by, character), now);
         }
     }
 
     /// Somebody has closed what is open: the board takes no more lines of a stream. It ends at once, before somebody opens anything else.
     pub(super) fn end_closed_streams(&mut self, by: Peer, now: Instant) {
-        for number in self.sequences.that_feed(u32::MAX) {
+        for number in self.sequences.that_feed(Systems::ALL) {
             self.end_sequence(number, Ending::Closed(by), now);
         }
     }
@@ -173,7 +173,7 @@ impl Service {
     /// Somebody has aborted the coordinate systems in `systems`: no stream goes on feeding their programs.
     pub(super) fn end_streams_of(&mut self, systems: Systems, by: Peer, now: Instant) {
         self.leftovers.aborted(systems);
-        for number in self.sequences.that_feed(systems.bits()) {
+        for number in self.sequences.that_feed(systems) {
             self.end_sequence(number, Ending::Aborted(by), now);
         }
     }

@@ -128,7 +128,7 @@ impl Service {
     /// # Errors
     /// Why not; nothing was sent.
     pub(super) fn may_start(&mut self, starts: Starts) -> Result<(), CallError> {
-        if self.sequences.is_ending_feed(starts.systems.bits()) {
+        if self.sequences.is_ending_feed(starts.systems) {
             return Err(CallError::refused(
                 "not started: pmacd is ending a rotary stream into this coordinate system; try again",
             ));

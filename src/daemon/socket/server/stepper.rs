@@ -209,7 +209,7 @@ mod tests {
         }
         settle(&mut server, now);
         let Some(Command::Job { job, .. }) = taken.try_receive() else { panic!("there is no stop") };
-        assert_eq!(*job, Job::EndHold(1));
+        assert_eq!(*job, Job::EndHold(Motors::of(1)));
         assert!(taken.try_receive().is_none(), "no jog follows its stop");
     }
 

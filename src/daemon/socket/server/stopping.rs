@@ -136,7 +136,7 @@ impl Service {
     /// Asks the panel for the stops that are due, and looks at the motors that should stand by now.
     pub(super) fn tend_stops(&mut self, now: Instant) {
         if let Some((number, motors)) = self.stops.due(now) {
-            let ticket = self.calls.send_now(Job::EndHold(motors.bits()), now + PANEL_STOP_TAKES);
+            let ticket = self.calls.send_now(Job::EndHold(motors), now + PANEL_STOP_TAKES);
             // Without room for the request the stop stays due.
             if let (Some(ticket), Some(stop)) = (ticket, self.stops.get_mut(number)) {
                 stop.at = At::Panel(ticket);
