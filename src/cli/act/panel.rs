@@ -10,7 +10,7 @@ use crate::cli::act::wait::{Goal, Wait, Watch, see_programs_begin, wait_for_moto
 use crate::cli::args::values::number;
 use crate::cli::console::late::warn_if_late;
 use crate::cli::console::note::note;
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::client::Connection;
 use crate::function::panel::{FeedOverride, PanelAction, PanelWords};
@@ -410,14 +410,7 @@ fn actions(request: u16) -> Vec<&'static str> {
 }
 
 fn table(shown: &Shown) -> Table {
-    let mut table = Table::new(&[
-        ("number", Align::Right),
-        ("request word", Align::Left),
-        ("waits", Align::Left),
-        ("override", Align::Left),
-        ("raw", Align::Right),
-        ("percent", Align::Right),
-    ]);
+    let mut table = Table::new(">number|request word|waits|override|>raw|>percent");
     for number in &shown.numbers {
         table.row([
             number.number.to_string(),

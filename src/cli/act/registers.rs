@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::cli::act::watch_values::{self, Watch};
 use crate::cli::args::values::seconds;
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Variable as Entry;
 use crate::client::number::short;
@@ -66,8 +66,7 @@ fn list(context: &mut Context) -> Result<Verdict, Failure> {
     } else if entries.is_empty() {
         context.output.line("no register is watched")?;
     } else {
-        let mut table =
-            Table::new(&[("register", Align::Left), ("updates", Align::Right), ("value", Align::Right)]);
+        let mut table = Table::new("register|>updates|>value");
         for entry in entries {
             let value = match (entry.updates, entry.kind) {
                 (0, _) => "-".to_owned(),

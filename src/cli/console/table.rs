@@ -4,23 +4,20 @@ use std::fmt;
 
 use crate::format::Visible;
 
-/// The alignment of a column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Align {
-    Left,
-    Right,
-}
-
 /// Rows of text under headings, with two blanks between columns and none at the ends of lines.
 #[derive(Debug)]
 pub struct Table {
-    columns: Vec<(&'static str, Align)>,
+    headings: Vec<&'static str>,
+    /// Whether the column's cells are aligned right.
+    rights: Vec<bool>,
     rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    pub fn new(columns: &[(&'static str, Align)]) -> Self {
-        Self { columns: columns.to_vec(), rows: Vec::new() }
+    /// The headings are separated by `|`. A `>` before a heading aligns its column right.
+    pub fn new(headings: &'static str) -> Self {
+        let (headings, rights) = headings.split('|').map(aligned).unzip();
+        Self { headings, rights, rows: Vec::new() }
     }
 
     pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
@@ -28,14 +25,12 @@ impl Table {
     }
 
     /// Puts a column before the last one; a cell for each row.
-    pub fn column_before_last(
-        &mut self,
-        heading: &'static str,
-        align: Align,
-        cells: impl IntoIterator<Item = String>,
-    ) {
+    pub fn column_before_last(&mut self, heading: &'static str, cells: impl IntoIterator<Item = String>) {
         let before_last = |length: usize| length.saturating_sub(1);
-        self.columns.insert(before_last(self.columns.len()), (heading, align));
+        let (heading, right) = aligned(heading);
+        let at = before_last(self.headings.len());
+        self.headings.insert(at, heading);
+        self.rights.insert(at, right);
         for (row, cell) in self.rows.iter_mut().zip(cells) {
             row.insert(before_last(row.len()), cell);
         }
@@ -43,8 +38,9 @@ impl Table {
 
     /// Removes the column called `name`, if there is one.
     pub fn drop_column(&mut self, name: &str) {
-        let Some(index) = self.columns.iter().position(|(heading, _)| *heading == name) else { return };
-        self.columns.remove(index);
+        let Some(index) = self.headings.iter().position(|heading| *heading == name) else { return };
+        self.headings.remove(index);
+        self.rights.remove(index);
         for row in self.rows.iter_mut().filter(|row| index < row.len()) {
             row.remove(index);
         }
@@ -70,7 +66,7 @@ impl Table {
     }
 
     fn lines(&self) -> impl Iterator<Item = Vec<String>> {
-        let heading = self.columns.iter().map(|(name, _)| (*name).to_owned()).collect();
+        let heading = self.headings.iter().map(|&heading| heading.to_owned()).collect();
         std::iter::once(heading).chain(self.rows.iter().cloned())
     }
 
@@ -79,8 +75,13 @@ impl Table {
             let cells = self.lines().filter_map(|line| Some(line.get(column)?.chars().count()));
             cells.max().unwrap_or(0)
         };
-        (0..self.columns.len()).map(width).collect()
+        (0..self.headings.len()).map(width).collect()
     }
+}
+
+/// The heading, and whether its `>` aligns the column right.
+fn aligned(heading: &'static str) -> (&'static str, bool) {
+    heading.strip_prefix('>').map_or((heading, false), |heading| (heading, true))
 }
 
 /// The line, and below it the words behind character `begin` that do not fit.
@@ -104,15 +105,12 @@ impl fmt::Display for Table {
         let widths = self.widths();
         for line in self.lines() {
             let mut text = String::new();
-            for (column, ((_, align), width)) in self.columns.iter().zip(&widths).enumerate() {
+            for (column, (right, width)) in self.rights.iter().zip(&widths).enumerate() {
                 let cell = line.get(column).map_or("", String::as_str);
                 if column > 0 {
                     text.push_str("  ");
                 }
-                text.push_str(&match align {
-                    Align::Left => format!("{cell:<width$}"),
-                    Align::Right => format!("{cell:>width$}"),
-                });
+                text.push_str(&if *right { format!("{cell:>width$}") } else { format!("{cell:<width$}") });
             }
             // The board's words may be in it.
             writeln!(f, "{}", Visible(text.trim_end()))?;
@@ -127,7 +125,7 @@ mod tests {
 
     #[test]
     fn columns_line_up() {
-        let mut table = Table::new(&[("a", Align::Right), ("name", Align::Left), ("z", Align::Left)]);
+        let mut table = Table::new(">a|name|z");
         table.row(["1".to_owned(), "x".to_owned(), "end".to_owned()]);
         table.row(["100".to_owned(), "longer".to_owned()]);
         assert_eq!(table.to_string(), "  a  name    z\n  1  x       end\n100  longer\n");
@@ -136,8 +134,7 @@ mod tests {
     #[test]
     fn a_narrow_screen_costs_whole_columns_and_no_flag() {
         let table = || {
-            let mut table =
-                Table::new(&[("motor", Align::Right), ("spare", Align::Right), ("flags", Align::Left)]);
+            let mut table = Table::new(">motor|>spare|flags");
             table.row(["#1", "123456.7", "homed in-position"].map(str::to_owned));
             table.row(["#2", "8", ""].map(str::to_owned));
             table
@@ -153,16 +150,16 @@ mod tests {
 
     #[test]
     fn a_column_comes_before_the_last() {
-        let mut table = Table::new(&[("a", Align::Left), ("z", Align::Left)]);
+        let mut table = Table::new("a|z");
         table.row(["1", "end"].map(str::to_owned));
-        table.column_before_last("m", Align::Right, ["x".to_owned()]);
+        table.column_before_last(">m", ["x".to_owned()]);
         assert_eq!(table.to_string(), "a  m  z\n1  x  end\n");
         assert_eq!(table.fitting_rows(5, &[]), [["a  m  z"], ["1  x  end"]]);
     }
 
     #[test]
     fn control_characters_of_a_board_are_seen_in_a_table() {
-        let mut table = Table::new(&[("reply", Align::Left)]);
+        let mut table = Table::new("reply");
         table.row(["a\u{9b}2J\u{1b}".to_owned()]);
         assert_eq!(table.to_string(), "reply\na\\x9b2J\\x1b\n");
     }

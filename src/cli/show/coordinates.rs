@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::cli::act::panel::panel_words;
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::context::Context;
 use crate::cli::show::motors::stamp;
 use crate::cli::show::screen::{Live, state, update};
@@ -131,17 +131,7 @@ pub fn table(data: &BackgroundData, overrides: &Overrides) -> String {
 
 /// The coordinate systems.
 pub fn systems(data: &BackgroundData, overrides: &Overrides) -> Table {
-    let mut table = Table::new(&[
-        ("system", Align::Right),
-        ("mode", Align::Left),
-        ("lines", Align::Right),
-        ("PE", Align::Right),
-        ("left ms", Align::Right),
-        ("feed", Align::Right),
-        ("override", Align::Right),
-        ("targets", Align::Left),
-        ("flags", Align::Left),
-    ]);
+    let mut table = Table::new(">system|mode|>lines|>PE|>left ms|>feed|>override|targets|flags");
     for system in &data.coordinate_systems {
         table.row([
             format!("&{}", system.coordinate_system),

@@ -4,12 +4,9 @@ use clap::Args;
 
 use crate::cli::args::values::family;
 use crate::cli::console::note::note;
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord};
-
-/// The column that only a family has whose registers not all stand in its own DPRAM manual.
-const CONFIDENCE: &str = "confidence";
 
 #[derive(Debug, Args)]
 pub struct Map {
@@ -45,17 +42,7 @@ pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
 }
 
 fn table(records: &[MapRecord]) -> Table {
-    let mut table = Table::new(&[
-        ("offset", Align::Left),
-        ("address", Align::Left),
-        ("bytes", Align::Right),
-        ("space", Align::Left),
-        ("format", Align::Left),
-        ("number", Align::Right),
-        ("function", Align::Left),
-        ("register", Align::Left),
-        (CONFIDENCE, Align::Left),
-    ]);
+    let mut table = Table::new("offset|address|>bytes|space|format|>number|function|register|confidence");
     for record in records {
         table.row([
             format!("0x{:04X}", record.host_offset),
@@ -69,8 +56,9 @@ fn table(records: &[MapRecord]) -> Table {
             record.confidence.unwrap_or_default().to_owned(),
         ]);
     }
+    // Only a family whose registers do not all stand in its own DPRAM manual has it.
     if records.iter().all(|record| record.confidence.is_none()) {
-        table.drop_column(CONFIDENCE);
+        table.drop_column("confidence");
     }
     table
 }

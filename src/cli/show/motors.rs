@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::console::time::rfc3339;
 use crate::cli::show::screen::{Live, state, update};
 use crate::client::motor::Motor;
@@ -112,17 +112,8 @@ pub fn reason(board: &mut Board, stale: Staleness) -> String {
 
 /// The motors, in counts, counts a second, and where the configuration has one in their unit.
 pub fn table(motors: &[Motor<'_>]) -> Table {
-    let mut table = Table::new(&[
-        ("motor", Align::Right),
-        ("name", Align::Left),
-        ("target", Align::Right),
-        ("commanded", Align::Right),
-        ("actual", Align::Right),
-        ("position", Align::Right),
-        ("following error", Align::Right),
-        ("velocity", Align::Right),
-        ("flags", Align::Left),
-    ]);
+    let mut table =
+        Table::new(">motor|name|>target|>commanded|>actual|>position|>following error|>velocity|flags");
     for motor in motors {
         table.row([
             format!("#{}", motor.servo.motor),

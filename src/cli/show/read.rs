@@ -4,7 +4,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::cli::args::values::{Float48, family};
-use crate::cli::console::table::{Align, Table};
+use crate::cli::console::table::Table;
 use crate::cli::context::{Context, Failure, GIVE_FAMILY, Verdict};
 use crate::client::Connection;
 use crate::client::number::{float32, short};
@@ -107,12 +107,7 @@ fn part(bits: BitField, words: &[u16]) -> Option<Value> {
 }
 
 fn table(found: &[Found]) -> Table {
-    let mut table = Table::new(&[
-        ("address", Align::Left),
-        ("offset", Align::Left),
-        ("words", Align::Left),
-        ("value", Align::Right),
-    ]);
+    let mut table = Table::new("address|offset|words|>value");
     for found in found {
         let offset = format!("0x{:04X}", found.host_offset);
         let address = found.pmac_address.as_ref().unwrap_or(&offset);

@@ -35,98 +35,42 @@ pub struct Binding {
     pub does: &'static str,
 }
 
+const fn binding(keys: &'static [Key], shown: &'static str, action: Action, does: &'static str) -> Binding {
+    Binding { keys, shown, action, does }
+}
+
 /// Rows of a page.
 const PAGE: isize = 8;
 
 /// Every key. Any key but the jog keys also stops a jog and disarms.
 pub const BINDINGS: &[Binding] = &[
-    Binding {
-        keys: &[Key::Up, Key::Char('k')],
-        shown: "up, k",
-        action: Action::Select(-1),
-        does: "select the motor above",
-    },
-    Binding {
-        keys: &[Key::Down, Key::Char('j')],
-        shown: "down, j",
-        action: Action::Select(1),
-        does: "select the motor below",
-    },
-    Binding {
-        keys: &[Key::PageUp],
-        shown: "page up",
-        action: Action::Select(-PAGE),
-        does: "select a motor further up",
-    },
-    Binding {
-        keys: &[Key::PageDown],
-        shown: "page down",
-        action: Action::Select(PAGE),
-        does: "select a motor further down",
-    },
-    Binding {
-        keys: &[Key::Char('[')],
-        shown: "[",
-        action: Action::Scroll(-1),
-        does: "show the coordinate systems further up",
-    },
-    Binding {
-        keys: &[Key::Char(']')],
-        shown: "]",
-        action: Action::Scroll(1),
-        does: "show the coordinate systems further down",
-    },
-    Binding {
-        keys: &[Key::Char('a')],
-        shown: "a",
-        action: Action::Arm,
-        does: "arm the jog keys for the selected motor",
-    },
-    Binding {
-        keys: &[Key::Left, Key::Char('-')],
-        shown: "left, -",
-        action: Action::Jog(PanelAction::JogMinus),
-        does: "armed and held down: jog in the negative direction",
-    },
-    Binding {
-        keys: &[Key::Right, Key::Char('+')],
-        shown: "right, +",
-        action: Action::Jog(PanelAction::JogPlus),
-        does: "armed and held down: jog in the positive direction",
-    },
-    Binding {
-        keys: &[Key::Ctrl('a')],
-        shown: "^A",
-        action: Action::Abort,
-        does: "abort all motion, as pmacctl abort",
-    },
-    Binding {
-        keys: &[Key::Ctrl('k')],
-        shown: "^K",
-        action: Action::Kill,
-        does: "kill every motor, as pmacctl kill",
-    },
-    Binding {
-        keys: &[Key::Char(':')],
-        shown: ":",
-        action: Action::Prompt,
-        does: "type watch NAME..., unwatch [NAME...] or quit",
-    },
-    Binding {
-        keys: &[Key::Char('s')],
-        shown: "s",
-        action: Action::Status,
-        does: "show the status of the daemon and the board",
-    },
-    Binding { keys: &[Key::Char('?')], shown: "?", action: Action::Help, does: "show the keys" },
-    Binding { keys: &[Key::Esc], shown: "esc", action: Action::Back, does: "disarm; go back to the motors" },
-    Binding { keys: &[Key::Ctrl('z')], shown: "^Z", action: Action::Suspend, does: "suspend, until fg" },
-    Binding {
-        keys: &[Key::Char('q'), Key::Ctrl('c'), Key::Ctrl('d')],
-        shown: "q, ^C",
-        action: Action::Quit,
-        does: "end",
-    },
+    binding(&[Key::Up, Key::Char('k')], "up, k", Action::Select(-1), "select the motor above"),
+    binding(&[Key::Down, Key::Char('j')], "down, j", Action::Select(1), "select the motor below"),
+    binding(&[Key::PageUp], "page up", Action::Select(-PAGE), "select a motor further up"),
+    binding(&[Key::PageDown], "page down", Action::Select(PAGE), "select a motor further down"),
+    binding(&[Key::Char('[')], "[", Action::Scroll(-1), "show the coordinate systems further up"),
+    binding(&[Key::Char(']')], "]", Action::Scroll(1), "show the coordinate systems further down"),
+    binding(&[Key::Char('a')], "a", Action::Arm, "arm the jog keys for the selected motor"),
+    binding(
+        &[Key::Left, Key::Char('-')],
+        "left, -",
+        Action::Jog(PanelAction::JogMinus),
+        "armed and held down: jog in the negative direction",
+    ),
+    binding(
+        &[Key::Right, Key::Char('+')],
+        "right, +",
+        Action::Jog(PanelAction::JogPlus),
+        "armed and held down: jog in the positive direction",
+    ),
+    binding(&[Key::Ctrl('a')], "^A", Action::Abort, "abort all motion, as pmacctl abort"),
+    binding(&[Key::Ctrl('k')], "^K", Action::Kill, "kill every motor, as pmacctl kill"),
+    binding(&[Key::Char(':')], ":", Action::Prompt, "type watch NAME..., unwatch [NAME...] or quit"),
+    binding(&[Key::Char('s')], "s", Action::Status, "show the status of the daemon and the board"),
+    binding(&[Key::Char('?')], "?", Action::Help, "show the keys"),
+    binding(&[Key::Esc], "esc", Action::Back, "disarm; go back to the motors"),
+    binding(&[Key::Ctrl('z')], "^Z", Action::Suspend, "suspend, until fg"),
+    binding(&[Key::Char('q'), Key::Ctrl('c'), Key::Ctrl('d')], "q, ^C", Action::Quit, "end"),
 ];
 
 /// What `key` asks for; any other key only ends a jog.

@@ -6,7 +6,7 @@ use ratatui::style::Style;
 
 use super::rooms::Rooms;
 use super::{Picture, put, rows, trace};
-use crate::cli::console::table::{Align, wrapped};
+use crate::cli::console::table::wrapped;
 use crate::cli::show::coordinates::{self, Overrides};
 use crate::cli::show::motors;
 use crate::cli::top::trace::WINDOW;
@@ -83,13 +83,13 @@ impl Picture<'_> {
                 self.traces.velocity(motor).map_or_else(|| NOT_READ.to_owned(), |counts| fixed(counts, 1))
             };
             let all = found.iter().map(|motor| velocity(motor.servo.motor));
-            table.column_before_last("velocity", Align::Right, all);
+            table.column_before_last(">velocity", all);
         }
         let small = |motor: usize| {
             let trace = self.traces.of(motor);
             trace.map_or_else(|| NOT_READ.to_owned(), |trace| trace.small(COLUMNS, self.now))
         };
-        table.column_before_last(TRACE, Align::Left, found.iter().map(|motor| small(motor.servo.motor)));
+        table.column_before_last(TRACE, found.iter().map(|motor| small(motor.servo.motor)));
         table.fitting_rows(width, &SPARE_OF_MOTORS)
     }
 
