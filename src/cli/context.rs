@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::cli::console::output::Output;
+use crate::cli::console::Output;
 use crate::client::{Board, ClientError, CommandError, Connection, Staleness};
 use crate::map::Family;
 use crate::protocol::board::BoardInfo;

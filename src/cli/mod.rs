@@ -38,7 +38,7 @@ use std::ffi::OsString;
 use std::io;
 use std::process::ExitCode;
 
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::format::Visible;
 use crate::process::survive_file_size_limit;
 use crate::segment::end_on_bus_error;
@@ -46,7 +46,7 @@ use crate::usage::usage;
 
 use act::{jog, panel, registers, send, stop, terminal, write};
 use args::{Args, Command, Global, Rare};
-use console::output::Output;
+use console::Output;
 use context::{Context, Failure, Verdict};
 use files::{backup, download};
 use show::watch::{self, Part};

@@ -10,8 +10,7 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::cli::args::values::seconds;
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::note::note;
+use crate::cli::console::{Interrupt, note};
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::client::{Board, CommandError, HeldJog};
 use crate::function::panel::PanelAction;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::cli::act::watch_values::{self, Watch};
 use crate::cli::args::values::seconds;
-use crate::cli::console::table::Table;
+use crate::cli::console::Table;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::Variable as Entry;
 use crate::client::number::short;

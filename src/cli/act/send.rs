@@ -7,8 +7,7 @@ use serde_json::json;
 
 use crate::cli::act::lines::entered_note;
 use crate::cli::args::values::seconds;
-use crate::cli::console::late::warn_if_late;
-use crate::cli::console::note::note;
+use crate::cli::console::{note, warn_if_late};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::programs::what_runs;
 use crate::client::CommandError;

@@ -5,8 +5,7 @@ use serde_json::json;
 
 use crate::cli::act::lines::LineError;
 use crate::cli::args::values::number;
-use crate::cli::console::late::warn_if_late;
-use crate::cli::console::note::note;
+use crate::cli::console::{note, warn_if_late};
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::protocol::board::NO_CONTROL_CHARACTERS;
 use crate::protocol::control;

@@ -28,7 +28,7 @@ use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, entered_note};
 use crate::cli::act::piped;
 use crate::cli::act::reset_watch::ResetWatch;
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, Messages, OwnBuffer};

@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use serde_json::{Value, json};
 
 use crate::cli::args::values::{rate, seconds};
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::layout::board_layout;
 use crate::client::number::{digits, short};

@@ -10,8 +10,7 @@ use serde_json::json;
 pub use self::private::without_users;
 pub use self::take::{Capture, Taken};
 use self::take::{Summary, Taking};
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::note::note;
+use crate::cli::console::{Interrupt, note};
 use crate::cli::context::{Context, Failure, Verdict};
 
 /// `capture`.

@@ -1,13 +1,25 @@
 //! What commands print with: the terminal, tables, output files and signals.
 
-pub mod confirm;
-pub mod interrupt;
-pub mod keys;
+mod confirm;
+mod interrupt;
+mod keys;
 pub mod late;
-pub mod note;
+mod note;
 pub mod output;
-pub mod progress;
+mod progress;
 pub mod sink;
 pub mod table;
 pub mod table_file;
-pub mod time;
+mod time;
+
+pub use confirm::{board_of, confirm, sending};
+pub use interrupt::Interrupt;
+pub use keys::Keys;
+pub use late::warn_if_late;
+pub use note::note;
+pub use output::Output;
+pub use progress::LineProgress;
+pub use sink::is_stdout;
+pub use table::Table;
+pub use table_file::TableFile;
+pub use time::{rfc3339, rfc3339_now};

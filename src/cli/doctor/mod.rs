@@ -17,7 +17,7 @@ use serde_json::json;
 
 use self::report::{Level, Report};
 use crate::cli::args::values;
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Board, CommandError, Connection, View, identity};
 use crate::device::System;

@@ -9,9 +9,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::mistakes::mistaken;
-use crate::cli::console::confirm::{board_of, confirm, sending};
-use crate::cli::console::note::note;
 use crate::cli::console::sink;
+use crate::cli::console::{board_of, confirm, note, sending};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::listings::read;
 use crate::cli::files::meaning;

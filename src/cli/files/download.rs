@@ -17,8 +17,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::mistakes::mistaken;
 use super::prose;
-use crate::cli::console::note::note;
-use crate::cli::console::progress::LineProgress;
+use crate::cli::console::{LineProgress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
 use crate::cli::files::sequence::left;

@@ -1,7 +1,7 @@
 //! Prints the mistakes in files before anything is sent.
 
 use super::preprocess::Mistake;
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::Failure;
 
 /// The most mistakes to print.

@@ -6,9 +6,7 @@ use std::fmt::Write as _;
 use clap::ValueEnum;
 use serde_json::json;
 
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::note::note;
-use crate::cli::console::time::rfc3339_now;
+use crate::cli::console::{Interrupt, note, rfc3339_now};
 use crate::cli::context::Failure;
 use crate::cli::files::listings::read;
 use crate::cli::files::sequence::{ask, begin};

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cli::console::progress::LineProgress;
+use crate::cli::console::LineProgress;
 use crate::cli::context::Failure;
 use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};

@@ -12,10 +12,9 @@ use nix::fcntl::OFlag;
 
 use super::row::GAP;
 use super::series::{MOST, newest, place, series};
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::note::note;
-use crate::cli::console::sink::{is_in_use, is_stdout};
-use crate::cli::console::table_file::{Form, TableFile};
+use crate::cli::console::sink::is_in_use;
+use crate::cli::console::table_file::Form;
+use crate::cli::console::{Interrupt, TableFile, is_stdout, note};
 use crate::cli::context::Failure;
 use crate::client::Gap;
 use crate::table::Field;

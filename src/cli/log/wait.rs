@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 

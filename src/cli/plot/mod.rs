@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 pub use self::figure::{Figure, Panel, Trace};
-use crate::cli::console::sink::{is_stdout, put};
+use crate::cli::console::is_stdout;
+use crate::cli::console::sink::put;
 use crate::cli::context::{Failure, Verdict};
 use crate::table::Table;
 

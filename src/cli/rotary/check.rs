@@ -11,7 +11,7 @@ use serde_json::json;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
 use super::stream::{check_system, own_buffer};
 use crate::cli::args::values::number;
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
 use crate::map::DEFAULT_FAMILY;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 
 /// The width of the bar.
 const CELLS: usize = 30;

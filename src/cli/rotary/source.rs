@@ -8,7 +8,7 @@ use std::path::Path;
 use clap::Args;
 use serde::Deserialize;
 
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};
 use crate::map::readings::RotaryCode2;

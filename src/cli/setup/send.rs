@@ -8,8 +8,7 @@ use serde_json::{Value, json};
 
 use super::lines::{self as setup, SetupCommand};
 use crate::cli::act::lines::LineError;
-use crate::cli::console::confirm::{board_of, confirm, sending as question};
-use crate::cli::console::note::note;
+use crate::cli::console::{board_of, confirm, note, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
 use crate::cli::setup::answer::Answer;

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::cli::act::panel::panel_words;
-use crate::cli::console::table::Table;
+use crate::cli::console::Table;
 use crate::cli::context::Context;
 use crate::cli::show::motors::stamp;
 use crate::cli::show::screen::{Live, state, update};

@@ -8,9 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use crate::cli::args::values::{family, rate, seconds};
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::keys::Keys;
-use crate::cli::console::note::note;
+use crate::cli::console::{Interrupt, Keys, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::Motors;
 use crate::cli::show::screen::Screen;

@@ -4,7 +4,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
-use crate::cli::console::time::rfc3339;
+use crate::cli::console::rfc3339;
 use crate::protocol::board::Elsewhere;
 
 /// Each as JSON, with its sentence as `text`.

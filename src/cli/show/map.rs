@@ -3,8 +3,7 @@
 use clap::Args;
 
 use crate::cli::args::values::family;
-use crate::cli::console::note::note;
-use crate::cli::console::table::Table;
+use crate::cli::console::{Table, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord};
 

@@ -2,8 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::console::table::Table;
-use crate::cli::console::time::rfc3339;
+use crate::cli::console::{Table, rfc3339};
 use crate::cli::show::screen::{Live, state, update};
 use crate::client::motor::Motor;
 use crate::client::number::labelled;

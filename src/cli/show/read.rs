@@ -4,7 +4,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::cli::args::values::{Float48, family};
-use crate::cli::console::table::Table;
+use crate::cli::console::Table;
 use crate::cli::context::{Context, Failure, GIVE_FAMILY, Verdict};
 use crate::client::Connection;
 use crate::client::number::{float32, short};

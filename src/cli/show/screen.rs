@@ -5,7 +5,7 @@ use std::io;
 use rustix::termios::tcgetwinsize;
 use serde_json::Value;
 
-use crate::cli::console::output::Output;
+use crate::cli::console::Output;
 use crate::cli::context::Failure;
 use crate::client::{Staleness, View};
 

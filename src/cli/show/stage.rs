@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
 
-use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::Interrupt;
 use crate::cli::context::Failure;
 
 /// Time limit of the daemon's end.

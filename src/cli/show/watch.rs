@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::cli::args::values::{rate, seconds};
-use crate::cli::console::keys::Keys;
+use crate::cli::console::Keys;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::coordinates::Systems;
 use crate::cli::show::motors::{Motors, reason};

@@ -30,9 +30,7 @@ use clap::Args;
 use signal_hook::consts::{SIGCONT, SIGTSTP};
 
 use crate::cli::args::values::rate;
-use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::note::note;
-use crate::cli::console::output::Output;
+use crate::cli::console::{Interrupt, Output, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors;
 use crate::client::Snapshot;

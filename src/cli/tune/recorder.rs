@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::response::Recording;
-use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::Interrupt;
 use crate::cli::context::{Context, Failure};
 use crate::cli::gather::Prepared;
 use crate::client::command::lines::LineSequence;

@@ -16,7 +16,7 @@ use clap::Args;
 use stops::Stops;
 
 use crate::cli::args::values::seconds;
-use crate::cli::console::interrupt::Interrupt;
+use crate::cli::console::Interrupt;
 use crate::cli::context::{Context, Failure};
 use crate::client::{Board, CommandError, Connection, Snapshot, Staleness};
 use crate::decode::ServoData;

@@ -14,7 +14,7 @@ use serde_json::json;
 use super::motors::{fault, position, stands};
 use super::stops::{ends_program, system_of};
 use super::{Awaited, BEGINS, Look, Progress, Watch};
-use crate::cli::console::note::note;
+use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
