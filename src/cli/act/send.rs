@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::act::lines::entered_note;
-use crate::cli::args::values::seconds;
+use crate::cli::args::values::line_timeout;
 use crate::cli::console::{note, warn_if_late};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::programs::what_runs;
@@ -15,7 +15,7 @@ use crate::client::command::SendAs;
 use crate::language::{Meaning, deadlines};
 use crate::map::errors;
 use crate::protocol::board::SendReply;
-use crate::protocol::{CallError, TIMEOUT_MAX_MS, check_line, control};
+use crate::protocol::{CallError, check_line, control};
 
 #[derive(Debug, Args)]
 pub struct Send {
@@ -26,7 +26,7 @@ pub struct Send {
     #[arg(hide = true)]
     pub more: Vec<String>,
     /// Time limit for the reply, in seconds; without it 5, and more for lines that take long, such as SAVE
-    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Option<Duration>,
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
@@ -44,10 +44,6 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
         check_line(line).map_err(|reason| Failure::Request(format!("invalid line: {reason}")))?;
     }
     let timeout = options.timeout.unwrap_or_else(|| Meaning::of(line).deadline(deadlines::PLAIN));
-    if timeout.as_millis() > TIMEOUT_MAX_MS.into() {
-        let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!("--timeout is at most {most} s")));
-    }
     let send = || -> Result<_, Failure> {
         let mut connection = context.connection()?.confirming(options.yes);
         let begun = Instant::now();

@@ -28,13 +28,14 @@ use crate::cli::act::control_keys::{ControlKeys, Pressed};
 use crate::cli::act::lines::{LineError, entered_note};
 use crate::cli::act::piped;
 use crate::cli::act::reset_watch::ResetWatch;
+use crate::cli::args::values::line_timeout;
 use crate::cli::console::note;
 use crate::cli::console::output::reply;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{CommandError, Connection, Messages, OwnBuffer};
 use crate::language::Meaning;
 use crate::protocol::board::SendReply;
-use crate::protocol::{CallError, Message, MessageKind, OpenBufferInfo, TIMEOUT_MAX_MS, check_line, control};
+use crate::protocol::{CallError, Message, MessageKind, OpenBufferInfo, check_line, control};
 
 /// Time limit for asking what is addressed.
 const ADDRESS: Duration = Duration::from_millis(500);
@@ -52,7 +53,7 @@ A line goes to the board as it is. ^K (two characters) sends a control character
 #[derive(Debug, Args)]
 pub struct Terminal {
     /// Time limit of a line, in seconds; lines that take long, such as SAVE, have longer ones
-    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Do not write the history to disk
     #[arg(long)]
@@ -66,10 +67,6 @@ pub struct Terminal {
 }
 
 pub fn run(context: &mut Context, options: &Terminal) -> Result<Verdict, Failure> {
-    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
-        let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!("--timeout is at most {most} s")));
-    }
     let session = Session::new(context.connection()?.confirming(options.yes), options.timeout);
     let messages = context.connection()?.messages()?;
     if io::stdin().is_terminal() && io::stdout().is_terminal() && !context.output.is_json() {

@@ -7,6 +7,7 @@ use clap::builder::RangedI64ValueParser;
 
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, UnknownFamily};
+use crate::protocol::TIMEOUT_MAX_MS;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum Float48 {
@@ -58,6 +59,15 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     } else {
         Err(format!("must be above 0 and at most {LONGEST_S} seconds"))
     }
+}
+
+/// The time limit of a command line.
+pub fn line_timeout(text: &str) -> Result<Duration, String> {
+    let most = TIMEOUT_MAX_MS / 1000;
+    seconds(text).and_then(|time| match time.as_millis() <= TIMEOUT_MAX_MS.into() {
+        true => Ok(time),
+        false => Err(format!("a command may take at most {most} s")),
+    })
 }
 
 /// A number of bytes: `1500`, `64k`, `100M`, `10G`, by powers of 1000.

@@ -1,6 +1,7 @@
 //! What commands print with: the terminal, tables, output files and signals.
 
 mod confirm;
+pub mod input;
 mod interrupt;
 mod keys;
 pub mod late;

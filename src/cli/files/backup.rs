@@ -2,17 +2,17 @@
 //! control.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
 
 use super::mistakes::mistaken;
+use crate::cli::console::input::{read, shown};
 use crate::cli::console::sink;
 use crate::cli::console::{board_of, confirm, note, sending};
 use crate::cli::context::{Context, Failure, Verdict};
-use crate::cli::files::listings::read;
+use crate::cli::files::listings;
 use crate::cli::files::meaning;
 use crate::cli::files::saved::{Saved, What, finish, name};
 use crate::cli::files::sequence::{begin, left};
@@ -105,7 +105,7 @@ fn held_of(
 ) -> Result<BTreeMap<Item, String>, Failure> {
     let mut connection = context.connection()?;
     let mut board = begin(&mut connection, kind, true);
-    let held = read(&mut board, items);
+    let held = listings::read(&mut board, items);
     finish(board)?;
     held
 }
@@ -286,7 +286,7 @@ impl Report<'_> {
             return Err(Failure::Refused(why).at(format_args!("{}:{}", self.file, entry.line)));
         }
         let accepted = || self.changes.iter().copied().filter(|entry| !refused.contains(&entry.item));
-        let held = read(&mut board, accepted().map(|entry| entry.item));
+        let held = listings::read(&mut board, accepted().map(|entry| entry.item));
         let over = board.finish()?;
         if self.reset(&over, first, &owners, &lines) {
             note(left(taken, lines.len(), &over.notes));
@@ -365,22 +365,9 @@ impl<'a> Report<'a> {
     }
 }
 
-fn shown(path: &Path) -> String {
-    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
-}
-
 fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
     let file = shown(path);
-    let mut bytes = Vec::new();
-    let outcome = if path == Path::new("-") {
-        io::stdin().lock().take(LARGEST).read_to_end(&mut bytes)
-    } else {
-        std::fs::File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes))
-    };
-    let length = outcome.map_err(|error| Failure::Request(format!("{file}: {error}")))?;
-    if length as u64 == LARGEST {
-        return Err(Failure::Request(format!("{file}: longer than {} MiB", LARGEST >> 20)));
-    }
+    let bytes = read(path, LARGEST).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
     let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
     parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
 }

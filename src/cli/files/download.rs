@@ -5,19 +5,17 @@
 //! somebody else has open is left alone: nothing is sent then.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::mistakes::mistaken;
 use super::prose;
-use crate::cli::console::{LineProgress, note};
+use crate::cli::args::values::line_timeout;
+use crate::cli::console::input::read;
+use crate::cli::console::{Interrupt, LineProgress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
 use crate::cli::files::sequence::left;
@@ -26,7 +24,6 @@ use crate::client::circles::{self, is_circle};
 use crate::client::command::lines::LinesOptions;
 use crate::format::Visible;
 use crate::language::lexer::{Kind, tokens};
-use crate::protocol::TIMEOUT_MAX_MS;
 use crate::protocol::board::RunLinesReply;
 
 /// Largest file.
@@ -48,7 +45,7 @@ pub struct Download {
     #[arg(long)]
     pub force: bool,
     /// How long the board may take for a line, in seconds; those that take long, such as SAVE, may take longer
-    #[arg(long, value_name = "S", default_value = "10", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Send lines like I58=0 too, which end command lines for everybody, and $$$ and SAVE though they end what others have open and run
     #[arg(long)]
@@ -56,41 +53,21 @@ pub struct Download {
 }
 
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
-    if options.timeout.as_millis() > TIMEOUT_MAX_MS.into() {
-        let most = TIMEOUT_MAX_MS / 1000;
-        return Err(Failure::Request(format!(
-            "--timeout is longer than the {most} s that a command may take"
-        )));
-    }
-    let lines = preprocess(&options.files, &read).map_err(|mistakes| mistaken(&mistakes))?;
+    let lines =
+        preprocess(&options.files, &|path| read(path, LARGEST)).map_err(|mistakes| mistaken(&mistakes))?;
     if !options.force {
         prose::check(&lines).map_err(|mistake| mistaken(&[mistake]))?;
     }
     if options.dry_run {
         return dry_run(context, &lines);
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::request)?;
-    }
+    let stop = Interrupt::listen()?;
     let connection = context.connection()?.confirming(options.yes);
     let mut download = Run { lines: &lines, failed: Vec::new(), taken: 0 };
     let outcome = download.send(context, connection, options, &stop);
     download.report(context)?;
     outcome?;
     Ok(download.failed.is_empty().into())
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, String> {
-    use std::io::Read;
-    let mut bytes = Vec::new();
-    let source: Box<dyn Read> = if path == Path::new("-") {
-        Box::new(io::stdin().lock())
-    } else {
-        Box::new(std::fs::File::open(path).map_err(|error| error.to_string())?)
-    };
-    source.take(LARGEST + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    if bytes.len() as u64 > LARGEST { Err(format!("longer than {} MiB", LARGEST >> 20)) } else { Ok(bytes) }
 }
 
 fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failure> {
@@ -146,7 +123,7 @@ impl Run<'_> {
         context: &mut Context,
         mut connection: Connection,
         options: &Download,
-        stop: &AtomicBool,
+        stop: &Interrupt,
     ) -> Result<(), Failure> {
         let sequence =
             LinesOptions { kind: "download", timeout: options.timeout, keep_going: options.keep_going };
@@ -159,7 +136,7 @@ impl Run<'_> {
             next += 1;
             let outcome = self.told(context, &mut progress, reply);
             printed = std::mem::replace(&mut printed, Ok(())).and(outcome);
-            printed.is_ok() && !stop.load(Ordering::Relaxed)
+            printed.is_ok() && !stop.came()
         });
         progress.clear();
         let place = self.lines.get(next).map(|line| &line.place);

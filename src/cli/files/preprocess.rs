@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::cli::console::input::shown;
 use crate::format::file_text;
 use crate::protocol::check_line;
 
@@ -88,10 +89,6 @@ pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>
         }
     }
     if source.mistakes.is_empty() { Ok(source.lines) } else { Err(source.mistakes) }
-}
-
-fn shown(path: &Path) -> String {
-    if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
 }
 
 struct Source<'a> {

@@ -8,9 +8,10 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 
-use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled, shown};
+use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled};
 use super::stream::{check_system, own_buffer};
 use crate::cli::args::values::number;
+use crate::cli::console::input::shown;
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryPlace};
@@ -59,7 +60,7 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
             let more = family.rotary.home_motors > DEFAULT_FAMILY.rotary.home_motors;
             let text = [SAMPLE, if more { MORE_MOTORS } else { b"" }].concat();
             let sample = compile(&text, &settings).map_err(|error| Failure::Request(error.to_string()))?;
-            ("sample", sample.program)
+            ("sample".to_owned(), sample.program)
         }
     };
     let mut owner = context.connection()?;
@@ -78,10 +79,10 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     if let Some(Stopped { taken, .. }) = &stopped {
         program.lines.truncate(*taken);
     }
-    if let Some(warning) = circle_warning(&mut board, name, &program, options.cs) {
+    if let Some(warning) = circle_warning(&mut board, &name, &program, options.cs) {
         note(warning);
     }
-    let mut problems = differences(name, &program, &listing, &settings);
+    let mut problems = differences(&name, &program, &listing, &settings);
     if !problems.is_empty() {
         problems.push(advice(&program, &listing, &settings));
     }

@@ -11,10 +11,11 @@ pub mod words;
 use clap::{Args, Subcommand};
 
 use self::check::Check;
-use self::source::{Format, compiled, read, shown, warn};
+use self::source::{Format, compiled, read, warn};
 use self::stream::Stream;
 use self::words::{pairs, words};
 use crate::cli::args::values::family;
+use crate::cli::console::input::shown;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::map::Family;
 use crate::rotary::{Settings, decompile};
@@ -101,12 +102,12 @@ fn decode(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
     let (name, words) = match &options.input[..] {
         [file] => {
             let name = shown(file);
-            let words = words(&read(file)?);
-            (name, words.map_err(|error| Failure::Request(format!("{name}: {error}")))?)
+            let words = words(&read(file)?).map_err(|error| Failure::Request(format!("{name}: {error}")))?;
+            (name, words)
         }
         several => {
             let words = pairs(several.iter().map(String::as_str)).map_err(Failure::Request)?;
-            ("words", words)
+            ("words".to_owned(), words)
         }
     };
     let decompiled =

@@ -1,13 +1,11 @@
 //! Reads a motion program and the settings for compiling it.
 
 use std::fmt::Display;
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
 
 use clap::Args;
 use serde::Deserialize;
 
+use crate::cli::console::input::{self, shown};
 use crate::cli::console::note;
 use crate::cli::context::Failure;
 use crate::client::{Connection, circles};
@@ -81,12 +79,12 @@ fn reported<T>(file: &str, outcome: Result<(Compiled, T), Refused>) -> Result<(P
     let name = shown(file);
     match outcome {
         Ok((compiled, rest)) => {
-            warn(name, &compiled.warnings);
+            warn(&name, &compiled.warnings);
             Ok((compiled.program, rest))
         }
         Err(refused) => {
-            warn(name, &refused.warnings);
-            Err(Failure::Refused(listing(name, "", &refused.errors)))
+            warn(&name, &refused.warnings);
+            Err(Failure::Refused(listing(&name, "", &refused.errors)))
         }
     }
 }
@@ -98,25 +96,9 @@ pub fn circle_warning(board: &mut Connection, name: &str, program: &Program, cs:
     circles::warning(board, format_args!("{name}:{}", line.line), Some(cs.into()))
 }
 
-/// The file's name in messages.
-pub fn shown(file: &str) -> &str {
-    if file == "-" { "stdin" } else { file }
-}
-
+/// The file's bytes.
 pub fn read(file: &str) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
-    let mut take = |source: &mut dyn Read| source.take(LARGEST + 1).read_to_end(&mut bytes);
-    let outcome = if file == "-" {
-        take(&mut io::stdin().lock())
-    } else {
-        File::open(Path::new(file)).and_then(|mut file| take(&mut file))
-    };
-    outcome.map_err(|error| Failure::Request(format!("{}: {error}", shown(file))))?;
-    if bytes.len() as u64 > LARGEST {
-        let limit = LARGEST >> 20;
-        return Err(Failure::Request(format!("{}: longer than {limit} MiB", shown(file))));
-    }
-    Ok(bytes)
+    input::read(file, LARGEST).map_err(|why| Failure::Request(format!("{}: {why}", shown(file))))
 }
 
 /// Each finding on a line: `FILE:LINE:COLUMN: what`.

@@ -8,8 +8,9 @@ use clap::Args;
 use serde_json::json;
 
 use super::progress::Progress;
-use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream, shown};
+use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream};
 use crate::cli::args::values::number;
+use crate::cli::console::input::shown;
 use crate::cli::console::{Interrupt, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
@@ -89,7 +90,7 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
     if program.lines.is_empty() {
         return Err(Failure::Request(format!("{}: no program lines in this file", shown(&options.file))));
     }
-    if let Some(warning) = circle_warning(&mut board, shown(&options.file), &program, options.cs) {
+    if let Some(warning) = circle_warning(&mut board, &shown(&options.file), &program, options.cs) {
         note(warning);
     }
     let interrupt = Interrupt::listen()?;

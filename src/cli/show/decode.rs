@@ -1,13 +1,12 @@
 //! `pmacctl board decode`: decodes a raw image of the DPRAM from a file, with the code that decodes live data.
 
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Value, json};
 
 use crate::cli::args::values::{Float48, Order, family};
+use crate::cli::console::input::read_some;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::buffers;
 use crate::cli::show::coordinates::{self, Overrides};
@@ -42,8 +41,9 @@ pub struct Decode {
 }
 
 pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> {
-    let bytes =
-        read(options).map_err(|error| Failure::Request(format!("{}: {error}", options.file.display())))?;
+    // One byte more than the largest image is enough to refuse the file.
+    let bytes = read_some(&options.file, largest() as u64 + 1);
+    let bytes = bytes.map_err(|error| Failure::Request(format!("{}: {error}", options.file.display())))?;
     let fault =
         |error: &dyn std::fmt::Display| Failure::Request(format!("{}: {error}", options.file.display()));
     let image = Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|error| {
@@ -97,18 +97,6 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
 /// The bytes of the largest image of any family.
 fn largest() -> usize {
     FAMILIES.iter().flat_map(|family| family.lengths()).max().map_or(0, |bytes| bytes as usize)
-}
-
-/// The file's bytes, at most one more than the largest image of any family. The extra byte is enough to refuse the file.
-fn read(options: &Decode) -> io::Result<Vec<u8>> {
-    let most = largest() as u64 + 1;
-    let mut bytes = Vec::new();
-    if options.file.as_os_str() == "-" {
-        io::stdin().lock().take(most).read_to_end(&mut bytes)?;
-    } else {
-        File::open(&options.file)?.take(most).read_to_end(&mut bytes)?;
-    }
-    Ok(bytes)
 }
 
 /// The documents of `motors` and `coordinates` in one, with the other functions' words. An image has no time and is never live.

@@ -1,14 +1,11 @@
 //! `pmacctl motors` and `pmacctl coordinates`, and `pmacctl watch`, which shows the same live, also across restarts of the daemon.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::cli::args::values::{rate, seconds};
-use crate::cli::console::Keys;
+use crate::cli::console::{Interrupt, Keys};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::coordinates::Systems;
 use crate::cli::show::motors::{Motors, reason};
@@ -69,13 +66,8 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let interactive = context.output.is_terminal();
     let mut screen = Screen::new(interactive);
     let keys = Keys::listen(interactive && !context.output.is_json());
-    let interrupted = Arc::new(AtomicBool::new(false));
-    if keys.are_heard() {
-        // Catch signals, because the terminal must be restored at the end.
-        for signal in [SIGTERM, SIGINT, SIGHUP] {
-            signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(Failure::request)?;
-        }
-    }
+    // Catch signals only where the terminal must be restored at the end.
+    let interrupt = if keys.are_heard() { Some(Interrupt::listen()?) } else { None };
     let hint = if keys.are_heard() { " (q ends it)" } else { "" };
     let title = format!("{}{hint}", board.name());
     let end = options.seconds.and_then(|seconds| Instant::now().checked_add(seconds));
@@ -96,7 +88,7 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
             break;
         }
         let rest = options.rate.saturating_sub(began.elapsed()).min(left(end));
-        if keys.quit_within(rest) || interrupted.load(Ordering::Relaxed) {
+        if keys.quit_within(rest) || interrupt.as_ref().is_some_and(Interrupt::came) {
             break;
         }
     }
