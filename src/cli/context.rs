@@ -26,6 +26,16 @@ impl From<bool> for Verdict {
     }
 }
 
+impl Verdict {
+    /// Yes, unless there are `faults`.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`] with the faults.
+    pub fn without(faults: &[String]) -> Result<Self, Failure> {
+        if faults.is_empty() { Ok(Self::Yes) } else { Err(Failure::Refused(faults.join("\n"))) }
+    }
+}
+
 /// Why a command was not executed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {

@@ -354,11 +354,7 @@ fn show(context: &mut Context) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
     let shown = shown(&panel_words(&mut connection, family)?, i10(context));
-    if context.output.is_json() {
-        context.output.json(&shown)?;
-    } else {
-        context.output.text(table(&shown))?;
-    }
+    context.output.show(&shown, || table(&shown))?;
     Ok(Verdict::Yes)
 }
 

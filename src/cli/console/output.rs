@@ -58,6 +58,15 @@ impl Output {
         if self.quiet { Ok(()) } else { write!(self.stdout, "{text}") }
     }
 
+    /// One result: `document` with `--json`, else `text`, unchanged.
+    pub fn show<T: fmt::Display>(
+        &mut self,
+        document: &impl Serialize,
+        text: impl FnOnce() -> T,
+    ) -> io::Result<()> {
+        if self.json { self.json(document) } else { self.text(text()) }
+    }
+
     /// One JSON document, indented.
     pub fn json(&mut self, document: &impl Serialize) -> io::Result<()> {
         if !self.quiet {

@@ -187,9 +187,7 @@ fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
     if context.output.is_json() {
         context.output.json(&report.0)?;
     } else {
-        for check in &report.0 {
-            context.output.line(check)?;
-        }
+        report.0.iter().try_for_each(|check| context.output.line(check))?;
     }
     Ok(report.is_passed().into())
 }

@@ -72,15 +72,10 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
 
 fn dry_run(context: &mut Context, lines: &[SourceLine]) -> Result<Verdict, Failure> {
     if context.output.is_json() {
-        let document: Vec<_> = lines
-            .iter()
-            .map(|line| json!({ "file": line.place.file, "line": line.place.line, "text": line.text }))
-            .collect();
-        context.output.json(&document)?;
-        return Ok(Verdict::Yes);
-    }
-    for line in lines {
-        context.output.line(&line.text)?;
+        let document = |line: &SourceLine| json!({ "file": line.place.file, "line": line.place.line, "text": line.text });
+        context.output.json(&lines.iter().map(document).collect::<Vec<_>>())?;
+    } else {
+        lines.iter().try_for_each(|line| context.output.line(&line.text))?;
     }
     Ok(Verdict::Yes)
 }
@@ -173,9 +168,7 @@ impl Run<'_> {
         self.taken = reply.taken;
         if !reply.lines.is_empty() && !context.output.is_json() {
             progress.clear();
-            for line in &reply.lines {
-                context.output.line(line)?;
-            }
+            reply.lines.iter().try_for_each(|line| context.output.line(line))?;
         }
         if reply.failure.is_some() {
             progress.clear();

@@ -146,11 +146,7 @@ pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Fa
 }
 
 fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
-    if context.output.is_json() {
-        context.output.json(&answer.document)?;
-    } else {
-        context.output.text(&answer.text)?;
-    }
+    context.output.show(&answer.document, || &answer.text)?;
     Ok((answer.status == 0).into())
 }
 

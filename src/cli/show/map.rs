@@ -32,11 +32,7 @@ pub fn run(context: &mut Context, options: &Map) -> Result<Verdict, Failure> {
         (None, None) => (DEFAULT_FAMILY, options.firmware),
     };
     let records = Layout::new(family, firmware).records();
-    if context.output.is_json() {
-        context.output.json(&records)?;
-    } else {
-        context.output.text(table(&records))?;
-    }
+    context.output.show(&records, || table(&records))?;
     Ok(Verdict::Yes)
 }
 

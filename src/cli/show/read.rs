@@ -72,11 +72,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
             words,
         });
     }
-    if context.output.is_json() {
-        context.output.json(&found)?;
-    } else {
-        context.output.text(table(&found))?;
-    }
+    context.output.show(&found, || table(&found))?;
     Ok(Verdict::Yes)
 }
 

@@ -16,11 +16,7 @@ use crate::segment::{Condition, Identity, SegmentError, SegmentName, UserUnit};
 
 pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     let document = look(context)?;
-    if context.output.is_json() {
-        context.output.json(&document)?;
-    } else {
-        context.output.text(text(&document))?;
-    }
+    context.output.show(&document, || text(&document))?;
     Ok((document["condition"] == "live").into())
 }
 

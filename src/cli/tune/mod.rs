@@ -241,7 +241,7 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     if failed.is_empty() && response.is_none() {
         failed.push("the commanded position did not move".to_owned());
     }
-    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+    Verdict::without(&failed)
 }
 
 /// Prints the counts, and how the motor answered where that was seen.

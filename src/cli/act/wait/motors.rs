@@ -137,7 +137,7 @@ pub fn wait_for_motors(
             context.output.line(format_args!("#{}: {}", motor.servo.motor, position(motor)))?;
         }
     }
-    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+    Verdict::without(&failed)
 }
 
 /// Waits until every motor in `numbers` has come to its goal, which was asked for over `connection`. Returns what went wrong.

@@ -77,7 +77,7 @@ pub fn see_programs_begin(
         }
         if look.elapsed < BEGINS { Progress::GoesOn } else { not_begun(system, &own) }
     })?;
-    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+    Verdict::without(&failed)
 }
 
 /// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand. They were started over
@@ -120,7 +120,7 @@ pub fn wait_for_programs(
         context.output.json(&json!({ "coordinate_systems": numbers, "failed": failed }))?;
         context.output.flush()?;
     }
-    if failed.is_empty() { Ok(Verdict::Yes) } else { Err(Failure::Refused(failed.join("\n"))) }
+    Verdict::without(&failed)
 }
 
 /// What has become of a program that does not run; `ran` if it was seen to.
