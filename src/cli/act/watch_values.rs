@@ -256,19 +256,27 @@ impl Questions {
         Ok(Some(Self { connection: context.connection()?, names }))
     }
 
-    /// What the board answers, one for each.
     fn ask(&mut self) -> Result<Vec<String>, Failure> {
-        let mut answers = Vec::new();
-        for names in self.names.chunks(AT_ONCE) {
-            let line = names.join(" ");
-            let reply = self.connection.question(&line, deadlines::PLAIN)?;
-            if reply.len() != names.len() {
-                return Err(Failure::Refused(format!("{line}: the board answers {}", reply.join(" "))));
-            }
-            answers.extend(reply.into_iter().map(|text| text.trim().to_owned()));
-        }
-        Ok(answers)
+        ask_variables(&mut self.connection, &self.names, deadlines::PLAIN)
     }
+}
+
+/// The board's answer for each of the variables `names`.
+pub fn ask_variables(
+    connection: &mut Connection,
+    names: &[String],
+    timeout: Duration,
+) -> Result<Vec<String>, Failure> {
+    let mut answers = Vec::new();
+    for names in names.chunks(AT_ONCE) {
+        let line = names.join(" ");
+        let reply = connection.question(&line, timeout)?;
+        if reply.len() != names.len() {
+            return Err(Failure::Refused(format!("{line}: the board answers {}", reply.join(" "))));
+        }
+        answers.extend(reply.into_iter().map(|text| text.trim().to_owned()));
+    }
+    Ok(answers)
 }
 
 /// Prints one set of values as a line of text or of JSON.

@@ -19,7 +19,7 @@ pub use keys::Keys;
 pub use late::warn_if_late;
 pub use note::note;
 pub use output::Output;
-pub use progress::LineProgress;
+pub use progress::Progress;
 pub use sink::is_stdout;
 pub use table::Table;
 pub use table_file::TableFile;

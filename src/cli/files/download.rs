@@ -15,7 +15,7 @@ use super::mistakes::mistaken;
 use super::prose;
 use crate::cli::args::values::line_timeout;
 use crate::cli::console::input::read;
-use crate::cli::console::{Interrupt, LineProgress, note};
+use crate::cli::console::{Interrupt, Progress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::files::preprocess::{Place, SourceLine, preprocess};
 use crate::cli::files::sequence::left;
@@ -123,11 +123,11 @@ impl Run<'_> {
         let sequence =
             LinesOptions { kind: "download", timeout: options.timeout, keep_going: options.keep_going };
         let texts: Vec<&str> = self.lines.iter().map(|line| line.text.as_str()).collect();
-        let mut progress = LineProgress::new(texts.len());
+        let mut progress = Progress::on_terminal();
         let mut next = 0;
         let mut printed = Ok(());
         let over = connection.run_lines(sequence, &texts, |reply| {
-            progress.show(reply.taken);
+            progress.show(|_| format!("{} of {} lines", reply.taken, texts.len()));
             next += 1;
             let outcome = self.told(context, &mut progress, reply);
             printed = std::mem::replace(&mut printed, Ok(())).and(outcome);
@@ -162,7 +162,7 @@ impl Run<'_> {
     fn told(
         &mut self,
         context: &mut Context,
-        progress: &mut LineProgress,
+        progress: &mut Progress,
         reply: &RunLinesReply,
     ) -> Result<(), Failure> {
         self.taken = reply.taken;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cli::console::LineProgress;
+use crate::cli::console::Progress;
 use crate::cli::context::Failure;
 use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
@@ -50,9 +50,9 @@ fn answers<L: AsRef<str>>(
 ) -> Result<Vec<Result<Vec<String>, LineFailure>>, Failure> {
     let mut replies = Vec::new();
     let mut failed = None;
-    let mut progress = LineProgress::new(lines.len());
+    let mut progress = Progress::on_terminal();
     let run = sequence.run(lines, |reply| {
-        progress.show(replies.len() as u64 + 1);
+        progress.show(|_| format!("{} of {} lines", replies.len() + 1, lines.len()));
         match &reply.failure {
             Some(failure) if !passed(failure) => failed = Some(failure.message.clone()),
             Some(failure) => replies.push(Err(failure.clone())),

@@ -2,7 +2,6 @@
 
 mod prepared;
 
-use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -13,7 +12,7 @@ pub use self::prepared::Prepared;
 use crate::cli::act::lines::LineError;
 use crate::cli::args::values::seconds;
 use crate::cli::console::table_file::Form;
-use crate::cli::console::{Interrupt, TableFile, is_stdout, note};
+use crate::cli::console::{Interrupt, Progress, TableFile, is_stdout, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
 use crate::client::{Board, CommandError, Connection, GatherPhase, GatherRun, Taken};
@@ -31,8 +30,6 @@ const LOOK: Duration = Duration::from_millis(5);
 const SILENCE: Duration = Duration::from_secs(5);
 /// How often to tell the daemon that somebody still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
-/// Period of the progress display.
-const PROGRESS: Duration = Duration::from_millis(200);
 
 #[derive(Debug, ClapArgs)]
 pub struct Gather {
@@ -178,7 +175,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     } else {
         let summary = format!("samples={samples} lost={lost} {unit}={span:.3}");
         if is_stdout {
-            writeln!(io::stderr(), "{summary}")?;
+            note(summary);
         } else {
             context.output.line(summary)?;
         }
@@ -217,9 +214,7 @@ fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
         Failure::from(error)
             .at(format_args!("the line of --then, {line:?}, failed, and the gather was ended for that"))
     })?;
-    for text in reply {
-        writeln!(io::stderr(), "{}", Visible(&text))?;
-    }
+    reply.iter().for_each(|text| note(Visible(text)));
     Ok(())
 }
 
@@ -296,8 +291,8 @@ impl Run<'_> {
         // The servo period is unknown: use the host's clock.
         let end =
             if wanted.is_none() { seconds.and_then(|time| Instant::now().checked_add(time)) } else { None };
-        let (mut last_news, mut shown, mut renewed) = (Instant::now(), Instant::now(), Instant::now());
-        let shows = io::stderr().is_terminal();
+        let (mut last_news, mut renewed, mut progress) =
+            (Instant::now(), Instant::now(), Progress::on_terminal());
         while self.goes_on(wanted) && !stop.came() && end.is_none_or(|end| Instant::now() < end) {
             if self.take(board, wanted)? {
                 last_news = Instant::now();
@@ -316,16 +311,11 @@ impl Run<'_> {
                     Err(_) => return Err(Failure::Request(gone(self.samples))),
                 }
             }
-            if shows && shown.elapsed() > PROGRESS {
-                shown = Instant::now();
-                let next = self.samples_of.next();
-                let (samples, lost) = (self.samples, next - self.samples);
-                let _ = write!(io::stderr(), "\rsamples={samples} lost={lost} {:.1} s ", self.clock.at(next));
-            }
+            let next = self.samples_of.next();
+            let (samples, lost) = (self.samples, next - self.samples);
+            progress.show(|_| format!("samples={samples} lost={lost} {:.1} s", self.clock.at(next)));
         }
-        if shows {
-            let _ = write!(io::stderr(), "\r\x1b[K");
-        }
+        progress.clear();
         Ok(())
     }
 

@@ -6,7 +6,6 @@ mod series;
 mod trigger;
 mod wait;
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -318,14 +317,13 @@ fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict,
     finished?;
     let unscaled = files.unscaled();
     if unscaled > 0 {
-        writeln!(
-            io::stderr(),
+        note(format_args!(
             "{unscaled} of the missed were read, but the board had not told the scale (Ix08) again after a reset or a start of pmacd"
-        )?;
+        ));
     }
     let pauses = files.pauses();
     if let Some(said) = said_of_pauses(pauses) {
-        writeln!(io::stderr(), "{said}")?;
+        note(said);
     }
     summarize(context, options, (tally, pauses), (updates > 0).then(|| files.present()))?;
     if waited_in_vain {
@@ -371,7 +369,8 @@ fn summarize(
     }
     let summary = format!("updates={updates} lost={lost} missed={missed}");
     if is_stdout(&options.output) {
-        return Ok(writeln!(io::stderr(), "{summary}")?);
+        note(summary);
+        return Ok(());
     }
     Ok(context.output.line(summary)?)
 }

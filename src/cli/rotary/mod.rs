@@ -3,7 +3,6 @@
 //! has it list what it was sent.
 
 mod check;
-mod progress;
 mod source;
 mod stream;
 pub mod words;

@@ -7,11 +7,10 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 
-use super::progress::Progress;
 use super::source::{Format, NOTHING_TAKEN, circle_warning, compiled_stream};
 use crate::cli::args::values::number;
 use crate::cli::console::input::shown;
-use crate::cli::console::{Interrupt, note};
+use crate::cli::console::{Interrupt, Progress, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::client::{Connection, RotaryFeed, RotaryLine, RotaryPlace};
 use crate::map::status::reply_has;
@@ -116,7 +115,8 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         family,
         program: &program,
         board,
-        progress: Progress::new(program.lines.len(), context.output.is_quiet()),
+        progress: Progress::everywhere(context.output.is_quiet()),
+        began: Instant::now(),
         patience: Patience::new(options.timeout),
         interrupt,
     };
@@ -134,14 +134,14 @@ pub fn run(context: &mut Context, options: &Stream) -> Result<Verdict, Failure> 
         .map(|line| line.commands.iter().map(|command| (command.word1, command.word2)).collect())
         .collect();
     let mut feed = RotaryFeed::new(owner, buffer, &lines);
-    streaming.progress = Progress::new(program.lines.len(), context.output.is_quiet());
+    streaming.began = Instant::now();
     let fed = streaming.feed(&mut feed);
     let ended = streaming.end(&mut feed, fed);
     streaming.progress.clear();
     let (state, stopped) = ended?;
     let inside = feed.inside();
     let commands: usize = lines.iter().take(inside).map(Vec::len).sum();
-    let (underruns, seconds) = (state.underruns, streaming.progress.elapsed().as_secs_f64());
+    let (underruns, seconds) = (state.underruns, streaming.began.elapsed().as_secs_f64());
     if context.output.is_json() {
         context.output.json(&json!({
             "lines": inside,
@@ -207,6 +207,8 @@ struct Streaming<'a> {
     /// The connection for questions. The feed has its own.
     board: Connection,
     progress: Progress,
+    /// When the first line was sent.
+    began: Instant,
     patience: Patience,
     interrupt: Interrupt,
 }
@@ -227,7 +229,7 @@ impl Streaming<'_> {
             }
             let state = match feed.step()? {
                 Some(state) => state,
-                None if self.progress.due() => self.board.rotary_state(self.buffer)?,
+                None if self.progress.is_due() => self.board.rotary_state(self.buffer)?,
                 None => {
                     self.patience.reward();
                     continue;
@@ -253,7 +255,13 @@ impl Streaming<'_> {
 
     /// Shows the progress, and reports a board that takes no more lines.
     fn look_at(&mut self, state: &RotaryStateReply) -> Result<(), Failure> {
-        self.progress.show(usize::try_from(state.sent_lines).unwrap_or(usize::MAX), state.ahead_lines);
+        let (sent, total) =
+            (usize::try_from(state.sent_lines).unwrap_or(usize::MAX), self.program.lines.len());
+        let (ahead, seconds) = (state.ahead_lines, self.began.elapsed().as_secs_f64());
+        self.progress.show(|on_terminal| match on_terminal {
+            true => bar(sent, total, ahead, seconds),
+            false => format!("sent={sent} of={total} ahead={ahead} seconds={seconds:.1}"),
+        });
         if let Some(code) = state.error {
             let hint = self.patience.hint();
             return Err(Failure::Refused(format!(
@@ -347,6 +355,15 @@ impl Streaming<'_> {
     }
 }
 
+/// The width of the bar.
+const BAR_CELLS: usize = 30;
+
+fn bar(sent: usize, total: usize, ahead: u64, seconds: f64) -> String {
+    let full = (sent * BAR_CELLS).checked_div(total).unwrap_or(BAR_CELLS).min(BAR_CELLS);
+    let (done, left) = ("#".repeat(full), "-".repeat(BAR_CELLS - full));
+    format!("[{done}{left}] {sent} of {total} lines, {ahead} ahead, {seconds:.1} s")
+}
+
 /// Measures how long the board has taken nothing.
 struct Patience {
     limit: Duration,
@@ -397,5 +414,20 @@ impl Patience {
         } else {
             Look::Fine
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bar_fills() {
+        assert_eq!(bar(0, 10, 0, 0.0), format!("[{}] 0 of 10 lines, 0 ahead, 0.0 s", "-".repeat(30)));
+        assert!(
+            bar(5, 10, 3, 1.25).starts_with("[###############---------------] 5 of 10 lines, 3 ahead, 1.2")
+        );
+        assert!(bar(10, 10, 0, 2.0).starts_with(&format!("[{}]", "#".repeat(30))));
+        assert!(bar(0, 0, 0, 0.0).starts_with("[##"));
     }
 }

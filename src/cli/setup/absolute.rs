@@ -53,7 +53,7 @@ pub fn answer(options: &Absolute) -> Result<Answer, String> {
     };
     // The variable that holds the home position, as the family's manual writes it.
     let offset = if options.ix10.is_some() { "Ix26" } else { "Ixx26" };
-    Answer::done(&Document { format: &format, position }, text(&format, position, offset))
+    Answer::of(&Document { format: &format, position }, text(&format, position, offset))
 }
 
 fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {

@@ -1,4 +1,4 @@
-//! The answer of a command that needs no daemon, before printing.
+//! What a calculator says, before printing.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -10,17 +10,22 @@ pub struct Answer {
     pub document: Value,
     /// The text. It ends with a newline.
     pub text: String,
-    /// The exit status: 0 done, 1 the answer is "no".
-    pub status: u8,
+    /// The lines to send, in order.
+    pub commands: Vec<String>,
 }
 
 impl Answer {
-    /// An answer with exit status 0.
+    /// An answer without lines to send.
     ///
     /// # Errors
     /// The document cannot be written as JSON.
-    pub fn done(document: &impl Serialize, text: String) -> Result<Self, String> {
+    pub fn of(document: &impl Serialize, text: String) -> Result<Self, String> {
         let document = serde_json::to_value(document).map_err(|error| error.to_string())?;
-        Ok(Self { document, text, status: 0 })
+        Ok(Self { document, text, commands: Vec::new() })
+    }
+
+    /// The same answer, with lines to send.
+    pub fn with(self, commands: Vec<String>) -> Self {
+        Self { commands, ..self }
     }
 }

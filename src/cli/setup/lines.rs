@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
 
-use crate::cli::args::values;
+use crate::cli::args::values::family;
 use crate::cli::setup::answer::Answer;
 use crate::map::number::parse;
 use crate::map::{Family, Function, Generation, PMAC, PmacRegister};
@@ -31,39 +32,34 @@ pub struct Isa {
     #[arg(long, value_name = "ADDRESS", value_parser = parse)]
     pub address: u32,
     /// How many address lines to decode; addresses above the first megabyte need 24
-    #[arg(long, value_name = "BITS", default_value = "24")]
-    pub addressing: Addressing,
+    #[arg(long, value_name = "BITS", default_value = "24", value_parser = addressing())]
+    pub addressing: IsaAddressing,
     /// Switch the DPRAM off
     #[arg(long)]
     pub disable: bool,
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of the board that pmacd or --port reaches, or pmac if there is none
-    #[arg(long, value_name = "FAMILY")]
-    pub family: Option<Generation>,
+    #[command(flatten)]
+    pub board: OfBoard,
     /// Turbo boards: how many KiB the window shows at a time
-    #[arg(long, value_name = "KIB", default_value = "16")]
-    pub window: Window,
+    #[arg(long, value_name = "KIB", default_value = "16", value_parser = window())]
+    pub window: TurboWindow,
 }
 
-/// The choices of `--addressing`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Addressing {
-    /// The first megabyte.
-    #[value(name = "20")]
-    Bits20,
-    /// The first 16 megabytes.
-    #[value(name = "24")]
-    Bits24,
+fn addressing() -> impl TypedValueParser<Value = IsaAddressing> {
+    PossibleValuesParser::new(["20", "24"])
+        .map(|bits| if bits == "20" { IsaAddressing::Bits20 } else { IsaAddressing::Bits24 })
 }
 
-/// The choices of `--window`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Window {
-    /// 16 KiB.
-    #[value(name = "16")]
-    Kib16,
-    /// 64 KiB.
-    #[value(name = "64")]
-    Kib64,
+fn window() -> impl TypedValueParser<Value = TurboWindow> {
+    PossibleValuesParser::new(["16", "64"])
+        .map(|kib| if kib == "16" { TurboWindow::Kib16 } else { TurboWindow::Kib64 })
+}
+
+fn address_bits() -> impl TypedValueParser<Value = AddressBits> {
+    PossibleValuesParser::new(["16", "24", "32"]).map(|bits| match bits.as_str() {
+        "16" => AddressBits::A16,
+        "24" => AddressBits::A24,
+        _ => AddressBits::A32,
+    })
 }
 
 /// `setup vme`.
@@ -76,31 +72,16 @@ pub struct Vme {
     #[arg(long, value_name = "ADDRESS", value_parser = parse)]
     pub dpram: Option<u32>,
     /// How many address bits the board decodes
-    #[arg(long, value_name = "BITS", default_value = "24")]
-    pub address_bits: VmeBits,
+    #[arg(long, value_name = "BITS", default_value = "24", value_parser = address_bits())]
+    pub address_bits: AddressBits,
     /// The interrupt level, 1 to 7
     #[arg(long, value_name = "LEVEL", default_value = "2", value_parser = parse)]
     pub irq_level: u32,
     /// The middle one of the three interrupt vectors, odd
     #[arg(long, value_name = "VECTOR", default_value = "0xA1", value_parser = parse)]
     pub vector: u32,
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it that of the board that pmacd or --port reaches, or pmac if there is none
-    #[arg(long, value_name = "FAMILY")]
-    pub family: Option<Generation>,
-}
-
-/// The choices of `--address-bits`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum VmeBits {
-    /// Short addressing.
-    #[value(name = "16")]
-    A16,
-    /// Standard addressing.
-    #[value(name = "24")]
-    A24,
-    /// Extended addressing.
-    #[value(name = "32")]
-    A32,
+    #[command(flatten)]
+    pub board: OfBoard,
 }
 
 /// `setup enable`.
@@ -136,119 +117,68 @@ pub struct Enable {
     /// Add SAVE, so that the variables survive a reset
     #[arg(long)]
     pub save: bool,
-    /// The board's family; without it that of the board that pmacd or --port reaches, or pmac if there is none
-    #[arg(long, value_name = "FAMILY", value_parser = values::family)]
+    #[command(flatten)]
+    pub board: OfBoard,
+}
+
+/// Which board the lines are for.
+#[derive(Debug, Clone, Args)]
+pub struct OfBoard {
+    /// The board's family: pmac, pmac2, turbo or turbo2 [default: that of the board that pmacd or --port reaches, else pmac]
+    #[arg(long, value_parser = family, value_name = "FAMILY")]
     pub family: Option<&'static Family>,
 }
 
-impl SetupCommand {
-    /// Where the family was not given, it is `found`.
-    pub fn is_for(&mut self, found: impl FnOnce() -> Option<&'static Family>) {
-        match self {
-            Self::Isa(Isa { family: family @ None, .. }) | Self::Vme(Vme { family: family @ None, .. }) => {
-                *family = found().map(|found| found.generation);
-            }
-            Self::Enable(Enable { family: family @ None, .. }) => *family = found(),
-            Self::Isa(_) | Self::Vme(_) | Self::Enable(_) => {}
-        }
-    }
-
-    /// Whether the family is known.
-    #[must_use]
-    pub fn is_of_a_family(&self) -> bool {
-        match self {
-            Self::Isa(Isa { family, .. }) | Self::Vme(Vme { family, .. }) => family.is_some(),
-            Self::Enable(options) => options.family.is_some(),
-        }
-    }
-
-    /// The generation of boards that the lines are for.
-    #[must_use]
-    pub fn generation(&self) -> Generation {
-        match self {
-            Self::Isa(options) => options.generation(),
-            Self::Vme(options) => options.generation(),
-            Self::Enable(options) => options.family().generation,
-        }
+impl OfBoard {
+    /// The family, or PMAC while it is not known.
+    pub fn known(&self) -> &'static Family {
+        self.family.unwrap_or(&PMAC)
     }
 }
 
-/// Answers `setup …` without sending anything. The lines depend on whether the servo report already runs.
+impl SetupCommand {
+    /// Which board the lines are for.
+    pub fn board(&mut self) -> &mut OfBoard {
+        let (Self::Isa(Isa { board, .. })
+        | Self::Vme(Vme { board, .. })
+        | Self::Enable(Enable { board, .. })) = self;
+        board
+    }
+}
+
+/// The lines that `setup …` would send, as JSON and as text, too. They depend on whether the servo report already runs.
 ///
 /// # Errors
 /// Why the board cannot be set up this way; exit status 2.
 pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Answer, String> {
-    match command {
-        SetupCommand::Isa(options) => {
-            let plan = options.plan()?;
-            Answer::done(&plan, plan_text(&plan))
-        }
-        SetupCommand::Vme(options) => {
-            let plan = options.plan()?;
-            Answer::done(&plan, plan_text(&plan))
-        }
+    let plan = match command {
+        SetupCommand::Isa(options) => options.plan()?,
+        SetupCommand::Vme(options) => options.plan()?,
         SetupCommand::Enable(options) => {
             let plan = options.plan(servo_runs)?;
-            Answer::done(&plan, enable_text(&plan))
+            return Ok(Answer::of(&plan, enable_text(&plan))?.with(plan.commands));
         }
-    }
-}
-
-/// The lines that `setup …` would send, in order.
-///
-/// # Errors
-/// As [`answer`].
-pub fn commands(command: &SetupCommand, servo_runs: bool) -> Result<Vec<String>, String> {
-    Ok(match command {
-        SetupCommand::Isa(options) => options.plan()?.commands,
-        SetupCommand::Vme(options) => options.plan()?.commands,
-        SetupCommand::Enable(options) => options.plan(servo_runs)?.commands,
-    })
+    };
+    Ok(Answer::of(&plan, plan_text(&plan))?.with(plan.commands))
 }
 
 impl Isa {
-    fn generation(&self) -> Generation {
-        self.family.unwrap_or(PMAC.generation)
-    }
-
     fn plan(&self) -> Result<SetupPlan, String> {
-        let addressing = match self.addressing {
-            Addressing::Bits20 => IsaAddressing::Bits20,
-            Addressing::Bits24 => IsaAddressing::Bits24,
-        };
-        let window = match (self.window, self.generation()) {
-            (Window::Kib16, _) => TurboWindow::Kib16,
-            (Window::Kib64, Generation::Turbo) => TurboWindow::Kib64,
-            (Window::Kib64, Generation::Pmac) => {
-                return Err("only Turbo boards have a window of 64 KiB; give --family turbo".to_owned());
-            }
-        };
-        isa::plan(self.generation(), self.address, addressing, !self.disable, window)
+        let generation = self.board.known().generation;
+        if (self.window, generation) == (TurboWindow::Kib64, Generation::Pmac) {
+            return Err("only Turbo boards have a window of 64 KiB; give --family turbo".to_owned());
+        }
+        isa::plan(generation, self.address, self.addressing, !self.disable, self.window)
             .map_err(|error| error.to_string())
     }
 }
 
 impl Vme {
-    fn generation(&self) -> Generation {
-        self.family.unwrap_or(PMAC.generation)
-    }
-
     fn plan(&self) -> Result<SetupPlan, String> {
-        let address_bits = match self.address_bits {
-            VmeBits::A16 => AddressBits::A16,
-            VmeBits::A24 => AddressBits::A24,
-            VmeBits::A32 => AddressBits::A32,
-        };
-        VmeSetup {
-            mailbox: self.mailbox,
-            dpram: self.dpram,
-            address_bits,
-            irq_level: self.irq_level,
-            vector: self.vector,
-            generation: self.generation(),
-        }
-        .plan()
-        .map_err(|error| error.to_string())
+        let Self { mailbox, dpram, address_bits, irq_level, vector, .. } = *self;
+        let generation = self.board.known().generation;
+        let setup = VmeSetup { mailbox, dpram, address_bits, irq_level, vector, generation };
+        setup.plan().map_err(|error| error.to_string())
     }
 }
 
@@ -266,11 +196,7 @@ impl Enable {
             save: self.save,
             servo_runs,
         };
-        enable::plan(&self.functions, &options, self.family()).map_err(|error| error.to_string())
-    }
-
-    fn family(&self) -> &'static Family {
-        self.family.unwrap_or(&PMAC)
+        enable::plan(&self.functions, &options, self.board.known()).map_err(|error| error.to_string())
     }
 }
 
@@ -365,8 +291,7 @@ mod tests {
         );
         assert_eq!(answer.document["after_reset"], json!([{ "address": "0x7FA121", "value": "0x3F" }]));
         assert_eq!(answer.document["values"][9]["register"], "X:$078C");
-        assert_eq!(answer.status, 0);
-        assert_eq!(commands(&command(vme), false).unwrap().len(), 3);
+        assert_eq!(answer.commands.len(), 3);
     }
 
     #[test]
@@ -415,7 +340,7 @@ mod tests {
         assert!(answer.text.ends_with("  GATHER\n  GATHER\n"));
         let both = command("setup enable servo gather");
         let starts = |servo_runs| {
-            let lines = commands(&both, servo_runs).unwrap();
+            let lines = super::answer(&both, servo_runs).unwrap().commands;
             lines.iter().filter(|line| *line == "GATHER").count()
         };
         assert_eq!((starts(false), starts(true)), (2, 1));

@@ -60,20 +60,17 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     };
     match &mut serial {
         Some(serial) => told_over(serial, &mut command)?,
-        None if command.is_of_a_family() => {}
-        None => {
-            let board = context.board_family()?;
-            command.is_for(|| board.map(|(family, _)| family));
-        }
+        None if command.board().family.is_some() => {}
+        None => command.board().family = context.board_family()?.map(|(family, _)| family),
     }
     let answer = setup::answer(&command, servo_runs).map_err(Failure::Request)?;
     if !sending.send {
         return print(context, &answer);
     }
-    let commands = setup::commands(&command, servo_runs).map_err(Failure::Request)?;
+    let commands = &answer.commands;
     if serial.is_none() {
         let mut connection = context.connection()?;
-        is_for(Context::family(None, &mut connection)?, &command)?;
+        is_for(Context::family(None, &mut connection)?, &mut command)?;
         leaves_programs_words(&connection.info()?, &command)?;
     }
     // Print the lines before asking. JSON is printed at the end, with the result.
@@ -89,10 +86,10 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
         return Ok(Verdict::No);
     }
     let sent = match &mut serial {
-        Some(serial) => send_over(serial, &commands),
-        None => send(&mut context.connection()?, &commands),
+        Some(serial) => send_over(serial, commands),
+        None => send(&mut context.connection()?, commands),
     };
-    report(context, answer.document, &commands, sent)
+    report(context, answer.document, commands, sent)
 }
 
 /// Asks the board at the serial line for its family, and refuses lines for another one. A `TYPE` that is not known leaves it
@@ -101,10 +98,10 @@ fn told_over(serial: &mut SerialLine, command: &mut SetupCommand) -> Result<(), 
     let answer = serial.send("TYPE", PATIENCE).map_err(LineError::from)?.concat();
     match Family::of_type(&answer) {
         Some(board) => {
-            command.is_for(|| Some(board));
+            command.board().family.get_or_insert(board);
             is_for(board, command)
         }
-        None if command.is_of_a_family() => Ok(()),
+        None if command.board().family.is_some() => Ok(()),
         None => Err(Failure::Request(format!(
             "TYPE answers {answer:?}, which tells no family: give --family pmac, pmac2, turbo or turbo2"
         ))),
@@ -112,8 +109,8 @@ fn told_over(serial: &mut SerialLine, command: &mut SetupCommand) -> Result<(), 
 }
 
 /// Refuses lines for another generation than the board's: their variables and addresses have other meanings there.
-fn is_for(board: &'static Family, command: &SetupCommand) -> Result<(), Failure> {
-    if board.generation == command.generation() {
+fn is_for(board: &'static Family, command: &mut SetupCommand) -> Result<(), Failure> {
+    if board.generation == command.board().known().generation {
         return Ok(());
     }
     let title = board.title;
@@ -147,7 +144,7 @@ pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Fa
 
 fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
     context.output.show(&answer.document, || &answer.text)?;
-    Ok((answer.status == 0).into())
+    Ok(Verdict::Yes)
 }
 
 /// Prints how many lines the board took, and why sending stopped.
