@@ -41,12 +41,12 @@ fn serial(bytes: &[u8]) {
         Handshake { line_feeds: bits & 1 != 0, acknowledge: bits & 2 != 0, checksum: bits & 4 != 0 };
     let whole = serial_reply::parse(handshake, bytes);
     let half = serial_reply::parse(handshake, &bytes[..bytes.len() / 2]);
-    if let serial_reply::Answer::Complete(reply) = &half {
+    if let serial_reply::SerialAnswer::Complete(reply) = &half {
         assert!(reply.lines.len() <= bytes.len());
         assert_eq!(half, whole);
     }
     if let Some(told) = serial_reply::recognise(bytes) {
-        assert_ne!(serial_reply::parse(told, bytes), serial_reply::Answer::Unfinished);
+        assert_ne!(serial_reply::parse(told, bytes), serial_reply::SerialAnswer::Unfinished);
     }
 }
 

@@ -9,7 +9,7 @@ use crate::map::Family;
 use crate::protocol::answer;
 
 /// Time limit of the question.
-const PATIENCE: Duration = Duration::from_secs(5);
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
 /// Whether `text` makes circles: `CIRCLE1`, `CIR2`, `CIRCLE 1`, and `G2` or `G03`, which call `CIRCLE` in the board's PROG 1000.
 #[must_use]
@@ -38,7 +38,7 @@ pub fn warning(connection: &mut Connection, place: impl Display, system: Option<
     let mut variables: Vec<String> =
         systems.into_iter().map(|system| format!("I{}", family.i.segmentation(system))).collect();
     variables.dedup();
-    let told = connection.question(&variables.join(" "), PATIENCE).ok()?;
+    let told = connection.question(&variables.join(" "), ANSWER_WITHIN).ok()?;
     let variable = match variables.as_slice() {
         [one] => one.clone(),
         [first, .., last] => format!("each of {first} to {last}"),

@@ -15,7 +15,7 @@ use nix::fcntl::{Flock, FlockArg, OFlag};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use rustix::termios::{ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
-use super::serial_reply::{Answer, Handshake, Reply, parse, recognise};
+use super::serial_reply::{Handshake, Reply, SerialAnswer, parse, recognise};
 use crate::protocol::control::CANCEL;
 
 /// A silence that ends an answer without an end mark; several characters long at the lowest rate.
@@ -25,7 +25,7 @@ const PROBE: Duration = Duration::from_secs(1);
 /// How often it is asked; a text that a program sends can spoil an answer.
 const PROBES: usize = 3;
 /// More than the longest listing a set-up reads.
-const LONGEST: usize = 64 * 1024;
+const LONGEST_ANSWER: usize = 64 * 1024;
 
 /// The rates a board can be set to, in bits a second.
 pub const BAUD_RATES: [u32; 8] = [1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200];
@@ -202,13 +202,13 @@ impl SerialLine {
         self.write(format!("{line}\r").as_bytes())?;
         let handshake = self.handshake;
         let bytes = self.collect(timeout, |bytes| match parse(handshake, bytes) {
-            Answer::Complete(_) => Finish::Now,
-            Answer::PerhapsComplete(_) => Finish::AfterSilence,
-            Answer::Unfinished => Finish::No,
+            SerialAnswer::Complete(_) => Finish::Now,
+            SerialAnswer::PerhapsComplete(_) => Finish::AfterSilence,
+            SerialAnswer::Unfinished => Finish::No,
         })?;
         match parse(handshake, &bytes) {
-            Answer::PerhapsComplete(reply) | Answer::Complete(reply) => Ok(reply),
-            Answer::Unfinished => Err(SerialError::TimedOut),
+            SerialAnswer::PerhapsComplete(reply) | SerialAnswer::Complete(reply) => Ok(reply),
+            SerialAnswer::Unfinished => Err(SerialError::TimedOut),
         }
     }
 
@@ -237,7 +237,7 @@ impl SerialLine {
                 Finish::No => deadline,
             };
             let wait = until.saturating_duration_since(Instant::now());
-            if wait.is_zero() || bytes.len() > LONGEST {
+            if wait.is_zero() || bytes.len() > LONGEST_ANSWER {
                 return Ok(bytes);
             }
             if !self.ready(PollFlags::POLLIN, wait)? {

@@ -32,7 +32,7 @@ pub struct Handshake {
 
 /// An answer, as far as the received bytes tell.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answer {
+pub enum SerialAnswer {
     /// More has to come.
     Unfinished,
     /// Complete if no byte follows for a while.
@@ -72,15 +72,15 @@ pub fn recognise(bytes: &[u8]) -> Option<Handshake> {
     let acknowledge = rest.first() == Some(&ACK);
     let handshake = Handshake { line_feeds, acknowledge, checksum };
     let whole = match parse(handshake, &bytes) {
-        Answer::Complete(reply) | Answer::PerhapsComplete(reply) => reply,
-        Answer::Unfinished => return None,
+        SerialAnswer::Complete(reply) | SerialAnswer::PerhapsComplete(reply) => reply,
+        SerialAnswer::Unfinished => return None,
     };
     (whole.error.is_none() && whole.lines.len() == 1).then_some(handshake)
 }
 
 /// The answer in `bytes`, all that the board has sent since the line.
 #[must_use]
-pub fn parse(handshake: Handshake, bytes: &[u8]) -> Answer {
+pub fn parse(handshake: Handshake, bytes: &[u8]) -> SerialAnswer {
     let bytes: Vec<u8> = bytes.iter().copied().filter(|&byte| byte != CANCEL).collect();
     let Handshake { line_feeds, acknowledge, checksum } = handshake;
     let sum = usize::from(checksum);
@@ -89,19 +89,27 @@ pub fn parse(handshake: Handshake, bytes: &[u8]) -> Answer {
     loop {
         let rest = &bytes[at..];
         match rest {
-            [ACK, tail @ ..] if tail.len() < sum => return Answer::Unfinished,
-            [ACK, ..] => return Answer::Complete(reply),
+            [ACK, tail @ ..] if tail.len() < sum => return SerialAnswer::Unfinished,
+            [ACK, ..] => return SerialAnswer::Complete(reply),
             [BELL, tail @ ..] => return error(reply, tail),
             // Without <ACK>, an end is known by the silence behind it only.
             [LF, tail @ ..] if line_feeds && !acknowledge && tail.len() <= sum => {
-                return if tail.len() == sum { Answer::PerhapsComplete(reply) } else { Answer::Unfinished };
+                return if tail.len() == sum {
+                    SerialAnswer::PerhapsComplete(reply)
+                } else {
+                    SerialAnswer::Unfinished
+                };
             }
             [LF, ..] => at += 1,
-            _ if !line_feeds && !acknowledge && rest.len() == sum => return Answer::PerhapsComplete(reply),
+            _ if !line_feeds && !acknowledge && rest.len() == sum => {
+                return SerialAnswer::PerhapsComplete(reply);
+            }
             _ => {
-                let Some(end) = rest.iter().position(|&byte| byte == CR) else { return Answer::Unfinished };
+                let Some(end) = rest.iter().position(|&byte| byte == CR) else {
+                    return SerialAnswer::Unfinished;
+                };
                 if rest.len() < end + 1 + sum {
-                    return Answer::Unfinished;
+                    return SerialAnswer::Unfinished;
                 }
                 reply.lines.push(String::from_utf8_lossy(&rest[..end]).into_owned());
                 at += end + 1 + sum;
@@ -111,13 +119,13 @@ pub fn parse(handshake: Handshake, bytes: &[u8]) -> Answer {
 }
 
 /// An answer that ended in an error; `tail` follows the `<BELL>`.
-fn error(mut reply: Reply, tail: &[u8]) -> Answer {
+fn error(mut reply: Reply, tail: &[u8]) -> SerialAnswer {
     let text: Vec<u8> = tail.iter().copied().skip_while(|byte| matches!(byte, &CR | &LF)).collect();
     let end = text.iter().position(|&byte| byte == CR);
     let number =
         end.and_then(|end| std::str::from_utf8(&text[..end]).ok()?.strip_prefix("ERR")?.parse().ok());
     reply.error = Some(BoardError { code: number });
-    if number.is_some() { Answer::Complete(reply) } else { Answer::PerhapsComplete(reply) }
+    if number.is_some() { SerialAnswer::Complete(reply) } else { SerialAnswer::PerhapsComplete(reply) }
 }
 
 #[cfg(test)]
@@ -148,12 +156,15 @@ mod tests {
             let whole = parse(handshake, bytes);
             let expected = reply(lines);
             if certain {
-                assert_eq!(whole, Answer::Complete(expected), "{bytes:?}");
+                assert_eq!(whole, SerialAnswer::Complete(expected), "{bytes:?}");
             } else {
-                assert_eq!(whole, Answer::PerhapsComplete(expected), "{bytes:?}");
+                assert_eq!(whole, SerialAnswer::PerhapsComplete(expected), "{bytes:?}");
             }
             for cut in 0..bytes.len() {
-                assert!(!matches!(parse(handshake, &bytes[..cut]), Answer::Complete(_)), "{bytes:?} {cut}");
+                assert!(
+                    !matches!(parse(handshake, &bytes[..cut]), SerialAnswer::Complete(_)),
+                    "{bytes:?} {cut}"
+                );
             }
         }
     }
@@ -167,19 +178,19 @@ mod tests {
             (BOTH, b"\x07\r\nERR003\r"),
         ] {
             let expected = Reply { lines: vec![], error: Some(BoardError { code: Some(3) }) };
-            assert_eq!(parse(handshake, bytes), Answer::Complete(expected), "{bytes:?}");
+            assert_eq!(parse(handshake, bytes), SerialAnswer::Complete(expected), "{bytes:?}");
         }
         let bell = Reply { lines: vec!["3".to_owned()], error: Some(BoardError { code: None }) };
-        assert_eq!(parse(ACKED, b"3\r\x07"), Answer::PerhapsComplete(bell));
+        assert_eq!(parse(ACKED, b"3\r\x07"), SerialAnswer::PerhapsComplete(bell));
     }
 
     #[test]
     fn check_sums_are_passed_over_whatever_byte_they_are() {
         let sums = |handshake| Handshake { checksum: true, ..handshake };
-        assert_eq!(parse(sums(ACKED), b"0\r\x06\x06"), Answer::Unfinished);
-        assert_eq!(parse(sums(ACKED), b"0\r\x06\x06}"), Answer::Complete(reply(&["0"])));
-        assert_eq!(parse(sums(FEEDS), b"\n1\r1\n}"), Answer::PerhapsComplete(reply(&["1"])));
-        assert_eq!(parse(sums(PLAIN), b"1\r1}"), Answer::PerhapsComplete(reply(&["1"])));
+        assert_eq!(parse(sums(ACKED), b"0\r\x06\x06"), SerialAnswer::Unfinished);
+        assert_eq!(parse(sums(ACKED), b"0\r\x06\x06}"), SerialAnswer::Complete(reply(&["0"])));
+        assert_eq!(parse(sums(FEEDS), b"\n1\r1\n}"), SerialAnswer::PerhapsComplete(reply(&["1"])));
+        assert_eq!(parse(sums(PLAIN), b"1\r1}"), SerialAnswer::PerhapsComplete(reply(&["1"])));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::reading::Reading;
 use super::source::Source;
 use crate::decode::Scales;
-use crate::table::{Field, Kind};
+use crate::table::{Field, FieldKind};
 
 /// One column of gathered data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -51,7 +51,7 @@ impl Column {
     }
 
     fn field(&self) -> Field {
-        Field::new(&self.name, self.unit, Kind::Real)
+        Field::new(&self.name, self.unit, FieldKind::Real)
     }
 
     /// Name and unit, as a table's head has it.
@@ -65,8 +65,8 @@ impl Column {
 /// [`SampleClock::title`], the columns.
 #[must_use]
 pub fn fields(columns: &[Column], clock: SampleClock) -> Vec<Field> {
-    let time = if clock.servo_period_ns.is_some() { Kind::Seconds } else { Kind::Real };
-    let own = [Field::new("sample", "", Kind::Integer), Field::new(clock.title(), "", time)];
+    let time = if clock.servo_period_ns.is_some() { FieldKind::Seconds } else { FieldKind::Real };
+    let own = [Field::new("sample", "", FieldKind::Integer), Field::new(clock.title(), "", time)];
     own.into_iter().chain(columns.iter().map(Column::field)).collect()
 }
 

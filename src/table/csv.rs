@@ -2,12 +2,12 @@
 
 use std::io::{self, Write};
 
-use super::{Field, Kind};
+use super::{Field, FieldKind};
 
 /// Writes rows as text.
 pub struct CsvWriter<W> {
     out: W,
-    kinds: Vec<Kind>,
+    kinds: Vec<FieldKind>,
 }
 
 impl<W: Write> CsvWriter<W> {
@@ -32,7 +32,7 @@ impl<W: Write> CsvWriter<W> {
         for (index, (value, kind)) in values.iter().zip(&self.kinds).enumerate() {
             let comma = if index == 0 { "" } else { "," };
             match kind {
-                Kind::Seconds if value.is_finite() => {
+                FieldKind::Seconds if value.is_finite() => {
                     let time = format!("{value:.9}");
                     write!(self.out, "{comma}{}", time.trim_end_matches('0').trim_end_matches('.'))?;
                 }
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn times_end_at_the_nanosecond() {
-        let fields = [Field::new("time_s", "", Kind::Seconds)];
+        let fields = [Field::new("time_s", "", FieldKind::Seconds)];
         let mut writer = CsvWriter::new(Vec::new(), &fields).unwrap();
         for time in [0.0, 0.000_442_708_373, 0.442_708_373_069_763_2, 4_427.083_730_697_632] {
             writer.row(&[time]).unwrap();
@@ -83,9 +83,9 @@ mod tests {
     #[test]
     fn names_units_and_what_is_not_known() {
         let fields = [
-            Field::new("sample", "", Kind::Integer),
-            Field::new("1.actual_position", "count", Kind::Real),
-            Field::new("X:$0033,u", "", Kind::Real),
+            Field::new("sample", "", FieldKind::Integer),
+            Field::new("1.actual_position", "count", FieldKind::Real),
+            Field::new("X:$0033,u", "", FieldKind::Real),
         ];
         let mut writer = CsvWriter::new(Vec::new(), &fields).unwrap();
         writer.row(&[0.0, -5.25, 8_388_608.0]).unwrap();

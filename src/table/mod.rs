@@ -13,7 +13,7 @@ pub use read::{ReadError, Table};
 /// How the numbers of a field are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum FieldKind {
     /// Whole, at most 2^53.
     Integer,
     /// A time in seconds, in text to the nanosecond.
@@ -30,13 +30,13 @@ pub struct Field {
     /// The unit; empty where none is known.
     pub unit: String,
     /// How its numbers are written.
-    pub kind: Kind,
+    pub kind: FieldKind,
 }
 
 impl Field {
     /// A field.
     #[must_use]
-    pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Kind) -> Self {
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: FieldKind) -> Self {
         Self { name: name.into(), unit: unit.into(), kind }
     }
 

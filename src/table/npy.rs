@@ -6,7 +6,7 @@
 
 use std::io::{self, Seek, SeekFrom, Write};
 
-use super::{Field, Kind};
+use super::{Field, FieldKind};
 
 pub(super) const MAGIC: &[u8; 8] = b"\x93NUMPY\x01\x00";
 /// Digits of the largest u64.
@@ -17,7 +17,7 @@ const ALIGNMENT: usize = 64;
 /// Writes rows as elements of a NumPy array.
 pub struct NpyWriter<W> {
     out: W,
-    kinds: Vec<Kind>,
+    kinds: Vec<FieldKind>,
     /// The header's text before the number of elements, and its length in all.
     dictionary: String,
     header_length: usize,
@@ -34,7 +34,7 @@ impl<W: Write + Seek> NpyWriter<W> {
             .iter()
             .map(|field| {
                 let name = quoted(&field.name);
-                let format = if field.kind == Kind::Integer { "<i8" } else { "<f8" };
+                let format = if field.kind == FieldKind::Integer { "<i8" } else { "<f8" };
                 if field.unit.is_empty() {
                     format!("({name}, '{format}')")
                 } else {
@@ -65,8 +65,8 @@ impl<W: Write + Seek> NpyWriter<W> {
     pub fn row(&mut self, values: &[f64]) -> io::Result<()> {
         for (value, kind) in values.iter().zip(&self.kinds) {
             let bytes = match kind {
-                Kind::Integer => (*value as i64).to_le_bytes(),
-                Kind::Seconds | Kind::Real => value.to_le_bytes(),
+                FieldKind::Integer => (*value as i64).to_le_bytes(),
+                FieldKind::Seconds | FieldKind::Real => value.to_le_bytes(),
             };
             self.out.write_all(&bytes)?;
         }
@@ -131,9 +131,9 @@ mod tests {
 
     fn fields() -> [Field; 3] {
         [
-            Field::new("sample", "", Kind::Integer),
-            Field::new("time_s", "", Kind::Seconds),
-            Field::new("X:$0033,u", "count", Kind::Real),
+            Field::new("sample", "", FieldKind::Integer),
+            Field::new("time_s", "", FieldKind::Seconds),
+            Field::new("X:$0033,u", "count", FieldKind::Real),
         ]
     }
 

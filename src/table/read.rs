@@ -1,7 +1,7 @@
 //! Reads a table from a file that [`super::CsvWriter`] or [`super::NpyWriter`] wrote.
 
 use super::npy::MAGIC;
-use super::{Field, Kind};
+use super::{Field, FieldKind};
 use crate::format::file_text;
 
 /// A file that holds no table.
@@ -83,7 +83,7 @@ fn csv(text: &str) -> Result<Table, ReadError> {
         .iter()
         .map(|title| {
             let (name, unit) = Field::parts(title);
-            Field::new(name, unit, Kind::Real)
+            Field::new(name, unit, FieldKind::Real)
         })
         .collect();
     let mut columns = vec![Vec::new(); fields.len()];
@@ -157,7 +157,7 @@ fn numpy(rest: &[u8]) -> Option<Table> {
             };
             let title = title.strip_prefix('\'')?.replace("\\'", "'").replace("\\\\", "\\");
             let (name, unit) = Field::parts(&title);
-            let kind = if is_integer { Kind::Integer } else { Kind::Real };
+            let kind = if is_integer { FieldKind::Integer } else { FieldKind::Real };
             Some((Field::new(name, unit, kind), is_integer))
         })
         .collect::<Option<_>>()?;
@@ -184,9 +184,9 @@ mod tests {
 
     fn fields() -> Vec<Field> {
         vec![
-            Field::new("sample", "", Kind::Integer),
-            Field::new("1.velocity", "count/s", Kind::Real),
-            Field::new("X:$0033,u", "it's", Kind::Real),
+            Field::new("sample", "", FieldKind::Integer),
+            Field::new("1.velocity", "count/s", FieldKind::Real),
+            Field::new("X:$0033,u", "it's", FieldKind::Real),
         ]
     }
 

@@ -16,9 +16,9 @@ use crate::client::{Board, CommandError, HeldJog};
 use crate::function::panel::PanelAction;
 
 /// Period of the checks during a held jog, in milliseconds.
-const LOOK: u16 = 20;
+const INPUT_WITHIN_MS: u16 = 20;
 /// How long the answer to a stop, or the data, may stay away until the user is warned.
-pub const SILENCE: Duration = Duration::from_millis(600);
+pub const UNSURE_AFTER: Duration = Duration::from_millis(600);
 
 /// `--hold` and `--seconds`.
 #[derive(Debug, Clone, Copy, Args)]
@@ -56,7 +56,7 @@ pub fn hold(
     let mut lost = None;
     while lost.is_none() && !over() {
         if !holds {
-            std::thread::sleep(Duration::from_millis(LOOK.into()));
+            std::thread::sleep(Duration::from_millis(INPUT_WITHIN_MS.into()));
         } else if input_ended() {
             break;
         }
@@ -91,7 +91,7 @@ impl Sight {
         Self { board, has_servo: servo.is_some_and(|servo| servo.is_fresh()), blind_since: None }
     }
 
-    /// Why it has not been seen for [`SILENCE`] what the motors do, where that is so.
+    /// Why it has not been seen for [`UNSURE_AFTER`] what the motors do, where that is so.
     fn lost(&mut self) -> Option<String> {
         let board = self.board.as_mut()?;
         let snapshot = board.snapshot().ok()?;
@@ -101,7 +101,7 @@ impl Sight {
             return None;
         };
         let since = *self.blind_since.get_or_insert_with(Instant::now);
-        (since.elapsed() >= SILENCE).then(|| why.to_string())
+        (since.elapsed() >= UNSURE_AFTER).then(|| why.to_string())
     }
 }
 
@@ -110,7 +110,7 @@ fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
     let warning = may_be_moving(numbers);
     let (tell, told) = channel();
     std::thread::spawn(move || tell.send(held.stop()));
-    let stopped = told.recv_timeout(SILENCE).or_else(|_| {
+    let stopped = told.recv_timeout(UNSURE_AFTER).or_else(|_| {
         note(format_args!("pmacctl: {warning}"));
         told.recv()
     });
@@ -141,7 +141,7 @@ fn listed(numbers: &[u8]) -> String {
 /// Waits a moment for input and discards it. Returns whether the input has ended.
 fn input_ended() -> bool {
     let stdin = io::stdin();
-    match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(LOOK)) {
+    match poll(&mut [PollFd::new(stdin.as_fd(), PollFlags::POLLIN)], PollTimeout::from(INPUT_WITHIN_MS)) {
         Ok(0) | Err(Errno::EINTR) => false,
         Ok(_) => match stdin.lock().read(&mut [0; 256]) {
             Ok(count) => count == 0,

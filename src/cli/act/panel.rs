@@ -102,31 +102,31 @@ pub struct Feed {
     pub system: u8,
     /// A percentage (50%), a raw value of 0 to 32767 in 1/32768 ms (14507 is 100 % at the default I10), or off
     #[arg(value_name = "N%|RAW|off", value_parser = wanted, allow_hyphen_values = true)]
-    pub wanted: Wanted,
+    pub wanted: WantedFeed,
 }
 
 /// The requested override.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wanted {
+pub enum WantedFeed {
     Percent(f64),
     Raw(FeedOverride),
     Off,
 }
 
-fn wanted(text: &str) -> Result<Wanted, String> {
+fn wanted(text: &str) -> Result<WantedFeed, String> {
     if text.eq_ignore_ascii_case("off") {
-        return Ok(Wanted::Off);
+        return Ok(WantedFeed::Off);
     }
     if let Some(percent) = text.strip_suffix('%') {
         let percent: f64 = percent.trim().parse().map_err(|_| format!("{percent:?} is not a number"))?;
         return if percent.is_finite() && percent >= 0.0 {
-            Ok(Wanted::Percent(percent))
+            Ok(WantedFeed::Percent(percent))
         } else {
             Err("a percentage must be 0 or more".to_owned())
         };
     }
     let raw: u32 = text.parse().map_err(|_| "write 50%, a raw value from 0 to 32767, or off".to_owned())?;
-    FeedOverride::from_raw(raw).map(Wanted::Raw).map_err(|error| error.to_string())
+    FeedOverride::from_raw(raw).map(WantedFeed::Raw).map_err(|error| error.to_string())
 }
 
 pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
@@ -221,13 +221,13 @@ fn jog(context: &mut Context, action: PanelAction, jog: &Jog) -> Result<Verdict,
 fn feed(context: &mut Context, feed: &Feed) -> Result<Verdict, Failure> {
     let mut connection = context.connection()?;
     let i10 = match feed.wanted {
-        Wanted::Percent(_) => wait_for_i10(context),
+        WantedFeed::Percent(_) => wait_for_i10(context),
         _ => i10(context),
     };
     let value = match feed.wanted {
-        Wanted::Off => None,
-        Wanted::Raw(value) => Some(value),
-        Wanted::Percent(percent) => {
+        WantedFeed::Off => None,
+        WantedFeed::Raw(value) => Some(value),
+        WantedFeed::Percent(percent) => {
             let i10 = i10.ok_or_else(|| {
                 Failure::Request(
                     "the board has not told I10, so a percentage means nothing; give a raw value".into(),
@@ -424,10 +424,10 @@ mod tests {
 
     #[test]
     fn a_feed_rate_is_typed_in_three_ways() {
-        assert_eq!(wanted("50%"), Ok(Wanted::Percent(50.0)));
-        assert_eq!(wanted("112.5 %"), Ok(Wanted::Percent(112.5)));
-        assert_eq!(wanted("14507"), Ok(Wanted::Raw(FeedOverride::from_raw(14_507).unwrap())));
-        assert_eq!(wanted("OFF"), Ok(Wanted::Off));
+        assert_eq!(wanted("50%"), Ok(WantedFeed::Percent(50.0)));
+        assert_eq!(wanted("112.5 %"), Ok(WantedFeed::Percent(112.5)));
+        assert_eq!(wanted("14507"), Ok(WantedFeed::Raw(FeedOverride::from_raw(14_507).unwrap())));
+        assert_eq!(wanted("OFF"), Ok(WantedFeed::Off));
         for wrong in ["", "%", "-1%", "nan%", "inf%", "32768", "-1", "0.5", "half"] {
             assert!(wanted(wrong).is_err(), "{wrong}");
         }

@@ -18,7 +18,7 @@ use crate::map::{BadVariable, PmacAddress, Space, VariableKind, VariableName};
 use crate::protocol::board::VariableRecord;
 
 /// The largest number of registers in one call.
-const MOST: usize = 1024;
+const MOST_REGISTERS: usize = 1024;
 #[derive(Debug, ClapArgs)]
 pub struct Variable {
     #[command(subcommand)]
@@ -118,9 +118,9 @@ fn document(entry: &Entry) -> Value {
 
 fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
     // Parse every argument before sending any, and send all in one call: all or none.
-    if options.values.len() > MOST {
+    if options.values.len() > MOST_REGISTERS {
         return Err(Failure::Request(format!(
-            "{} registers are too many; one command writes {MOST} at most",
+            "{} registers are too many; one command writes {MOST_REGISTERS} at most",
             options.values.len()
         )));
     }

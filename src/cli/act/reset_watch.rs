@@ -4,7 +4,7 @@ use crate::client::Connection;
 use crate::language::Meaning;
 
 /// Lines after which the board is asked again.
-const EVERY: u64 = 64;
+const LINES_BETWEEN: u64 = 64;
 
 /// What the daemon told of resets, and the lines since.
 pub struct ResetWatch {
@@ -28,7 +28,7 @@ impl ResetWatch {
             self.resets = connection.check_reset().ok();
             return None;
         }
-        if self.lines >= self.asked_at + EVERY { self.look(connection) } else { None }
+        if self.lines >= self.asked_at + LINES_BETWEEN { self.look(connection) } else { None }
     }
 
     /// What to say if the board was reset since the last look.

@@ -42,7 +42,7 @@ const ADDRESS: Duration = Duration::from_millis(500);
 /// How long the daemon may take to know that a buffer is closed.
 const CLOSING: Duration = Duration::from_millis(50);
 /// Period at which the message thread checks whether to end.
-const LOOK: Duration = Duration::from_millis(200);
+const MESSAGE_WITHIN: Duration = Duration::from_millis(200);
 /// Length of the history, in lines.
 const HISTORY: usize = 1000;
 const HELP: &str = "\
@@ -122,7 +122,7 @@ struct Session {
 }
 
 /// The reply lines, and the error that ended them.
-type Answer = (Vec<String>, Option<String>, Option<u16>);
+type LineAnswer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
     fn new(connection: Connection, timeout: Duration) -> Self {
@@ -134,7 +134,7 @@ impl Session {
     ///
     /// # Errors
     /// The daemon or the board can no longer be reached.
-    fn ask(&mut self, input: &Input<'_>) -> Result<Answer, Failure> {
+    fn ask(&mut self, input: &Input<'_>) -> Result<LineAnswer, Failure> {
         let result = match input {
             Input::Control(character) => {
                 self.own_buffer.control(&mut self.connection, *character).map_err(LineError::from)
@@ -420,7 +420,7 @@ impl Listening {
         let ended = Arc::clone(&end);
         let thread = std::thread::spawn(move || {
             while !ended.load(Ordering::Relaxed) {
-                match messages.next_within(LOOK) {
+                match messages.next_within(MESSAGE_WITHIN) {
                     Ok(Some(message)) => tell(shown(&message)),
                     Ok(None) if messages.ended() => {
                         return tell("-- no more messages: pmacd has stopped".to_owned());

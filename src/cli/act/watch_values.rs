@@ -51,10 +51,10 @@ pub struct Watch {
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
     let (layout, scales, _) = board_layout(&mut board)?;
-    let wanted: Vec<Wanted> = options
+    let wanted: Vec<WatchedName> = options
         .registers
         .iter()
-        .map(|text| Wanted::parse(text, &layout, &scales))
+        .map(|text| WatchedName::parse(text, &layout, &scales))
         .collect::<Result<_, _>>()?;
     let mut copies = Copies::begin(&mut board, &wanted)?;
     let mut questions = Questions::begin(context, &wanted)?;
@@ -81,7 +81,7 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
 }
 
 /// What a user wants to see.
-enum Wanted {
+enum WatchedName {
     /// A register that PMAC copies.
     Copied(Copied),
     /// A variable of the board's by name, as it is asked for.
@@ -96,7 +96,7 @@ pub struct Copied {
     longs_before: usize,
 }
 
-impl Wanted {
+impl WatchedName {
     fn parse(text: &str, layout: &Layout, scales: &Scales) -> Result<Self, Failure> {
         let count = m_variables(layout.family());
         match board_variable(text) {
@@ -187,10 +187,10 @@ struct Copies {
 
 impl Copies {
     /// Has PMAC copy what is `wanted` of registers; `None` if that is nothing.
-    fn begin(board: &mut Board, wanted: &[Wanted]) -> Result<Option<Self>, Failure> {
-        let name = |wanted: &Wanted| match wanted {
-            Wanted::Copied(copied) => Some(copied.name),
-            Wanted::Asked(_) => None,
+    fn begin(board: &mut Board, wanted: &[WatchedName]) -> Result<Option<Self>, Failure> {
+        let name = |wanted: &WatchedName| match wanted {
+            WatchedName::Copied(copied) => Some(copied.name),
+            WatchedName::Asked(_) => None,
         };
         let names: Vec<VariableName> = wanted.iter().filter_map(name).collect();
         if names.is_empty() {
@@ -244,10 +244,10 @@ struct Questions {
 
 impl Questions {
     /// For what is `wanted` of variables; `None` if that is nothing.
-    fn begin(context: &Context, wanted: &[Wanted]) -> Result<Option<Self>, Failure> {
-        let name = |wanted: &Wanted| match wanted {
-            Wanted::Asked(name) => Some(name.clone()),
-            Wanted::Copied(_) => None,
+    fn begin(context: &Context, wanted: &[WatchedName]) -> Result<Option<Self>, Failure> {
+        let name = |wanted: &WatchedName| match wanted {
+            WatchedName::Asked(name) => Some(name.clone()),
+            WatchedName::Copied(_) => None,
         };
         let names: Vec<String> = wanted.iter().filter_map(name).collect();
         if names.is_empty() {
@@ -283,18 +283,18 @@ pub fn ask_variables(
 fn print(
     context: &mut Context,
     table: Option<&View<VariableTable>>,
-    wanted: &[Wanted],
+    wanted: &[WatchedName],
     answers: &[String],
 ) -> Result<(), Failure> {
     let mut answers = answers.iter();
     // The name, the register or variable, the unit, the value as JSON and as text.
     let values = wanted.iter().map(|wanted| match wanted {
-        Wanted::Asked(name) => {
+        WatchedName::Asked(name) => {
             let answer = answers.next().map_or("", String::as_str);
             let value = answer.parse().map_or(json!(answer), plain);
             (name.as_str(), name.as_str(), "", value, answer.to_owned())
         }
-        Wanted::Copied(copied) => {
+        WatchedName::Copied(copied) => {
             // JSON has no infinity and no NaN: they become null.
             let number = copied.number(table.map(|view| &view.data));
             let Column { name, register, unit, .. } = &copied.column;

@@ -29,9 +29,9 @@ const INTERVAL_NS: u64 = 1_000_000_000;
 /// How long the trace goes on behind its time for the first image and the questions, which belong into it.
 const GRACE_NS: u64 = 1_000_000_000;
 /// How long the board may take for a question.
-const PATIENCE: Duration = Duration::from_secs(2);
+const ANSWER_WITHIN: Duration = Duration::from_secs(2);
 /// How long to sleep when there is nothing to do.
-const LOOK: Duration = Duration::from_millis(2);
+const IDLE_SLEEP: Duration = Duration::from_millis(2);
 /// How long the trace is taken in one turn, and how few accesses are worth no other reply.
 const TURN: Duration = Duration::from_millis(20);
 const FEW: usize = 1000;
@@ -227,8 +227,8 @@ impl<'a> Taking<'a> {
                 image = Some(ImageReading::new(port, bytes));
             } else {
                 let began = Instant::now();
-                std::thread::sleep(LOOK);
-                self.wake_ups.note(began.elapsed().saturating_sub(LOOK));
+                std::thread::sleep(IDLE_SLEEP);
+                self.wake_ups.note(began.elapsed().saturating_sub(IDLE_SLEEP));
             }
         }
         if is_traced {
@@ -333,7 +333,7 @@ impl<'a> Taking<'a> {
         let began = Instant::now();
         let reply = match control::parse(line) {
             Some(character) => self.connection.control(character),
-            None => self.connection.question(line, PATIENCE),
+            None => self.connection.question(line, ANSWER_WITHIN),
         };
         let is_the_boards = matches!(reply, Err(CommandError::Refused(CallError::Board { .. })));
         let (reply, refused) = match reply {

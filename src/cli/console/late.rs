@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::cli::console::note::note;
 
 /// How long `pmacd` may be silent before somebody who wants to stop a machine is told.
-pub const SILENCE: Duration = Duration::from_secs(1);
+pub const WARN_AFTER: Duration = Duration::from_secs(1);
 
 /// What whoever wants to stop a machine is told then.
 pub const UNANSWERED: &str = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, or ^A \
@@ -17,7 +17,7 @@ pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
     std::thread::scope(|scope| {
         let (done, over) = channel::<()>();
         scope.spawn(move || {
-            if over.recv_timeout(SILENCE) == Err(RecvTimeoutError::Timeout) {
+            if over.recv_timeout(WARN_AFTER) == Err(RecvTimeoutError::Timeout) {
                 note(format_args!("pmacctl: {UNANSWERED}"));
             }
         });

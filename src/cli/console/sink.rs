@@ -121,7 +121,7 @@ fn replace(path: &Path, there: Option<&Metadata>, bytes: &[u8]) -> io::Result<()
 pub struct Rows {
     path: PathBuf,
     file: File,
-    kind: Kind,
+    kind: FileKind,
     stop: Interrupt,
     collected: Vec<u8>,
     /// The ends of the rows in `collected`.
@@ -137,7 +137,7 @@ pub struct Rows {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Kind {
+enum FileKind {
     /// A regular file that existed before.
     There,
     /// A regular file that this program made.
@@ -154,7 +154,7 @@ impl Rows {
     /// [`Failure`], which names the file.
     pub fn open(path: &Path, appends: bool, stop: &Interrupt) -> Result<Self, Failure> {
         let opened = if is_stdout(path) {
-            io::stdout().as_fd().try_clone_to_owned().map(|fd| (File::from(fd), Kind::Stream))
+            io::stdout().as_fd().try_clone_to_owned().map(|fd| (File::from(fd), FileKind::Stream))
         } else {
             followed(path).and_then(|(target, there)| open(path, target, there.as_ref(), appends, stop))
         };
@@ -168,13 +168,13 @@ impl Rows {
     pub fn create_new(path: &Path, appends: bool, stop: &Interrupt) -> Result<Option<Self>, Failure> {
         let made = match OpenOptions::new().write(true).append(appends).create_new(true).open(path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
-            made => made.map(|file| (file, Kind::New(path.to_owned()))),
+            made => made.map(|file| (file, FileKind::New(path.to_owned()))),
         };
         made.and_then(|made| Self::over(path, made, stop)).map(Some).map_err(|error| failed(path, error))
     }
 
-    fn over(path: &Path, (file, kind): (File, Kind), stop: &Interrupt) -> io::Result<Self> {
-        if kind != Kind::Stream {
+    fn over(path: &Path, (file, kind): (File, FileKind), stop: &Interrupt) -> io::Result<Self> {
+        if kind != FileKind::Stream {
             claim(&file)?;
         }
         let is_linked = file.metadata()?.nlink() > 0;
@@ -195,7 +195,7 @@ impl Rows {
 
     /// Whether this is a regular file, so that the header can be rewritten at the end.
     pub fn is_regular(&self) -> bool {
-        self.kind != Kind::Stream
+        self.kind != FileKind::Stream
     }
 
     /// The number of whole rows in the file.
@@ -226,7 +226,7 @@ impl Rows {
     pub fn discard(&mut self) {
         self.collected.clear();
         self.ends.clear();
-        if let Kind::New(path) = &self.kind
+        if let FileKind::New(path) = &self.kind
             && !self.emptied
         {
             // If the removal fails, an empty file remains.
@@ -347,20 +347,22 @@ fn open(
     there: Option<&Metadata>,
     appends: bool,
     stop: &Interrupt,
-) -> io::Result<(File, Kind)> {
+) -> io::Result<(File, FileKind)> {
     let mut options = OpenOptions::new();
     options.write(true);
     match there {
         None => {
             let made = options.append(appends).create(true).truncate(false).open(&target);
-            made.map(|file| (file, Kind::New(target)))
+            made.map(|file| (file, FileKind::New(target)))
         }
-        Some(there) if there.is_file() => options.append(appends).open(path).map(|file| (file, Kind::There)),
+        Some(there) if there.is_file() => {
+            options.append(appends).open(path).map(|file| (file, FileKind::There))
+        }
         Some(there) => {
             let file = open_fifo(options.custom_flags(OFlag::O_NONBLOCK.bits()), path, there, stop)?;
             let flags = OFlag::from_bits_truncate(fcntl(&file, FcntlArg::F_GETFL)?);
             fcntl(&file, FcntlArg::F_SETFL(flags - OFlag::O_NONBLOCK))?;
-            Ok((file, Kind::Stream))
+            Ok((file, FileKind::Stream))
         }
     }
 }

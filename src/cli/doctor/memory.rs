@@ -15,7 +15,7 @@ use crate::protocol::{BoardInfo, BoardSettings, Function};
 /// So many definitions are asked for in one line: a longer reply would hold up other callers' lines.
 const A_QUESTION: u16 = 50;
 /// Time limit of one question.
-const PATIENCE: Duration = Duration::from_secs(10);
+const QUESTION_WITHIN: Duration = Duration::from_secs(10);
 /// So many definitions of a stretch are shown.
 const SHOWN: usize = 8;
 /// What to do where both use the same words.
@@ -63,7 +63,7 @@ fn definitions(
     for first in (0..count).step_by(A_QUESTION.into()) {
         let last = (first + A_QUESTION).min(count) - 1;
         let question = format!("M{first}..{last}->");
-        let reply = connection.question(&question, PATIENCE)?;
+        let reply = connection.question(&question, QUESTION_WITHIN)?;
         if reply.len() != usize::from(last - first + 1) {
             unclear.push(format!("{} lines to {question}", reply.len()));
         }

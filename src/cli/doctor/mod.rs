@@ -59,7 +59,7 @@ pub struct Doctor {
 const COMES_UP: Duration = Duration::from_secs(15);
 /// How long what is seen may be from before the reset.
 const GONE: Duration = Duration::from_secs(3);
-const LOOK: Duration = Duration::from_millis(250);
+const CHECK_EVERY: Duration = Duration::from_millis(250);
 /// How long a reset is worth a word.
 const LATELY: Duration = Duration::from_secs(60);
 
@@ -140,7 +140,7 @@ fn once_up(context: &Context, system: &System) -> Report {
                 COMES_UP.as_secs()
             ));
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(CHECK_EVERY);
     }
 }
 

@@ -24,7 +24,7 @@ use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::rotary::same_line;
 
 /// Largest file. All variables of any board fit.
-const LARGEST: u64 = 16 << 20;
+const LARGEST_FILE: u64 = 16 << 20;
 /// The variables of the port through which the daemon sends these lines. A change could cut the restore off half-way,
 /// and I58 sets the others.
 const PORT: [u16; 4] = [3, 4, 6, 58];
@@ -367,7 +367,7 @@ impl<'a> Report<'a> {
 
 fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
     let file = shown(path);
-    let bytes = read(path, LARGEST).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
+    let bytes = read(path, LARGEST_FILE).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
     let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
     parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
 }

@@ -27,7 +27,7 @@ use crate::language::lexer::{Kind, tokens};
 use crate::protocol::board::RunLinesReply;
 
 /// Largest file.
-const LARGEST: u64 = 64 << 20;
+const LARGEST_FILE: u64 = 64 << 20;
 
 /// `download`.
 #[derive(Debug, Args)]
@@ -53,8 +53,8 @@ pub struct Download {
 }
 
 pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure> {
-    let lines =
-        preprocess(&options.files, &|path| read(path, LARGEST)).map_err(|mistakes| mistaken(&mistakes))?;
+    let lines = preprocess(&options.files, &|path| read(path, LARGEST_FILE))
+        .map_err(|mistakes| mistaken(&mistakes))?;
     if !options.force {
         prose::check(&lines).map_err(|mistake| mistaken(&[mistake]))?;
     }
@@ -63,7 +63,7 @@ pub fn run(context: &mut Context, options: &Download) -> Result<Verdict, Failure
     }
     let stop = Interrupt::listen()?;
     let connection = context.connection()?.confirming(options.yes);
-    let mut download = Run { lines: &lines, failed: Vec::new(), taken: 0 };
+    let mut download = Downloading { lines: &lines, failed: Vec::new(), taken: 0 };
     let outcome = download.send(context, connection, options, &stop);
     download.report(context)?;
     outcome?;
@@ -106,13 +106,13 @@ struct Failed {
 }
 
 /// A download that runs, or has run.
-struct Run<'a> {
+struct Downloading<'a> {
     lines: &'a [SourceLine],
     failed: Vec<Failed>,
     taken: u64,
 }
 
-impl Run<'_> {
+impl Downloading<'_> {
     fn send(
         &mut self,
         context: &mut Context,

@@ -70,7 +70,7 @@ pub type Reader<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, String>;
 /// # Errors
 /// All mistakes, in order. A file that cannot be read is one mistake, at the line that includes it.
 pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>, Vec<Mistake>> {
-    let mut source = Source {
+    let mut source = Preprocessor {
         read,
         names: BTreeMap::new(),
         open: Vec::new(),
@@ -91,7 +91,7 @@ pub fn preprocess(files: &[PathBuf], read: Reader<'_>) -> Result<Vec<SourceLine>
     if source.mistakes.is_empty() { Ok(source.lines) } else { Err(source.mistakes) }
 }
 
-struct Source<'a> {
+struct Preprocessor<'a> {
     read: Reader<'a>,
     names: BTreeMap<String, String>,
     /// The files being read, the outermost first.
@@ -113,7 +113,7 @@ struct Condition {
     has_else: bool,
 }
 
-impl Source<'_> {
+impl Preprocessor<'_> {
     fn file(&mut self, path: &Path, bytes: &[u8]) {
         // Bytes other than UTF-8 are allowed in comments. The check of the line refuses them elsewhere.
         let text = match file_text::read(bytes) {
@@ -500,7 +500,7 @@ mod tests {
         assert_eq!(mistakes, ["a:3: the files included have more than 64 MiB together"]);
         // A name of a megabyte, a thousand times in a line, would be a gigabyte.
         let text = format!("#define A {}\n{}\n", "x".repeat(1 << 20), "A ".repeat(1000));
-        let source = Source {
+        let source = Preprocessor {
             read: &|_: &Path| Err(String::new()),
             names: BTreeMap::from([("A".to_owned(), "x".repeat(1 << 20))]),
             open: Vec::new(),

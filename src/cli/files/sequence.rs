@@ -9,11 +9,11 @@ use crate::client::command::lines::{LineSequence, LinesOptions};
 use crate::protocol::board::{LineFailure, LineOutcome};
 
 /// How long a line may take: one question asks for as many as a hundred variables.
-const PATIENCE: Duration = Duration::from_secs(30);
+const LINE_WITHIN: Duration = Duration::from_secs(30);
 
 /// Begins a sequence that others are told is a `kind`. A refused line ends it unless it is to `keep_going`.
 pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool) -> LineSequence<'c> {
-    connection.lines(LinesOptions { kind, timeout: PATIENCE, keep_going })
+    connection.lines(LinesOptions { kind, timeout: LINE_WITHIN, keep_going })
 }
 
 /// What is said of lines that were not all taken: how many were, and what the sequence leaves on the board.

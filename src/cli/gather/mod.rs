@@ -25,9 +25,9 @@ use crate::protocol::board::GatherStopReply;
 use crate::protocol::check_line;
 
 /// How long to sleep if there are no samples.
-const LOOK: Duration = Duration::from_millis(5);
+const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
 /// Beyond two periods, report a board without samples after this time.
-const SILENCE: Duration = Duration::from_secs(5);
+const NO_SAMPLE_FOR: Duration = Duration::from_secs(5);
 /// How often to tell the daemon that somebody still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
 
@@ -117,8 +117,16 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     };
     let Prepared { mut board, mut connection, layout, plan, clock } = prepared;
     let silence = silence(&clock, &layout);
-    let mut gather =
-        Run { samples_of, plan: &plan, clock, silence, out, row: Vec::new(), samples: 0, is_silent: false };
+    let mut gather = Gathering {
+        samples_of,
+        plan: &plan,
+        clock,
+        silence,
+        out,
+        row: Vec::new(),
+        samples: 0,
+        is_silent: false,
+    };
     let mut outcome = match &options.then {
         Some(line) => send(&mut connection, line),
         None => Ok(()),
@@ -248,16 +256,16 @@ fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
     (!said.is_empty()).then(|| said.join("; "))
 }
 
-/// How long the board may be silent: two periods, since one may just have begun, and [`SILENCE`]. If the servo period is
+/// How long the board may be silent: two periods, since one may just have begun, and [`NO_SAMPLE_FOR`]. If the servo period is
 /// unknown, assume the factory setting.
 fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
     let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
     let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
-    SILENCE.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
+    NO_SAMPLE_FOR.saturating_add(Duration::from_nanos((2.0 * f64::from(clock.period) * cycle_ns) as u64))
 }
 
 /// A running gather.
-struct Run<'a> {
+struct Gathering<'a> {
     samples_of: GatherRun,
     plan: &'a GatherPlan,
     clock: SampleClock,
@@ -272,7 +280,7 @@ struct Run<'a> {
     is_silent: bool,
 }
 
-impl Run<'_> {
+impl Gathering<'_> {
     /// The number of samples in `seconds`.
     fn wanted(&self, seconds: Option<Duration>) -> Option<u64> {
         let period_ns = self.clock.servo_period_ns? * f64::from(self.plan.period);
@@ -300,7 +308,7 @@ impl Run<'_> {
                 self.is_silent = true;
                 break;
             } else {
-                std::thread::sleep(LOOK);
+                std::thread::sleep(TAKE_SAMPLES_EVERY);
             }
             if renewed.elapsed() > RENEWAL {
                 renewed = Instant::now();
@@ -330,7 +338,7 @@ impl Run<'_> {
                         "the daemon did not report the end of the gather".to_owned(),
                     ));
                 }
-                std::thread::sleep(LOOK);
+                std::thread::sleep(TAKE_SAMPLES_EVERY);
             }
         }
         Ok(())

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use nix::fcntl::OFlag;
 
 use super::row::GAP;
-use super::series::{MOST, newest, place, series};
+use super::series::{HIGHEST_NUMBER, newest, place, series};
 use crate::cli::console::sink::is_in_use;
 use crate::cli::console::table_file::Form;
 use crate::cli::console::{Interrupt, TableFile, is_stdout, note};
@@ -47,7 +47,7 @@ impl Rotation {
 
 /// What a row stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Meaning {
+pub enum RowMeaning {
     Update,
     /// One that was read while its scale was not known: it is missed.
     Unscaled,
@@ -63,11 +63,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, meaning: Meaning) {
+    fn add(&mut self, meaning: RowMeaning) {
         match meaning {
-            Meaning::Update => self.updates += 1,
-            Meaning::Unscaled => self.missed += 1,
-            Meaning::Gap(gap) => {
+            RowMeaning::Update => self.updates += 1,
+            RowMeaning::Unscaled => self.missed += 1,
+            RowMeaning::Gap(gap) => {
                 self.missed += gap.missed;
                 self.lost += gap.lost;
             }
@@ -75,10 +75,10 @@ impl Tally {
     }
 
     /// These rows as one gap: they were not written.
-    fn add_unwritten(&mut self, meaning: Meaning) {
+    fn add_unwritten(&mut self, meaning: RowMeaning) {
         match meaning {
-            Meaning::Update => self.lost += 1,
-            Meaning::Unscaled | Meaning::Gap(_) => self.add(meaning),
+            RowMeaning::Update => self.lost += 1,
+            RowMeaning::Unscaled | RowMeaning::Gap(_) => self.add(meaning),
         }
     }
 }
@@ -108,7 +108,7 @@ pub struct Files {
     /// What is in the files.
     written: Tally,
     /// The rows handed to the present file that it may not hold yet.
-    pending: Vec<Meaning>,
+    pending: Vec<RowMeaning>,
     kept: u64,
     /// How many of the missed were read.
     unscaled: u64,
@@ -198,9 +198,9 @@ impl Files {
     ///
     /// # Errors
     /// [`Failure`]: the output cannot be written to, other than for want of room.
-    pub fn row(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
-        self.unscaled += u64::from(meaning == Meaning::Unscaled);
-        if let Meaning::Gap(Gap { pause: Some(time), .. }) = meaning {
+    pub fn row(&mut self, row: &[f64], meaning: RowMeaning) -> Result<(), Failure> {
+        self.unscaled += u64::from(meaning == RowMeaning::Unscaled);
+        if let RowMeaning::Gap(Gap { pause: Some(time), .. }) = meaning {
             self.pauses.count += 1;
             self.pauses.time += time;
         }
@@ -215,14 +215,14 @@ impl Files {
             self.gap_row[..GAP.start].copy_from_slice(&row[..GAP.start]);
             self.gap_row[GAP].copy_from_slice(&[missed as f64, lost as f64]);
             let row = std::mem::take(&mut self.gap_row);
-            let put = self.put(&row, Meaning::Gap(gap));
+            let put = self.put(&row, RowMeaning::Gap(gap));
             self.gap_row = row;
             put?;
         }
         self.put(row, meaning)
     }
 
-    fn put(&mut self, row: &[f64], meaning: Meaning) -> Result<(), Failure> {
+    fn put(&mut self, row: &[f64], meaning: RowMeaning) -> Result<(), Failure> {
         self.pending.push(meaning);
         let put = self.file.row(row);
         self.settle(put)?;
@@ -371,7 +371,7 @@ fn next(
     fields: &[Field],
     stop: &Interrupt,
 ) -> Result<(u64, TableFile), Failure> {
-    for number in number..=MOST {
+    for number in number..=HIGHEST_NUMBER {
         if let Some(file) = TableFile::create_new(&place(path, number), form, fields, stop)? {
             return Ok((number, file));
         }
@@ -383,11 +383,11 @@ fn next(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{Kind, Table};
+    use crate::table::{FieldKind, Table};
 
     fn fields() -> Vec<Field> {
         let names = ["update", "time_s", "unix_s", "missed", "lost", "1.actual_position"];
-        names.map(|name| Field::new(name, "", Kind::Real)).into()
+        names.map(|name| Field::new(name, "", FieldKind::Real)).into()
     }
 
     fn row(update: u64) -> [f64; 6] {
@@ -403,7 +403,7 @@ mod tests {
         let rotation = Rotation { bytes: Some(1), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         for update in 1..=3 {
-            files.row(&row(update), Meaning::Update).unwrap();
+            files.row(&row(update), RowMeaning::Update).unwrap();
             files.tended -= TEND;
             files.tend().unwrap();
         }
@@ -427,7 +427,7 @@ mod tests {
         }
         let rotation = Rotation { keep: Some(3000), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
-        files.row(&row(1), Meaning::Update).unwrap();
+        files.row(&row(1), RowMeaning::Update).unwrap();
         files.tended -= TEND;
         files.tend().unwrap();
         let left: Vec<_> = (1..=4).map(|number| place(&path, number).exists()).collect();
@@ -455,7 +455,7 @@ mod tests {
         let open = || Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         let mut both = [open(), open()];
         for update in 0..3000 {
-            both.iter_mut().for_each(|files| files.row(&row(update), Meaning::Update).unwrap());
+            both.iter_mut().for_each(|files| files.row(&row(update), RowMeaning::Update).unwrap());
             let present = both[1].present();
             assert!(present.exists() && present != both[0].present(), "row {update}: {present:?}");
         }
@@ -476,7 +476,7 @@ mod tests {
         std::fs::write(place(&path, 1), vec![b'x'; 1000]).unwrap();
         // One's own, with a hole.
         sparse(2);
-        let strange = [9_000_000, MOST].map(|number| {
+        let strange = [9_000_000, HIGHEST_NUMBER].map(|number| {
             sparse(number);
             let path = place(&path, number);
             // Only root can give a file away.
@@ -491,7 +491,7 @@ mod tests {
         std::fs::hard_link(directory.path().join("other"), &linked).unwrap();
         let rotation = Rotation { keep: Some(20_000), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
-        files.row(&row(1), Meaning::Update).unwrap();
+        files.row(&row(1), RowMeaning::Update).unwrap();
         files.finish().unwrap();
         assert_eq!(files.present(), place(&path, 3));
         assert!(place(&path, 1).exists() && place(&path, 2).exists() && linked.exists());
@@ -505,7 +505,7 @@ mod tests {
         let rotation = Rotation { keep: Some(4), ..Rotation::default() };
         let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         for update in 0..5 {
-            files.row(&row(update), Meaning::Update).unwrap();
+            files.row(&row(update), RowMeaning::Update).unwrap();
         }
         files.finish().unwrap();
         let left: Vec<u64> = series(&path).unwrap().into_iter().map(|(number, ..)| number).collect();
@@ -520,7 +520,7 @@ mod tests {
             let rotation = Rotation { bytes: rotate, keep: Some(20_000), ..Rotation::default() };
             let mut files = Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
             for update in 0..3000 {
-                files.row(&row(update), Meaning::Update).unwrap();
+                files.row(&row(update), RowMeaning::Update).unwrap();
                 let bytes: u64 = series(&path).unwrap().into_iter().map(|(_, _, taken)| taken).sum();
                 assert!(bytes <= 20_000, "{rotate:?}, row {update}: {bytes}");
             }
@@ -545,7 +545,7 @@ mod tests {
             files.finish().unwrap();
             files.discard();
             assert_eq!(tended(&mut files), b"an old one", "{form}");
-            files.row(&row(1), Meaning::Update).unwrap();
+            files.row(&row(1), RowMeaning::Update).unwrap();
             assert_ne!(tended(&mut files), b"an old one", "{form}");
         }
     }
@@ -561,7 +561,7 @@ mod tests {
                 files.tended -= TEND;
                 files.tend()
             };
-            files.row(&row(1), Meaning::Update).unwrap();
+            files.row(&row(1), RowMeaning::Update).unwrap();
             tend(&mut files).unwrap();
             match name {
                 "deleted" => std::fs::remove_file(&path).unwrap(),
@@ -585,7 +585,7 @@ mod tests {
         let mut files = Files::open(&path, fields(), Rotation::default(), &Interrupt::never()).unwrap();
         for update in 0..2000 {
             let gap = Gap { missed: 2, ..Gap::default() };
-            let meaning = if update == 7 { Meaning::Gap(gap) } else { Meaning::Update };
+            let meaning = if update == 7 { RowMeaning::Gap(gap) } else { RowMeaning::Update };
             files.row(&row(update), meaning).unwrap();
         }
         files.finish().unwrap();

@@ -12,10 +12,10 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
-use self::files::{Files, Meaning, Pauses, Rotation, Tally};
-use self::row::{Rows, TIME};
+use self::files::{Files, Pauses, Rotation, RowMeaning, Tally};
+use self::row::{LogRows, TIME};
 use self::trigger::{Before, Condition};
-use self::wait::{SILENCE, Silence, Wait};
+use self::wait::{LongWait, SAY_AFTER, Silence};
 use crate::cli::args::values::{bytes, number, seconds};
 use crate::cli::console::{Interrupt, is_stdout, note};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -26,7 +26,7 @@ use crate::decode::ServoData;
 use crate::segment::{Identity, RegionId};
 
 /// How long to sleep before looking for updates again: a small part of what the segment keeps.
-const LOOK: Duration = Duration::from_millis(20);
+const TAKE_UPDATES_EVERY: Duration = Duration::from_millis(20);
 /// How long the board may take to tell the scales until the columns are decided without.
 const SCALES: Duration = Duration::from_secs(5);
 /// A longer wait for them is said.
@@ -80,7 +80,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     let stop = Interrupt::listen()?;
     let began_ns = board.subscriber().now_ns();
     let end_ns = end_after(options, began_ns);
-    let mut run = Run {
+    let mut run = Logging {
         options,
         stop,
         // Without a trigger it begins at once.
@@ -89,8 +89,8 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         output: None,
         servo_period_ns: None,
         can_tell: true,
-        scales: Wait::default(),
-        trigger: Wait::default(),
+        scales: LongWait::default(),
+        trigger: LongWait::default(),
         over: false,
         silent: None,
     };
@@ -120,13 +120,13 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         }
         silence.note(came, stale, &mut board);
         run.say_what_triggers();
-        std::thread::sleep(LOOK);
+        std::thread::sleep(TAKE_UPDATES_EVERY);
     }
     finish(context, &mut board, run)
 }
 
 /// A log under way.
-struct Run<'a> {
+struct Logging<'a> {
     options: &'a Log,
     stop: Interrupt,
     /// By the segment's clock; `None` while there is no end, or it is not known yet.
@@ -139,8 +139,8 @@ struct Run<'a> {
     /// Whether the board may tell its scales still: `pmacd` asks it, or has just begun.
     can_tell: bool,
     /// For what scales the values, and for the trigger.
-    scales: Wait,
-    trigger: Wait,
+    scales: LongWait,
+    trigger: LongWait,
     /// Whether an update from behind the end has come.
     over: bool,
     /// How long no update had come at the end, and why, where that is a pause.
@@ -148,11 +148,11 @@ struct Run<'a> {
 }
 
 struct Output {
-    rows: Rows,
+    rows: LogRows,
     files: Files,
 }
 
-impl Run<'_> {
+impl Logging<'_> {
     /// Takes the next step.
     fn take(&mut self, step: Step) -> Result<(), Failure> {
         if self.over {
@@ -174,7 +174,7 @@ impl Run<'_> {
                     before.keep_gap(gap, rows.gap(gap));
                     return Ok(());
                 }
-                files.row(rows.gap(gap), Meaning::Gap(gap))
+                files.row(rows.gap(gap), RowMeaning::Gap(gap))
             }
         }
     }
@@ -188,7 +188,8 @@ impl Run<'_> {
         }
         let silent = Duration::from_nanos(silent_ns);
         self.silent = Some((silent, stale));
-        files.row(rows.pause_at_end(silent_ns), Meaning::Gap(Gap { pause: Some(silent), ..Gap::default() }))
+        files
+            .row(rows.pause_at_end(silent_ns), RowMeaning::Gap(Gap { pause: Some(silent), ..Gap::default() }))
     }
 
     /// Whether to wait for the scales of `lacking` with the first row: a log that begins just after `pmacd` would be raw to its end.
@@ -203,7 +204,7 @@ impl Run<'_> {
     /// Says what it waits for, where updates come and the trigger does not.
     fn say_what_triggers(&mut self) {
         if let (Some(trigger), Some(_), Some(_)) = (&self.options.trigger, &self.before, &self.output) {
-            self.trigger.go_on(SILENCE, || format!("waiting for {trigger}; ^C ends it"));
+            self.trigger.go_on(SAY_AFTER, || format!("waiting for {trigger}; ^C ends it"));
         }
     }
 
@@ -220,15 +221,15 @@ impl Run<'_> {
         let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
         if rows.lacks_scales(&update.data) {
             let row = rows.unscaled_update(update);
-            let Some(before) = &mut self.before else { return files.row(row, Meaning::Unscaled) };
-            before.keep(update.time_ns, Meaning::Unscaled, row);
+            let Some(before) = &mut self.before else { return files.row(row, RowMeaning::Unscaled) };
+            before.keep(update.time_ns, RowMeaning::Unscaled, row);
             return Ok(());
         }
         let Some(before) = &mut self.before else {
-            return files.row(rows.update(update), Meaning::Update);
+            return files.row(rows.update(update), RowMeaning::Update);
         };
         if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
-            before.keep(update.time_ns, Meaning::Update, rows.update(update));
+            before.keep(update.time_ns, RowMeaning::Update, rows.update(update));
             return Ok(());
         }
         note(format_args!("triggered at update {}", update.sequence));
@@ -240,7 +241,7 @@ impl Run<'_> {
         }
         self.before = None;
         self.end_ns = end_after(self.options, update.time_ns);
-        files.row(rows.update(update), Meaning::Update)
+        files.row(rows.update(update), RowMeaning::Update)
     }
 }
 
@@ -260,9 +261,9 @@ fn end_after(options: &Log, began_ns: u64) -> Option<u64> {
 }
 
 /// The rows, as what was asked for is found in the first update.
-fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>) -> Result<Rows, Failure> {
+fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>) -> Result<LogRows, Failure> {
     let motors: Vec<usize> = options.motors.iter().map(|motor| usize::from(*motor)).collect();
-    let rows = Rows::new(first, &motors, &options.fields, servo_period_ns)?;
+    let rows = LogRows::new(first, &motors, &options.fields, servo_period_ns)?;
     if let Some(mistake) = options.trigger.as_ref().and_then(|trigger| trigger.mistake(&first.data)) {
         return Err(Failure::Request(mistake));
     }
@@ -270,7 +271,7 @@ fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>)
 }
 
 /// Says what the first update lacks, and opens the file.
-fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -> Result<Output, Failure> {
+fn begin(options: &Log, rows: LogRows, first: &View<ServoData>, stop: &Interrupt) -> Result<Output, Failure> {
     let unscaled = rows.unscaled(&first.data);
     if !unscaled.is_empty() {
         let names = unscaled.join(", ");
@@ -298,7 +299,7 @@ fn begin(options: &Log, rows: Rows, first: &View<ServoData>, stop: &Interrupt) -
     Ok(Output { rows, files: Files::open(&options.output, fields, rotation, stop)? })
 }
 
-fn finish(context: &mut Context, board: &mut Board, run: Run) -> Result<Verdict, Failure> {
+fn finish(context: &mut Context, board: &mut Board, run: Logging) -> Result<Verdict, Failure> {
     let options = run.options;
     let waited_in_vain = run.before.is_some();
     let Some(Output { mut files, .. }) = run.output else {

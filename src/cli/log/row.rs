@@ -6,7 +6,7 @@ use crate::cli::context::Failure;
 use crate::client::{Gap, View};
 use crate::decode::{Quantity, ServoData};
 use crate::gather::SampleClock;
-use crate::table::{Field, Kind};
+use crate::table::{Field, FieldKind};
 
 /// The fields of a motor that are logged unless others are named.
 pub const DEFAULT_FIELDS: &[&str] =
@@ -24,7 +24,7 @@ struct Column {
 }
 
 /// Turns updates into rows.
-pub struct Rows {
+pub struct LogRows {
     clock: SampleClock,
     columns: Vec<Column>,
     /// The servo timer and the host's time at time 0.
@@ -47,7 +47,7 @@ pub const TIME: usize = 1;
 /// And that of `unix_s`.
 const UNIX: usize = 2;
 
-impl Rows {
+impl LogRows {
     /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that are activated.
     ///
     /// # Errors
@@ -78,13 +78,13 @@ impl Rows {
 
     /// The fields of the table.
     pub fn fields(&self) -> Vec<Field> {
-        let time = if self.clock.servo_period_ns.is_some() { Kind::Seconds } else { Kind::Real };
+        let time = if self.clock.servo_period_ns.is_some() { FieldKind::Seconds } else { FieldKind::Real };
         let own: [Field; OWN] = [
-            Field::new("update", "", Kind::Integer),
+            Field::new("update", "", FieldKind::Integer),
             Field::new(self.clock.title(), "", time),
-            Field::new("unix_s", "", Kind::Seconds),
-            Field::new("missed", "", Kind::Integer),
-            Field::new("lost", "", Kind::Integer),
+            Field::new("unix_s", "", FieldKind::Seconds),
+            Field::new("missed", "", FieldKind::Integer),
+            Field::new("lost", "", FieldKind::Integer),
         ];
         own.into_iter().chain(self.columns.iter().map(|column| column.field.clone())).collect()
     }
@@ -199,7 +199,7 @@ fn columns(first: &ServoData, number: usize, fields: &[String]) -> Result<Vec<Co
         let quantity = quantities[place];
         let is_scaled = quantity.is_some_and(|quantity| quantity.value.is_some());
         let unit = quantity.map_or("", |quantity| quantity.unit);
-        let field = Field::new(format!("{number}.{name}"), unit, Kind::Real);
+        let field = Field::new(format!("{number}.{name}"), unit, FieldKind::Real);
         Some(Column { motor: number, place, is_scaled, field })
     };
     if fields.is_empty() {

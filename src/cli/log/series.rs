@@ -13,7 +13,7 @@ use crate::cli::context::Failure;
 /// Digits of a file's number, at least.
 const DIGITS: usize = 6;
 /// The highest number: a file with the date in its name (`run-20261126.csv`) is none of a series.
-pub(super) const MOST: u64 = 9_999_999;
+pub(super) const HIGHEST_NUMBER: u64 = 9_999_999;
 
 /// The file `number` of the series `path`: `log.csv` becomes `log-000012.csv`. 0 is no series.
 pub(super) fn place(path: &Path, number: u64) -> PathBuf {
@@ -34,7 +34,7 @@ pub(super) fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
         let (stem, rest) = (path.file_stem()?.to_str()?, name.to_str()?);
         let digits = rest.strip_prefix(stem)?.strip_prefix('-')?;
         let digits = digits.strip_suffix(path.extension()?.to_str()?)?.strip_suffix('.')?;
-        let number = digits.parse().ok().filter(|number| *number <= MOST)?;
+        let number = digits.parse().ok().filter(|number| *number <= HIGHEST_NUMBER)?;
         (digits == format!("{number:0DIGITS$}")).then_some(number)
     };
     let mut files = Vec::new();

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::str::FromStr;
 
-use super::files::Meaning;
+use super::files::RowMeaning;
 use crate::client::Gap;
 use crate::decode::{Flags, ServoData};
 
@@ -127,7 +127,7 @@ pub struct Before {
 #[derive(Debug)]
 struct Kept {
     time_ns: u64,
-    meaning: Meaning,
+    meaning: RowMeaning,
     row: Vec<f64>,
 }
 
@@ -138,7 +138,7 @@ impl Before {
     }
 
     /// Keeps the row of an update at `time_ns`, and forgets those that are too old by then. Memory is used again.
-    pub fn keep(&mut self, time_ns: u64, meaning: Meaning, row: &[f64]) {
+    pub fn keep(&mut self, time_ns: u64, meaning: RowMeaning, row: &[f64]) {
         let mut spare = Vec::new();
         while self.rows.front().is_some_and(|kept| time_ns.saturating_sub(kept.time_ns) > self.span_ns) {
             spare = self.rows.pop_front().map(|kept| kept.row).unwrap_or_default();
@@ -152,12 +152,12 @@ impl Before {
     pub fn keep_gap(&mut self, gap: Gap, row: &[f64]) {
         if let Some(Kept { time_ns, .. }) = self.rows.back() {
             let (time_ns, row) = (*time_ns, row.to_vec());
-            self.rows.push_back(Kept { time_ns, meaning: Meaning::Gap(gap), row });
+            self.rows.push_back(Kept { time_ns, meaning: RowMeaning::Gap(gap), row });
         }
     }
 
     /// The rows, oldest first.
-    pub fn take(&mut self) -> impl Iterator<Item = (Meaning, Vec<f64>)> {
+    pub fn take(&mut self) -> impl Iterator<Item = (RowMeaning, Vec<f64>)> {
         std::mem::take(&mut self.rows).into_iter().map(|Kept { meaning, row, .. }| (meaning, row))
     }
 }
@@ -190,13 +190,13 @@ mod tests {
     fn rows_from_before_are_of_a_bounded_time() {
         let mut before = Before::new(10);
         for time in [0, 5, 9, 10, 11, 20, 21] {
-            before.keep(time, Meaning::Update, &[time as f64]);
+            before.keep(time, RowMeaning::Update, &[time as f64]);
             before.keep_gap(Gap { missed: time, ..Gap::default() }, &[-(time as f64)]);
         }
         let kept: Vec<_> = before.take().map(|(meaning, row)| (meaning, row[0])).collect();
         let both = |time: u64| {
-            let gap = Meaning::Gap(Gap { missed: time, ..Gap::default() });
-            [(Meaning::Update, time as f64), (gap, -(time as f64))]
+            let gap = RowMeaning::Gap(Gap { missed: time, ..Gap::default() });
+            [(RowMeaning::Update, time as f64), (gap, -(time as f64))]
         };
         assert_eq!(kept, [both(11), both(20), both(21)].concat());
         before.keep_gap(Gap::default(), &[0.0]);

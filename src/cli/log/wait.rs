@@ -7,16 +7,16 @@ use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 
 /// After so long without what it waits for, it says so.
-pub const SILENCE: Duration = Duration::from_secs(2);
+pub const SAY_AFTER: Duration = Duration::from_secs(2);
 
 /// Something to wait for, which is said once when it takes long.
 #[derive(Default)]
-pub struct Wait {
+pub struct LongWait {
     since: Option<Instant>,
     said: bool,
 }
 
-impl Wait {
+impl LongWait {
     /// It has not come yet: says `text` where that has been so for `silent`. Returns for how long it has.
     pub fn go_on(&mut self, silent: Duration, text: impl FnOnce() -> String) -> Duration {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
@@ -35,13 +35,13 @@ impl Wait {
 /// Says once that no update comes, and why, and that updates come again.
 #[derive(Default)]
 pub struct Silence {
-    wait: Wait,
+    wait: LongWait,
 }
 
 impl Silence {
     pub fn note(&mut self, came: bool, stale: Option<Staleness>, board: &mut Board) {
         if !came {
-            self.wait.go_on(SILENCE, || {
+            self.wait.go_on(SAY_AFTER, || {
                 let why = stale.map_or_else(|| "none yet".to_owned(), |stale| reason(board, stale));
                 format!("{}: no updates ({why}); waiting for some", board.name())
             });
@@ -57,9 +57,9 @@ mod tests {
 
     #[test]
     fn what_takes_long_is_said_once() {
-        let mut wait = Wait::default();
+        let mut wait = LongWait::default();
         let mut said = 0;
-        let mut go_on = |wait: &mut Wait, silent| {
+        let mut go_on = |wait: &mut LongWait, silent| {
             wait.go_on(silent, || {
                 said += 1;
                 "still there is none".to_owned()

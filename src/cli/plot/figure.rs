@@ -82,11 +82,11 @@ const COLORS: [Color; 8] = [
 ];
 
 /// How a trace looks: its colour, and whether it is dashed.
-type Look = (Color, bool);
+type TraceLook = (Color, bool);
 
 /// How the traces of `panel` look. Those of one motor have one colour in every panel, the second of them dashes; where all are one
 /// motor's, each has its own colour.
-fn looks(panel: &Panel, owners: &[&str]) -> Vec<Look> {
+fn looks(panel: &Panel, owners: &[&str]) -> Vec<TraceLook> {
     let own = |index: usize, trace: &Trace| match owners.iter().position(|owner| *owner == trace.owner()) {
         Some(place) if owners.len() > 1 => {
             let before = panel.traces[..index].iter().filter(|other| other.owner() == trace.owner()).count();
@@ -110,7 +110,7 @@ struct Frame {
 /// A panel with its axis.
 struct Measured<'f, 'a> {
     panel: &'f Panel<'a>,
-    looks: Vec<Look>,
+    looks: Vec<TraceLook>,
     scale: Option<Scale>,
     marks: Vec<(f64, String)>,
 }
@@ -129,7 +129,7 @@ pub fn scene(figure: &Figure) -> Scene {
     let right = WIDTH - EDGE - APART;
     let along = Scale::of(figure.places.iter().copied()).unwrap_or(Scale { low: 0.0, high: 1.0 });
     let marks_along = marks_along(along, right - left);
-    let mut page = Page { shapes: Vec::new(), y: EDGE };
+    let mut page = FigurePage { shapes: Vec::new(), y: EDGE };
     page.head(figure, left);
     let count = panels.len();
     for (index, panel) in panels.iter().enumerate() {
@@ -148,7 +148,7 @@ pub fn scene(figure: &Figure) -> Scene {
     Scene { width: WIDTH, height: (page.y + SMALL + EDGE).ceil(), shapes: page.shapes }
 }
 
-fn measured<'f, 'a>(panel: &'f Panel<'a>, looks: Vec<Look>, height: f64) -> Measured<'f, 'a> {
+fn measured<'f, 'a>(panel: &'f Panel<'a>, looks: Vec<TraceLook>, height: f64) -> Measured<'f, 'a> {
     let values = panel.traces.iter().flat_map(|trace| trace.values.iter().copied());
     let scale = Scale::of(values).map(Scale::with_room);
     let most = (height / MARK_APART) as usize;
@@ -192,13 +192,13 @@ fn wrapped(text: &str, room: f64) -> Vec<String> {
 }
 
 /// The page while it is filled from top to bottom.
-struct Page {
+struct FigurePage {
     shapes: Vec<Shape>,
     /// How far it is filled.
     y: f64,
 }
 
-impl Page {
+impl FigurePage {
     fn text(&mut self, at: [f64; 2], text: &str, anchor: Anchor) {
         let text = text.to_owned();
         self.shapes.push(Shape::Text(Text { at, text, size: SMALL, anchor, color: BLACK, upwards: false }));

@@ -10,7 +10,7 @@ const PLAIN: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 const DIGITS: usize = 6;
 
 /// The largest value that can be drawn: what two of them are apart is a number, too.
-const MOST: f64 = 1e300;
+const LARGEST_DRAWN: f64 = 1e300;
 
 /// From where to where an axis goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +25,7 @@ impl Scale {
         let reach =
             |Self { low, high }: Self, value: f64| Self { low: low.min(value), high: high.max(value) };
         let nothing = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
-        let scale = values.filter(|value| value.abs() <= MOST).fold(nothing, reach);
+        let scale = values.filter(|value| value.abs() <= LARGEST_DRAWN).fold(nothing, reach);
         if scale.low > scale.high {
             return None;
         }

@@ -28,7 +28,7 @@ const LINE_PATIENCE: Duration = Duration::from_secs(5);
 /// How long the board may take for all lines.
 const TAKEN_WITHIN: Duration = Duration::from_secs(3);
 /// Period of the checks whether it has.
-const LOOK: Duration = Duration::from_millis(20);
+const ASK_STATE_EVERY: Duration = Duration::from_millis(20);
 
 /// `rotary check`.
 #[derive(Debug, Args)]
@@ -145,7 +145,7 @@ fn feed(
             };
             break Some(Stopped { taken, problem: format!("the board has taken {taken} lines{code}{hint}") });
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(ASK_STATE_EVERY);
     };
     feed.stop()?;
     Ok(stopped)

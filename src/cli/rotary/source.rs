@@ -13,7 +13,7 @@ use crate::map::readings::RotaryCode2;
 use crate::rotary::{Compiled, Line, Program, Refused, Report, Settings, compile, compile_stream};
 
 /// Largest file. It is above any machine's program and below the memory.
-const LARGEST: u64 = 256 << 20;
+const LARGEST_PROGRAM: u64 = 256 << 20;
 
 /// What to try with a board that has never taken a line.
 pub const NOTHING_TAKEN: &str = "; a board that has never taken a line may have start and size the other way round in the \
@@ -98,7 +98,7 @@ pub fn circle_warning(board: &mut Connection, name: &str, program: &Program, cs:
 
 /// The file's bytes.
 pub fn read(file: &str) -> Result<Vec<u8>, Failure> {
-    input::read(file, LARGEST).map_err(|why| Failure::Request(format!("{}: {why}", shown(file))))
+    input::read(file, LARGEST_PROGRAM).map_err(|why| Failure::Request(format!("{}: {why}", shown(file))))
 }
 
 /// Each finding on a line: `FILE:LINE:COLUMN: what`.

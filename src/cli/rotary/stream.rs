@@ -24,7 +24,7 @@ const LINE_PATIENCE: Duration = Duration::from_secs(5);
 /// Print a hint after the board has taken nothing for this long.
 const PUZZLED: Duration = Duration::from_secs(3);
 /// Period of the checks whether the board has taken the rest.
-const LOOK: Duration = Duration::from_millis(20);
+const ASK_STATE_EVERY: Duration = Duration::from_millis(20);
 
 /// `rotary stream`.
 #[derive(Debug, Args)]
@@ -249,7 +249,7 @@ impl Streaming<'_> {
                 return Err(Failure::Refused("interrupted".to_owned()));
             }
             self.look_at(&state)?;
-            std::thread::sleep(LOOK);
+            std::thread::sleep(ASK_STATE_EVERY);
         }
     }
 
@@ -270,12 +270,12 @@ impl Streaming<'_> {
         }
         let cs = self.options.cs;
         match self.patience.look(state) {
-            Look::Fine => {}
-            Look::Puzzled => self.progress.say(&format!(
+            Waited::Fine => {}
+            Waited::Puzzled => self.progress.say(&format!(
                 "the board takes no more lines for now{}; does the program run (&{cs}R), without hold or dwell?",
                 if state.busy { ": its own buffer is full" } else { "" }
             )),
-            Look::Over => {
+            Waited::Over => {
                 let seconds = self.options.timeout.as_secs_f64();
                 let hint = self.patience.hint();
                 return Err(Failure::Refused(format!("the board has taken nothing for {seconds} s{hint}")));
@@ -373,7 +373,7 @@ struct Patience {
 }
 
 #[derive(Debug, PartialEq, Eq)]
-enum Look {
+enum Waited {
     Fine,
     /// Longer than usual, for the first time.
     Puzzled,
@@ -399,20 +399,20 @@ impl Patience {
         self.said = false;
     }
 
-    fn look(&mut self, state: &RotaryStateReply) -> Look {
+    fn look(&mut self, state: &RotaryStateReply) -> Waited {
         let taken = state.sent_lines.saturating_sub(state.ahead_lines);
         if taken != self.taken {
             self.taken = taken;
             self.reward();
-            return Look::Fine;
+            return Waited::Fine;
         }
         let waited = self.since.elapsed();
         if waited >= self.limit {
-            Look::Over
+            Waited::Over
         } else if waited >= PUZZLED && !std::mem::replace(&mut self.said, true) {
-            Look::Puzzled
+            Waited::Puzzled
         } else {
-            Look::Fine
+            Waited::Fine
         }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use clap::Args;
 use serde::Serialize;
 
-use crate::cli::setup::answer::Answer;
+use crate::cli::setup::answer::Explanation;
 use crate::map::Generation;
 use crate::map::number::parse;
 use crate::setup::absolute::AbsoluteFormat;
@@ -45,7 +45,7 @@ struct Document<'a> {
 ///
 /// # Errors
 /// Why the setting or the words are invalid; exit status 2.
-pub fn answer(options: &Absolute) -> Result<Answer, String> {
+pub fn answer(options: &Absolute) -> Result<Explanation, String> {
     let format = format(options)?;
     let position = match options.words.as_slice() {
         [] => None,
@@ -53,7 +53,7 @@ pub fn answer(options: &Absolute) -> Result<Answer, String> {
     };
     // The variable that holds the home position, as the family's manual writes it.
     let offset = if options.ix10.is_some() { "Ix26" } else { "Ixx26" };
-    Answer::of(&Document { format: &format, position }, text(&format, position, offset))
+    Explanation::of(&Document { format: &format, position }, text(&format, position, offset))
 }
 
 fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
@@ -127,7 +127,7 @@ mod tests {
         Line::try_parse_from(line.split(' ')).unwrap_or_else(|error| panic!("{error}")).absolute
     }
 
-    fn answered(line: &str) -> Answer {
+    fn answered(line: &str) -> Explanation {
         answer(&parsed(line)).unwrap_or_else(|reason| panic!("{line}: {reason}"))
     }
 

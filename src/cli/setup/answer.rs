@@ -5,7 +5,7 @@ use serde_json::Value;
 
 /// An answer as JSON and as text.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Answer {
+pub struct Explanation {
     /// The JSON document for `--json`.
     pub document: Value,
     /// The text. It ends with a newline.
@@ -14,7 +14,7 @@ pub struct Answer {
     pub commands: Vec<String>,
 }
 
-impl Answer {
+impl Explanation {
     /// An answer without lines to send.
     ///
     /// # Errors

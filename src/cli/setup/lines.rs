@@ -6,7 +6,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 use crate::cli::args::values::family;
-use crate::cli::setup::answer::Answer;
+use crate::cli::setup::answer::Explanation;
 use crate::map::number::parse;
 use crate::map::{Family, Function, Generation, PMAC, PmacRegister};
 use crate::setup::SetupPlan;
@@ -150,16 +150,16 @@ impl SetupCommand {
 ///
 /// # Errors
 /// Why the board cannot be set up this way; exit status 2.
-pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Answer, String> {
+pub fn answer(command: &SetupCommand, servo_runs: bool) -> Result<Explanation, String> {
     let plan = match command {
         SetupCommand::Isa(options) => options.plan()?,
         SetupCommand::Vme(options) => options.plan()?,
         SetupCommand::Enable(options) => {
             let plan = options.plan(servo_runs)?;
-            return Ok(Answer::of(&plan, enable_text(&plan))?.with(plan.commands));
+            return Ok(Explanation::of(&plan, enable_text(&plan))?.with(plan.commands));
         }
     };
-    Ok(Answer::of(&plan, plan_text(&plan))?.with(plan.commands))
+    Ok(Explanation::of(&plan, plan_text(&plan))?.with(plan.commands))
 }
 
 impl Isa {
@@ -261,7 +261,7 @@ mod tests {
         command: SetupCommand,
     }
 
-    fn answered(line: &str) -> Answer {
+    fn answered(line: &str) -> Explanation {
         answer(&command(line), false).unwrap_or_else(|reason| panic!("{line}: {reason}"))
     }
 

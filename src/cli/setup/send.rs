@@ -11,7 +11,7 @@ use crate::cli::act::lines::LineError;
 use crate::cli::console::{board_of, confirm, note, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::setup::absolute::{self, Absolute};
-use crate::cli::setup::answer::Answer;
+use crate::cli::setup::answer::Explanation;
 use crate::client::command::lines::LinesOptions;
 use crate::client::{Connection, SerialError, SerialLine};
 use crate::language::Meaning;
@@ -20,7 +20,7 @@ use crate::protocol::board::BoardInfo;
 use crate::protocol::program_words::ProgramWords;
 
 /// Time limit of a plain line.
-const PATIENCE: Duration = Duration::from_secs(5);
+const LINE_WITHIN: Duration = Duration::from_secs(5);
 /// How long the board may stay silent after a reset.
 const AWAY: Duration = Duration::from_secs(20);
 
@@ -95,7 +95,7 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
 /// Asks the board at the serial line for its family, and refuses lines for another one. A `TYPE` that is not known leaves it
 /// to the user.
 fn told_over(serial: &mut SerialLine, command: &mut SetupCommand) -> Result<(), Failure> {
-    let answer = serial.send("TYPE", PATIENCE).map_err(LineError::from)?.concat();
+    let answer = serial.send("TYPE", LINE_WITHIN).map_err(LineError::from)?.concat();
     match Family::of_type(&answer) {
         Some(board) => {
             command.board().family.get_or_insert(board);
@@ -142,7 +142,7 @@ pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Fa
     print(context, &absolute::answer(options).map_err(Failure::Request)?)
 }
 
-fn print(context: &mut Context, answer: &Answer) -> Result<Verdict, Failure> {
+fn print(context: &mut Context, answer: &Explanation) -> Result<Verdict, Failure> {
     context.output.show(&answer.document, || &answer.text)?;
     Ok(Verdict::Yes)
 }
@@ -157,7 +157,7 @@ struct Sent {
 fn send(connection: &mut Connection, commands: &[String]) -> Sent {
     let mut taken = 0;
     let mut error = None;
-    let options = LinesOptions { kind: "setup", timeout: PATIENCE, keep_going: false };
+    let options = LinesOptions { kind: "setup", timeout: LINE_WITHIN, keep_going: false };
     let over = connection.run_lines(options, commands, |reply| {
         match &reply.failure {
             None => taken += 1,
@@ -185,7 +185,7 @@ fn send_over(serial: &mut SerialLine, commands: &[String]) -> Sent {
 /// Sends one. The board need not acknowledge a reset; then it is waited for until it answers again.
 fn send_line(serial: &mut SerialLine, line: &str) -> Result<(), SerialError> {
     let meaning = Meaning::of(line);
-    match serial.send(line, meaning.deadline(PATIENCE)) {
+    match serial.send(line, meaning.deadline(LINE_WITHIN)) {
         Err(SerialError::TimedOut | SerialError::NoBoard { .. }) if meaning.resets => {}
         sent => drop(sent?),
     }

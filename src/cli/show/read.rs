@@ -28,7 +28,7 @@ pub struct Read {
 
 /// The result of one address.
 #[derive(Debug, Serialize)]
-struct Found {
+struct WordsRead {
     /// The address, as typed.
     address: String,
     /// None while the family is not known.
@@ -58,7 +58,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
     let fields = fields(options, family.unwrap_or(&TURBO2))?;
     for (address, Field { location, bits }) in options.addresses.iter().zip(fields) {
         let (time_ns, words) = connection.read(location.offset, location.space.words())?;
-        found.push(Found {
+        found.push(WordsRead {
             address: address.clone(),
             pmac_address: family.map(|family| location.pmac_address(family).to_string()),
             bits,
@@ -102,7 +102,7 @@ fn part(bits: BitField, words: &[u16]) -> Option<Value> {
     Some(u16::try_from(value).map_or(Value::Fixed(value.into()), Value::Word))
 }
 
-fn table(found: &[Found]) -> Table {
+fn table(found: &[WordsRead]) -> Table {
     let mut table = Table::new("address|offset|words|>value");
     for found in found {
         let offset = format!("0x{:04X}", found.host_offset);

@@ -12,9 +12,9 @@ use crate::cli::console::Interrupt;
 use crate::cli::context::Failure;
 
 /// Time limit of the daemon's end.
-const END: Duration = Duration::from_secs(5);
+const ENDS_WITHIN: Duration = Duration::from_secs(5);
 /// Time limit of the daemon's start and of the simulator's.
-const START: Duration = Duration::from_secs(20);
+const STARTS_WITHIN: Duration = Duration::from_secs(20);
 
 /// The daemon, which starts the simulator and ends it. Dropped, it ends.
 pub struct Stage {
@@ -66,7 +66,7 @@ impl Stage {
         signal: &Interrupt,
         mut look: impl FnMut(&Self) -> Option<T>,
     ) -> Result<T, Failure> {
-        let deadline = Instant::now() + START;
+        let deadline = Instant::now() + STARTS_WITHIN;
         loop {
             if let Some(found) = look(self) {
                 return Ok(found);
@@ -97,7 +97,7 @@ impl Drop for Stage {
     fn drop(&mut self) {
         let pid = nix::unistd::Pid::from_raw(self.daemon.id().cast_signed());
         let _ = nix::sys::signal::kill(pid, Signal::SIGTERM);
-        let deadline = Instant::now() + END;
+        let deadline = Instant::now() + ENDS_WITHIN;
         while matches!(self.daemon.try_wait(), Ok(None)) {
             if Instant::now() >= deadline {
                 let _ = self.daemon.kill();

@@ -11,10 +11,10 @@ use crate::cli::show::coordinates::Overrides;
 use crate::cli::show::status;
 
 /// How often it asks.
-const EVERY: Duration = Duration::from_secs(1);
+const ASK_EVERY: Duration = Duration::from_secs(1);
 
 /// What the daemon answered last.
-pub struct Answer {
+pub struct DaemonAnswer {
     pub at: Instant,
     /// The document of `status --json`.
     pub status: Value,
@@ -25,8 +25,8 @@ pub struct Answer {
 /// Ends its thread when it is dropped, as soon as the daemon has answered.
 pub struct Asker {
     names: Sender<Vec<String>>,
-    answers: Receiver<Answer>,
-    last: Option<Answer>,
+    answers: Receiver<DaemonAnswer>,
+    last: Option<DaemonAnswer>,
 }
 
 impl Asker {
@@ -46,7 +46,7 @@ impl Asker {
     }
 
     /// The last answer, if there is one.
-    pub fn last(&mut self) -> Option<&Answer> {
+    pub fn last(&mut self) -> Option<&DaemonAnswer> {
         if let Some(answer) = self.answers.try_iter().last() {
             self.last = Some(answer);
         }
@@ -54,10 +54,10 @@ impl Asker {
     }
 }
 
-fn run(context: &Context, names: &Receiver<Vec<String>>, tell: &Sender<Answer>) {
+fn run(context: &Context, names: &Receiver<Vec<String>>, tell: &Sender<DaemonAnswer>) {
     let mut watches = Watches::default();
     loop {
-        match names.recv_timeout(EVERY) {
+        match names.recv_timeout(ASK_EVERY) {
             Ok(names) => watches.set(names),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
@@ -69,7 +69,7 @@ fn run(context: &Context, names: &Receiver<Vec<String>>, tell: &Sender<Answer>) 
         let i10 = context.board().and_then(|mut board| Ok(board.identity()?.i10)).ok().flatten();
         let overrides = Overrides::ask(context, i10);
         let watched = watches.look(context);
-        if tell.send(Answer { at: Instant::now(), status, overrides, watched }).is_err() {
+        if tell.send(DaemonAnswer { at: Instant::now(), status, overrides, watched }).is_err() {
             return;
         }
     }

@@ -16,9 +16,9 @@ use crate::protocol::CallError;
 use crate::segment::SegmentName;
 
 /// The longest sleep during a jog.
-const LOOK: Duration = Duration::from_millis(20);
+const ORDERS_WITHIN: Duration = Duration::from_millis(20);
 /// How long the end of the program waits for the stop of a jog.
-const END: Duration = Duration::from_secs(8);
+const STOP_WITHIN: Duration = Duration::from_secs(8);
 
 /// What the hand is to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,9 +107,9 @@ impl Hand {
     /// Stops what jogs, and says what is not known to have stopped.
     pub fn end(mut self) -> Vec<String> {
         drop(self.orders.take());
-        let deadline = Instant::now() + END;
+        let deadline = Instant::now() + STOP_WITHIN;
         while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < deadline {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(ORDERS_WITHIN);
         }
         let (mut stopping, mut faults) = (None, Vec::new());
         for told in self.told.try_iter() {
@@ -188,7 +188,7 @@ fn jog(
     let _ = tell.send(Told::Jogs(motor));
     let mut next = None;
     while held.is_held() && Instant::now() < until {
-        match orders.recv_timeout(LOOK) {
+        match orders.recv_timeout(ORDERS_WITHIN) {
             Ok(Order::Keep(further)) => until = until.max(further),
             Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => break,
             Ok(other) => {

@@ -38,7 +38,7 @@ use asker::Asker;
 use draw::{Look, Picture};
 use hand::Hand;
 use source::Source;
-use state::{Effect, State};
+use state::{Effect, ScreenState};
 use trace::Traces;
 use tty::{Input, Tty};
 
@@ -82,7 +82,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
         source: Source::new(board),
         asker: Asker::new(theirs, options.watches.clone()),
         hand: Hand::new(socket, name),
-        state: State::new(options.watches.clone()),
+        state: ScreenState::new(options.watches.clone()),
         traces: Traces::default(),
         found: Err("nothing has been read yet".to_owned()),
         look: Look::of_environment(),
@@ -121,7 +121,7 @@ struct Screen {
     source: Source,
     asker: Asker,
     hand: Hand,
-    state: State,
+    state: ScreenState,
     traces: Traces,
     /// What the segment had at the last picture, or why it had nothing.
     found: Result<Snapshot, String>,

@@ -6,7 +6,7 @@ use super::trace::Traces;
 use crate::client::{Board, ClientError, Snapshot};
 
 /// The most samples looked at for one picture: what a ring has.
-const MOST: usize = 4096;
+const MOST_SAMPLES: usize = 4096;
 
 pub struct Source {
     board: Board,
@@ -28,7 +28,7 @@ impl Source {
             // A new daemon counts from the beginning. What came before is not of this screen.
             (self.generation, self.next) = (generation, self.board.servo_sequence()?.max(1));
         }
-        let history = self.board.history(self.next, MOST)?;
+        let history = self.board.history(self.next, MOST_SAMPLES)?;
         self.next = history.next;
         if history.lost > 0 {
             // Nobody knows what was in them.

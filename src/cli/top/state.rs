@@ -21,7 +21,7 @@ pub enum Page {
 }
 
 /// The lines of a page of text are fewer.
-const LONGEST: usize = 100;
+const LONGEST_PAGE: usize = 100;
 
 /// What has to be done outside.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,7 +51,7 @@ enum Waiting {
 }
 
 #[derive(Debug, Default)]
-pub struct State {
+pub struct ScreenState {
     pub page: Page,
     /// The number of the selected motor.
     pub selected: usize,
@@ -74,7 +74,7 @@ pub struct State {
     systems: usize,
 }
 
-impl State {
+impl ScreenState {
     pub fn new(watches: Vec<String>) -> Self {
         Self { watches, ..Self::default() }
     }
@@ -109,7 +109,7 @@ impl State {
         self.message = None;
         match action {
             Action::Select(rows) if self.page == Page::Board => self.select(rows),
-            Action::Select(rows) => self.turned = self.turned.saturating_add_signed(rows).min(LONGEST),
+            Action::Select(rows) => self.turned = self.turned.saturating_add_signed(rows).min(LONGEST_PAGE),
             Action::Scroll(rows) => {
                 let last = self.systems.saturating_sub(1);
                 self.scrolled = self.scrolled.saturating_add_signed(rows).min(last);
@@ -182,9 +182,9 @@ impl State {
         let is_late = |since: Instant, limit: Duration| now.saturating_duration_since(since) >= limit;
         let late = self.waiting.iter().find_map(|waiting| match waiting {
             Waiting::Stop { motor, since } => {
-                is_late(*since, hold::SILENCE).then(|| hold::may_be_moving(&[*motor]))
+                is_late(*since, hold::UNSURE_AFTER).then(|| hold::may_be_moving(&[*motor]))
             }
-            Waiting::Character { character, since } => is_late(*since, late::SILENCE)
+            Waiting::Character { character, since } => is_late(*since, late::WARN_AFTER)
                 .then(|| format!("{}: {}", control::name(*character), late::UNANSWERED)),
         });
         if let Some(text) = late {
@@ -295,13 +295,13 @@ mod tests {
 
     const MS: fn(u64) -> Duration = Duration::from_millis;
 
-    fn seeing(motors: &[usize]) -> State {
-        let mut state = State::default();
+    fn seeing(motors: &[usize]) -> ScreenState {
+        let mut state = ScreenState::default();
         assert_eq!(state.saw(motors.to_vec(), 8, true), []);
         state
     }
 
-    fn armed(now: Instant) -> State {
+    fn armed(now: Instant) -> ScreenState {
         let mut state = seeing(&[1, 2, 5]);
         state.key(Key::Down, true, now);
         state.key(Key::Down, true, now);
@@ -311,7 +311,7 @@ mod tests {
         state
     }
 
-    fn said(state: &State) -> &str {
+    fn said(state: &ScreenState) -> &str {
         state.message.as_ref().map_or("", |message| &message.text)
     }
 

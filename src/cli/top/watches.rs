@@ -11,7 +11,7 @@ use crate::client::number::NOT_READ;
 use crate::client::{Board, VariableWatch};
 
 /// How long the board may take for the variables.
-const ANSWER: Duration = Duration::from_secs(2);
+const VARIABLES_WITHIN: Duration = Duration::from_secs(2);
 
 /// What is watched now, by name and value, and why some have no value.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -107,10 +107,10 @@ fn ask(context: &Context, names: &[String]) -> Result<Vec<Found>, Failure> {
     let is_of_system = |name: &String| name.starts_with(['Q', 'q']);
     let mut connection = context.connection()?;
     let system = match names.iter().any(is_of_system) {
-        true => connection.question("&", ANSWER)?.into_iter().next(),
+        true => connection.question("&", VARIABLES_WITHIN)?.into_iter().next(),
         false => None,
     };
-    let answers = ask_variables(&mut connection, names, ANSWER)?;
+    let answers = ask_variables(&mut connection, names, VARIABLES_WITHIN)?;
     let found = |(name, answer): (&String, String)| {
         let system = system.as_ref().filter(|_| is_of_system(name));
         (name.clone(), (system.map_or_else(|| name.clone(), |system| format!("&{system} {name}")), answer))

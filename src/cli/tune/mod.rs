@@ -12,7 +12,7 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use self::moves::{ASKED, Move, Plan, Settings};
+use self::moves::{ASKED, Plan, Settings, TuneMove};
 use self::recorder::{Record, Recorder};
 use self::response::{BAND, Response, Settles};
 use crate::cli::act::jog::{motor, send};
@@ -27,16 +27,16 @@ use crate::client::command::lines::{LineSequence, LinesOptions};
 use crate::client::number::{fixed, short};
 use crate::language::deadlines;
 use crate::map::IVariables;
-use crate::table::{Field, Kind};
+use crate::table::{Field, FieldKind};
 
 /// How long the motor may take to stand in position after the recording, and to come back.
-const STANDS: Duration = Duration::from_secs(10);
+const STANDS_WITHIN: Duration = Duration::from_secs(10);
 
 /// How much of a recording is drawn: so many times what the motor takes to settle.
 const SHOWN: f64 = 4.0;
 
 /// How far from its end, in counts, the commanded position of a whole move may be: the board rounds it so.
-const NEAR: f64 = 1.0 / 32.0;
+const END_WITHIN: f64 = 1.0 / 32.0;
 
 /// `tune`.
 #[derive(Debug, Args)]
@@ -95,7 +95,7 @@ struct Common {
 }
 
 /// The longest recording after a move.
-const LONGEST: Duration = Duration::from_secs(60);
+const LONGEST_RECORDING: Duration = Duration::from_secs(60);
 
 fn above_0(text: &str) -> Result<f64, String> {
     let limit = text.parse().ok().filter(|limit: &f64| *limit > 0.0 && limit.is_finite());
@@ -103,46 +103,46 @@ fn above_0(text: &str) -> Result<f64, String> {
 }
 
 /// What is asked for.
-struct Wanted<'a> {
-    what: Move,
+struct WantedMove<'a> {
+    what: TuneMove,
     size: f64,
     common: &'a Common,
 }
 
-impl Wanted<'_> {
+impl WantedMove<'_> {
     fn kind(&self) -> &'static str {
         match self.what {
-            Move::Step => "step",
-            Move::Parabolic(_) => "parabolic move",
+            TuneMove::Step => "step",
+            TuneMove::Parabolic(_) => "parabolic move",
         }
     }
 
     fn settles(&self) -> Settles {
         match self.what {
-            Move::Step => Settles::AfterBegin,
-            Move::Parabolic(_) => Settles::AfterEnd,
+            TuneMove::Step => Settles::AfterBegin,
+            TuneMove::Parabolic(_) => Settles::AfterEnd,
         }
     }
 }
 
 pub fn run(context: &mut Context, options: &Tune) -> Result<Verdict, Failure> {
     let wanted = match &options.command {
-        TuneCommand::Step { size, common } => Wanted { what: Move::Step, size: *size, common },
+        TuneCommand::Step { size, common } => WantedMove { what: TuneMove::Step, size: *size, common },
         TuneCommand::Parabolic { size, time, common } => {
-            Wanted { what: Move::Parabolic(*time), size: *size, common }
+            WantedMove { what: TuneMove::Parabolic(*time), size: *size, common }
         }
     };
     if !wanted.size.is_finite() || (wanted.size * 32.0).round() == 0.0 {
         return Err(Failure::Request("--size must be a number of counts, 1/32 at least".to_owned()));
     }
-    if wanted.common.seconds > LONGEST {
-        return Err(Failure::Request(format!("--seconds is at most {}", LONGEST.as_secs())));
+    if wanted.common.seconds > LONGEST_RECORDING {
+        return Err(Failure::Request(format!("--seconds is at most {}", LONGEST_RECORDING.as_secs())));
     }
     tune(context, &wanted)
 }
 
-fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
-    let Wanted { what, common, .. } = wanted;
+fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> {
+    let WantedMove { what, common, .. } = wanted;
     let form = common.output.as_deref().map(Form::of).transpose()?;
     let number = motor(&common.motor, || Ok(context.board()?.identity()?))?;
     let not_sent = |failure: Failure| failure.at("not sent");
@@ -202,7 +202,7 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     }
     let ends = failed.len();
     failed.extend(
-        motors_end(recorder.connection(), &mut watch, &[number], goal, STANDS)
+        motors_end(recorder.connection(), &mut watch, &[number], goal, STANDS_WITHIN)
             .unwrap_or_else(|failure| vec![failure.to_string()]),
     );
     let has_stopped = failed.len() == ends;
@@ -212,12 +212,13 @@ fn tune(context: &mut Context, wanted: &Wanted) -> Result<Verdict, Failure> {
     }
     // It is not brought back: after a disturbance nobody expects another move. That it is not is told.
     let away = watch.away_from(number, start, start + size).filter(|away| {
-        (record.interrupted || !failed.is_empty()) && !(common.stay && (away - size).abs() <= NEAR)
+        (record.interrupted || !failed.is_empty()) && !(common.stay && (away - size).abs() <= END_WITHIN)
     });
     failed.extend(away.map(|away| is_away(number, start, away)));
     // Of a move that did not come to its end, or was not seen to, there is nothing to tell.
     let is_seen = record.failure.is_none() && !record.interrupted && has_stopped;
-    let is_whole = |response: &Response| is_seen && (response.size - size).abs() <= NEAR + 0.01 * size.abs();
+    let is_whole =
+        |response: &Response| is_seen && (response.size - size).abs() <= END_WITHIN + 0.01 * size.abs();
     let response = record.recording.response(wanted.settles()).filter(is_whole);
     if context.output.is_json() {
         context.output.json(&json!({
@@ -267,7 +268,7 @@ fn is_away(number: u8, start: f64, away: f64) -> String {
 }
 
 fn question(
-    wanted: &Wanted,
+    wanted: &WantedMove,
     context: &Context,
     number: u8,
     (start, size): (f64, f64),
@@ -279,7 +280,7 @@ fn question(
         plan.lines(number).try_into().unwrap_or([const { String::new() }; moves::SET.len()]);
     Ok(format!(
         "Motor {number} of {board} MOVES: a {} from {from} to {to} counts in {} s{back}, with {first} (fatal at {} counts) and {}, \
-         which are put back. Move it?",
+         which are put back. TuneMove it?",
         wanted.kind(),
         short(plan.time_s),
         short(plan.limit),
@@ -319,7 +320,7 @@ fn back(
 ) -> Result<Vec<String>, Failure> {
     let mut watch = Watch::begin(context, connection)?;
     send(connection, number, start)?;
-    motors_end(connection, &mut watch, &[number], Goal::At(start), STANDS)
+    motors_end(connection, &mut watch, &[number], Goal::At(start), STANDS_WITHIN)
 }
 
 /// The figures, a line each.
@@ -341,9 +342,9 @@ fn said(response: &Response) -> [String; 4] {
 
 fn write(path: &std::path::Path, form: Form, record: &Record, stop: &Interrupt) -> Result<(), Failure> {
     let fields = [
-        Field::new("time_s", "", Kind::Seconds),
-        Field::new("commanded_position", "count", Kind::Real),
-        Field::new("actual_position", "count", Kind::Real),
+        Field::new("time_s", "", FieldKind::Seconds),
+        Field::new("commanded_position", "count", FieldKind::Real),
+        Field::new("actual_position", "count", FieldKind::Real),
     ];
     let mut file = TableFile::open(path, form, &fields, stop)?;
     let recording = &record.recording;

@@ -8,7 +8,7 @@ use crate::map::IVariables;
 
 /// What a motor is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Move {
+pub enum TuneMove {
     /// The commanded position goes to its end in 2 ms: it begins to slow down when it has come to its speed.
     Step,
     /// It takes this time, in ms. Its velocity is made of parabolas: up in one half of the time, down in the other.
@@ -23,7 +23,7 @@ pub const SET: [usize; 5] = [11, 19, 20, 21, 22];
 /// Parts of a count in Ix11.
 const PER_COUNT: f64 = 16.0;
 /// The largest Ix11. A larger one is another number on the board, 0 among them, by which it kills nothing.
-const LARGEST: f64 = 8_388_607.0;
+const LARGEST_IX11: f64 = 8_388_607.0;
 
 /// What the board has answered, in the order of [`ASKED`].
 #[derive(Debug, Clone, PartialEq)]
@@ -86,7 +86,7 @@ impl Plan {
     /// # Errors
     /// What speaks against it, and what to do.
     pub fn new(
-        what: Move,
+        what: TuneMove,
         motor: u8,
         (start, size): (f64, f64),
         limit: Option<f64>,
@@ -105,15 +105,15 @@ impl Plan {
                 return Err(format!("{}=0: {why}", x(11)));
             }
         };
-        if limit * PER_COUNT > LARGEST {
-            let most = (LARGEST / PER_COUNT).floor();
+        if limit * PER_COUNT > LARGEST_IX11 {
+            let most = (LARGEST_IX11 / PER_COUNT).floor();
             return Err(format!(
                 "{limit} counts are more than {} can hold; choose a --limit up to {most}",
                 x(11)
             ));
         }
         // A step leaves the motor behind by all of it.
-        if what == Move::Step && length >= limit {
+        if what == TuneMove::Step && length >= limit {
             return Err(format!(
                 "a step of {length} counts would be a fatal following error: the limit is {limit} counts ({}); choose a smaller --size",
                 x(11)
@@ -131,8 +131,8 @@ impl Plan {
         let limit_sixteenths = (limit * PER_COUNT).floor().max(1.0);
         let (time_ms, values) = match what {
             // Fast enough that half of the way is speeding up.
-            Move::Step => (2.0, [limit_sixteenths, 2.0 * length, 1.0, 0.0, length]),
-            Move::Parabolic(time_ms) => {
+            TuneMove::Step => (2.0, [limit_sixteenths, 2.0 * length, 1.0, 0.0, length]),
+            TuneMove::Parabolic(time_ms) => {
                 // Whole milliseconds.
                 let quarter = f64::from(time_ms.div_ceil(4).max(1));
                 let time = 4.0 * quarter;
@@ -172,7 +172,12 @@ mod tests {
         Settings::of(reply.map(str::to_owned).into()).unwrap()
     }
 
-    fn plan(what: Move, size: f64, limit: Option<f64>, settings: &Settings) -> Result<Vec<String>, String> {
+    fn plan(
+        what: TuneMove,
+        size: f64,
+        limit: Option<f64>,
+        settings: &Settings,
+    ) -> Result<Vec<String>, String> {
         Plan::new(what, 3, (100.0, size), limit, settings).map(|plan| plan.lines(3))
     }
 
@@ -180,11 +185,11 @@ mod tests {
     fn a_move_is_a_jog_with_variables_of_its_own() {
         let factory = settings("32000", "0", "0");
         let lines = |what, size, limit| plan(what, size, limit, &factory).unwrap().join(" ");
-        assert_eq!(lines(Move::Step, -100.0, None), "I311=3200 I319=200 I320=1 I321=0 I322=100");
-        assert_eq!(lines(Move::Step, 0.5, Some(1.0)), "I311=16 I319=1 I320=1 I321=0 I322=0.5");
-        assert_eq!(lines(Move::Step, 1000.0, Some(1e9)), "I311=32000 I319=2000 I320=1 I321=0 I322=1000");
+        assert_eq!(lines(TuneMove::Step, -100.0, None), "I311=3200 I319=200 I320=1 I321=0 I322=100");
+        assert_eq!(lines(TuneMove::Step, 0.5, Some(1.0)), "I311=16 I319=1 I320=1 I321=0 I322=0.5");
+        assert_eq!(lines(TuneMove::Step, 1000.0, Some(1e9)), "I311=32000 I319=2000 I320=1 I321=0 I322=1000");
         assert_eq!(
-            lines(Move::Parabolic(500), 1000.0, None),
+            lines(TuneMove::Parabolic(500), 1000.0, None),
             "I311=32000 I319=0.064 I320=250 I321=125 I322=4"
         );
         assert_eq!(factory.put_back(3), ["I311=32000", "I319=0.015625", "I320=0", "I321=50", "I322=32"]);
@@ -194,22 +199,22 @@ mod tests {
     fn what_speaks_against_a_move_is_told_before_it() {
         let (factory, unlimited) = (settings("32000", "0", "0"), settings("0", "0", "0"));
         let why = |what, size, limit, settings| plan(what, size, limit, settings).unwrap_err();
-        assert!(why(Move::Step, 2000.0, None, &factory).contains("the limit is 2000 counts (I311)"));
-        assert!(why(Move::Step, 100.0, Some(100.0), &factory).contains("choose a smaller --size"));
-        assert!(why(Move::Step, 100.0, None, &unlimited).starts_with("I311=0: "));
-        assert!(plan(Move::Step, 100.0, Some(200.0), &unlimited).is_ok());
-        assert!(why(Move::Step, 100.0, Some(524_288.0), &unlimited).contains("a --limit up to 524287"));
-        let lines = plan(Move::Step, 100.0, Some(524_287.0), &unlimited).unwrap();
+        assert!(why(TuneMove::Step, 2000.0, None, &factory).contains("the limit is 2000 counts (I311)"));
+        assert!(why(TuneMove::Step, 100.0, Some(100.0), &factory).contains("choose a smaller --size"));
+        assert!(why(TuneMove::Step, 100.0, None, &unlimited).starts_with("I311=0: "));
+        assert!(plan(TuneMove::Step, 100.0, Some(200.0), &unlimited).is_ok());
+        assert!(why(TuneMove::Step, 100.0, Some(524_288.0), &unlimited).contains("a --limit up to 524287"));
+        let lines = plan(TuneMove::Step, 100.0, Some(524_287.0), &unlimited).unwrap();
         assert_eq!(lines[0], "I311=8388592");
-        assert!(why(Move::Parabolic(10), 1000.0, None, &factory).contains("I316=32"));
-        assert!(why(Move::Parabolic(100), 1000.0, None, &factory).contains("I317=0.5"));
+        assert!(why(TuneMove::Parabolic(10), 1000.0, None, &factory).contains("I316=32"));
+        assert!(why(TuneMove::Parabolic(100), 1000.0, None, &factory).contains("I317=0.5"));
         let fenced = settings("$7D00", "150", "-20");
         assert!(
-            why(Move::Step, 60.0, None, &fenced)
+            why(TuneMove::Step, 60.0, None, &fenced)
                 .contains("160 counts lie beyond the software limit of 150 (I313)")
         );
-        assert!(why(Move::Step, -130.0, None, &fenced).contains("limit of -20 (I314)"));
-        assert!(plan(Move::Step, 50.0, None, &fenced).is_ok());
+        assert!(why(TuneMove::Step, -130.0, None, &fenced).contains("limit of -20 (I314)"));
+        assert!(plan(TuneMove::Step, 50.0, None, &fenced).is_ok());
     }
 
     #[test]

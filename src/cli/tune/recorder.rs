@@ -15,11 +15,11 @@ use crate::map::Layout;
 /// The register of the commanded position, which Turbo boards do not report.
 const COMMANDED: &str = "commanded_position";
 /// How long to sleep if there are no samples.
-const LOOK: Duration = Duration::from_millis(5);
+const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
 /// How often to tell the daemon that somebody still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
 /// How long the board may be silent, and how long a motor may take to begin.
-const SILENCE: Duration = Duration::from_secs(5);
+const NO_SAMPLE_FOR: Duration = Duration::from_secs(5);
 /// The part of the recording that is kept from before the move.
 const BEFORE: f64 = 0.1;
 
@@ -141,15 +141,15 @@ impl Recorder {
             match (taken, record.begin()) {
                 (Taken::Another, _) => return refused("somebody else started another gather"),
                 (_, Some(begin)) if record.recording.times.len() >= begin + wanted => return Ok(()),
-                (_, None) if record.recording.times.len() as f64 * cycle_s > SILENCE.as_secs_f64() => {
+                (_, None) if record.recording.times.len() as f64 * cycle_s > NO_SAMPLE_FOR.as_secs_f64() => {
                     return refused("the motor did not begin to move");
                 }
                 _ if samples.ended().is_some() => return refused("the gather has ended early"),
                 (Taken::Some, _) => last_news = Instant::now(),
-                (Taken::Nothing, _) if last_news.elapsed() > SILENCE => {
+                (Taken::Nothing, _) if last_news.elapsed() > NO_SAMPLE_FOR => {
                     return refused("the board gathers nothing");
                 }
-                (Taken::Nothing, _) => std::thread::sleep(LOOK),
+                (Taken::Nothing, _) => std::thread::sleep(TAKE_SAMPLES_EVERY),
             }
             if renewed.elapsed() > RENEWAL {
                 renewed = Instant::now();

@@ -9,9 +9,9 @@ use crate::protocol::board::{Done, GatherStopReply};
 use crate::protocol::calls;
 
 /// More than the daemon gives the lines that begin a gather, where the board answers all of them late.
-const START: Duration = Duration::from_secs(60);
+const STARTS_WITHIN: Duration = Duration::from_secs(60);
 /// More than it gives those of the end.
-const STOP: Duration = Duration::from_secs(30);
+const STOPS_WITHIN: Duration = Duration::from_secs(30);
 
 impl Connection {
     /// Has the board gather by `plan` on a board with `layout`, and the daemon follow. Returns when the board gathers.
@@ -42,7 +42,7 @@ impl Connection {
         // The daemon waits for the servo report, which comes as seldom as it gathers.
         let periods = 4 * u64::from(plan.period);
         let periods = Duration::from_nanos(periods.saturating_mul(servo_period_ns.unwrap_or_default()));
-        let Done {} = self.call_used("GatherStart", &parameters, periods.saturating_add(START))?;
+        let Done {} = self.call_used("GatherStart", &parameters, periods.saturating_add(STARTS_WITHIN))?;
         Ok(())
     }
 
@@ -52,7 +52,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; refused if the gather is another user's.
     pub fn gather_stop(&mut self, uid: Option<u32>) -> Result<GatherStopReply, CommandError> {
-        self.call("GatherStop", &calls::GatherStop { uid }, STOP)
+        self.call("GatherStop", &calls::GatherStop { uid }, STOPS_WITHIN)
     }
 
     /// Says that the owner of this connection's sequences still lives.

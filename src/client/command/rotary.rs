@@ -8,7 +8,7 @@ use crate::protocol::board::{Done, RotaryStartReply, RotaryStateReply, RotarySto
 use crate::protocol::calls::{self, LeftLines};
 
 /// More than the daemon gives the lines of the set-up, or of the end, where the board answers all of them late.
-const LINES: Duration = Duration::from_secs(60);
+const SET_UP_WITHIN: Duration = Duration::from_secs(60);
 
 /// Where a binary rotary buffer lies, which system it feeds, and how the stream goes. Without start or size the stream
 /// takes the daemon's own room.
@@ -56,7 +56,7 @@ impl Connection {
             may_stand: Some(place.may_stand),
             modes: place.modes,
         };
-        self.call_used("RotaryStart", &parameters, LINES)
+        self.call_used("RotaryStart", &parameters, SET_UP_WITHIN)
     }
 
     /// Says that the program is whole: no line follows in this connection's stream into rotary buffer `buffer` (from
@@ -75,7 +75,7 @@ impl Connection {
     /// # Errors
     /// [`CommandError`]; refused if this connection never had such a stream.
     pub fn rotary_stop(&mut self, buffer: u8) -> Result<RotaryStopReply, CommandError> {
-        self.call("RotaryStop", &calls::Rotary { buffer }, LINES)
+        self.call("RotaryStop", &calls::Rotary { buffer }, SET_UP_WITHIN)
     }
 
     /// How far rotary buffer `buffer` (from 1) is.

@@ -29,15 +29,15 @@ pub use motors::{Goal, motors_end, wait_for_motors};
 pub use systems::{see_programs_begin, wait_for_programs};
 
 /// The longest sleep until the next look.
-const LOOK: Duration = Duration::from_millis(20);
+const SAMPLE_WITHIN: Duration = Duration::from_millis(20);
 /// How long the reports may stay away. A board that stalls, or a `GATHER`, holds them up for a quarter of a second.
-const SILENCE: Duration = Duration::from_secs(2);
+const NO_REPORT_FOR: Duration = Duration::from_secs(2);
 /// How long the board may take to begin with what it was asked for. It answers first and begins afterwards, at a real-time
 /// interrupt.
 const BEGINS: Duration = Duration::from_millis(500);
 /// How long a motor stands before it is said to have stopped in the wrong place. A motor that turns round stands for an
 /// instant.
-const STANDS: Duration = Duration::from_millis(200);
+const STOOD_FOR: Duration = Duration::from_millis(200);
 /// Samples looked at in one go.
 const SAMPLES: usize = 4096;
 /// Reports of each kind that may be older than the request.
@@ -157,7 +157,7 @@ impl Watch {
         &mut self,
         connection: &mut Connection,
         awaited: &Awaited<'_>,
-        mut judge: impl FnMut(u8, &Snapshot, &Look<'_>) -> Progress,
+        mut judge: impl FnMut(u8, &Snapshot, &Observed<'_>) -> Progress,
     ) -> Result<Vec<String>, Failure> {
         let Awaited { numbers, name, moving, timeout, ends } = *awaited;
         let first = self.snapshot()?;
@@ -175,7 +175,7 @@ impl Watch {
                 return ended(format!("{} s are over", timeout.as_secs_f64()));
             }
             let last = self.board.servo_sequence()?;
-            self.board.wait(last, LOOK)?;
+            self.board.wait(last, SAMPLE_WITHIN)?;
             let snapshot = self.snapshot()?;
             if self.board.subscriber().generation() != self.generation {
                 return ended("pmacd was restarted".to_owned());
@@ -197,11 +197,11 @@ impl Watch {
                 );
             }
             if is_silent(&snapshot) {
-                return ended(format!("no report has come for {} s", SILENCE.as_secs()));
+                return ended(format!("no report has come for {} s", NO_REPORT_FOR.as_secs()));
             }
             let fresh = snapshot.servo.as_ref().filter(|servo| servo.is_fresh());
             let Some(sample) = fresh.filter(|_| now.0 > servo && now.1 > background) else { continue };
-            let look = Look {
+            let look = Observed {
                 seen: &self.seen,
                 elapsed: since(*begun_ns.get_or_insert(sample.time_ns), sample.time_ns),
                 now_ns: sample.time_ns,
@@ -264,7 +264,7 @@ impl Watch {
 }
 
 /// What a judge needs besides the reports.
-struct Look<'a> {
+struct Observed<'a> {
     seen: &'a [Seen; MOTORS],
     /// Since the board took the request.
     elapsed: Duration,
@@ -282,7 +282,7 @@ fn is_silent(snapshot: &Snapshot) -> bool {
         snapshot.servo.as_ref().map(|servo| servo.age_ns),
         snapshot.background.as_ref().map(|view| view.age_ns),
     ];
-    ages.into_iter().flatten().any(|age_ns| age_ns > SILENCE.as_nanos() as u64)
+    ages.into_iter().flatten().any(|age_ns| age_ns > NO_REPORT_FOR.as_nanos() as u64)
 }
 
 /// Sees that there is something to move, whatever the data show.

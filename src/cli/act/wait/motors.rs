@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::stops::stops_motor;
-use super::{Awaited, BEGINS, Look, Progress, STANDS, Watch, since};
+use super::{Awaited, BEGINS, Observed, Progress, STOOD_FOR, Watch, since};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
 use crate::client::motor::Motor;
@@ -20,7 +20,7 @@ pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progr
 /// Servo flag of a motor that is commanded to stand.
 pub(super) const STANDS_STILL: &str = "desired_velocity_zero";
 /// Flags of what ends a motion for good, and what is said of it. `open_loop` is last: it follows from the others.
-const FAULTS: [(&str, &str); 6] = [
+const MOTOR_FAULTS: [(&str, &str); 6] = [
     ("fatal_following_error", "its following error is fatal (Ix11)"),
     ("integrated_fatal_following_error", "its integrated following error is fatal (Ix63)"),
     ("amplifier_fault", "its amplifier has a fault"),
@@ -30,7 +30,7 @@ const FAULTS: [(&str, &str); 6] = [
 ];
 /// How far from its target the commanded position of a motor that has arrived may be, in counts. A target is rounded to 1/32
 /// of a count.
-const NEAR: f64 = 0.5;
+const TARGET_WITHIN: f64 = 0.5;
 /// How long a motor has stood when the board will not tell its scale any more.
 const TOLD: Duration = Duration::from_secs(10);
 
@@ -105,8 +105,8 @@ impl Watch {
         let now = self.standing_at(number).ok()?;
         let seen = self.seen.get(usize::from(number).checked_sub(1)?)?;
         // Of samples that were lost nobody knows what they showed. A motor that stands where it was sent has not searched for home.
-        let is_sure = !seen.homed && (!seen.lost || (now - target).abs() <= NEAR);
-        (is_sure && (now - start).abs() > NEAR).then_some(now - start)
+        let is_sure = !seen.homed && (!seen.lost || (now - target).abs() <= TARGET_WITHIN);
+        (is_sure && (now - start).abs() > TARGET_WITHIN).then_some(now - start)
     }
 }
 
@@ -187,7 +187,7 @@ pub(super) fn stands(motor: &Motor<'_>) -> bool {
 
 /// What has ended its motion for good.
 pub(super) fn fault(motor: &Motor<'_>) -> Option<&'static str> {
-    let mut faults = FAULTS.iter();
+    let mut faults = MOTOR_FAULTS.iter();
     let why = faults.find(|(flag, _)| motor.has(flag) == Some(true)).map(|(_, why)| *why);
     let off = (motor.has("motor_activated") == Some(false)).then_some("it is off: was the board reset?");
     off.or(why)
@@ -210,7 +210,7 @@ fn commanded(motor: &Motor<'_>) -> Option<f64> {
 }
 
 /// What has become of a motor that stands in position.
-fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Progress {
+fn judge(motor: &Motor<'_>, goal: Goal, look: &Observed<'_>, stood: Duration) -> Progress {
     let number = motor.servo.motor;
     let seen = look.seen.get(number - 1).copied().unwrap_or_default();
     if seen.homed && matches!(goal, Goal::At(_)) {
@@ -225,7 +225,7 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
     let missed = match goal {
         Goal::At(target) => match commanded(motor) {
             Some(commanded) => {
-                ((commanded - target).abs() > NEAR).then(|| format!("not at {}", fixed(target, 1)))
+                ((commanded - target).abs() > TARGET_WITHIN).then(|| format!("not at {}", fixed(target, 1)))
             }
             None if stood < TOLD => return Progress::GoesOn,
             None => {
@@ -250,7 +250,7 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Look<'_>, stood: Duration) -> Pro
         Goal::Stands => return Progress::GoesOn,
     };
     let Some(wanted) = missed else { return Progress::Done };
-    if !has_begun || stood < STANDS {
+    if !has_begun || stood < STOOD_FOR {
         return Progress::GoesOn;
     }
     let limits: Vec<&str> = [

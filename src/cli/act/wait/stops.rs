@@ -6,7 +6,7 @@ use crate::client::{Connection, Snapshot};
 use crate::protocol::board::SentStop;
 
 /// How often the daemon is asked.
-const LOOK: Duration = Duration::from_millis(100);
+const ASK_STOPS_EVERY: Duration = Duration::from_millis(100);
 
 /// The stops that come from other connections than the one that asks.
 pub struct Stops {
@@ -34,7 +34,7 @@ impl Stops {
     /// Asks the daemon.
     pub fn ask(&mut self, connection: &mut Connection) {
         let Some(last) = self.last else { return };
-        self.due = Instant::now() + LOOK;
+        self.due = Instant::now() + ASK_STOPS_EVERY;
         let told = connection.info().ok();
         // A daemon that does not answer is not asked again: it would take over a new connection, and our own request for
         // another's.

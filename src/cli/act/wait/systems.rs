@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::motors::{fault, position, stands};
 use super::stops::{ends_program, system_of};
-use super::{Awaited, BEGINS, Look, Progress, Watch};
+use super::{Awaited, BEGINS, Observed, Progress, Watch};
 use crate::cli::console::note;
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::motors::motors;
@@ -23,7 +23,7 @@ use crate::decode::CoordinateSystem;
 use crate::map::DEFAULT_FAMILY;
 
 /// Flags of the program status word that say why a program has ended, and what is said of it.
-const FAULTS: [(&str, &str); 5] = [
+const PROGRAM_FAULTS: [(&str, &str); 5] = [
     ("run_time_error", "a run-time error"),
     ("circle_radius_error", "a circle whose radius does not fit (Ix96)"),
     ("amplifier_fault", "an amplifier fault"),
@@ -124,7 +124,7 @@ pub fn wait_for_programs(
 }
 
 /// What has become of a program that does not run; `ran` if it was seen to.
-fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Look<'_>, ran: bool) -> Progress {
+fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Observed<'_>, ran: bool) -> Progress {
     let number = system.coordinate_system;
     let motors = motors(snapshot);
     let own = own_motors(&motors, number, snapshot);
@@ -160,7 +160,7 @@ fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Look<'_>, ran: b
 /// What has ended the last program, if its status tells.
 fn program_fault(system: &CoordinateSystem) -> Option<&'static str> {
     let flags = system.program_status?;
-    FAULTS.iter().find(|(flag, _)| flags.has(flag)).map(|(_, why)| *why)
+    PROGRAM_FAULTS.iter().find(|(flag, _)| flags.has(flag)).map(|(_, why)| *why)
 }
 
 /// The reported motors of coordinate system `number`.
@@ -185,7 +185,7 @@ fn unseen_motors(snapshot: &Snapshot, numbers: &[u8]) -> Vec<String> {
 }
 
 /// Whether one of the motors was seen to move.
-fn moved(own: &[&Motor<'_>], look: &Look<'_>) -> bool {
+fn moved(own: &[&Motor<'_>], look: &Observed<'_>) -> bool {
     own.iter().any(|motor| look.seen.get(motor.servo.motor - 1).is_some_and(|seen| seen.moved))
 }
 

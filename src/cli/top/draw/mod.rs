@@ -15,8 +15,8 @@ use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
 
-use super::asker::Answer;
-use super::state::{Page, State};
+use super::asker::DaemonAnswer;
+use super::state::{Page, ScreenState};
 use super::trace::Traces;
 use crate::cli::console::table::wrapped;
 use crate::cli::show::status;
@@ -27,16 +27,16 @@ use crate::protocol::board::REPLAY_OVER;
 pub use look::Look;
 
 /// A daemon that answers does so sooner.
-const SILENCE: Duration = Duration::from_secs(3);
+const DAEMON_SILENT_FOR: Duration = Duration::from_secs(3);
 
 /// Everything that is drawn.
 pub struct Picture<'a> {
     pub name: &'a str,
     /// What the segment has, or why it has nothing.
     pub snapshot: Result<&'a Snapshot, &'a str>,
-    pub answer: Option<&'a Answer>,
+    pub answer: Option<&'a DaemonAnswer>,
     pub traces: &'a Traces,
-    pub state: &'a State,
+    pub state: &'a ScreenState,
     pub look: Look,
     pub now: Instant,
 }
@@ -79,7 +79,7 @@ impl Picture<'_> {
     fn daemon_fault(&self) -> Option<String> {
         let answer = self.answer?;
         let silent = self.now.saturating_duration_since(answer.at);
-        if silent > SILENCE {
+        if silent > DAEMON_SILENT_FOR {
             return Some(format!("pmacd has not answered for {} s", silent.as_secs()));
         }
         let condition = answer.status["condition"].as_str().filter(|condition| *condition != "live")?;

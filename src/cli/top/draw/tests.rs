@@ -9,9 +9,9 @@ use serde_json::{Value, json};
 
 use super::{Look, Picture};
 use crate::cli::show::coordinates::Overrides;
-use crate::cli::top::asker::Answer;
+use crate::cli::top::asker::DaemonAnswer;
 use crate::cli::top::hand::Told;
-use crate::cli::top::state::{Page, State};
+use crate::cli::top::state::{Page, ScreenState};
 use crate::cli::top::trace::Traces;
 use crate::cli::top::watches::Watched;
 use crate::client::{Snapshot, Staleness, View, identity};
@@ -24,9 +24,9 @@ use crate::segment::{Identity, UserUnit};
 struct Board {
     now: Instant,
     snapshot: Result<Snapshot, String>,
-    answer: Option<Answer>,
+    answer: Option<DaemonAnswer>,
     traces: Traces,
-    state: State,
+    state: ScreenState,
 }
 
 fn view<T>(data: T) -> View<T> {
@@ -91,13 +91,17 @@ impl Board {
             servo.motors[0].following_error = Some(Quantity { raw: 0, value: Some(error), unit: "count" });
             traces.add(&[view(servo)], false, now - Duration::from_secs(ago));
         }
-        let mut state = State::new(Vec::new());
+        let mut state = ScreenState::new(Vec::new());
         state.saw((1..=motors).collect(), systems, true);
         let (servo, background) = (Some(view(servo)), Some(view(background)));
         let snapshot = Snapshot { identity, servo, background, stale: None };
         let watched = Watched { values: vec![("P1".to_owned(), "5".to_owned())], fault: None };
-        let answer =
-            Answer { at: now, status: status("live", Value::Null), overrides: Overrides::default(), watched };
+        let answer = DaemonAnswer {
+            at: now,
+            status: status("live", Value::Null),
+            overrides: Overrides::default(),
+            watched,
+        };
         Self { now, snapshot: Ok(snapshot), answer: Some(answer), traces, state }
     }
 
