@@ -1,12 +1,21 @@
-//! Tables of numbers in files (layer 1): named fields with units, and rows. [`csv`] and [`npy`] write them, [`read`] reads both.
+//! Tables of numbers in files (layer 1): named fields with units, and rows.
+//!
+//! | file | what is in it |
+//! |---|---|
+//! | `file_format` | which form a file has, by its name |
+//! | `csv` | a line of text |
+//! | `npy` | an element of a NumPy array |
+//! | `read` | reads both |
 
 pub mod csv;
+pub mod file_format;
 pub mod npy;
 pub mod read;
 
 use serde::Serialize;
 
 pub use csv::CsvWriter;
+pub use file_format::FileFormat;
 pub use npy::NpyWriter;
 pub use read::{ReadError, Table};
 

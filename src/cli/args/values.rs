@@ -1,5 +1,6 @@
 //! Argument types that several commands share: durations, rates, families, layouts.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -8,6 +9,7 @@ use clap::builder::RangedI64ValueParser;
 use crate::format::{Float48Layout, WordOrder};
 use crate::map::{Family, UnknownFamily};
 use crate::protocol::TIMEOUT_MAX_MS;
+use crate::table::FileFormat;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum Float48 {
@@ -68,6 +70,12 @@ pub fn line_timeout(text: &str) -> Result<Duration, String> {
         true => Ok(time),
         false => Err(format!("a command may take at most {most} s")),
     })
+}
+
+/// A file of a table.
+pub fn table_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    FileFormat::of(&path).map(|_| path)
 }
 
 /// A number of bytes: `1500`, `64k`, `100M`, `10G`, by powers of 1000.

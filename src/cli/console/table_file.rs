@@ -4,34 +4,9 @@ use std::io;
 use std::path::Path;
 
 use crate::cli::console::interrupt::Interrupt;
-use crate::cli::console::sink::{Rows, is_stdout, is_taken};
+use crate::cli::console::sink::{Rows, is_taken};
 use crate::cli::context::Failure;
-use crate::table::{CsvWriter, Field, NpyWriter};
-
-/// What a file's name says of its form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
-    Csv,
-    Npy,
-}
-
-impl Form {
-    /// The form of the file `path`; `-` is CSV on stdout.
-    ///
-    /// # Errors
-    /// [`Failure::Request`] for another ending than .csv or .npy.
-    pub fn of(path: &Path) -> Result<Self, Failure> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            _ if is_stdout(path) => Ok(Self::Csv),
-            Some("csv") => Ok(Self::Csv),
-            Some("npy") => Ok(Self::Npy),
-            _ => Err(Failure::Request(format!(
-                "{}: the name must end in .csv or .npy; - is CSV on stdout",
-                path.display()
-            ))),
-        }
-    }
-}
+use crate::table::{CsvWriter, Field, FileFormat, NpyWriter};
 
 /// Writes rows to a file.
 pub struct TableFile {
@@ -51,34 +26,31 @@ impl TableFile {
     ///
     /// # Errors
     /// [`Failure`]. A NumPy file must be a regular file.
-    pub fn open(path: &Path, form: Form, fields: &[Field], stop: &Interrupt) -> Result<Self, Failure> {
-        Self::over(Rows::open(path, form == Form::Csv, stop)?, form, fields)
+    pub fn open(path: &Path, fields: &[Field], stop: &Interrupt) -> Result<Self, Failure> {
+        let format = format_of(path)?;
+        Self::over(Rows::open(path, format == FileFormat::Csv, stop)?, format, fields)
     }
 
     /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn create_new(
-        path: &Path,
-        form: Form,
-        fields: &[Field],
-        stop: &Interrupt,
-    ) -> Result<Option<Self>, Failure> {
-        let made = Rows::create_new(path, form == Form::Csv, stop)?;
-        made.map(|rows| Self::over(rows, form, fields)).transpose()
+    pub fn create_new(path: &Path, fields: &[Field], stop: &Interrupt) -> Result<Option<Self>, Failure> {
+        let format = format_of(path)?;
+        let made = Rows::create_new(path, format == FileFormat::Csv, stop)?;
+        made.map(|rows| Self::over(rows, format, fields)).transpose()
     }
 
-    fn over(rows: Rows, form: Form, fields: &[Field]) -> Result<Self, Failure> {
-        if form == Form::Npy && !rows.is_regular() {
+    fn over(rows: Rows, format: FileFormat, fields: &[Field]) -> Result<Self, Failure> {
+        if format == FileFormat::Npy && !rows.is_regular() {
             let error = io::Error::other(
                 "not a regular file; .npy needs one, because its header gets the number of rows at the end; use .csv",
             );
             return Err(rows.failed(error));
         }
-        let writer = match form {
-            Form::Csv => Writer::Csv(CsvWriter::new(rows, fields)?),
-            Form::Npy => Writer::Npy(NpyWriter::new(rows, fields)?),
+        let writer = match format {
+            FileFormat::Csv => Writer::Csv(CsvWriter::new(rows, fields)?),
+            FileFormat::Npy => Writer::Npy(NpyWriter::new(rows, fields)?),
         };
         let mut file = Self { writer, rows: 0, failed: None };
         file.output().end_row()?;
@@ -168,4 +140,8 @@ impl TableFile {
         let text = format!("{error}; {kept} of {} samples are written, whole{not_noted}", self.rows);
         self.output().failed(io::Error::new(kind, text))
     }
+}
+
+fn format_of(path: &Path) -> Result<FileFormat, Failure> {
+    FileFormat::of(path).map_err(|why| Failure::Request(format!("{}: {why}", path.display())))
 }

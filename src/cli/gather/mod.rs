@@ -10,8 +10,7 @@ use serde_json::json;
 
 pub use self::prepared::Prepared;
 use crate::cli::act::lines::LineError;
-use crate::cli::args::values::seconds;
-use crate::cli::console::table_file::Form;
+use crate::cli::args::values::{seconds, table_path};
 use crate::cli::console::{Interrupt, Progress, TableFile, is_stdout, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
@@ -49,7 +48,7 @@ pub struct Gather {
     #[arg(long)]
     once: bool,
     /// The file, ending in .csv or .npy; - is CSV on stdout
-    #[arg(long, short, value_name = "FILE", required_unless_present = "stop")]
+    #[arg(long, short, value_name = "FILE", value_parser = table_path, required_unless_present = "stop")]
     output: Option<PathBuf>,
     /// Then draw the file, as pmacctl plot does: a name that ends in .svg
     #[arg(long, value_name = "FILE")]
@@ -96,7 +95,6 @@ fn stop(context: &mut Context, of: Option<u32>) -> Result<Verdict, Failure> {
 }
 
 fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verdict, Failure> {
-    let form = Form::of(output)?;
     let is_stdout = is_stdout(output);
     if options.plot.is_some() {
         check_drawable(output)?;
@@ -107,7 +105,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     let mut prepared = Prepared::new(context, named, options.period, mode, options.buffer)?;
     let stop = Interrupt::listen()?;
     let fields = fields(&prepared.plan.columns, prepared.clock);
-    let mut out = TableFile::open(output, form, &fields, &stop)?;
+    let mut out = TableFile::open(output, &fields, &stop)?;
     let samples_of = match prepared.begin() {
         Ok(samples) => samples,
         Err(failure) => {

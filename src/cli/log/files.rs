@@ -13,7 +13,6 @@ use nix::fcntl::OFlag;
 use super::row::GAP;
 use super::series::{HIGHEST_NUMBER, newest, place, series};
 use crate::cli::console::sink::is_in_use;
-use crate::cli::console::table_file::Form;
 use crate::cli::console::{Interrupt, TableFile, is_stdout, note};
 use crate::cli::context::Failure;
 use crate::client::Gap;
@@ -93,7 +92,6 @@ pub struct Pauses {
 /// The files of a log.
 pub struct Files {
     path: PathBuf,
-    form: Form,
     fields: Vec<Field>,
     rotation: Rotation,
     stop: Interrupt,
@@ -134,18 +132,16 @@ impl Files {
         rotation: Rotation,
         stop: &Interrupt,
     ) -> Result<Self, Failure> {
-        let form = Form::of(path)?;
         if is_stdout(path) && rotation.is_wanted() {
             return Err(Failure::Request("stdout is one file: it cannot rotate or keep less".to_owned()));
         }
         let (number, file) = if rotation.is_wanted() {
-            next(path, newest(path)? + 1, form, &fields, stop)?
+            next(path, newest(path)? + 1, &fields, stop)?
         } else {
-            (0, TableFile::open(path, form, &fields, stop)?)
+            (0, TableFile::open(path, &fields, stop)?)
         };
         Ok(Self {
             path: path.to_owned(),
-            form,
             rotation,
             stop: stop.clone(),
             file,
@@ -259,7 +255,7 @@ impl Files {
             return Ok(());
         }
         let newest = newest(&self.path).unwrap_or_default().max(self.number);
-        match next(&self.path, newest + 1, self.form, &self.fields, &self.stop) {
+        match next(&self.path, newest + 1, &self.fields, &self.stop) {
             Ok((number, file)) => {
                 self.file = file;
                 self.previous = Some(std::mem::replace(&mut self.number, number));
@@ -364,15 +360,9 @@ fn opened(path: &Path) -> io::Result<File> {
 }
 
 /// Makes the file `number` of the series `path`, or of those behind it the first that is not there yet. Returns its number.
-fn next(
-    path: &Path,
-    number: u64,
-    form: Form,
-    fields: &[Field],
-    stop: &Interrupt,
-) -> Result<(u64, TableFile), Failure> {
+fn next(path: &Path, number: u64, fields: &[Field], stop: &Interrupt) -> Result<(u64, TableFile), Failure> {
     for number in number..=HIGHEST_NUMBER {
-        if let Some(file) = TableFile::create_new(&place(path, number), form, fields, stop)? {
+        if let Some(file) = TableFile::create_new(&place(path, number), fields, stop)? {
             return Ok((number, file));
         }
     }

@@ -1,4 +1,11 @@
 //! `pmacctl log`: writes every servo update to a file, for as long as it is asked to.
+//!
+//! | file | what is in it |
+//! |---|---|
+//! | `row` | the columns of a line; [`crate::table::csv`] writes it as text |
+//! | `files`, `series` | one file or a series of them; a full disk |
+//! | `trigger` | when to begin, and the rows from before it |
+//! | `wait` | what the log waits for, and says meanwhile |
 
 mod files;
 mod row;
@@ -16,7 +23,7 @@ use self::files::{Files, Pauses, Rotation, RowMeaning, Tally};
 use self::row::{LogRows, TIME};
 use self::trigger::{Before, Condition};
 use self::wait::{LongWait, SAY_AFTER, Silence};
-use crate::cli::args::values::{bytes, number, seconds};
+use crate::cli::args::values::{bytes, number, seconds, table_path};
 use crate::cli::console::{Interrupt, is_stdout, note};
 use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::plot::{PicturePath, check_drawable, draw_file};
@@ -37,7 +44,7 @@ const ASKED: Duration = Duration::from_secs(10);
 #[derive(Debug, Args)]
 pub struct Log {
     /// The file, ending in .csv or .npy; - is CSV on stdout
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = table_path)]
     output: PathBuf,
     /// Only these motors: 1,2 [default: all that the board reports]
     #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]

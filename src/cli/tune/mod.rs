@@ -17,8 +17,7 @@ use self::recorder::{Record, Recorder};
 use self::response::{BAND, Response, Settles};
 use crate::cli::act::jog::{motor, send};
 use crate::cli::act::wait::{Goal, Watch, is_no_replay, motors_end};
-use crate::cli::args::values::seconds;
-use crate::cli::console::table_file::Form;
+use crate::cli::args::values::{seconds, table_path};
 use crate::cli::console::{Interrupt, TableFile, board_of, confirm};
 use crate::cli::context::{Context, Failure, Verdict, check_numbers};
 use crate::cli::plot::{Figure, Panel, PicturePath, Trace, draw};
@@ -87,7 +86,7 @@ struct Common {
     #[arg(long)]
     yes: bool,
     /// Write the recording to a file, ending in .csv or .npy
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = table_path)]
     output: Option<PathBuf>,
     /// Draw it: a name that ends in .svg
     #[arg(long, value_name = "FILE")]
@@ -143,7 +142,6 @@ pub fn run(context: &mut Context, options: &Tune) -> Result<Verdict, Failure> {
 
 fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> {
     let WantedMove { what, common, .. } = wanted;
-    let form = common.output.as_deref().map(Form::of).transpose()?;
     let number = motor(&common.motor, || Ok(context.board()?.identity()?))?;
     let not_sent = |failure: Failure| failure.at("not sent");
     // The board rounds the end of a jog to that.
@@ -228,8 +226,8 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     } else {
         print(context, &record, response.as_ref())?;
     }
-    if let (Some(path), Some(form)) = (&common.output, form) {
-        write(path, form, &record, &stop)?;
+    if let Some(path) = &common.output {
+        write(path, &record, &stop)?;
     }
     if let Some(picture) = &common.plot {
         let title = format!("motor {number}: {} of {} counts", wanted.kind(), short(size));
@@ -340,13 +338,13 @@ fn said(response: &Response) -> [String; 4] {
     ]
 }
 
-fn write(path: &std::path::Path, form: Form, record: &Record, stop: &Interrupt) -> Result<(), Failure> {
+fn write(path: &std::path::Path, record: &Record, stop: &Interrupt) -> Result<(), Failure> {
     let fields = [
         Field::new("time_s", "", FieldKind::Seconds),
         Field::new("commanded_position", "count", FieldKind::Real),
         Field::new("actual_position", "count", FieldKind::Real),
     ];
-    let mut file = TableFile::open(path, form, &fields, stop)?;
+    let mut file = TableFile::open(path, &fields, stop)?;
     let recording = &record.recording;
     for index in 0..recording.times.len() {
         file.row(&[recording.times[index], recording.commanded[index], recording.actual[index]])?;
