@@ -13,7 +13,7 @@
 //! * To read a board from a program of your own: [`client`].
 //! * To read one from C, Python or anything else: [`segment::layout`], which needs no code of ours.
 //! * To send commands from another language: [`protocol::BOARD_DESCRIPTION`], the socket's interface.
-//! * To look up a register: [`map::pmac`]; a number format: [`mod@format`]; a status bit: [`map::status`].
+//! * To look up a register: [`map::pmac`]; a number format: [`mod@format`]; a status bit: [`map::status`], and which people see: [`client::shown_flags`].
 //! * To see how a handshake goes: the host's half in [`function`], PMAC's half in [`sim`].
 //! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::bus::board_loop`].
 //!

@@ -30,6 +30,7 @@ pub mod rotary_feed;
 pub mod serial;
 #[cfg(feature = "serial")]
 pub mod serial_reply;
+pub mod shown_flags;
 pub mod view;
 
 pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Taken};

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::number::{NOT_READ, fixed};
+use super::shown_flags;
 use crate::decode::{BackgroundData, BackgroundMotor, Flags, Quantity, ServoData, ServoMotor};
 use crate::map::{Family, NumberKind, StatusTable, block_fields};
 use crate::segment::{Identity, UserUnit};
@@ -156,10 +157,7 @@ impl<'a> Motor<'a> {
 
     /// Words for set flags that are not ordinary, worst first.
     pub fn flags(&self) -> Vec<&'static str> {
-        let mut flags = servo_flags(self.servo);
-        let background = self.background_flags();
-        flags.extend(background.iter().flat_map(|status| SHORT_BACKGROUND.short(|name| status.has(name))));
-        flags
+        shown_flags::of_motor(self.servo.status, self.background_flags())
     }
 }
 
@@ -167,71 +165,4 @@ const FATAL_ERROR: &str = "fatal_following_error";
 
 fn in_unit(unit: UserUnit, quantity: Option<Quantity>) -> Option<f64> {
     Some(unit.of_counts(quantity?.value?))
-}
-
-/// Short words for flags, worst first.
-struct Short(&'static [(&'static str, &'static str)]);
-
-impl Short {
-    fn short(&self, is_set: impl Fn(&str) -> bool) -> Vec<&'static str> {
-        self.0.iter().filter(|(name, _)| is_set(name)).map(|(_, short)| *short).collect()
-    }
-}
-
-const SHORT_SERVO: Short = Short(&[
-    ("negative_limit_set", "-limit"),
-    ("positive_limit_set", "+limit"),
-    ("data_block_error", "data-error"),
-    ("abort_deceleration", "aborting"),
-    ("open_loop", "open-loop"),
-    ("home_search_in_progress", "homing"),
-    ("dwell_in_progress", "dwell"),
-    ("definite_time_move", "timed-move"),
-    ("handwheel_enabled", "following"),
-    ("following_enabled", "following"),
-]);
-
-const SHORT_BACKGROUND: Short = Short(&[
-    (FATAL_ERROR, "fatal-error"),
-    ("integrated_fatal_following_error", "integrated-fatal-error"),
-    ("amplifier_fault", "amplifier-fault"),
-    ("i2t_amplifier_fault", "i2t-fault"),
-    ("phasing_search_error", "phasing-error"),
-    ("phasing_reference_error", "phasing-error"),
-    ("stopped_on_position_limit", "limit-stop"),
-    ("stopped_on_desired_position_limit", "limit-stop"),
-    ("warning_following_error", "warning-error"),
-    ("home_complete", "homed"),
-    ("in_position", "in-position"),
-]);
-
-fn servo_flags(motor: &ServoMotor) -> Vec<&'static str> {
-    let Some(status) = motor.status else { return vec![NOT_READ] };
-    let mut flags = SHORT_SERVO.short(|name| status.has(name));
-    if !status.has("desired_velocity_zero") && !status.has("open_loop") {
-        flags.push("moving");
-    }
-    flags
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::map::FAMILIES;
-
-    #[test]
-    fn every_short_word_stands_for_a_flag_there_is() {
-        for (shorts, word) in [(SHORT_SERVO, 0), (SHORT_BACKGROUND, 1)] {
-            for (name, _) in shorts.0 {
-                let mut flags = FAMILIES.iter().flat_map(|family| family.status.motor[word].flags);
-                assert!(flags.any(|(_, flag)| flag == name), "{name}");
-            }
-        }
-        for (family, name) in FAMILIES
-            .iter()
-            .flat_map(|family| ["desired_velocity_zero", "open_loop"].map(|name| (family, name)))
-        {
-            assert!(family.status.motor[0].flags.iter().any(|(_, flag)| *flag == name), "{name}");
-        }
-    }
 }

@@ -8,7 +8,7 @@ use crate::cli::context::Context;
 use crate::cli::show::motors::stamp;
 use crate::cli::show::screen::{Live, state, update};
 use crate::client::number::{NOT_READ, fixed, short};
-use crate::client::{Snapshot, Staleness};
+use crate::client::{Snapshot, Staleness, shown_flags};
 use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
 use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
@@ -151,22 +151,6 @@ pub fn systems(data: &BackgroundData, overrides: &Overrides) -> Table {
     table
 }
 
-/// The flags to show from the status words: errors first, then the state.
-const SHORT: [(&str, &str); 12] = [
-    ("run_time_error", "run-time-error"),
-    ("circle_radius_error", "radius-error"),
-    ("radius_error", "radius-error"),
-    ("resume_error", "resume-error"),
-    ("desired_position_limit_stop", "limit-stop"),
-    ("amplifier_fault", "amplifier-fault"),
-    ("fatal_following_error", "fatal-error"),
-    ("warning_following_error", "warning-error"),
-    ("running_program", "running"),
-    ("program_hold_stop", "hold"),
-    ("single_step_mode", "single-step"),
-    ("in_position", "in-position"),
-];
-
 fn count(number: Option<impl ToString>) -> String {
     number.map_or_else(|| NOT_READ.to_owned(), |number| number.to_string())
 }
@@ -194,10 +178,9 @@ fn flags(system: &CoordinateSystem) -> Vec<&'static str> {
     if words == [None; 3] {
         return vec![NOT_READ];
     }
-    let set = |name: &str| words.iter().flatten().any(|word| word.has(name));
-    let hold = system.turbo.and_then(|turbo| turbo.feed_hold) == Some(true);
-    let flags = SHORT.iter().filter(|(name, _)| set(name)).map(|(_, short)| *short);
-    flags.chain(hold.then_some("hold")).collect()
+    let mut flags = shown_flags::of_system(&words);
+    flags.extend((system.turbo.and_then(|turbo| turbo.feed_hold) == Some(true)).then_some("hold"));
+    flags
 }
 
 /// The axes with targets other than 0. Most machines use few of the nine.
@@ -208,18 +191,4 @@ fn targets(system: &CoordinateSystem) -> String {
     let axes = AXES.iter().zip(system.axis_targets.0);
     let axes = axes.filter_map(|(axis, target)| Some((axis, target.filter(|target| *target != 0.0)?)));
     axes.map(|(axis, target)| format!("{axis}{}", short(target))).collect::<Vec<_>>().join(" ")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::map::FAMILIES;
-
-    #[test]
-    fn every_short_word_stands_for_a_flag_there_is() {
-        for (name, _) in SHORT {
-            let tables = FAMILIES.iter().flat_map(|family| family.status.coordinate_system);
-            assert!(tables.flat_map(|table| table.flags).any(|(_, flag)| *flag == name), "{name}");
-        }
-    }
 }
