@@ -25,7 +25,6 @@
 pub mod control;
 mod error;
 pub mod hold;
-mod line_cut;
 mod response_buffer;
 pub mod stop;
 
@@ -33,7 +32,6 @@ use std::time::{Duration, Instant};
 
 use control::Lying;
 use hold::Hold;
-use line_cut::cut;
 
 use crate::device::{Bus, BusError};
 use crate::format::{Text, TextOrder};
@@ -147,11 +145,8 @@ impl DpramPort {
     fn load(&mut self, bus: &mut dyn Bus, from: usize) -> Result<(), BusError> {
         let rest = &self.line[from..self.length];
         let first_of_two = rest.len() > self.first_part();
-        let part = match first_of_two {
-            true => &rest[..cut(rest, self.first_part(), self.words.line_limit)],
-            false => rest,
-        };
-        // Behind the part NUL ends the line; in a first part there must be anything else, and blanks are harmless.
+        let part = &rest[..rest.len().min(self.first_part())];
+        // NUL ends the line. The byte behind a first part must be another one.
         let (end, fill) = if first_of_two { (self.first_part(), b' ') } else { (part.len(), 0) };
         let byte = |index: usize| part.get(index).copied().unwrap_or(if index <= end { fill } else { 0 });
         for word in 0..=end / 2 {
@@ -253,7 +248,7 @@ impl DpramPort {
     /// the NUL that ends it. That is one byte, so the board finds the line or none, and the flag goes on telling when the board is
     /// done, with the line if it was at that already. A part that has no end loses its flag.
     fn end_line(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
-        if self.has_parts() {
+        if self.length > self.first_part() {
             self.withdraw_line(bus)?;
             self.abandon(true, now);
             return Ok(());
@@ -316,10 +311,6 @@ impl LinePort for DpramPort {
 
     fn is_unheard(&self) -> bool {
         self.unheard
-    }
-
-    fn has_parts(&self) -> bool {
-        self.length > self.first_part()
     }
 
     fn begin(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError> {

@@ -79,11 +79,6 @@ pub trait LinePort {
         false
     }
 
-    /// Whether the line under way, or the last one, went in two parts of which the board might answer the first.
-    fn has_parts(&self) -> bool {
-        false
-    }
-
     /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later. The line must
     /// have passed [`crate::protocol::check_line`]; the port does not send a longer one than the board takes.
     ///

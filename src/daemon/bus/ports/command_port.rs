@@ -145,14 +145,6 @@ impl CommandPorts {
         self.doubt = Some(Doubt::WhatComes);
     }
 
-    /// A line has ended. Of one in two parts the board might have answered the first (DPRAM manual p. 28 has it answer the line): what
-    /// is still to come then must not be the next one's.
-    pub fn line_over(&mut self) {
-        if self.current().has_parts() {
-            self.doubt();
-        }
-    }
-
     /// See [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
     pub fn doubt_its_end(&mut self) {
         self.doubt = self.doubt.or(Some(Doubt::ItsEnd));

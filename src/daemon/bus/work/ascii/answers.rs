@@ -88,7 +88,6 @@ impl AsciiQueue {
         match under_way.command {
             InFlight::Line(line) => {
                 self.line_over(&line);
-                self.ports.line_over();
                 let outcome = if is_unanswered {
                     Outcome::Interrupted(Text::of(&Barred::Open(None).too_late()))
                 } else {
