@@ -32,6 +32,8 @@ mod motion_tests;
 pub mod process;
 pub mod program;
 #[cfg(test)]
+mod real_program_tests;
+#[cfg(test)]
 mod register_tests;
 #[cfg(test)]
 mod reset_tests;

@@ -4,7 +4,7 @@
 //! Motors, coordinate systems, I-variable numbers and everything in the DPRAM come from [`crate::map::Family`]. Another
 //! family is another table here (Turbo's stands in [`super::turbo`]), not a branch in the interpreter.
 
-use crate::map::{self, Family};
+use crate::map::{self, Family, PmacAddress, Space};
 use crate::sim::board::i_rows::{self, Row};
 use crate::sim::board::number::Resolution;
 use crate::sim::board::register_table::{self, RegisterTable};
@@ -71,6 +71,8 @@ pub struct FirmwareTables {
     pub numbers: NumberRule,
     /// Address of P0; each P-variable is an `L:` register (User Manual p. 150).
     pub p_address: u32,
+    /// Where the definition of M0 lies: a Y word, or a long register whose Y word is the address.
+    pub m_address: PmacAddress,
     /// Addresses of Q0, one a coordinate system. The sets overlap: all share `variables` registers from the first
     /// on, cyclically (User Manual p. 151).
     pub q_addresses: &'static [u32],
@@ -123,6 +125,7 @@ const fn pmac(
         variables: 1024,
         numbers: NumberRule::Refused,
         p_address: 0x1000,
+        m_address: PmacAddress::new(Space::Y, 0xBC00),
         q_addresses: &[0x1400, 0x1600, 0x1500, 0x1700, 0x1480, 0x1680, 0x1580, 0x1780],
         i_rows,
         settings: Settings {
@@ -134,6 +137,7 @@ const fn pmac(
             step_mode: Setting::Board(53),
             minimum_arc: Setting::Board(90),
             backlash_hysteresis: Setting::Board(99),
+            timers: &[],
             line_from_dpram: Some(47),
             dpram_base: None,
         },

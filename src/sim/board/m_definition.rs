@@ -67,7 +67,72 @@ pub enum MDefinition {
     },
 }
 
+/// The fields that a definition can name, in the order of their codes: each bit alone, and wider ones from each fourth bit on
+/// (Software Reference p. 262).
+const FIELDS: [(u8, u8, Format); 108] = {
+    let mut fields = [(0, 1, Format::Unsigned); 108];
+    let (mut index, mut width) = (0, 1);
+    while width <= 24 {
+        let (step, formats) = if width == 1 { (1, 1) } else { (4, FORMATS.len()) };
+        let mut offset = 0;
+        while offset + width <= 24 {
+            let mut format = 0;
+            while format < formats {
+                fields[index] = (offset, width, FORMATS[format]);
+                (index, format) = (index + 1, format + 1);
+            }
+            offset += step;
+        }
+        width = if width == 1 { 4 } else { width + 4 };
+    }
+    fields
+};
+const FORMATS: [Format; 4] = [Format::Unsigned, Format::Signed, Format::Decimal, Format::ComplementDecimal];
+
+/// The codes below are of variables that point nowhere: four bits of the code belong to the value.
+const FIRST_CODE: u32 = 16;
+const WHOLE: [fn(u32) -> MDefinition; 4] =
+    [MDefinition::Fixed, MDefinition::Long, MDefinition::Single, MDefinition::Dual];
+const THUMBWHEEL_CODE: u32 = FIRST_CODE + WHOLE.len() as u32;
+const FIELD_CODE: u32 = THUMBWHEEL_CODE + 1;
+
 impl MDefinition {
+    /// The 8 bits beside the address in which the board keeps the rest of the definition, and the address. `None` for a field that
+    /// no code names. Documents tell that there are such bits (User Manual p. 154), not which: these are the simulator's own.
+    #[must_use]
+    pub fn to_code(&self) -> Option<(u32, u32)> {
+        let whole = |index: u32| FIRST_CODE + index;
+        Some(match *self {
+            Self::None => (0, 0),
+            Self::Fixed(address) => (whole(0), address),
+            Self::Long(address) => (whole(1), address),
+            Self::Single(address) => (whole(2), address),
+            Self::Dual(address) => (whole(3), address),
+            Self::Thumbwheel { .. } => (THUMBWHEEL_CODE, 0),
+            Self::Field { half, address, offset, width, format } => {
+                let format = if width == 1 { Format::Unsigned } else { format };
+                let index = FIELDS.iter().position(|&field| field == (offset, width, format))?;
+                let first = if half == Half::X { 0 } else { FIELDS.len() };
+                (FIELD_CODE + (first + index) as u32, address)
+            }
+        })
+    }
+
+    /// The definition with that code. One of an input behind the multiplexer is more than its code: it is `None`, too.
+    #[must_use]
+    pub fn from_code(code: u32, address: u32) -> Self {
+        let index = |first| code.checked_sub(first).map(|index| index as usize);
+        if let Some(whole) = index(FIRST_CODE).and_then(|index| WHOLE.get(index)) {
+            return whole(address);
+        }
+        let Some(index) = index(FIELD_CODE).filter(|&index| index < 2 * FIELDS.len()) else {
+            return Self::None;
+        };
+        let (offset, width, format) = FIELDS[index % FIELDS.len()];
+        let half = if index < FIELDS.len() { Half::X } else { Half::Y };
+        Self::Field { half, address, offset, width, format }
+    }
+
     /// The value it points to; `None` when it points nowhere.
     #[must_use]
     pub fn read(&self, memory: &Memory) -> Option<f64> {

@@ -8,9 +8,9 @@
 //! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
 //! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | what differs between families |
 //! | [`i_rows`], `turbo_rows`, [`identity`], [`calendar`] | factory values; how the board answers when asked; date and time |
-//! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
+//! | [`variables`], [`m_definition`], `m_registers`, [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
-//! | [`coordinate`], [`axes`], `axis_position` | time base; axis definitions; positions of axes |
+//! | [`coordinate`], `timers`, [`axes`], `axis_position` | time base; countdown timers; axis definitions; positions of axes |
 //! | [`jog`], `coordinate_commands`, `registers` | what commands do; registers and status words |
 //! | [`gather`], [`output`], [`bus_setup`] | data gathering; what waits at the ports; set-up that SAVE keeps |
 
@@ -31,6 +31,7 @@ pub mod i_rows;
 pub mod identity;
 pub mod jog;
 pub mod m_definition;
+mod m_registers;
 pub mod macro_stations;
 pub mod memory;
 pub mod motor;
@@ -43,6 +44,7 @@ pub mod register_table;
 mod registers;
 pub mod settings;
 pub mod status_bits;
+mod timers;
 pub mod turbo;
 mod turbo_rows;
 pub mod variables;
@@ -285,6 +287,7 @@ impl Board {
         let counter = self.memory.registers().servo_counter;
         let count = self.memory.read(counter).wrapping_add(1);
         self.memory.write(counter, count);
+        self.count_down();
         for (index, coordinate) in self.coordinates.iter_mut().enumerate() {
             coordinate.cycle(index, &self.variables, &mut self.memory);
         }

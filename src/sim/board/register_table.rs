@@ -41,6 +41,8 @@ impl Each {
 pub struct RegisterTable {
     /// The servo counter.
     pub servo_counter: PmacAddress,
+    /// The countdown timers; none where I-variables of the coordinate systems are the timers.
+    pub timers: &'static [PmacAddress],
     /// First word of `???`.
     pub global_status: PmacAddress,
     /// Second word of `???`.
@@ -123,6 +125,7 @@ pub const fn pmac(family: &Family) -> RegisterTable {
     let (motor, system) = (family.motor_source_stride, family.system_source_stride);
     RegisterTable {
         servo_counter: x(0x0000),
+        timers: const { &[x(0x0700), y(0x0700), x(0x0701), y(0x0701)] },
         global_status: x(0x0003),
         global_buffers: y(0x0003),
         machine_inputs: y(0xFFC2),

@@ -30,6 +30,8 @@ pub struct Settings {
     pub minimum_arc: Setting,
     /// 1/16 counts before backlash turns round.
     pub backlash_hysteresis: Setting,
+    /// The countdown timers of each coordinate system, as numbers n of Isx`n`.
+    pub timers: &'static [usize],
     /// Where in the DPRAM ^W takes a line; `None` where there is no such command.
     pub line_from_dpram: Option<usize>,
     /// The address of the DPRAM that the functions use; `None` where there is only one.

@@ -35,6 +35,7 @@ const fn system(space: Space, number: u32) -> Each {
 
 const fn registers(family: &'static Family) -> RegisterTable {
     RegisterTable {
+        timers: &[],
         global_status: PmacAddress::new(Space::X, 0x0006),
         global_buffers: PmacAddress::new(Space::Y, 0x0006),
         machine_inputs: PmacAddress::new(Space::Y, 0x7_8402),
@@ -90,6 +91,7 @@ const fn turbo(
         variables: 8192,
         numbers: NumberRule::Wrapped,
         p_address: P,
+        m_address: PmacAddress::new(Space::L, 0x4000),
         q_addresses: &Q_SETS,
         i_rows,
         settings: Settings {
@@ -101,6 +103,7 @@ const fn turbo(
             step_mode: Setting::System(53),
             minimum_arc: Setting::System(97),
             backlash_hysteresis: Setting::Motor(87),
+            timers: &[11, 12],
             line_from_dpram: None,
             dpram_base: Some(24),
         },

@@ -5,7 +5,7 @@
 //! (pp. 37-39, 67).
 
 use super::i_rows::{
-    BYTE, FLOAT, Factory, Kind, MODE, NIBBLE, POSITIVE, Row, SWITCH, WORD, coordinate, global, motor,
+    BYTE, FLOAT, Factory, Kind, MODE, NIBBLE, POSITIVE, Row, SIGNED, SWITCH, WORD, coordinate, global, motor,
     servo_time,
 };
 use crate::map;
@@ -95,6 +95,7 @@ pub const MOTOR: &[Row] = &[
 
 /// Each coordinate system's, on top of PMAC's.
 pub const COORDINATE: &[Row] = &[
+    coordinate(11, "countdown timers", SIGNED, 0.0).to(12),
     coordinate(13, "segmentation time", BYTE, 0.0),
     coordinate(52, "program hold slew rate", POSITIVE, 37137.0),
     coordinate(53, "step mode", SWITCH, 0.0),

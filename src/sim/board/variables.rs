@@ -2,7 +2,9 @@
 //!
 //! I-variables are a table of their own. P- and Q-variables are 48-bit floats in memory (P0 at `L:$1000`), so that
 //! memory commands, M-variables and the DPRAM's variable copying see them. M-variables are definitions that point
-//! into memory. (A board also keeps the M definitions in memory; here they are not visible there.)
+//! into memory, and lie there themselves ([`super::m_registers`]).
+
+use std::collections::BTreeMap;
 
 use crate::map::{IVariables, PmacAddress, Space};
 use crate::sim::board::firmware::{DpramHandshake, FirmwareTables};
@@ -63,7 +65,8 @@ pub struct Variables {
     tables: &'static FirmwareTables,
     rules: Vec<Rule>,
     i: Vec<f64>,
-    m: Vec<(MDefinition, f64)>,
+    /// The definitions that are more than a word of memory holds, by the number of the M-variable.
+    pub(super) thumbwheels: BTreeMap<usize, MDefinition>,
     /// The password for programs from 1000 on.
     pub password: Password,
 }
@@ -101,8 +104,7 @@ impl Variables {
             }
         }
         let i = rules.iter().map(|rule| rule.default).collect();
-        let m = vec![(MDefinition::None, 0.0); tables.variables];
-        Self { tables, rules, i, m, password: Password::default() }
+        Self { tables, rules, i, thumbwheels: BTreeMap::new(), password: Password::default() }
     }
 
     /// The tables these are of.
@@ -131,11 +133,13 @@ impl Variables {
         }
     }
 
-    /// The addresses of all P- and Q-variables.
+    /// The addresses of all P- and Q-variables, and of the definitions of M-variables.
     fn register_addresses(&self) -> impl Iterator<Item = u32> + use<> {
         let span = self.tables.variables;
         let q = self.tables.q_addresses.first().copied().unwrap_or(0);
-        (self.tables.p_address..).take(span).chain((q..).take(span))
+        [self.tables.p_address, q, self.tables.m_address.number]
+            .into_iter()
+            .flat_map(move |first| (first..).take(span))
     }
 
     /// I-variable `number`; 0 where there is none.
@@ -224,34 +228,6 @@ impl Variables {
         let own = self.tables.q_addresses.get(cs).copied().unwrap_or(0);
         let index = (own.saturating_sub(first) as usize + number) % self.tables.variables;
         PmacAddress::new(Space::L, first + index as u32)
-    }
-
-    /// The definition of M-variable `number`.
-    #[must_use]
-    pub fn m_definition(&self, number: usize) -> &MDefinition {
-        self.m.get(number).map_or(&MDefinition::None, |(definition, _)| definition)
-    }
-
-    /// Points M-variable `number` elsewhere.
-    pub fn define_m(&mut self, number: usize, definition: MDefinition) {
-        if let Some(slot) = self.m.get_mut(number) {
-            slot.0 = definition;
-        }
-    }
-
-    /// M-variable `number`: what its definition points to, or its own word when it has none.
-    #[must_use]
-    pub fn m(&self, memory: &Memory, number: usize) -> f64 {
-        self.m.get(number).map_or(0.0, |(definition, own)| definition.read(memory).unwrap_or(*own))
-    }
-
-    /// Sets M-variable `number`. An integer register takes the rounded value modulo its width.
-    pub fn set_m(&mut self, memory: &mut Memory, number: usize, value: f64) {
-        if let Some((definition, own)) = self.m.get_mut(number)
-            && !definition.write(memory, quantised(value))
-        {
-            *own = quantised(value);
-        }
     }
 }
 

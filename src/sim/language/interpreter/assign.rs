@@ -1,5 +1,6 @@
 //! Commands on variables: reports, assignments, M-variable definitions, each for one number or for several.
 
+use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::firmware::NumberRule;
 use crate::sim::board::number::decimal;
@@ -108,10 +109,13 @@ impl Line<'_, '_> {
         let definition = definition(&mut self.scanner, self.board.family())?;
         for number in numbers.iter() {
             if let Some(definition) = &definition {
-                self.board.variables.define_m(number, definition.clone());
+                let Board { variables, memory, .. } = &mut *self.board;
+                if !variables.define_m(memory, number, definition) {
+                    return Err(CommandError::SYNTAX);
+                }
                 continue;
             }
-            let text = self.board.variables.m_definition(number).text();
+            let text = self.board.variables.m_definition(&self.board.memory, number).text();
             let long = self.board.variables.long_listing();
             self.lines.push(if long { format!("M{number}->{text}") } else { text });
         }
