@@ -126,7 +126,7 @@ fn use_everything(site: &Site) {
     let moves: String = (0..200).map(|line| format!("X{line} Y{}\n", line * 7 % 50)).collect();
     std::fs::write(&program, moves).unwrap();
     let at_once: [&[&str]; 4] = [
-        &["variable", "watch", "--count", "5", "X:$0000", "Y:$0700", "1.actual_position"],
+        &["variable", "watch", "--count", "5", "X:$0000", "Y:$0770", "1.actual_position"],
         &["gather", "--source", "1.actual_position", "--period", "1", "--seconds", "0.5", "-o", &samples],
         &["panel", "jog+", "3", "--hold", "--seconds", "0.5"],
         &["watch", "--count", "3"],
@@ -155,7 +155,7 @@ fn use_everything(site: &Site) {
     let then: [(&[&str], i32); 15] = [
         (&["panel", "feed", "1", "50%"], 0),
         (&["panel", "feed", "1", "off"], 0),
-        (&["variable", "set", "Y:$0700,8,4=5", "D:$0728=1000000"], 0),
+        (&["variable", "set", "Y:$0770,8,4=5", "D:$0778=1000000"], 0),
         (&["write", "Y:$DA00", "5"], 0),
         (&["write", "Y:$DA00,8,4", "3"], 0),
         (&["read", "X:$D009", "Y:$DA00"], 0),

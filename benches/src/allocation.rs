@@ -77,7 +77,7 @@ fn use_everything(rig: &Rig, seconds: u64) {
     sender.join();
     // A rotary buffer cannot be defined above a gather buffer, nor one above itself.
     let then: [&[&str]; 8] = [
-        &["variable", "set", "Y:$0700=5"],
+        &["variable", "set", "Y:$0770=5"],
         &["write", "Y:$DA00", "5"],
         &["read", "Y:$DA00"],
         &["panel", "feed", "1", "off"],

@@ -64,7 +64,7 @@ const CALLS: [(&str, bool); 26] = [
     (r#""Write","parameters":{"host_offset":12288,"words":[1,2]}"#, false),
     (r#""WatchVariables","parameters":{"registers":["X:$0028","Y:$0003"]},"more":true"#, true),
     (r#""WatchVariables","parameters":{"registers":["D:$002B"]},"more":true"#, true),
-    (r#""WriteVariables","parameters":{"records":[{"register":"Y:$0700","value":1}]}"#, false),
+    (r#""WriteVariables","parameters":{"records":[{"register":"Y:$0770","value":1}]}"#, false),
     (r#""GatherStop""#, false),
     (r#""RotarySend","parameters":{"buffer":1,"lines":[{"words":[3619,5242880]}]}"#, false),
     (r#""RotaryState","parameters":{"buffer":1}"#, false),

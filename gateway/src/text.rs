@@ -185,7 +185,7 @@ fn short_writes(line: &str, tokens: &[Token]) -> Option<String> {
     Some(commands.collect::<Vec<_>>().join(" "))
 }
 
-/// `WL:$700,1,2,3` as `WL:$700,1,2` and `WL:$702,3`, none of them too long: each value has an address of its own.
+/// `WL:$770,1,2,3` as `WL:$770,1,2` and `WL:$772,3`, none of them too long: each value has an address of its own.
 fn rows(text: &str) -> Option<Vec<String>> {
     let text: String = text.split_whitespace().collect();
     let (head, values) = text.split_once(',')?;
@@ -578,6 +578,6 @@ mod tests {
             ];
             assert_eq!(texts, whole);
         }
-        assert_eq!(short_writes("WX$700,1", &tokens_of("WX$700,1")), None);
+        assert_eq!(short_writes("WX$770,1", &tokens_of("WX$770,1")), None);
     }
 }

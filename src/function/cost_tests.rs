@@ -188,7 +188,7 @@ fn variable_write() {
         [(PLACE, 1, 1), (PLACE, 7, 1), (PLACE, 32, 1), (PLACE, 33, 2), (PLACE, 100, 4), (small, 7, 2)]
     {
         let (mut rig, mut writer, now) = (Rig::new(), VariableWriter::new(&PMAC, place), Instant::now());
-        let records = vec![WriteRecord::word("X:$700".parse().unwrap(), 24, 0, 1).unwrap(); r];
+        let records = vec![WriteRecord::word("X:$770".parse().unwrap(), 24, 0, 1).unwrap(); r];
         let (begun, mut sum) = rig.cost(|bus| writer.begin(bus, records).unwrap());
         assert!(begun.is_ok());
         let mut cycles = 0;

@@ -54,13 +54,13 @@ fn register(text: &str) -> PmacRegister {
 }
 
 fn word(value: i64) -> WriteRecord {
-    WriteRecord::word(register("X:$700"), 24, 0, value).unwrap()
+    WriteRecord::word(register("X:$770"), 24, 0, value).unwrap()
 }
 
 #[test]
 fn records_are_packed_as_the_manuals_table_says() {
-    let record = WriteRecord::word(register("Y:$0700"), 8, 4, 5).unwrap();
-    assert_eq!(record.words(), [0x0700, 0x0440, 5, 0, 0, 0]);
+    let record = WriteRecord::word(register("Y:$0770"), 8, 4, 5).unwrap();
+    assert_eq!(record.words(), [0x0770, 0x0440, 5, 0, 0, 0]);
     let record = WriteRecord::word(register("X:$C003"), 24, 0, -1).unwrap();
     assert_eq!(record.words(), [0xC003, 0x0002, 0xFFFF, 0x00FF, 0, 0]);
     let record = WriteRecord::word(register("X:$C003"), 1, 23, 1).unwrap();

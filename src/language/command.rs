@@ -26,7 +26,7 @@ pub enum Does {
     Asks,
     /// It asks where M-variables point: `M1->`.
     AsksPlace,
-    /// It points M-variables elsewhere: `M1->X:$700,8`.
+    /// It points M-variables elsewhere: `M1->X:$770,8`.
     Defines,
     /// It sets them.
     Sets {

@@ -322,7 +322,7 @@ fn station(reader: &mut Reader<'_>) -> Kind {
     }
 }
 
-/// Behind an R: whether `X$700`, `HY:$700` or the like follows. Goes behind it then. Anything else is R, which runs a program, and
+/// Behind an R: whether `X$770`, `HY:$770` or the like follows. Goes behind it then. Anything else is R, which runs a program, and
 /// another command: `RF100`, `RP1`.
 fn reads_memory(reader: &mut Reader<'_>) -> bool {
     let start = reader.at;

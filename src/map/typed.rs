@@ -202,7 +202,7 @@ mod tests {
         );
         assert_eq!(refused("Y:$D0G1"), "\"D0G1\" in address \"Y:$D0G1\" is not a hexadecimal number");
         assert!(refused("Y:D001").starts_with("\"D001\" in address \"Y:D001\" is not a decimal number; "));
-        // `Y:$D001` and `Y:$0700` as a shell hands them over.
+        // `Y:$D001` and `Y:$0770` as a shell hands them over.
         for taken in ["Y:", "Y:bash700", "Y:D001"] {
             assert!(
                 refused(taken).ends_with("quote the address, as 'Y:$D001'"),

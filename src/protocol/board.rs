@@ -535,7 +535,7 @@ pub struct WatchReply {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VariableRecord {
-    /// `Y:$0700`, `X:$0701`, `D:$0728` or `L:$1005`.
+    /// `Y:$0770`, `X:$0771`, `D:$0778` or `L:$1005`.
     pub register: String,
     /// Of a Y or X word, the lowest bit to write; 0 when not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -78,8 +78,8 @@ run send '#3J=0'
 until_reply 0 '#3P'
 
 say 'background variables'
-run variable set Y:\$0700,8,4=5 X:\$0701=-2 D:\$0728=1000000
-run variable watch --count 1 Y:\$0700,u X:\$0701 D:\$0728 1.actual_position | sed 's/^servo=[0-9]*/servo=N/'
+run variable set Y:\$0770,8,4=5 X:\$0771=-2 D:\$0778=1000000
+run variable watch --count 1 Y:\$0770,u X:\$0771 D:\$0778 1.actual_position | sed 's/^servo=[0-9]*/servo=N/'
 run variable list
 
 say 'gather'

@@ -134,7 +134,7 @@ fn firmware_that_writes_no_variables_is_not_asked_to() {
     for (firmware, writes) in [("1.15F", false), ("1.15G", true)] {
         let site = VirtualSite::running(&["--firmware", firmware], &[]);
         site.wait_for_identity();
-        let (status, _, told) = site.pmacctl(&["variable", "set", "Y:$0700=5"]);
+        let (status, _, told) = site.pmacctl(&["variable", "set", "Y:$0770=5"]);
         assert_eq!(status == 0, writes, "{firmware}: {told}");
         assert_eq!(told.contains("from 1.15G on"), !writes, "{told}");
         site.assert_no_violations();

@@ -199,7 +199,7 @@ fn a_period_that_the_board_cannot_hold_is_refused_before_anything_is_sent() {
     let site = running();
     let start = |period: u32| {
         let parameters = serde_json::json!({
-            "registers": ["Y:$0700"], "buffer": 0x900, "size_word": 0x8FC, "index_word": 0x8FE, "size_longs": 200,
+            "registers": ["Y:$0770"], "buffer": 0x900, "size_word": 0x8FC, "index_word": 0x8FE, "size_longs": 200,
             "period": period,
         });
         let mut client = Raw::at(&site.socket());

@@ -296,6 +296,6 @@ fn background_variables_of_a_turbo_board_are_read() {
     // No text says where address bits 18-16 stand in an entry, nor where the parts of a record to write.
     let (code, _, stderr) = site.running(&["variable", "watch", "X:$78000", "--count", "1"]);
     assert!(code == 1 && stderr.contains("send `RX$078000` instead"), "{code} {stderr}");
-    let (code, _, stderr) = site.running(&["variable", "set", "Y:$700=1"]);
+    let (code, _, stderr) = site.running(&["variable", "set", "Y:$770=1"]);
     assert!(code == 1 && stderr.contains("send a line instead (`WX$ADDRESS,VALUE`"), "{code} {stderr}");
 }

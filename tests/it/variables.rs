@@ -44,19 +44,19 @@ fn a_watch_says_what_is_wrong_with_a_name() {
 fn clients_share_entries_and_free_them() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    for line in ["WY$700,$123456", "WX$701,$FFFFFE", "WY$0728,1", "WX$0728,0"] {
+    for line in ["WY$770,$123456", "WX$771,$FFFFFE", "WY$0778,1", "WX$0778,0"] {
         site.ask(line);
     }
     let (mut one, mut two) = (board(&site), board(&site));
-    let first = watch(&one, &["Y:$0700", "X:$0701", "X:$0000"]);
-    let second = watch(&two, &["X:$0701", "D:$0728"]);
-    site.wait_until("a table of both", || listed(&site) == ["D:$0728", "X:$0000", "X:$0701", "Y:$0700"]);
+    let first = watch(&one, &["Y:$0770", "X:$0771", "X:$0000"]);
+    let second = watch(&two, &["X:$0771", "D:$0778"]);
+    site.wait_until("a table of both", || listed(&site) == ["D:$0778", "X:$0000", "X:$0771", "Y:$0770"]);
     site.wait_until("values", || {
         let Some(view) = two.variables().unwrap().filter(|view| view.is_fresh()) else { return false };
         let value = |text: &str| view.data.value_of(register(text)).map(|entry| entry.value().to_vec());
-        value("Y:$0700") == Some(vec![0x12_3456])
-            && value("X:$0701") == Some(vec![0xFFFF_FFFE])
-            && value("D:$0728") == Some(vec![1, 0])
+        value("Y:$0770") == Some(vec![0x12_3456])
+            && value("X:$0771") == Some(vec![0xFFFF_FFFE])
+            && value("D:$0778") == Some(vec![1, 0])
     });
     // The servo counter is read in the pass whose end the sample's servo time tells.
     let view = one.variables().unwrap().unwrap();
@@ -65,7 +65,7 @@ fn clients_share_entries_and_free_them() {
     assert!(behind < 2000, "{behind} servo cycles between the value and its time");
 
     drop(first);
-    site.wait_until("the first one's entries to be free", || listed(&site) == ["D:$0728", "X:$0701"]);
+    site.wait_until("the first one's entries to be free", || listed(&site) == ["D:$0778", "X:$0771"]);
     drop(second);
     site.wait_until("all entries to be free", || listed(&site).is_empty());
     assert_eq!(site.run(&["variable", "list"]).stdout, "no register is watched\n");
@@ -81,7 +81,7 @@ fn the_servo_time_of_values_goes_on_when_the_table_changes() {
         let mut found = None;
         site.wait_until("values of the table", || {
             let view = reader.variables().unwrap().filter(|view| view.is_fresh());
-            let view = view.filter(|view| view.data.value_of(register("Y:$0700")).is_some() == with_both);
+            let view = view.filter(|view| view.data.value_of(register("Y:$0770")).is_some() == with_both);
             found = view.map(|view| (view.servo_timer, view.time_ns));
             found.is_some()
         });
@@ -89,7 +89,7 @@ fn the_servo_time_of_values_goes_on_when_the_table_changes() {
     };
     let _first = watch(&one, &["X:$0000"]);
     let before = times(false);
-    let second = watch(&one, &["Y:$0700"]);
+    let second = watch(&one, &["Y:$0770"]);
     let with_two = times(true);
     drop(second);
     let after = times(false);
@@ -104,44 +104,44 @@ fn the_servo_time_of_values_goes_on_when_the_table_changes() {
 fn a_watch_prints_what_the_registers_hold() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.ask("WY$700,$FFFFFB");
-    site.ask("WX$701,$800000");
-    let watch = ["variable", "watch", "Y:$0700", "X:$0701,u", "--count", "2", "--rate", "100"];
+    site.ask("WY$770,$FFFFFB");
+    site.ask("WX$771,$800000");
+    let watch = ["variable", "watch", "Y:$0770", "X:$0771,u", "--count", "2", "--rate", "100"];
     let ran = site.run(&watch);
     assert_eq!((ran.code, ran.stdout.lines().count()), (Some(0), 2), "{ran:?}");
     for line in ran.stdout.lines() {
-        assert!(line.starts_with("servo=") && line.ends_with(" Y:$0700=-5 X:$0701,u=8388608"), "{line}");
+        assert!(line.starts_with("servo=") && line.ends_with(" Y:$0770=-5 X:$0771,u=8388608"), "{line}");
     }
-    let ran = site.run(&["variable", "watch", "X:$0701", "--count", "1", "--json"]);
+    let ran = site.run(&["variable", "watch", "X:$0771", "--count", "1", "--json"]);
     assert_eq!(ran.json()["values"][0]["value"], -0x80_0000);
     assert!(ran.json()["servo_timer"].as_u64().unwrap() > 0);
 
     for (arguments, said) in [
-        (&["variable", "watch", "Q:$0700"][..], "Q:$0700"),
+        (&["variable", "watch", "Q:$0770"][..], "Q:$0770"),
         (&["variable", "set", "Y:$0000=1"], "watchdog"),
-        (&["variable", "set", "Y:$0700,20,8=1"], "leave the word"),
-        (&["variable", "set", "Y:$0700,8,5=1"], "1, 4, 8, 12, 16, 20 or 24"),
-        (&["variable", "set", "Y:$0700,8,4=16"], "does not fit in 4 bits"),
-        (&["variable", "set", "Y:$0700=1.5"], "a whole number"),
-        (&["variable", "set", "Y:$0700=0", "Y:$0700=16777216"], "does not fit in 24 bits"),
-        (&["variable", "set", "L:$0728,0,24=1"], "as a whole"),
+        (&["variable", "set", "Y:$0770,20,8=1"], "leave the word"),
+        (&["variable", "set", "Y:$0770,8,5=1"], "1, 4, 8, 12, 16, 20 or 24"),
+        (&["variable", "set", "Y:$0770,8,4=16"], "does not fit in 4 bits"),
+        (&["variable", "set", "Y:$0770=1.5"], "a whole number"),
+        (&["variable", "set", "Y:$0770=0", "Y:$0770=16777216"], "does not fit in 24 bits"),
+        (&["variable", "set", "L:$0778,0,24=1"], "as a whole"),
     ] {
         let ran = site.run(arguments);
         assert!(ran.code == Some(2) && ran.stdout.is_empty(), "{arguments:?}: {ran:?}");
         assert!(ran.stderr.contains(said) && ran.stderr.lines().count() == 1, "{arguments:?}: {ran:?}");
     }
-    assert_eq!(site.ask("RHY$700"), ["FFFFFB"], "a refused call writes nothing");
+    assert_eq!(site.ask("RHY$770"), ["FFFFFB"], "a refused call writes nothing");
 
     // 128 are all there are.
     let board = board(&site);
-    let many: Vec<VariableName> = (0x700..0x780).map(|n| register(&format!("X:${n:X}"))).collect();
+    let many: Vec<VariableName> = (0x770..0x7F0).map(|n| register(&format!("X:${n:X}"))).collect();
     let held = board.watch_variables(&many).unwrap();
-    let ran = site.run(&["variable", "watch", "Y:$0700", "--count", "1"]);
+    let ran = site.run(&["variable", "watch", "Y:$0770", "--count", "1"]);
     assert!(ran.code != Some(0) && ran.stderr.contains("128 are in use, 1 more"), "{ran:?}");
     drop(held);
 
     site.ask("I55=0");
-    for arguments in [&["variable", "watch", "Y:$0700"][..], &["variable", "set", "Y:$0700=1"]] {
+    for arguments in [&["variable", "watch", "Y:$0770"][..], &["variable", "set", "Y:$0770=1"]] {
         let ran = site.run(arguments);
         assert!(ran.code != Some(0) && ran.stderr.contains("send I55=1 first"), "{ran:?}");
     }
@@ -152,17 +152,17 @@ fn a_watch_prints_what_the_registers_hold() {
 fn a_set_writes_the_bits_asked_for_and_many_in_their_order() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_live_servo();
-    site.ask("WY$700,$ABCDEF");
+    site.ask("WY$770,$ABCDEF");
     let done = |arguments: &[&str]| {
         let ran = site.run(&[&["variable", "set"], arguments].concat());
         assert_eq!((ran.code, ran.stderr.as_str()), (Some(0), ""), "{arguments:?}");
     };
-    done(&["Y:$0700,8,4=5"]);
-    assert_eq!(site.ask("RHY$700"), ["ABC5EF"]);
-    done(&["Y:$0700,0=0", "X:$0700=-2", "D:$0728=-3"]);
-    assert_eq!(site.ask("RHY$700"), ["ABC5EE"]);
-    assert_eq!(site.ask("RHX$700"), ["FFFFFE"]);
-    assert_eq!((site.ask("RHX$728"), site.ask("RHY$728")), (vec!["FFFFFF".into()], vec!["FFFFFD".into()]));
+    done(&["Y:$0770,8,4=5"]);
+    assert_eq!(site.ask("RHY$770"), ["ABC5EF"]);
+    done(&["Y:$0770,0=0", "X:$0770=-2", "D:$0778=-3"]);
+    assert_eq!(site.ask("RHY$770"), ["ABC5EE"]);
+    assert_eq!(site.ask("RHX$770"), ["FFFFFE"]);
+    assert_eq!((site.ask("RHX$778"), site.ask("RHY$778")), (vec!["FFFFFF".into()], vec!["FFFFFD".into()]));
     done(&["L:$0729=2.5"]);
     let ran = site.run(&["variable", "watch", "L:$0729", "--count", "1", "--json"]);
     assert_eq!(ran.json()["values"][0]["value"], 2.5);
@@ -226,7 +226,7 @@ fn function_blocks_need_firmware_that_has_them() {
 fn registers_and_variables_are_watched_side_by_side() {
     let site = VirtualSite::running(&[], &[]);
     site.wait_for_axes();
-    for line in ["WY$700,$123456", "P1=2.5", "M102->Y:$0700,0,8", "I122=40"] {
+    for line in ["WY$770,$123456", "P1=2.5", "M102->Y:$0770,0,8", "I122=40"] {
         site.ask(line);
     }
     let watch = |arguments: &[&str]| {
@@ -234,9 +234,9 @@ fn registers_and_variables_are_watched_side_by_side() {
         assert_eq!(ran.code, Some(0), "{ran:?}");
         ran
     };
-    let line = watch(&["P1", "Y:$0700", "m102", "I122"]).stdout;
+    let line = watch(&["P1", "Y:$0770", "m102", "I122"]).stdout;
     let (servo, values) = line.split_once(' ').unwrap();
-    assert!(servo.starts_with("servo=") && values == "P1=2.5 Y:$0700=1193046 M102=86 I122=40\n", "{line}");
+    assert!(servo.starts_with("servo=") && values == "P1=2.5 Y:$0770=1193046 M102=86 I122=40\n", "{line}");
     assert_eq!(watch(&["P1"]).stdout, "P1=2.5\n");
     let document = watch(&["P1", "I122", "--json"]).json();
     assert_eq!((&document["values"][0]["value"], &document["values"][1]["value"]), (&2.5.into(), &40.into()));

@@ -62,7 +62,7 @@ fn registers() -> Names {
     let about = "Registers of the board: 24 bits signed, 24 bits unsigned, 48 bits, 48-bit float; or by name, with the number of any \
                  motor or coordinate system:";
     let names = Source::names(&Layout::new(&PMAC, None));
-    let addresses = ["Y:$0003", "X:$0028", "Y:$0700,u", "D:$002B", "L:$1005"].map(str::to_owned);
+    let addresses = ["Y:$0003", "X:$0028", "Y:$0770,u", "D:$002B", "L:$1005"].map(str::to_owned);
     let names = names.split(", ").map(str::to_owned);
     list("REGISTER SPELLINGS", about, addresses.into_iter().chain(names))
 }
@@ -266,13 +266,13 @@ pub fn examples(page: &str) -> &'static [Example] {
         "pmacctl-variable" => &[
             (
                 "Two registers and a position, ten times a second:",
-                &["pmacctl variable watch 'X:$0000' 'Y:$0700,u' 1.actual_position --rate 10"],
+                &["pmacctl variable watch 'X:$0000' 'Y:$0770,u' 1.actual_position --rate 10"],
             ),
             (
                 "Variables beside them, which are asked for by command line:",
                 &["pmacctl variable watch 1.actual_position P1 M102 I122"],
             ),
-            ("Write one, and four bits of another:", &["pmacctl variable set 'X:$0701=-2' 'Y:$0700,8,4=5'"]),
+            ("Write one, and four bits of another:", &["pmacctl variable set 'X:$0771=-2' 'Y:$0770,8,4=5'"]),
         ],
         "pmacctl-gather" => &[
             (

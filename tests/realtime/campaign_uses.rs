@@ -32,7 +32,7 @@ const PMAC: Registers = Registers { watched: "Y:$0740", beside: "D:$0028" };
 /// Reference p. 284-290).
 const TURBO: Registers = Registers { watched: "Y:$1240", beside: "D:$00008B" };
 /// Where [`Use::SetVariable`] writes, on PMAC.
-const FIRST_SET: u64 = 0x700;
+const FIRST_SET: u64 = 0x750;
 /// How many it writes: more than one table of the board's holds.
 const SET: u64 = 40;
 

@@ -31,7 +31,7 @@ const LINES_A_SECOND: u64 = 10;
 const STANDING_MOTORS: [u32; 6] = [3, 4, 5, 6, 7, 8];
 /// What two clients watch, one register in both.
 const WATCHED: [&[&str]; 2] =
-    [&["X:$0000", "D:$0028", "Y:$0700", "L:$0720"], &["X:$0000", "X:$0701", "D:$002B"]];
+    [&["X:$0000", "D:$0028", "Y:$0770", "L:$0720"], &["X:$0000", "X:$0771", "D:$002B"]];
 /// What a process may grow by after it has settled.
 const GROWTH_KIB: u64 = 1024;
 

@@ -279,7 +279,7 @@ fn what_only_looks_runs_no_program() {
     for line in ["&1RP1", "&1RF100", "&1RH1", "&1RHP1", "&1RDP1", "&1RD0", "R", "&1R P1"] {
         assert_eq!(client.line(line), "\x07ERR002\r", "{line}");
     }
-    for line in ["RX$700", "RHY$700", "RL:$10", "RY$28,2", "RL$10"] {
+    for line in ["RX$770", "RHY$770", "RL:$10", "RY$28,2", "RL$10"] {
         assert!(client.line(line).ends_with("\r\x06"), "{line}");
     }
 }

@@ -37,7 +37,7 @@ enum VariableCommand {
 
 #[derive(Debug, ClapArgs)]
 struct Set {
-    /// Y:$0700=5, Y:$0700,8,4=5 (4 bits from bit 8, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5, PLCC:X:7=5 (a
+    /// Y:$0770=5, Y:$0770,8,4=5 (4 bits from bit 8, as in M-variable definitions), D:$0728=-1000, L:$1005=2.5, PLCC:X:7=5 (a
     /// word of function block 7)
     #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
     values: Vec<String>,
@@ -135,15 +135,15 @@ fn set(context: &mut Context, options: &Set) -> Result<Verdict, Failure> {
     Ok(Verdict::Yes)
 }
 
-/// Parses an assignment such as `Y:$0700,8,4=5`.
+/// Parses an assignment such as `Y:$0770,8,4=5`.
 fn record(text: &str) -> Result<VariableRecord, String> {
     let (target, value) =
-        text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0700,8,4=5"))?;
+        text.split_once('=').ok_or_else(|| format!("{text:?}: no value; write Y:$0770,8,4=5"))?;
     let mut parts = target.split(',');
     let register = parts.next().unwrap_or_default();
     let name: VariableName = register.parse().map_err(|error| match error {
         BadVariable::Register(_) => {
-            format!("{register:?} is not a register; write Y:$0700, X:$0701, D:$0728 or L:$1005")
+            format!("{register:?} is not a register; write Y:$0770, X:$0771, D:$0728 or L:$1005")
         }
         block @ BadVariable::Block { .. } => block.to_string(),
     })?;
@@ -151,14 +151,14 @@ fn record(text: &str) -> Result<VariableRecord, String> {
         let parse = |part: &str| {
             part.trim()
                 .parse()
-                .map_err(|_| format!("{text:?}: {part:?} is not a valid {what}; write Y:$0700,8,4=5"))
+                .map_err(|_| format!("{text:?}: {part:?} is not a valid {what}; write Y:$0770,8,4=5"))
         };
         parts.next().map(parse).transpose()
     };
     let offset = bits("offset")?;
     let width = bits("width")?;
     if let Some(rest) = parts.next() {
-        return Err(format!("{text:?}: {rest:?} is not expected here; write Y:$0700,8,4=5"));
+        return Err(format!("{text:?}: {rest:?} is not expected here; write Y:$0770,8,4=5"));
     }
     // An offset without a width names one bit, as in M-variable definitions.
     let width = width.or(offset.map(|_| 1));
@@ -188,26 +188,26 @@ mod tests {
     fn records_as_m_variables_are_defined() {
         let read = |text: &str| record(text).map(|r| (r.register, r.offset, r.width, r.value));
         let made = |register: &str, offset, width, value| Ok((register.to_owned(), offset, width, value));
-        assert_eq!(read("Y:$0700,8,4=5"), made("Y:$0700", Some(8), Some(4), 5.0));
-        assert_eq!(read("y:$700,8=1"), made("Y:$0700", Some(8), Some(1), 1.0));
-        assert_eq!(read("X:$701=$ff"), made("X:$0701", None, None, 255.0));
-        assert_eq!(read("X:$701=-$1"), made("X:$0701", None, None, -1.0));
+        assert_eq!(read("Y:$0770,8,4=5"), made("Y:$0770", Some(8), Some(4), 5.0));
+        assert_eq!(read("y:$770,8=1"), made("Y:$0770", Some(8), Some(1), 1.0));
+        assert_eq!(read("X:$771=$ff"), made("X:$0771", None, None, 255.0));
+        assert_eq!(read("X:$771=-$1"), made("X:$0771", None, None, -1.0));
         assert_eq!(read("D:$0728=-1000"), made("D:$0728", None, None, -1000.0));
         assert_eq!(read("L:$1005=2.5e3"), made("L:$1005", None, None, 2500.0));
         for text in [
             "",
-            "Y:$0700",
-            "Y:$0700=",
-            "Y:$0700=x",
-            "Y:$0700=inf",
-            "Y:$0700=nan",
-            "Q:$0700=1",
-            "DP:$0700=1",
-            "Y:$0700,8,4,2=1",
-            "Y:$0700,-1=1",
-            "Y:$0700,8,x=1",
+            "Y:$0770",
+            "Y:$0770=",
+            "Y:$0770=x",
+            "Y:$0770=inf",
+            "Y:$0770=nan",
+            "Q:$0770=1",
+            "DP:$0770=1",
+            "Y:$0770,8,4,2=1",
+            "Y:$0770,-1=1",
+            "Y:$0770,8,x=1",
             "Y:$80000=1",
-            "Y:$0700=--1",
+            "Y:$0770=--1",
         ] {
             assert!(read(text).is_err(), "{text}");
         }

@@ -167,19 +167,19 @@ mod tests {
     fn fields_read_and_write_their_bits_only() {
         let mut board = testing::board();
         let memory = &mut board.memory;
-        memory.write_y(0x700, 0xABCDEF);
+        memory.write_y(0x770, 0xABCDEF);
         for (text, value, read, word) in [
-            ("Y:$700,8,8", 257.0, 1.0, 0xAB01EF),
-            ("Y:$700,8,8,S", -1.0, -1.0, 0xABFFEF),
-            ("Y:$700,0,4", 16.4, 0.0, 0xABFFE0),
-            ("Y:$700,0,12,D", 1234.0, 234.0, 0xABF234),
-            ("Y:$700,0,12,C", 234.0, 234.0, 0xABFDCB),
-            ("Y:$700,24,S", -16384.0, -16384.0, 0xFFC000),
-            ("Y:$700,23", 0.0, 0.0, 0x7FC000),
+            ("Y:$770,8,8", 257.0, 1.0, 0xAB01EF),
+            ("Y:$770,8,8,S", -1.0, -1.0, 0xABFFEF),
+            ("Y:$770,0,4", 16.4, 0.0, 0xABFFE0),
+            ("Y:$770,0,12,D", 1234.0, 234.0, 0xABF234),
+            ("Y:$770,0,12,C", 234.0, 234.0, 0xABFDCB),
+            ("Y:$770,24,S", -16384.0, -16384.0, 0xFFC000),
+            ("Y:$770,23", 0.0, 0.0, 0x7FC000),
         ] {
             let definition = parse(text).unwrap().unwrap();
             assert!(definition.write(memory, value));
-            assert_eq!((definition.read(memory), memory.read_y(0x700)), (Some(read), word), "{text}={value}");
+            assert_eq!((definition.read(memory), memory.read_y(0x770)), (Some(read), word), "{text}={value}");
         }
     }
 

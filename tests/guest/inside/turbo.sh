@@ -15,9 +15,9 @@ look() {
 	answer '#32J=2000' >/run/jogged
 	wait_for 20 sh -c '[ "$(pmacctl --socket /run/pmac0.sock send "#32P")" = 2000 ]' && ok "$1: motor 32 moves" || fail "$1: motor 32 is at $(answer '#32P')"
 	expect "$1: coordinate systems" 16 "$(ctl coordinates --json | grep -o '"coordinate_system":' | wc -l)"
-	answer 'M5->Y:$0700,0,16' >/run/defined
+	answer 'M5->Y:$10F0,0,16' >/run/defined
 	answer 'M5=4711' >/run/written
-	expect_in "$1: a register in the background" 4711 "$(ctl variable watch --count 1 'Y:$0700' 2>&1)"
+	expect_in "$1: a register in the background" 4711 "$(ctl variable watch --count 1 'Y:$10F0' 2>&1)"
 	# The last word of the user area, far above the 16 KiB of a small board; PMAC sees it as well.
 	answer 'M6->Y:$061E1F,0,16' >/run/defined
 	ctl write 'Y:$061E1F' 22136 >/run/written 2>&1 || fail "$1: $(cat /run/written)"
