@@ -18,6 +18,8 @@
 //! | [`process`] | options, sockets, real time |
 
 pub mod board;
+#[cfg(test)]
+mod command_tests;
 pub mod control;
 #[cfg(test)]
 mod driver_tests;

@@ -400,7 +400,7 @@ fn programs_name_the_port_that_they_speak_to() {
         "SENDA\"AUXILIARY\"",
         "CMD\"P1=7 P1\"",
         "CMDS\"P1\"",
-        "CMDR\"P1 UUU\"",
+        "CMDR\"P1 #99\"",
         "CMDS\"UUU\"",
         "CMD\"UUU\"",
         "DISABLE PLC 1",

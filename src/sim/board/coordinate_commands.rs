@@ -31,6 +31,13 @@ impl Board {
         (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
     }
 
+    /// An active motor that is killed closes its loop where it is.
+    pub fn enable_motor(&mut self, motor: usize) {
+        if self.active(motor) && self.motors[motor].servo == Loop::Killed {
+            let _ = self.reset_motor(motor);
+        }
+    }
+
     /// An active motor stops at Ix15; an open loop closes.
     pub fn abort_motor(&mut self, motor: usize) {
         if self.active(motor) {

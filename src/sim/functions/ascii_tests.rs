@@ -27,7 +27,7 @@ fn a_line_is_answered_line_by_line_and_acknowledged() {
 fn an_error_is_a_bcd_word() {
     let mut bench = Bench::started();
     assert_eq!(bench.send("UUU"), [(0x8003, String::new())]);
-    assert_eq!(bench.send("I19 UUU"), [line("1"), (0x8003, String::new())]);
+    assert_eq!(bench.send("I19 #99"), [line("1"), (0x8003, String::new())]);
     bench.world.board.output.respond_error(CommandError(17));
     assert_eq!(bench.response(), (0x8017, String::new()));
 }

@@ -7,10 +7,12 @@
 //! to, and both words of the global status, each 24-bit word as three bytes, high byte first. (No available page prints
 //! their form, or the packing for ^W.)
 
+use crate::map::Generation;
 use crate::sim::board::Board;
 use crate::sim::board::number::tenths;
 use crate::sim::language::reply::{LONGEST_LINE, Reply, status_text};
 use crate::sim::program::Programs;
+use crate::sim::program::item::PlcSwitch;
 use crate::sim::program::store::Open;
 
 /// The code of ^`letter` (upper case).
@@ -22,6 +24,7 @@ const A: u8 = control(b'A');
 const B: u8 = control(b'B');
 const C: u8 = control(b'C');
 const D: u8 = control(b'D');
+const E: u8 = control(b'E');
 const F: u8 = control(b'F');
 const K: u8 = control(b'K');
 const L: u8 = control(b'L');
@@ -56,8 +59,10 @@ pub fn dpram_line(board: &Board) -> Option<Vec<u8>> {
 
 /// The report of ^E and ^G, for ports that transmit any byte.
 pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
-    const E: u8 = control(b'E');
     const G: u8 = control(b'G');
+    if board.family().generation == Generation::Turbo && character == E {
+        return None;
+    }
     let words: Vec<u32> = match character {
         E => board.gather_sources().into_iter().flatten().collect(),
         G => board.global_status().to_vec(),
@@ -81,7 +86,11 @@ pub fn execute(board: &mut Board, programs: &mut Programs, group: usize, charact
             let systems = members(group % family.coordinate_systems.div_ceil(size));
             reply = report(systems.map(|cs| status_text(&board.coordinate_report(cs))).collect());
         }
-        D => programs.enable_plcs(u32::MAX, false),
+        D => programs.switch_plcs(u32::MAX, PlcSwitch::Disable),
+        // Of newer firmware; in the old one ^E reports ([`binary_report`]).
+        E if family.generation == Generation::Turbo => {
+            (0..board.motors.len()).for_each(|motor| board.enable_motor(motor));
+        }
         F => reply = report(motors.map(|motor| tenths(board.following_error(motor))).collect()),
         K => programs.kill_all(board),
         L => programs.store.close(),

@@ -10,7 +10,7 @@
 //! | file | idea |
 //! |---|---|
 //! | [`scanner`], [`words`] | blanks, numbers, keywords |
-//! | [`expression`], [`axis`], [`m_definition`], [`station`] | arithmetic, axis definitions, definitions of M-variables, variables of MACRO stations |
+//! | [`expression`], [`axis`], [`m_definition`], [`station`], [`lock`] | arithmetic, axis definitions, definitions of M-variables, variables of MACRO stations, locking bits |
 //! | [`interpreter`], [`ports`] | one line, command by command; what each port addresses |
 //! | [`reply`], [`serial`] | the reply, and its raw bytes on the serial port |
 //! | [`control`] | control characters |
@@ -19,6 +19,7 @@ pub mod axis;
 pub mod control;
 pub mod expression;
 pub mod interpreter;
+pub mod lock;
 pub mod m_definition;
 pub mod ports;
 pub mod reply;

@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn a_line_from_the_dpram_and_binary_reports() {
         let mut rig = Rig::new();
-        for (index, pair) in b"I3 UUU\r\0".chunks(2).enumerate() {
+        for (index, pair) in b"I3 #99\r\0".chunks(2).enumerate() {
             let word = u16::from_le_bytes([pair[0], pair[1]]);
             rig.board.memory.dpram.write16(HostOffset::new(0x0C00).plus_words(index), word);
         }

@@ -3,6 +3,7 @@
 //! A board accepts the words of its generation's [`tables`]; other words of PMAC's manuals are [`Word::Foreign`].
 
 use crate::map::Generation;
+use crate::sim::program::item::PlcSwitch;
 
 /// A command that works on buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,8 +26,8 @@ pub enum BufferCommand {
     Executed,
     /// `PR`.
     RotaryRemaining,
-    /// `ENABLE PLC`, or `DISABLE PLC` with `false`.
-    Plc(bool),
+    /// `ENABLE PLC` and the like.
+    Plc(PlcSwitch),
     /// `PMATCH`.
     Match,
 }
@@ -128,8 +129,38 @@ pub enum Word {
     StationTransfer(bool),
     /// `SETPHASE`.
     SetPhase,
+    /// `E`: enable the killed motors of the coordinate system.
+    EnableMotors,
+    /// `LOCK`, or `UNLOCK` with `false`.
+    Lock(bool),
+    /// `MOVETIME`.
+    MoveTime,
+    /// `MX`: a variable of a station that speaks protocol type 0.
+    Auxiliary,
+    /// `MXR`, `MXW`.
+    AuxiliaryTransfer,
     /// A word of another family: ERR003 here.
     Foreign,
+}
+
+impl Word {
+    /// Whether words or numbers of its own may follow it.
+    #[must_use]
+    pub const fn has_operands(self) -> bool {
+        !matches!(
+            self,
+            Self::Status(_)
+                | Self::ResetMotor
+                | Self::AbsolutePosition
+                | Self::Home
+                | Self::HomeZero
+                | Self::Version
+                | Self::Type
+                | Self::Date
+                | Self::EnableMotors
+                | Self::MoveTime
+        )
+    }
 }
 
 use BufferCommand as B;
@@ -167,6 +198,22 @@ const TURBO: &[(&str, Word)] = &[
     ("MACROSLVREAD", W::StationTransfer(false)),
     ("MACROSLVWRITE", W::StationTransfer(true)),
     ("SETPHASE", W::SetPhase),
+    ("PAUSE", W::Buffer(B::Plc(PlcSwitch::Pause))),
+    ("PAU", W::Buffer(B::Plc(PlcSwitch::Pause))),
+    ("RESUME", W::Buffer(B::Plc(PlcSwitch::Resume))),
+    ("RES", W::Buffer(B::Plc(PlcSwitch::Resume))),
+    ("E", W::EnableMotors),
+    ("LOCK", W::Lock(true)),
+    ("UNLOCK", W::Lock(false)),
+    ("MOVETIME", W::MoveTime),
+    ("MX", W::Auxiliary),
+    ("MACROAUX", W::Auxiliary),
+    ("MXR", W::AuxiliaryTransfer),
+    ("MACROAUXREAD", W::AuxiliaryTransfer),
+    ("MXW", W::AuxiliaryTransfer),
+    ("MACROAUXWRITE", W::AuxiliaryTransfer),
+    // The version of a part that this board has not: no page seen tells what a board without it answers.
+    ("EAVERSION", W::Foreign),
 ];
 
 /// Keywords of every board.
@@ -227,10 +274,12 @@ pub const COMMON: &[(&str, Word)] = &[
     ("PC", W::Buffer(B::Calculated)),
     ("PE", W::Buffer(B::Executed)),
     ("PR", W::Buffer(B::RotaryRemaining)),
-    ("ENABLE", W::Buffer(B::Plc(true))),
-    ("ENA", W::Buffer(B::Plc(true))),
-    ("DISABLE", W::Buffer(B::Plc(false))),
-    ("DIS", W::Buffer(B::Plc(false))),
+    ("ENABLE", W::Buffer(B::Plc(PlcSwitch::Enable))),
+    ("ENA", W::Buffer(B::Plc(PlcSwitch::Enable))),
+    ("DISABLE", W::Buffer(B::Plc(PlcSwitch::Disable))),
+    ("DIS", W::Buffer(B::Plc(PlcSwitch::Disable))),
+    ("PAUSE", W::Foreign),
+    ("RESUME", W::Foreign),
     ("PMATCH", W::Buffer(B::Match)),
     ("LINEAR", W::Program),
     ("LIN", W::Program),

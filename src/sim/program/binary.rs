@@ -8,7 +8,7 @@ use crate::map::readings::RotaryCode2;
 use crate::rotary::codes::{self, CODES, Code, Shape};
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::variables::VariableKind;
-use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, Time, Transform};
+use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, PlcSwitch, Time, Transform};
 
 /// Two words that are no command, or a mark without an axis before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -165,7 +165,8 @@ fn item(code: &Code, word: u32, data: u32, home_motors: u16) -> Option<Item> {
         },
         Shape::Plcs { .. } => match data << 8 | word >> 16 & 0xFF {
             0 => return None,
-            plcs => Item::Plc { enable: code.name == "ENABLE", plcs },
+            plcs if code.name == "ENABLE" => Item::Plc(PlcSwitch::Enable, plcs),
+            plcs => Item::Plc(PlcSwitch::Disable, plcs),
         },
         Shape::Mark { .. } => return None,
     })

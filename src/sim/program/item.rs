@@ -9,6 +9,7 @@ use crate::sim::board::axes::AxisMode;
 use crate::sim::board::macro_stations::Transfer;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::evaluate;
+use crate::sim::language::lock::Lock;
 use crate::sim::language::scanner::Scanner;
 
 /// The axis letters in the order of their registers.
@@ -124,6 +125,38 @@ pub enum Operator {
     And,
 }
 
+/// What a command does with PLC programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PlcSwitch {
+    /// `ENABLE`: the program begins at its top.
+    Enable,
+    /// `DISABLE`.
+    Disable,
+    /// `PAUSE` (Turbo): the program stops where it is.
+    Pause,
+    /// `RESUME` (Turbo): a paused program goes on where it stopped.
+    Resume,
+}
+
+impl PlcSwitch {
+    /// Its word, long and short.
+    #[must_use]
+    pub const fn words(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Enable => ("ENABLE", "ENA"),
+            Self::Disable => ("DISABLE", "DIS"),
+            Self::Pause => ("PAUSE", "PAU"),
+            Self::Resume => ("RESUME", "RES"),
+        }
+    }
+
+    /// Whether PMAC has it, too.
+    #[must_use]
+    pub const fn is_of_every_board(self) -> bool {
+        matches!(self, Self::Enable | Self::Disable)
+    }
+}
+
 /// How a line with a condition of its own joins the condition above it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Joint {
@@ -190,20 +223,10 @@ pub enum Item {
         /// The motors.
         motors: u32,
     },
-    /// `ENABLE PLC`, `DISABLE PLC`; bit n for PLC n.
-    Plc {
-        /// `ENABLE`.
-        enable: bool,
-        /// The programs.
-        plcs: u32,
-    },
-    /// `ENABLE PLCC`, `DISABLE PLCC`; bit n for compiled PLC n.
-    Compiled {
-        /// `ENABLE`.
-        enable: bool,
-        /// The programs.
-        plcs: u32,
-    },
+    /// `ENABLE PLC` and the like; bit n for PLC n.
+    Plc(PlcSwitch, u32),
+    /// `ENABLE PLCC` and the like; bit n for compiled PLC n.
+    Compiled(PlcSwitch, u32),
     /// `STOP`.
     Stop,
     /// `BLOCKSTART`.
@@ -252,6 +275,8 @@ pub enum Item {
     Address(Option<usize>, Option<usize>),
     /// `MSR` or `MSW`.
     Station(Transfer),
+    /// `LOCK` or `UNLOCK`.
+    Lock(Lock),
     /// `SETPHASE` and its motors, bit n-1 for motor n.
     SetPhase(u32),
 }

@@ -9,6 +9,7 @@ use crate::sim::board::error::CommandError;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::axis::parse_list;
 use crate::sim::language::expression::{check, check_condition, check_number};
+use crate::sim::language::lock;
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::station;
 use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
@@ -55,9 +56,10 @@ fn allowed(item: &Item, kind: Kind) -> bool {
     let general = matches!(
         item,
         Item::Assign(..)
-            | Item::Plc { .. }
-            | Item::Compiled { .. }
+            | Item::Plc(..)
+            | Item::Compiled(..)
             | Item::Station(_)
+            | Item::Lock(_)
             | Item::Command(..)
             | Item::CommandCharacter(..)
             | Item::Send(..)
@@ -206,13 +208,21 @@ impl Reader<'_, '_> {
             }
             Keyword::SetPhase if self.is_turbo() => Item::SetPhase(self.motors()?),
             Keyword::SetPhase => return Ok(None),
-            Keyword::Plc(enable) => {
+            // On PMAC `R` and `P` are commands of their own, which no program takes.
+            Keyword::Lock(lock) if self.is_turbo() => {
+                Item::Lock(lock::operands(&mut self.scanner, self.board, lock)?)
+            }
+            Keyword::Lock(_) => return Err(CommandError::SYNTAX),
+            Keyword::Plc(switch) if !switch.is_of_every_board() && !self.is_turbo() => {
+                return Err(CommandError::SYNTAX);
+            }
+            Keyword::Plc(switch) => {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
                 }
                 let compiled = self.scanner.take_tight(b"C");
                 let plcs = numbers(&mut self.scanner, 0, 31)? as u32;
-                if compiled { Item::Compiled { enable, plcs } } else { Item::Plc { enable, plcs } }
+                if compiled { Item::Compiled(switch, plcs) } else { Item::Plc(switch, plcs) }
             }
         }))
     }

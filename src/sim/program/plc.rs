@@ -11,7 +11,7 @@ use super::message::{Outlet, send_character, send_message};
 use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
-use crate::sim::program::item::{Item, Line};
+use crate::sim::program::item::{Item, Line, PlcSwitch};
 use crate::sim::program::store::{Open, PLCS};
 use crate::sim::program::structure::{Effect, Tracker};
 
@@ -31,26 +31,36 @@ struct State {
 pub struct Plcs {
     /// Bit n for PLC n.
     enabled: u32,
+    /// Those of them that stand still where `PAUSE` has stopped them.
+    paused: u32,
     states: [State; PLCS],
 }
 
 impl Default for Plcs {
     fn default() -> Self {
-        Self { enabled: u32::MAX, states: [State::default(); PLCS] }
+        Self { enabled: u32::MAX, paused: 0, states: [State::default(); PLCS] }
     }
 }
 
 impl Programs {
-    /// `ENABLE PLC`, `DISABLE PLC`: bit n for PLC n. An enabled PLC begins at its top.
-    pub fn enable_plcs(&mut self, plcs: u32, enable: bool) {
+    /// `ENABLE PLC` and the like: bit n for PLC n. `RESUME` moves none that `DISABLE` has stopped.
+    pub fn switch_plcs(&mut self, plcs: u32, switch: PlcSwitch) {
         let all = &mut self.plcs;
-        if enable {
-            for number in (0..PLCS).filter(|number| (plcs & !all.enabled) >> number & 1 == 1) {
-                all.states[number] = State::default();
+        match switch {
+            PlcSwitch::Enable => {
+                let fresh = plcs & (!all.enabled | all.paused);
+                for number in (0..PLCS).filter(|number| fresh >> number & 1 == 1) {
+                    all.states[number] = State::default();
+                }
+                all.enabled |= plcs;
+                all.paused &= !plcs;
             }
-            all.enabled |= plcs;
-        } else {
-            all.enabled &= !plcs;
+            PlcSwitch::Disable => {
+                all.enabled &= !plcs;
+                all.paused &= !plcs;
+            }
+            PlcSwitch::Pause => all.paused |= plcs & all.enabled,
+            PlcSwitch::Resume => all.paused &= !plcs,
         }
     }
 
@@ -71,24 +81,27 @@ impl Programs {
     }
 
     fn scan_plc(&mut self, board: &mut Board, number: usize) {
-        let runs = |programs: &Self| {
+        let begun = |programs: &Self| {
             programs.plcs.enabled >> number & 1 == 1 && programs.store.open() != Some(Open::Plc(number))
         };
+        let paused = |programs: &Self| programs.plcs.paused >> number & 1 == 1;
         let begin = self.plcs.states[number];
         let mut scan =
             Scan { programs: self, board, number, state: State { line: 0, ..begin }, at: begin.line };
         for _ in 0..MOST_LINES {
-            if !runs(scan.programs) {
-                return;
+            if !begun(scan.programs) || paused(scan.programs) {
+                break;
             }
             let Some(line) = scan.line(scan.at) else { break };
             if scan.carry_out(&line, 0) == Next::Scan {
                 break;
             }
         }
-        let state = scan.state;
-        if runs(self) {
-            self.plcs.states[number] = state;
+        let State { line, motor, cs } = scan.state;
+        let at = scan.at;
+        if begun(self) {
+            let line = if paused(self) { at } else { line };
+            self.plcs.states[number] = State { line, motor, cs };
         }
     }
 }
@@ -144,7 +157,8 @@ impl Scan<'_> {
                 }
                 Item::Return => return Next::Scan,
                 Item::Station(transfer) => transfer.carry_out(self.board, cs),
-                Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
+                Item::Lock(lock) => lock.carry_out(self.board),
+                Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),
                 Item::Command(letter, text) => {
                     let State { motor, cs, .. } = self.state;
                     self.programs.ask(text, motor, cs, Outlet::of_command(*letter, self.board));

@@ -354,6 +354,12 @@ impl Store {
         Ok(())
     }
 
+    /// Whether a buffer is open that takes the statements of a line.
+    #[must_use]
+    pub fn takes_text(&self) -> bool {
+        !matches!(self.open, None | Some(Open::BinaryRotary))
+    }
+
     /// `DELETE ROT`: the buffer of a higher coordinate system keeps its place.
     ///
     /// # Errors

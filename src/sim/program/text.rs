@@ -80,14 +80,15 @@ fn text(item: &Item, long: bool) -> String {
             let name = if *zero { word("HOMEZ", "HMZ") } else { word("HOME", "HM") };
             name + &list(u64::from(*motors) << 1)
         }
-        Item::Plc { enable, plcs } => {
-            let name = if *enable { word("ENABLE", "ENA") } else { word("DISABLE", "DIS") };
-            format!("{name} PLC{}", list((*plcs).into()))
+        Item::Plc(switch, plcs) => {
+            let (long, short) = switch.words();
+            format!("{} PLC{}", word(long, short), list((*plcs).into()))
         }
-        Item::Compiled { enable, plcs } => {
-            let name = if *enable { word("ENABLE", "ENA") } else { word("DISABLE", "DIS") };
-            format!("{name} PLCC{}", list((*plcs).into()))
+        Item::Compiled(switch, plcs) => {
+            let (long, short) = switch.words();
+            format!("{} PLCC{}", word(long, short), list((*plcs).into()))
         }
+        Item::Lock(lock) => lock.text(),
         Item::Stop => "STOP".into(),
         Item::BlockStart => word("BLOCKSTART", "BSTART"),
         Item::BlockStop => word("BLOCKSTOP", "BSTOP"),

@@ -1,7 +1,7 @@
 //! Keywords of program statements, long and short forms (Software Reference, "Program commands"; QRG p. 56).
 
 use crate::sim::board::axes::AxisMode;
-use crate::sim::program::item::{Joint, Mode, Time, Transform};
+use crate::sim::program::item::{Joint, Mode, PlcSwitch, Time, Transform};
 
 /// What a keyword of a program begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,8 +78,10 @@ pub enum Keyword {
     Axes(AxisMode),
     /// `HOME`, or `HOMEZ` with `true`; motors follow, or it is the on-line command.
     Home(bool),
-    /// `ENABLE`, or `DISABLE` with `false`.
-    Plc(bool),
+    /// `ENABLE` and the like; `PLC` follows.
+    Plc(PlcSwitch),
+    /// `LOCK`, or `UNLOCK` with `false`, of Turbo alone.
+    Lock(bool),
     /// `SETPHASE`, of Turbo alone.
     SetPhase,
 }
@@ -152,10 +154,16 @@ pub const WORDS: &[(&str, Keyword)] = &[
     ("HM", K::Home(false)),
     ("HOMEZ", K::Home(true)),
     ("HMZ", K::Home(true)),
-    ("ENABLE", K::Plc(true)),
-    ("ENA", K::Plc(true)),
-    ("DISABLE", K::Plc(false)),
-    ("DIS", K::Plc(false)),
+    ("ENABLE", K::Plc(PlcSwitch::Enable)),
+    ("ENA", K::Plc(PlcSwitch::Enable)),
+    ("DISABLE", K::Plc(PlcSwitch::Disable)),
+    ("DIS", K::Plc(PlcSwitch::Disable)),
+    ("PAUSE", K::Plc(PlcSwitch::Pause)),
+    ("PAU", K::Plc(PlcSwitch::Pause)),
+    ("RESUME", K::Plc(PlcSwitch::Resume)),
+    ("RES", K::Plc(PlcSwitch::Resume)),
+    ("LOCK", K::Lock(true)),
+    ("UNLOCK", K::Lock(false)),
     ("SETPHASE", K::SetPhase),
 ];
 

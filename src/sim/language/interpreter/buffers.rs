@@ -7,7 +7,7 @@ use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
 use crate::sim::language::words::BufferCommand;
-use crate::sim::program::item::{AXES, Data, Item};
+use crate::sim::program::item::{AXES, Data, Item, PlcSwitch};
 use crate::sim::program::parse::numbers;
 use crate::sim::program::store::{LAST_PROGRAM, Open, PLCS, PROTECTED, Table, TableKind};
 
@@ -92,7 +92,7 @@ impl Line<'_, '_> {
                 let lines = self.programs.rotary_remaining(cs).ok_or(CommandError::SYNTAX)?;
                 self.answer(lines.to_string())
             }
-            BufferCommand::Plc(enable) => {
+            BufferCommand::Plc(switch) => {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);
                 }
@@ -102,7 +102,7 @@ impl Line<'_, '_> {
                     return Ok(());
                 }
                 let plcs = numbers(&mut self.scanner, 0, PLCS - 1)?;
-                self.programs.enable_plcs(plcs as u32, enable);
+                self.programs.switch_plcs(plcs as u32, switch);
                 Ok(())
             }
             BufferCommand::Match => {
@@ -153,7 +153,7 @@ impl Line<'_, '_> {
             }
             Open::Plc(number) => {
                 self.accessible(true)?;
-                self.programs.enable_plcs(1 << number, false);
+                self.programs.switch_plcs(1 << number, PlcSwitch::Disable);
             }
             Open::Kinematics { .. } => self.accessible(true)?,
             Open::Rotary | Open::BinaryRotary => {}

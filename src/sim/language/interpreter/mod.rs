@@ -13,6 +13,7 @@ mod memory;
 mod motor;
 mod station;
 mod system;
+mod turbo;
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::{AxisMode, is_axis};
@@ -112,6 +113,9 @@ impl Line<'_, '_> {
         if self.bare_constant()? {
             return Ok(());
         }
+        if !self.programs.store.takes_text() {
+            self.check_words()?;
+        }
         while self.scanner.peek().is_some() {
             self.command()?;
         }
@@ -131,6 +135,34 @@ impl Line<'_, '_> {
             self.board.assign(VariableKind::P, 0, 0, value);
         }
         Ok(true)
+    }
+
+    /// The error for a word that is no command, or needs a buffer, before any command of the line acts: the `R` of a misspelt word
+    /// starts no program. What stands behind an assignment, a definition or a command with operands is looked at in its turn.
+    fn check_words(&self) -> Outcome {
+        let tables = words::tables(self.board.family().generation);
+        let mut ahead = self.scanner.clone();
+        loop {
+            match ahead.keyword(tables) {
+                Some(Word::Foreign) => return Err(CommandError::SYNTAX),
+                Some(Word::Program) => return Err(CommandError::NO_OPEN_BUFFER),
+                Some(word) if word.has_operands() => return Ok(()),
+                Some(_) => continue,
+                None => {}
+            }
+            match ahead.next_character() {
+                None | Some(b'=' | b'(' | b'>' | b'$') => return Ok(()),
+                Some(letter @ (b'C'..=b'E' | b'G' | b'L' | b'N' | b'T'..=b'U' | b'W'..=b'Y')) => {
+                    if ahead.at_constant() || ahead.peek() == Some(b'(') {
+                        return Err(CommandError::NO_OPEN_BUFFER);
+                    }
+                    if ahead.peek() != Some(b'=') || !is_axis(letter) {
+                        return Err(CommandError::SYNTAX);
+                    }
+                }
+                Some(_) => {}
+            }
+        }
     }
 
     fn command(&mut self) -> Outcome {
@@ -197,6 +229,11 @@ impl Line<'_, '_> {
             Word::StationTransfer(write) => self.station_transfer(write),
             // No motor here is commutated.
             Word::SetPhase => numbers(&mut self.scanner, 1, self.board.family().motors).map(|_| ()),
+            Word::EnableMotors => self.letter(Self::enable_motors),
+            Word::Lock(lock) => self.lock(lock),
+            Word::MoveTime => self.move_time(),
+            Word::Auxiliary => self.auxiliary(),
+            Word::AuxiliaryTransfer => self.auxiliary_transfer(),
             Word::Save => self.save(),
             Word::Password => self.password(),
             Word::Program => Err(CommandError::NO_OPEN_BUFFER),

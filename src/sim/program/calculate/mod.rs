@@ -313,10 +313,11 @@ impl Calculator<'_> {
                 let first = self.value(number).round().max(0.0) as usize;
                 self.transform(*transform, first);
             }
-            Item::Plc { enable, plcs } => self.programs.enable_plcs(*plcs, *enable),
+            Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),
             // A compiler on the host makes compiled PLCs: this board has none.
-            Item::Compiled { .. } => {}
+            Item::Compiled(..) => {}
             Item::Station(transfer) => transfer.carry_out(self.board, self.cs),
+            Item::Lock(lock) => lock.carry_out(self.board),
             // No motor here is commutated.
             Item::SetPhase(_) => {}
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),

@@ -1,0 +1,147 @@
+//! Commands that real programs send: what they do, and that a line that is refused does nothing.
+
+use crate::sim::board::error::CommandError;
+use crate::sim::board::firmware::{self, FirmwareTables};
+use crate::sim::board::turbo;
+use crate::sim::testing::Bench;
+
+fn board(tables: &'static FirmwareTables) -> Bench {
+    let mut bench = Bench::of(tables, tables.firmware);
+    bench.set(4, 0.0);
+    bench
+}
+
+fn turbo2() -> Bench {
+    board(&turbo::TURBO2)
+}
+
+fn refusal(bench: &mut Bench, line: &str) -> Option<CommandError> {
+    bench.world.execute(line.as_bytes()).error
+}
+
+fn send(bench: &mut Bench, lines: &str) -> Vec<String> {
+    let replies = lines.lines().map(|line| {
+        let reply = bench.world.execute(line.trim().as_bytes());
+        assert_eq!(reply.error, None, "{line}");
+        reply.lines
+    });
+    replies.flatten().collect()
+}
+
+#[test]
+fn a_paused_plc_goes_on_where_it_stopped_and_a_disabled_one_does_not() {
+    let mut bench = turbo2();
+    send(
+        &mut bench,
+        "I5=2
+        OPEN PLC 3 CLEAR
+        P1=P1+1
+        PAUSE PLC3
+        P2=P2+1
+        CLOSE
+        ENABLE PLC3",
+    );
+    bench.run(50);
+    assert_eq!(send(&mut bench, "P1 P2"), ["1", "0"], "it stands behind its own PAUSE");
+    send(&mut bench, "RESUME PLC 3");
+    bench.run(3);
+    assert_eq!(send(&mut bench, "P1 P2"), ["2", "1"], "and comes to it again in the next scan");
+    send(&mut bench, "DISABLE PLC3");
+    send(&mut bench, "RES PLC3");
+    bench.run(5);
+    assert_eq!(send(&mut bench, "P1 P2"), ["2", "1"]);
+    send(&mut bench, "ENABLE PLC3");
+    bench.run(5);
+    assert_eq!(send(&mut bench, "P1 P2"), ["3", "1"], "from its top");
+    assert_eq!(send(&mut bench, "LIST PLC3")[1], "PAU PLC3");
+    send(&mut bench, "OPEN PLC 4 CLEAR\nRES PLC3\nPAU PLC 5..7\nCLOSE");
+    assert_eq!(send(&mut bench, "LIST PLC4")[..2], ["RES PLC3", "PAU PLC5..7"]);
+}
+
+#[test]
+fn a_word_that_is_no_command_does_nothing_before_it_is_refused() {
+    let mut bench = board(&firmware::PMAC);
+    send(&mut bench, "#1J/\n&1#1->X\nOPEN PROG 1 CLEAR\nX1000\nCLOSE\nB1");
+    for line in ["RESUME PLC 3", "PAUSE PLC 3", "R LINEAR", "#1J+ HELLO", "#1J+X1000", "#1J+ P E"] {
+        let reply = bench.world.execute(line.as_bytes());
+        assert!(reply.error.is_some() && reply.lines.is_empty(), "{line}: {reply:?}");
+        bench.run(50);
+        assert_eq!(send(&mut bench, "#1P"), ["0"], "{line}");
+    }
+    send(&mut bench, "&1 A #1 P P1=5 P1 J=*");
+    assert_eq!(refusal(&mut turbo2(), "EAVERSION"), Some(CommandError::SYNTAX));
+}
+
+#[test]
+fn killed_motors_are_enabled_by_coordinate_system_and_all_together() {
+    let mut bench = turbo2();
+    send(&mut bench, "I100,2,100=1\n&1#1->X\n&2#2->X\n#1K#2K");
+    let closed = |bench: &mut Bench| {
+        let words = send(bench, "#1? #2?");
+        // Bit 18 of the first word: open loop.
+        [0, 1].map(|motor: usize| u32::from_str_radix(&words[motor][..6], 16).unwrap() >> 18 & 1 == 0)
+    };
+    bench.run(5);
+    assert_eq!(closed(&mut bench), [false, false]);
+    send(&mut bench, "&2e");
+    bench.run(5);
+    assert_eq!(closed(&mut bench), [false, true]);
+    bench.world.control_character(5);
+    bench.run(5);
+    assert_eq!(closed(&mut bench), [true, true]);
+    assert_eq!(refusal(&mut board(&firmware::PMAC), "&1e"), Some(CommandError::SYNTAX));
+}
+
+#[test]
+fn a_lock_tells_who_comes_second() {
+    let mut bench = turbo2();
+    send(&mut bench, "LOCK2,P10\nLOCK2,P11");
+    assert_eq!(send(&mut bench, "P10 P11 I4904"), ["0", "1", "$8046"]);
+    send(&mut bench, "UNLOCK2\nI5=2\nOPEN PLC 1 CLEAR\nLOCK7,P12\nUNLOCK2\nDISABLE PLC1\nCLOSE\nENABLE PLC1");
+    bench.run(5);
+    assert_eq!(send(&mut bench, "P12 I4904"), ["0", "$8806"]);
+    assert_eq!(send(&mut bench, "LIST PLC1")[..2], ["LOCK7,P12", "UNLOCK2"]);
+    send(&mut bench, "$$$");
+    assert_eq!(send(&mut bench, "I4904"), ["$8006"]);
+    assert_eq!(refusal(&mut bench, "LOCK8,P1"), Some(CommandError::SYNTAX));
+}
+
+#[test]
+fn the_time_left_of_a_move_falls_to_nothing() {
+    let mut bench = turbo2();
+    send(&mut bench, "#1J/\n&1#1->X\nOPEN PROG 1 CLEAR\nLINEAR INC TA100 TS0 TM1000 X1000\nCLOSE\n&1B1R");
+    bench.until(20, |board| board.motors[0].moving());
+    let left: f64 = send(&mut bench, "&1MOVETIME")[0].parse().unwrap();
+    assert!((900.0..=1100.0).contains(&left), "{left}");
+    bench.run(3000);
+    assert_eq!(send(&mut bench, "&1MOVETIME"), ["0"]);
+}
+
+#[test]
+fn exchanges_of_the_older_ring_protocol_fail_as_without_a_station() {
+    let mut bench = turbo2();
+    bench.world.board.identity.stations = true;
+    for line in ["MXR0,4,P1", "MXW16,4,P1", "MX0,4", "MX0,4=$5"] {
+        assert_eq!(refusal(&mut bench, line), Some(CommandError::MACRO), "{line}");
+    }
+    assert_eq!(refusal(&mut bench, "MXR0,4"), Some(CommandError::SYNTAX));
+}
+
+#[test]
+fn gathered_words_are_listed_from_a_start_in_a_count() {
+    let mut bench = turbo2();
+    send(&mut bench, "I5050=1 I5001=$40000F I5049=1\nDEFINE GATHER 100\nGATHER");
+    bench.run(10);
+    send(&mut bench, "ENDGATHER");
+    assert_eq!(send(&mut bench, "LIST GATHER 0,4")[0].split(' ').count(), 4);
+    assert_eq!(send(&mut bench, "LIST GATHER")[0][..51], send(&mut bench, "LIST GATHER 0,4")[0]);
+}
+
+#[test]
+fn buffers_out_of_their_order_are_refused() {
+    let mut bench = turbo2();
+    assert_eq!(refusal(&mut bench, "OPEN ROT"), Some(CommandError::SYNTAX));
+    send(&mut bench, "DEFINE GATHER 100");
+    assert_eq!(refusal(&mut bench, "&1DEFINE LOOKAHEAD 100,10"), Some(CommandError::SYNTAX));
+    send(&mut bench, "DELETE GATHER\n&1DEFINE LOOKAHEAD 100,10");
+}
