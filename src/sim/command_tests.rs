@@ -145,3 +145,25 @@ fn buffers_out_of_their_order_are_refused() {
     assert_eq!(refusal(&mut bench, "&1DEFINE LOOKAHEAD 100,10"), Some(CommandError::SYNTAX));
     send(&mut bench, "DELETE GATHER\n&1DEFINE LOOKAHEAD 100,10");
 }
+
+#[test]
+fn an_absolute_position_comes_from_the_registers_that_are_named() {
+    let mut bench = turbo2();
+    // The examples of the Turbo Software Reference p. 154: 32 bits in two words; 16 and 18 bits in bytes.
+    send(&mut bench, "WY$78D00,$FFFFFE,$FF\nI110=$78D00 I195=$200000\n#1$*");
+    assert_eq!(send(&mut bench, "#1P"), ["4294967294"]);
+    send(&mut bench, "I195=$A00000 I126=160\n#1$*");
+    assert_eq!(send(&mut bench, "#1P"), ["-12"], "signed, and ten counts of I126 less");
+    send(&mut bench, "I126=0 WY$78C00,$AB34,$CD12\nI110=$78C00 I195=$100004\n#1$*");
+    assert_eq!(send(&mut bench, "#1P"), [0x1234.to_string()]);
+    send(&mut bench, "WY$79E03,$3400,$1200,$FF00\nI110=$79E03 I195=$120005\n#1$*");
+    assert_eq!(send(&mut bench, "#1P"), [0x3_1234.to_string()]);
+    send(&mut bench, "WX$78000,$F12345\nI110=$78000 I195=$540000\nSAVE\n$$$");
+    assert_eq!(send(&mut bench, "I4=0 #1P"), [0x1_2345.to_string()], "at power-on");
+    send(&mut bench, "I180=4\nSAVE\n$$$");
+    assert_eq!(send(&mut bench, "I4=0 #1P"), ["0"], "not with bit 2 of I180");
+
+    let mut bench = board(&firmware::PMAC);
+    send(&mut bench, "WY$D210,$8001\nI110=$90D210\n#1$*");
+    assert_eq!(send(&mut bench, "#1P"), ["-32767"]);
+}

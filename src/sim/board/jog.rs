@@ -162,9 +162,9 @@ impl Board {
     /// ERR001, ERR003.
     pub fn absolute_position(&mut self, motor: usize) -> Result {
         self.may_move(motor)?;
-        let (offset, sensor) = (self.ix(motor, 26) / 16.0, self.ix(motor, 10) != 0.0);
+        let position = self.sensed_position(motor);
         self.memory.write_d(self.memory.registers().bias.of(motor), 0);
-        self.motors[motor].absolute(offset, sensor);
+        self.motors[motor].absolute(position);
         self.refresh(motor);
         Ok(())
     }

@@ -10,10 +10,12 @@
 //! | [`i_rows`], `turbo_rows`, [`identity`], [`calendar`] | factory values; how the board answers when asked; date and time |
 //! | [`variables`], [`m_definition`], `m_registers`, [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
+//! | `absolute_sensor` | the position at power-on and `$*` |
 //! | [`coordinate`], `timers`, [`axes`], `axis_position` | time base; countdown timers; axis definitions; positions of axes |
 //! | [`jog`], `coordinate_commands`, `registers` | what commands do; registers and status words |
 //! | [`gather`], [`output`], [`bus_setup`] | data gathering; what waits at the ports; set-up that SAVE keeps |
 
+mod absolute_sensor;
 mod access;
 pub mod axes;
 mod axis_position;
@@ -406,8 +408,8 @@ impl Board {
         }
         let mode = self.ix(motor, 80) as u32;
         if self.ix(motor, 10) != 0.0 && mode & 4 == 0 {
-            let offset = self.ix(motor, 26) / 16.0;
-            self.motors[motor].absolute(offset, true);
+            let position = self.sensed_position(motor);
+            self.motors[motor].absolute(position);
         }
         if mode & 1 == 1 {
             self.motors[motor].close_loop();

@@ -340,14 +340,20 @@ impl Motor {
         self.home_complete = true;
     }
 
-    /// Sets the position from an absolute sensor, or to zero without one; leaves the motor killed.
-    pub fn absolute(&mut self, offset: f64, sensor: bool) {
+    /// Sets the position that an absolute sensor tells, or zero without one; leaves the motor killed.
+    pub fn absolute(&mut self, sensed: Option<f64>) {
         self.open(Loop::Killed);
-        let position = if sensor { self.shaft + offset } else { 0.0 };
+        let position = sensed.unwrap_or(0.0);
         self.reference = self.shaft - position;
         self.actual = position;
         self.commanded = position;
-        self.home_complete = sensor;
+        self.home_complete = sensed.is_some();
+    }
+
+    /// The shaft's own position.
+    #[must_use]
+    pub const fn shaft(&self) -> f64 {
+        self.shaft
     }
 
     /// Rounds the commanded position of a motor at rest to a whole count.
