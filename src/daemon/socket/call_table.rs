@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::call_step::{CallStep, CommandPart};
 use super::fair_queue::{FairQueue, Turn};
+use super::heard::{COLLECT_MAX, Heard};
 use crate::daemon::motion::effect::CommandEffect;
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
@@ -18,9 +19,6 @@ use crate::protocol::control;
 const GRACE: Duration = Duration::from_millis(1500);
 /// How long the board may take to answer a question of the daemon's own.
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
-/// The longest reply of the board that is collected, in bytes.
-pub(super) const COLLECT_MAX: usize = 1024 * 1024;
-
 /// What follows when the bus thread has done what was asked of it, or not.
 #[derive(Debug)]
 pub(super) enum Then {
@@ -110,25 +108,6 @@ pub(super) struct Ended {
     pub effect: CommandEffect,
     /// What became of it.
     pub heard: Heard,
-}
-
-/// What became of a command.
-#[derive(Debug)]
-pub(super) struct Heard {
-    /// Whose it was.
-    pub caller: Caller,
-    /// How long its caller waits.
-    pub deadline: Instant,
-    /// How it ended.
-    pub outcome: Outcome,
-    /// The lines of the board's reply.
-    pub lines: Vec<String>,
-    /// The reply was longer than [`COLLECT_MAX`], and is not whole.
-    pub is_overlong: bool,
-    /// The bus thread has not answered, or did not get it.
-    pub is_given_up: bool,
-    /// Whether the log says that it was asked for.
-    pub is_logged: bool,
 }
 
 /// Every call that waits for the board.

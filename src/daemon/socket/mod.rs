@@ -7,7 +7,8 @@
 //! | `admission`, `clients`, `connection` | who gets a place; every connection; one connection, its messages and its buffers |
 //! | [`policy`], `peer_groups`, `peer_process` | who may do what: roles, the groups of a peer, whether its process lives |
 //! | [`methods`], [`jobs`], `jog_to`, `replay` | what a call means, checked before anything reaches the bus thread; what a replay refuses |
-//! | `call_table`, `call_step`, `fair_queue`, `time_quota` | calls that wait for the board; how far each is; whose command is next; whose turn it is to be served |
+//! | `call_table`, `call_step`, `heard` | calls that wait for the board; how far each is; what became of a command |
+//! | `fair_queue`, `time_quota` | whose command is next; whose turn it is to be served |
 //! | `sequences` | lines and jobs that belong together, each owned by a connection |
 //! | `first_start` | what the board is asked before a start |
 //! | `watches`, `tracing` | the registers that clients watch; who gets the trace of bus accesses |
@@ -24,6 +25,7 @@ mod clients;
 mod connection;
 mod fair_queue;
 mod first_start;
+mod heard;
 pub mod jobs;
 mod jog_to;
 pub mod listener;

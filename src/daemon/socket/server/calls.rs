@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::Service;
-use super::replies::{Answered, hold_over, is_stopping, reply_lines};
+use super::replies::{Answered, hold_over, is_stopping};
 use crate::daemon::motion::effect::LineEffect;
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::daemon::motion::leftovers::Leftovers;
@@ -14,8 +14,9 @@ use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Ticket};
 use crate::daemon::socket::audit;
 use crate::daemon::socket::call_step::CallStep;
-use crate::daemon::socket::call_table::{Caller, Ended, Heard, Then};
+use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
+use crate::daemon::socket::heard::{Heard, reply_lines};
 use crate::daemon::socket::jobs;
 use crate::daemon::socket::jog_to::JogTo;
 use crate::daemon::socket::methods::{Action, Ask, parse_call};
@@ -258,9 +259,8 @@ impl Service {
     }
 
     /// The bus thread has done what it was asked for, or not.
-    pub(super) fn on_end(&mut self, mut ended: Ended, now: Instant) {
-        self.note_effect(&mut ended, now);
-        let Ended { then, heard, .. } = ended;
+    pub(super) fn on_end(&mut self, Ended { then, effect, heard }: Ended, now: Instant) {
+        self.note_effect(effect, &then, &heard, now);
         let Heard { caller, outcome, .. } = heard;
         let step = match then {
             Then::Sequence(number) => return self.step_done(number, heard, Found::default(), now),

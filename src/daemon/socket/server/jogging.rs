@@ -10,7 +10,8 @@ use super::replies::Answered;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome};
 use crate::daemon::socket::call_step::CallStep;
-use crate::daemon::socket::call_table::{Caller, Heard, Then};
+use crate::daemon::socket::call_table::{Caller, Then};
+use crate::daemon::socket::heard::Heard;
 use crate::daemon::socket::jog_to::JogTo;
 use crate::protocol::{CallError, Reply};
 

@@ -14,16 +14,17 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, dropped_by};
 use crate::daemon::socket::call_step::CallStep;
-use crate::daemon::socket::call_table::{Ended, Heard, Then};
+use crate::daemon::socket::call_table::Then;
 use crate::daemon::socket::connection::Client;
+use crate::daemon::socket::heard::Heard;
 use crate::map::Motors;
 use crate::protocol::Function;
 
 impl Service {
-    /// Takes note of what the command of `ended` has done to motion, as far as the board has carried it out, or may have.
-    pub(super) fn note_effect(&mut self, ended: &mut Ended, now: Instant) {
-        let CommandEffect { ends, resets, stops_all, jogs } = std::mem::take(&mut ended.effect);
-        let Heard { caller, outcome, .. } = ended.heard;
+    /// Takes note of what a command with this `effect` has done to motion, as far as the board has carried it out, or may have.
+    pub(super) fn note_effect(&mut self, effect: CommandEffect, then: &Then, heard: &Heard, now: Instant) {
+        let CommandEffect { ends, resets, stops_all, jogs } = effect;
+        let Heard { caller, outcome, .. } = *heard;
         if outcome == Outcome::Done
             && let Some(ends) = ends.as_ref().filter(|ends| !ends.unnamed)
         {
@@ -31,9 +32,7 @@ impl Service {
             self.ledger.commanded(motors);
             self.let_go(motors, now);
         }
-        if let Then::Call(CallStep::Reply(LineEffect { jogs: [carried_out, refused], silence, .. })) =
-            ended.then
-        {
+        if let Then::Call(CallStep::Reply(LineEffect { jogs: [carried_out, refused], silence, .. })) = *then {
             let jogs = match outcome {
                 Outcome::Done => carried_out,
                 Outcome::Error(_) => refused,
@@ -54,7 +53,7 @@ impl Service {
             if resets {
                 self.resets.was_sent(now);
             }
-            let sequence = if let Then::Sequence(number) = ended.then { Some(number) } else { None };
+            let sequence = if let Then::Sequence(number) = *then { Some(number) } else { None };
             if ends.buffer && sequence.is_none() {
                 self.end_closed_streams(caller.peer, now);
             }

@@ -13,8 +13,9 @@ use crate::daemon::scripts::{
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Text};
 use crate::daemon::socket::audit;
-use crate::daemon::socket::call_table::{Caller, Heard, Then};
+use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::connection::{HIGH_WATER, Waiting};
+use crate::daemon::socket::heard::Heard;
 use crate::daemon::socket::policy::Peer;
 use crate::daemon::socket::sequences::{Running, SequenceCall, Sequences, Waits};
 use crate::language::LineEnds;

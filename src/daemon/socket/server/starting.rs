@@ -8,7 +8,7 @@ use crate::daemon::motion::effect::{LineEffect, Starts};
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
-use crate::daemon::socket::call_table::Heard;
+use crate::daemon::socket::heard::Heard;
 use crate::language::settings::CutsOff;
 use crate::language::{Line, WhileOpen};
 use crate::map::Motors;
