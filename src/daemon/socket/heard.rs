@@ -38,15 +38,22 @@ impl Heard {
         reply_lines(self.outcome, self.lines, self.is_overlong, now)
     }
 
-    /// The board's answers to a question of the daemon's own. `None`: the board cannot be asked (any more). It may still do what the
+    /// The board's answers to a question before something begins. `None`: the board cannot be asked (any more). It may still do what the
     /// caller wants; if not, the job says so.
     ///
     /// # Errors
-    /// Why nothing follows: the question had no turn, or somebody has stopped all motion.
+    /// Why nothing begins: the question had no turn, or a client has stopped all motion.
     pub(super) fn answers(self, now: Instant) -> Result<Option<Vec<String>>, CallError> {
-        let is_known = self.is_given_up || matches!(self.outcome, Outcome::Done | Outcome::Dropped(_));
-        let lines = is_known.then(|| self.lines(now)).transpose()?;
-        Ok(lines.map(|lines| lines.iter().map(|line| answer::text(line).to_owned()).collect()))
+        if self.is_given_up || matches!(self.outcome, Outcome::Dropped(_)) {
+            return self.lines(now).map(|_| None);
+        }
+        Ok(self.remarks())
+    }
+
+    /// The board's answers to a question about what is done, or refused, already.
+    pub(super) fn remarks(self) -> Option<Vec<String>> {
+        let is_done = self.outcome == Outcome::Done;
+        is_done.then(|| self.lines.iter().map(|line| answer::text(line).to_owned()).collect())
     }
 }
 

@@ -94,12 +94,14 @@ impl Service {
             }
             JobAt::UnderWay => self.job_done(call, heard, now),
             JobAt::Done => {
-                Reply::with(&NotesReply { notes: call.into_notes(heard.answers(now)?.as_deref()) }).map(Some)
+                Reply::with(&NotesReply { notes: call.into_notes(heard.remarks().as_deref()) }).map(Some)
             }
             JobAt::Failed(failed) => {
-                let answers = heard.answers(now)?;
-                let why = call.guard.and_then(|guard| guard.check(answers.as_deref()).err());
-                Err(why.map_or(failed.clone(), |why| failed.because(&why)))
+                let why = call.guard.and_then(|guard| guard.check(heard.remarks().as_deref()).err());
+                Err(match why {
+                    Some(why) => failed.because(&why),
+                    None => failed,
+                })
             }
         }
     }
@@ -115,7 +117,7 @@ impl Service {
             && match outcome {
                 Outcome::Done => call.stops,
                 // The board was believed to take it. Another host may have seen to that it does not.
-                Outcome::Refused(_) | Outcome::Interrupted(_) => !is_held && self.answers(),
+                Outcome::Refused(_) | Outcome::Interrupted(_) => !is_held && !call.stops && self.answers(),
                 _ => false,
             };
         if asks {

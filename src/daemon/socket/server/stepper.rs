@@ -135,14 +135,14 @@ mod tests {
     use super::*;
     use crate::daemon::shared::info::Info;
     use crate::daemon::shared::job::Job;
-    use crate::daemon::shared::queue::{Command, Event, Outcome, Ticket, at_once, queue};
+    use crate::daemon::shared::queue::{Command, Event, Outcome, Text, Ticket, at_once, queue};
     use crate::daemon::shared::status::{BoardStatus, MotorsStatus};
     use crate::device::Trace;
     use crate::function::line_port::ResponseText;
     use crate::map::Motors;
     use crate::map::{PMAC, TURBO2};
     use crate::protocol::function::Functions;
-    use crate::protocol::{BoardInfo, BoardSettings};
+    use crate::protocol::{BoardInfo, BoardSettings, Enabled};
 
     /// More rounds than any user's share of processor time makes of one flood: the share is measured in real time, so that
     /// a busy machine serves fewer clients a round.
@@ -247,6 +247,38 @@ mod tests {
         let length = first.read(&mut reply).unwrap();
         let reply = String::from_utf8_lossy(&reply[..length]);
         assert!(reply.contains("holds a jog of motor 1; nothing was sent"), "{reply}");
+    }
+
+    #[test]
+    fn what_is_done_is_told_as_done_when_the_question_about_it_has_no_answer() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = ServeOptions::new(directory.path().join("socket"));
+        let (commands, taken) = queue(at_once::ALL).unwrap();
+        let (answers, events) = queue(at_once::ALL).unwrap();
+        let info = Info::new(&PMAC, BoardInfo::default(), BoardSettings::default());
+        let backend = Backend { commands, events, info, trace: Trace::new(0) };
+        let mut server = ServerStepper::new(&options, options.listen().unwrap(), backend).unwrap();
+        let mut now = Instant::now();
+        let answering = BoardStatus { enabled: Enabled::ASCII, ..BoardStatus::default() };
+        assert!(answers.try_send(Event::Info(answering)).is_ok());
+        let call = r#"{"method":"io.github.pmac-dpram.Board.FeedOverride","parameters":{"coordinate_system":1,"raw":0}}"#;
+        for outcome in [Some(Outcome::Dropped(Text::of(&"^A"))), Some(Outcome::Busy), None] {
+            let mut client = client(&mut server, call, now);
+            settle(&mut server, now);
+            let Some(Command::Job { ticket, .. }) = taken.try_receive() else { panic!("no override") };
+            assert!(answers.try_send(Event::Done(ticket, Outcome::Done)).is_ok());
+            settle(&mut server, now);
+            let Some(Command::Send { ticket, .. }) = taken.try_receive() else { panic!("no question") };
+            match outcome {
+                Some(outcome) => assert!(answers.try_send(Event::Done(ticket, outcome)).is_ok()),
+                None => now += Duration::from_secs(10),
+            }
+            settle(&mut server, now);
+            let mut reply = [0; 1024];
+            let length = client.read(&mut reply).unwrap();
+            let reply = String::from_utf8_lossy(&reply[..length]);
+            assert!(reply.contains("could not be asked") && !reply.contains("error"), "{reply}");
+        }
     }
 
     #[test]
