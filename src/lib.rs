@@ -16,6 +16,8 @@
 //! * To look up a register: [`map::pmac`]; a number format: [`mod@format`]; a status bit: [`map::status`], and which people see: [`client::shown_flags`].
 //! * To see how a handshake goes: the host's half in [`function`], PMAC's half in [`sim`].
 //! * To follow the daemon from its start to its end: [`daemon::bring_up`], then [`daemon::bus::board_loop`].
+//! * To see who moves and stops what: `daemon/motion` keeps the ledger, `daemon/socket/server` sends; what a download, a gather or a
+//!   stream says to the board: `daemon/scripts`.
 //!
 //! # Layers
 //! Lowest first. A module uses only layers below its own, and within its layer only what stands before it:

@@ -37,6 +37,11 @@ pub enum Does {
     },
 }
 
+/// Whether the program buffer of this name is the rotary ones.
+pub fn is_rotary(name: &str) -> bool {
+    name.starts_with("ROT")
+}
+
 /// What a command, or a line, does to the program buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {

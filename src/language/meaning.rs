@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use super::LINE_MAX;
-use super::command::{Does, Effect, Kind, Needs, Token};
+use super::command::{Does, Effect, Kind, Needs, Token, is_rotary};
 use super::deadlines::{limit, slow};
 use super::lexer::tokens;
 use super::number::Numbers;
@@ -352,7 +352,7 @@ impl Reading<'_> {
         let meaning = &mut self.meaning;
         meaning.buffer = Some(effect);
         let is_rotary = match effect {
-            Effect::Opens(name) => name.starts_with("ROT"),
+            Effect::Opens(name) => is_rotary(&name),
             Effect::OpensBinary => false,
             Effect::Closes => {
                 meaning.ends.buffer = true;

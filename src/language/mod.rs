@@ -32,7 +32,7 @@ mod words;
 
 use std::ops::Deref;
 
-pub use self::command::{Effect, NAME_MAX};
+pub use self::command::{Effect, NAME_MAX, is_rotary};
 pub use self::meaning::{Jogs, LineEnds, Meaning};
 pub use self::while_open::WhileOpen;
 use crate::format::Text;

@@ -18,7 +18,8 @@ use std::time::{Duration, Instant};
 use log::{info, warn};
 
 use super::hold_end::HoldEnd;
-use super::timing::{HOLD_LEASE, HOLDERS_STOP_TAKES, JOG_STANDS};
+use super::timing::{HOLDERS_STOP_TAKES, JOG_STANDS};
+use crate::daemon::shared::leases::HOLD_LEASE;
 use crate::daemon::shared::open_buffer::Account;
 use crate::function::servo::Motion;
 use crate::map::Motors;

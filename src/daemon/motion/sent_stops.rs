@@ -12,7 +12,7 @@ use crate::map::Family;
 use crate::protocol::board::SentStop;
 
 /// How many are kept.
-const KEPT: usize = 16;
+const STOPS_KEPT: usize = 16;
 
 #[derive(Debug)]
 struct Sent {
@@ -35,7 +35,7 @@ impl SentStops {
     /// `by` has sent what `ends` these, as a step of this `sequence` if it is one.
     pub fn add(&mut self, ends: LineEnds, by: Caller, sequence: Option<u64>, now: Instant) {
         self.count += 1;
-        if self.last.len() == KEPT {
+        if self.last.len() == STOPS_KEPT {
             self.last.pop_front();
         }
         self.last.push_back(Sent { number: self.count, ends, by, sequence, at: now });

@@ -2,8 +2,6 @@
 
 use std::time::Duration;
 
-/// How long the client of a held jog may be silent.
-pub const HOLD_LEASE: Duration = Duration::from_millis(200);
 /// How long a motor must be seen to stand until its jog is over: a motor that turns round stands for a moment.
 pub const JOG_STANDS: Duration = Duration::from_millis(100);
 

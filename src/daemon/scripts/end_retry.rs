@@ -7,9 +7,9 @@ use super::script::Io;
 use crate::daemon::shared::queue::Outcome;
 use crate::protocol::{CallError, Reply};
 
-const AGAIN: Duration = Duration::from_millis(250);
+const TRY_AGAIN: Duration = Duration::from_millis(250);
 /// What an open program buffer keeps back is tried on, less often, until the buffer is closed.
-const AGAIN_LATER: Duration = Duration::from_secs(1);
+const TRY_AGAIN_LATER: Duration = Duration::from_secs(1);
 /// When the owner is told of that: before another sequence of his lapses because he waits for this end.
 const KEPT_BACK_AFTER: Duration = Duration::from_secs(2);
 
@@ -57,7 +57,7 @@ impl EndRetry {
         let is_patient = now < *self.begun.get_or_insert(now) + patience;
         let is_kept_back = !is_patient && may_last;
         self.is_kept_back |= is_kept_back;
-        let pause = if is_kept_back { AGAIN_LATER } else { AGAIN };
+        let pause = if is_kept_back { TRY_AGAIN_LATER } else { TRY_AGAIN };
         (is_patient || is_kept_back).then(|| now + pause)
     }
 
@@ -94,12 +94,12 @@ mod tests {
         let begun = Instant::now();
         let mut retry = EndRetry::new(Duration::from_secs(10), true);
         let barred = Outcome::Barred(Barred::Open(None));
-        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, begun), Some(begun + TRY_AGAIN));
         let told = begun + KEPT_BACK_AFTER;
-        assert!(KEPT_BACK_AFTER < crate::daemon::scripts::LEASE / 2);
-        assert_eq!(retry.again(Outcome::Busy, told), Some(told + AGAIN));
+        assert!(KEPT_BACK_AFTER < crate::daemon::shared::leases::SEQUENCE_LEASE / 2);
+        assert_eq!(retry.again(Outcome::Busy, told), Some(told + TRY_AGAIN));
         assert!(!retry.tells_now());
-        assert_eq!(retry.again(barred, told), Some(told + AGAIN_LATER));
+        assert_eq!(retry.again(barred, told), Some(told + TRY_AGAIN_LATER));
         assert!(retry.tells_now());
     }
 
@@ -108,15 +108,15 @@ mod tests {
         let begun = Instant::now();
         let mut retry = EndRetry::new(Duration::from_secs(1), true);
         let barred = Outcome::Barred(Barred::Open(None));
-        assert_eq!(retry.again(Outcome::Busy, begun), Some(begun + AGAIN));
-        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(Outcome::Busy, begun), Some(begun + TRY_AGAIN));
+        assert_eq!(retry.again(barred, begun), Some(begun + TRY_AGAIN));
         assert!(!retry.tells_now());
         let late = begun + Duration::from_secs(1);
         assert_eq!(retry.again(Outcome::Busy, late), None);
-        assert_eq!(retry.again(barred, late), Some(late + AGAIN_LATER));
+        assert_eq!(retry.again(barred, late), Some(late + TRY_AGAIN_LATER));
         assert!(retry.is_kept_back() && retry.tells_now() && !retry.tells_now());
         let mut retry = EndRetry::new(Duration::from_secs(1), false);
-        assert_eq!(retry.again(barred, begun), Some(begun + AGAIN));
+        assert_eq!(retry.again(barred, begun), Some(begun + TRY_AGAIN));
         assert_eq!(retry.again(barred, late), None);
     }
 }

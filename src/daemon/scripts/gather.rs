@@ -38,7 +38,7 @@ const REPORT_START: Duration = Duration::from_secs(5);
 /// The longest time that two periods of the report may take: a report that comes seldom cannot be waited for.
 const LONGEST_REPORT: Duration = Duration::from_secs(30);
 /// How often to look whether the board still gathers, and whether it was reset.
-const LOOK: Duration = Duration::from_millis(500);
+const GATHER_LOOK: Duration = Duration::from_millis(500);
 /// How long the board may take to say that it gathers. One that is reset meanwhile answers nothing for a while.
 const ASKING: Duration = Duration::from_secs(1);
 const CHECK_EVERY: Duration = Duration::from_secs(60);
@@ -215,7 +215,7 @@ impl<'a> Gather<'a> {
                 }
             }
             match call.buffer.mode {
-                _ if !is_over => self.io.rest(LOOK).await,
+                _ if !is_over => self.io.rest(GATHER_LOOK).await,
                 // The buffer is full, as it was asked for.
                 GatherMode::Stop => {
                     self.io.answer(Ok(Reply::done())).await;

@@ -2,7 +2,7 @@
 //!
 //! A download, a restore, a gather or a stream is a sequence. It has one owner, a connection, and holds a [`Resource`] that no
 //! other sequence gets meanwhile. It ends when it is done, when its owner says so, or when the owner is gone or silent
-//! ([`LEASE`]), when somebody else ends it, or when the daemon stops. Whatever ends it, the daemon carries out the steps that its end needs
+//! (`shared/leases.rs`), when somebody else ends it, or when the daemon stops. Whatever ends it, the daemon carries out the steps that its end needs
 //! (`CLOSE`, `ENDGATHER`, a variable put back), also when its owner has gone.
 //!
 //! # A new sequence
@@ -42,8 +42,6 @@ use crate::function::rotary::RotaryState;
 use crate::map::{HostOffset, Systems};
 use crate::protocol::{CallError, Reply, answer, control};
 
-/// How long an owner may be silent while nothing is done for it.
-pub const LEASE: Duration = Duration::from_secs(5);
 /// How long the board may take for a line, and the daemon for a job.
 const STEP: Duration = Duration::from_secs(5);
 /// How long the board may take for a check.
@@ -159,7 +157,7 @@ pub struct Found {
 pub enum Ending {
     /// Its owner's connection is gone.
     OwnerGone,
-    /// Its owner has been silent for longer than [`LEASE`].
+    /// Its owner has been silent for longer than its lease.
     OwnerSilent,
     /// The daemon stops.
     Stopping,

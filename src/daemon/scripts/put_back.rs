@@ -14,7 +14,7 @@ use crate::daemon::shared::queue::{Line, Outcome};
 use crate::protocol::{CallError, Reply, answer};
 
 /// How long what is known not to have been sent is tried.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PUT_BACK_TRIED: Duration = Duration::from_secs(10);
 
 /// A line of the end.
 #[derive(Debug)]
@@ -131,7 +131,7 @@ impl PutBack {
         kind: &str,
         result: impl Fn(Vec<String>) -> Result<Reply, CallError>,
     ) {
-        let mut retry = EndRetry::new(PATIENCE, true);
+        let mut retry = EndRetry::new(PUT_BACK_TRIED, true);
         while let Some(entry) = self.entries.front() {
             let (note, may_go) = entry.carry_out(io).await;
             if let Some(outcome) = may_go.filter(|_| entry.variable.is_some() && !entry.is_back())

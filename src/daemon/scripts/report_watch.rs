@@ -7,7 +7,7 @@ use super::script::Io;
 use crate::map::Family;
 
 /// How often to look.
-const LOOK: Duration = Duration::from_millis(5);
+const REPORT_LOOK: Duration = Duration::from_millis(5);
 
 /// Looks at the timer until it has changed, or for so long. A board that is slow with a command may pause its report: only a
 /// timer that stands still all the time is one of a report that does not run.
@@ -22,7 +22,7 @@ pub(super) async fn report_runs(io: &Io, family: &Family, patience: Duration) ->
         if io.now() >= until {
             return false;
         }
-        io.rest(LOOK).await;
+        io.rest(REPORT_LOOK).await;
     }
 }
 

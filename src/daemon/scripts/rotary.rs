@@ -52,7 +52,7 @@ const REPORTED: Duration = Duration::from_secs(1);
 /// What a board that refuses to open the rotary buffers may have.
 const STILL_OPEN: &str = "; is a program buffer open, or are the rotary buffers (CLOSE closes them)?";
 /// How often to look whether the program still runs.
-const LOOK: Duration = Duration::from_millis(500);
+const PROGRAM_LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
 const ALL_SYSTEMS: usize = 8;
@@ -276,7 +276,7 @@ impl<'a> Rotary<'a> {
                     return Ok(FIRST_LINES);
                 }
                 self.begin_program().await?;
-                return Ok(LOOK);
+                return Ok(PROGRAM_LOOK);
             }
             // A line with an address would change what others have addressed.
             Some(systems) if !self.asks_all() => {
@@ -294,7 +294,7 @@ impl<'a> Rotary<'a> {
         }
         let open = self.io.ask("???").await.result;
         self.see_open(open.ok().and_then(|lines| self.is_open(&lines)))?;
-        Ok(LOOK)
+        Ok(PROGRAM_LOOK)
     }
 
     /// Counts what is to run, and sends `R`.

@@ -5,6 +5,7 @@ pub mod definition_blocks;
 pub mod function_use;
 pub mod info;
 pub mod job;
+pub mod leases;
 pub mod log_quota;
 pub mod open_buffer;
 pub mod origin;

@@ -20,7 +20,7 @@ use super::rotary_address::{AddressFirst, RotaryAddress};
 pub use super::writer::{Account, Writer};
 use crate::format::Text;
 pub use crate::language::NAME_MAX;
-use crate::language::{Effect, Meaning};
+use crate::language::{Effect, Meaning, is_rotary};
 use crate::protocol::OpenBufferInfo;
 
 /// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`).
@@ -237,7 +237,7 @@ impl OpenBuffer {
 
     /// Who has opened the rotary buffers for text, if that was done through this daemon.
     fn rotary_opener(&self) -> Option<Writer> {
-        self.opened.filter(|opened| opened.name.starts_with("ROT")).map(|opened| opened.by)
+        self.opened.filter(|opened| is_rotary(&opened.name)).map(|opened| opened.by)
     }
 
     /// What has to be done about the address before `writer` sends `line`, which is not barred.

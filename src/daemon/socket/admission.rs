@@ -26,7 +26,7 @@ use crate::device::machine::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
 /// How often the socket's path is looked at.
-const LOOK: Duration = Duration::from_secs(1);
+const PATH_LOOK: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// How often that is logged while it lasts.
@@ -36,7 +36,7 @@ const ACCEPT_MAX: usize = 64;
 /// A user who holds fewer than this gets a place of the reserve.
 const FEW: usize = 4;
 /// Descriptors that are kept for the daemon itself: interrupts that come back, the log.
-const KEPT: usize = 16;
+const DESCRIPTORS_KEPT: usize = 16;
 /// Descriptors of a connection: its own, and that of the process that made it.
 const OF_CONNECTION: usize = 2;
 
@@ -104,7 +104,8 @@ impl Admission {
     /// [`PolicyError`] when a group is unknown.
     pub(super) fn new(options: &ServeOptions, listener: Listener) -> Result<Self, PolicyError> {
         let policy = Policy::new(&options.roles)?;
-        let places = Places::new(options, descriptors_left().saturating_sub(KEPT) / OF_CONNECTION);
+        let places =
+            Places::new(options, descriptors_left().saturating_sub(DESCRIPTORS_KEPT) / OF_CONNECTION);
         if places.all < options.max_clients {
             warn!(
                 "room for {} connections, not {}: the limit of open files (LimitNOFILE) is too low",
@@ -117,7 +118,7 @@ impl Admission {
             places,
             pause: None,
             said: None,
-            look: Instant::now() + LOOK,
+            look: Instant::now() + PATH_LOOK,
             trouble: Trouble::default(),
         })
     }
@@ -137,7 +138,7 @@ impl Admission {
     pub(super) fn expire(&mut self, now: Instant) {
         self.pause = self.pause.filter(|until| *until > now);
         if self.look <= now {
-            self.look = now + LOOK;
+            self.look = now + PATH_LOOK;
             self.trouble.note(self.listener.keep());
         }
     }

@@ -1,4 +1,4 @@
-//! The calls that wait for the board: whose each is, when its command has its turn, and what has come of its reply.
+//! The calls that wait for the board: who has made each, when its command has its turn, and the lines of the board's reply so far.
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -14,10 +14,10 @@ use crate::function::line_port::ResponseText;
 use crate::map::Motors;
 use crate::protocol::control;
 
-/// How much longer than asked the bus thread may take for what it was given before it is not believed to answer at all: more
-/// than a port takes to be silent again after it gave up on a line (1 s), less than a client waits for the daemon (2 s).
+/// How much longer than a call's deadline the server waits for the bus thread: more than a port takes to be silent again after it gave
+/// up on a line (1 s), less than a client waits for the daemon (2 s).
 const GRACE: Duration = Duration::from_millis(1500);
-/// How long the board may take to answer a question of the daemon's own.
+/// How long the board may take to answer a question that the daemon asks for a call's sake.
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
 /// What follows when the bus thread has done what was asked of it, or not.
 #[derive(Debug)]
@@ -42,7 +42,7 @@ struct Pending {
     lines: Vec<String>,
     length: usize,
     then: Then,
-    /// Somebody has stopped all motion, for which nothing is to begin any more: why.
+    /// Why nothing begins behind this question any more: a client has stopped all motion.
     dropped: Option<Text<REASON_MAX>>,
     /// What its command does.
     effect: CommandEffect,
@@ -78,7 +78,7 @@ impl Pending {
         }
     }
 
-    /// It has ended so. Its caller `is_given_up` without a word of the bus thread.
+    /// The call has ended so. It `is_given_up` where the bus thread has not answered.
     fn end(self, outcome: Outcome, is_given_up: bool) -> Ended {
         let Self { caller, deadline, lines, length, then, effect, is_logged, .. } = self;
         let outcome = self.dropped.map_or(outcome, Outcome::Dropped);
@@ -87,7 +87,7 @@ impl Pending {
         Ended { then, effect, heard }
     }
 
-    /// Whether the daemon sends it by itself, to stop something.
+    /// Whether its command is a stop that the daemon sends by itself.
     fn is_own_stop(&self) -> bool {
         matches!(self.then, Then::Stop(_)) && self.caller.client == Caller::NOBODY
     }
@@ -174,9 +174,9 @@ impl CallTable {
         true
     }
 
-    /// Hands the bus thread what it has room for. The calls whose commands were not handed over: of those whose time is
-    /// up, or who are gone (not `hears`), wanted a reply, and did not stop anything; each with how it ended. Lines wait for what `holds` the port.
-    /// What is handed over and can move a machine is told to `log`.
+    /// Hands the bus thread as many commands as it has room for. Gives the calls whose commands it does not hand over: their time is
+    /// up, or their clients are gone (not `hears`), wanted a reply and asked for no stop. Lines wait for what `holds` the port. `log` hears
+    /// of every command that can move a machine.
     pub(super) fn hand_out(
         &mut self,
         holds: Option<GivenUp>,
@@ -248,9 +248,9 @@ impl CallTable {
         .collect()
     }
 
-    /// Takes every line and request of the panel back that waits for its turn, whosever it is, but for what stops.
+    /// Takes back every line and every request of the panel that waits for its turn, of every client, but no stop.
     ///
-    /// What was to begin behind a question is refused for this `reason` when that is answered.
+    /// Where something was to begin behind a question under way, its caller is refused for this `reason` when the question ends.
     pub(super) fn drop_what_waits(&mut self, reason: Text<REASON_MAX>) -> Vec<Ended> {
         for pending in self.pending.values_mut().filter(|pending| pending.part() == CommandPart::Before) {
             pending.dropped = Some(reason);

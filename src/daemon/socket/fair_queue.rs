@@ -14,7 +14,7 @@ use crate::function::ascii::control::control_has_reply;
 
 /// Kinds of commands. One kind does not wait for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum CommandKind {
     /// Lines for the board, which it takes one after the other.
     Line,
     /// Control characters without an answer, as those that stop a machine: they overtake everything.
@@ -31,7 +31,7 @@ enum Kind {
     Short,
 }
 
-impl Kind {
+impl CommandKind {
     const ALL: [Self; 7] =
         [Self::Control, Self::Panel, Self::Query, Self::Line, Self::Short, Self::Variables, Self::Rotary];
 
@@ -76,7 +76,7 @@ pub(super) struct Turn {
 impl Turn {
     /// Whether it waits while a command that was given up holds the port.
     pub(super) fn is_for_port(&self) -> bool {
-        matches!(Kind::of(&self.command), Kind::Line | Kind::Query)
+        matches!(CommandKind::of(&self.command), CommandKind::Line | CommandKind::Query)
     }
 }
 
@@ -91,15 +91,15 @@ struct Lane {
 /// Every command that the bus thread has not answered.
 #[derive(Debug, Default)]
 pub(super) struct FairQueue {
-    lanes: [Lane; Kind::ALL.len()],
+    lanes: [Lane; CommandKind::ALL.len()],
     /// The commands that the bus thread has.
-    handed: HashMap<Ticket, Kind>,
+    handed: HashMap<Ticket, CommandKind>,
 }
 
 impl FairQueue {
     /// Puts `turn` of `user` into the queue.
     pub(super) fn wait(&mut self, user: Uid, turn: Turn) {
-        let users = &mut self.lanes[Kind::of(&turn.command) as usize].users;
+        let users = &mut self.lanes[CommandKind::of(&turn.command) as usize].users;
         match users.iter_mut().find(|(other, _)| *other == user) {
             Some((_, turns)) => turns.push_back(turn),
             None => users.push_back((user, VecDeque::from([turn]))),
@@ -108,17 +108,17 @@ impl FairQueue {
 
     /// Whether [`Self::next`] has one.
     pub(super) fn has_next(&self) -> bool {
-        Kind::ALL.into_iter().any(|kind| self.may_go(kind))
+        CommandKind::ALL.into_iter().any(|kind| self.may_go(kind))
     }
 
-    fn may_go(&self, kind: Kind) -> bool {
+    fn may_go(&self, kind: CommandKind) -> bool {
         let lane = &self.lanes[kind as usize];
         !lane.users.is_empty() && lane.handed < kind.at_once()
     }
 
     /// The next command to hand over. It counts as the bus thread's until [`Self::over`].
     pub(super) fn next(&mut self) -> Option<Turn> {
-        let kind = Kind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
+        let kind = CommandKind::ALL.into_iter().find(|kind| self.may_go(*kind))?;
         let lane = &mut self.lanes[kind as usize];
         let (user, mut turns) = lane.users.pop_front()?;
         let turn = turns.pop_front()?;
@@ -146,7 +146,9 @@ impl FairQueue {
 
     /// Every line that waits and does not end a sequence, and every request of the panel.
     pub(super) fn droppable(&self) -> Vec<Ticket> {
-        let users = [Kind::Line, Kind::Panel].into_iter().flat_map(|kind| &self.lanes[kind as usize].users);
+        let users = [CommandKind::Line, CommandKind::Panel]
+            .into_iter()
+            .flat_map(|kind| &self.lanes[kind as usize].users);
         let goes = |turn: &&Turn| match &turn.command {
             Command::Send { origin, .. } => !origin.stays,
             Command::Job { job, .. } => matches!(**job, Job::Panel(_)),
@@ -201,7 +203,7 @@ mod tests {
     }
 
     fn next(turns: &mut FairQueue) -> Option<u64> {
-        assert_eq!(turns.has_next(), Kind::ALL.into_iter().any(|kind| turns.may_go(kind)));
+        assert_eq!(turns.has_next(), CommandKind::ALL.into_iter().any(|kind| turns.may_go(kind)));
         turns.next().map(|turn| turn.ticket.0)
     }
 

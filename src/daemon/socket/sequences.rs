@@ -7,8 +7,9 @@ use std::time::Instant;
 use nix::unistd::Uid;
 
 use crate::daemon::motion::effect::LineEffect;
-use crate::daemon::scripts::{Batch, Ending, GatherCall, LEASE, Resource, RotaryCall, Script};
+use crate::daemon::scripts::{Batch, Ending, GatherCall, Resource, RotaryCall, Script};
 use crate::daemon::shared::caller::Caller;
+use crate::daemon::shared::leases::SEQUENCE_LEASE;
 use crate::daemon::shared::peer::Peer;
 use crate::daemon::shared::queue::{REASON_MAX, Text};
 use crate::language::LineEnds;
@@ -103,7 +104,7 @@ impl Running {
 
     /// When it lapses: only while its owner is the one who has to say something.
     fn lapses(&self) -> Option<Instant> {
-        (self.ending.is_none() && self.call.is_none()).then(|| self.heard + LEASE)
+        (self.ending.is_none() && self.call.is_none()).then(|| self.heard + SEQUENCE_LEASE)
     }
 }
 

@@ -12,11 +12,13 @@ mod first_starts;
 mod jobs;
 mod jogging;
 mod motion;
+mod panel_silent;
 mod replies;
 mod sequencing;
 mod starting;
 pub mod stepper;
 mod stopping;
+mod who_may_jog;
 
 use std::collections::BTreeMap;
 use std::io;

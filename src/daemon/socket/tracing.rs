@@ -1,16 +1,15 @@
 //! Who gets the trace of the daemon's bus accesses: one client at a time, as long as it takes them.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use super::call_table::Caller;
 use super::policy::Peer;
+use crate::daemon::shared::leases::TRACE_LEASE;
 use crate::device::Trace;
 use crate::protocol::CallError;
 use crate::protocol::board::TraceReply;
 
-/// How long after its last call a client still has the trace.
-const TRACE_LEASE: Duration = Duration::from_secs(5);
 /// Accesses that one reply holds at most.
 const ACCESSES_A_REPLY: usize = 4096;
 

@@ -12,7 +12,7 @@ use crate::daemon::shared::queue::{Outcome, Ticket};
 use crate::function::variable_read::VariableEntry;
 
 /// How long until a table that was not taken is tried again.
-const AGAIN: Duration = Duration::from_secs(1);
+const TABLE_AGAIN: Duration = Duration::from_secs(1);
 
 /// Entries that one observer can take.
 const fn of_observer(room: usize) -> usize {
@@ -224,7 +224,7 @@ impl Watches {
         let was_dirty = std::mem::replace(&mut self.is_dirty, true);
         self.table = self.merged();
         // A newer table may be sent at once.
-        self.again = (!was_dirty).then_some(now + AGAIN);
+        self.again = (!was_dirty).then_some(now + TABLE_AGAIN);
         waiting
     }
 
@@ -328,8 +328,8 @@ mod tests {
         watches.sent(Ticket(2));
         assert_eq!(watches.failed(Ticket(2), refused, now), [2], "who waits for it hears so");
         assert!(watches.is_logged);
-        assert_eq!((watches.update(now), watches.next_try()), (None, Some(now + AGAIN)), "not at once");
-        assert_eq!(watches.update(now + AGAIN), Some(entries(0..2)));
+        assert_eq!((watches.update(now), watches.next_try()), (None, Some(now + TABLE_AGAIN)), "not at once");
+        assert_eq!(watches.update(now + TABLE_AGAIN), Some(entries(0..2)));
         watches.sent(Ticket(3));
         assert_eq!(watches.next_try(), None);
         // A newer one is not held up by what became of the one before.
@@ -338,7 +338,7 @@ mod tests {
         assert_eq!(watches.update(now), Some(entries(0..3)));
         watches.sent(Ticket(4));
         assert_eq!(watches.taken(Ticket(4), 8), [1]);
-        assert!(!watches.is_logged && watches.update(now + AGAIN).is_none());
+        assert!(!watches.is_logged && watches.update(now + TABLE_AGAIN).is_none());
     }
 
     #[test]

@@ -7,8 +7,8 @@ use nix::sys::eventfd::EventFd;
 
 use super::Service;
 use super::replies::{is_stopping, stop_not_taken};
-use crate::daemon::motion::timing::HOLD_LEASE;
 use crate::daemon::scripts::END_STEP;
+use crate::daemon::shared::leases::HOLD_LEASE;
 use crate::map::Motors;
 use crate::protocol::{CallError, Reply};
 

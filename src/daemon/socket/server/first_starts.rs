@@ -1,4 +1,4 @@
-//! Has the board asked what lies in rotary buffers that the daemon knows nothing of, before it starts their programs.
+//! Asks the board what lies in rotary buffers of which the daemon does not know that, before their programs are started.
 //!
 //! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
 //! about once, and again at each start where something is left: another host, or a reset that nobody saw, may have taken it. Where command lines are not
@@ -18,20 +18,20 @@ use crate::map::Systems;
 use crate::protocol::Function;
 
 /// How long a question may wait for its turn.
-const QUESTION: Duration = Duration::from_secs(1);
+const QUESTION_TURN: Duration = Duration::from_secs(1);
 
 impl Service {
-    /// Gives `ask` back if it is known what lies in the rotary buffers of the programs that it starts. Otherwise the board is asked,
-    /// and it goes on then.
+    /// Gives `ask` back if the daemon knows what lies in the rotary buffers of the programs that `ask` starts. Otherwise the daemon asks
+    /// the board first.
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
         let existing = Systems::first(self.info.family().coordinate_systems);
-        // What a stream of our own feeds it has asked about itself.
+        // A stream has asked about the coordinate system that it feeds.
         let unknown = self.leftovers.to_ask(ask.starts()).among(existing).without(self.sequences.fed());
         if unknown.is_empty() || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
         }
         let step = CallStep::Start(Box::new(FirstStart::new(ask, unknown)));
-        self.question(caller, FirstStart::QUESTION, step, now + QUESTION);
+        self.question(caller, FirstStart::QUESTION, step, now + QUESTION_TURN);
         None
     }
 
@@ -39,7 +39,7 @@ impl Service {
     pub(super) fn start_step(&mut self, mut start: Box<FirstStart>, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, outcome, .. } = heard;
         match (start.take(outcome, heard.lines(now)), outcome) {
-            // Somebody has stopped all motion: what waited is not to be begun either.
+            // A client has stopped all motion: the start does not begin either.
             (Err(dropped), Outcome::Dropped(_)) => return Err(dropped),
             (Err(reason), _) => return Err(start.unknown(&reason, self.uses(Function::Panel))),
             (Ok(Some((system, _))), Outcome::Error(error)) => self.leftovers.refused(system, error),
@@ -47,7 +47,7 @@ impl Service {
             (Ok(None), _) => {}
         }
         match start.line() {
-            Some(line) => self.question(caller, &line, CallStep::Start(start), now + QUESTION),
+            Some(line) => self.question(caller, &line, CallStep::Start(start), now + QUESTION_TURN),
             None => self.ask(caller, start.ask, now)?,
         }
         Ok(None)

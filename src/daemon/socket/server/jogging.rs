@@ -1,7 +1,7 @@
 //! Jogs to a position.
 //!
 //! The daemon asks what is addressed, then sends the line that jogs and puts the address back. Both lines are on-line only: no
-//! program buffer takes them, whoever has one open.
+//! program buffer takes them.
 
 use std::time::Instant;
 
@@ -21,7 +21,7 @@ impl Service {
     /// # Errors
     /// Why nothing was sent.
     pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Result<(), CallError> {
-        // Somebody may have begun to hold it while the board was asked.
+        // Another client may have begun to hold the motor while the board was asked.
         self.may_jog(caller, jog)?;
         let Some(line) = jog.line() else {
             self.question(caller, "#", CallStep::JogTo(jog), deadline);
@@ -46,7 +46,7 @@ impl Service {
         let Heard { caller, deadline, outcome, .. } = heard;
         let is_question = jog.addressed.is_none();
         let addressed = match outcome {
-            // That is said of the question. The jog has not been sent.
+            // The question has failed. The jog has not been sent.
             Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) if is_question => None,
             _ => heard.lines(now)?.first().and_then(|line| line.trim().parse().ok()),
         };
@@ -57,26 +57,5 @@ impl Service {
             || CallError::refused("the board does not say which motor is addressed; nothing was sent");
         jog.addressed = Some(addressed.ok_or_else(unsaid)?);
         self.jog_to(caller, jog, deadline).map(|()| None)
-    }
-
-    /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is known not to be open. The daemon takes it
-    /// that every jog closes the loop of a killed motor, as `J/` does (Turbo Software Reference p. 275).
-    fn may_jog(&self, caller: Caller, jog: JogTo) -> Result<(), CallError> {
-        self.spares_holds(caller.client, jog.motors())?;
-        if self.info.loops_untold().meets(jog.motors()) {
-            return Err(CallError::refused(format_args!(
-                "whether the loop of motor {} is open is not known until the board has told where its M-variables point \
-                 (pmacctl status tells how far that is); nothing was sent",
-                jog.motors()
-            )));
-        }
-        if self.info.loops_left_open().meets(jog.motors()) {
-            return Err(CallError::refused(format_args!(
-                "the loop of motor {0} is open (killed, or a fault), and a jog would close it; nothing was sent; pmacctl send \
-                 '#{0}J/' closes it where the motor stands",
-                jog.motors()
-            )));
-        }
-        Ok(())
     }
 }

@@ -2,8 +2,6 @@
 
 use std::time::Instant;
 
-use log::warn;
-
 use super::Service;
 use super::replies::not_sent;
 use crate::daemon::motion::effect::{CommandEffect, LineEffect};
@@ -11,7 +9,6 @@ use crate::daemon::motion::target::Target;
 use crate::daemon::motion::timing::PANEL_STOP_TAKES;
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
-use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::{Outcome, dropped_by};
 use crate::daemon::socket::call_step::CallStep;
 use crate::daemon::socket::call_table::Then;
@@ -125,34 +122,6 @@ impl Service {
         if !motors.is_empty() {
             self.calls.send_now(Job::EndHold(motors), now + PANEL_STOP_TAKES);
         }
-    }
-
-    /// The board does not read the control panel any more: `by` has switched it off, or it is not known who.
-    pub(super) fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
-        self.ledger.panel_ended(by, now);
-        let going = self.ledger.newly_alone(self.info.motion());
-        if !going.is_empty() {
-            warn!(target: "audit", "{}", self.without_panel(going));
-        }
-    }
-
-    /// What is told of the motors that were set in motion by the panel and go on, while it is off.
-    pub(super) fn jogs_without_panel(&self) -> Option<String> {
-        let going = self.ledger.going_by_panel(self.info.motion());
-        let is_off = self.info.enabling().panel == Some(false);
-        (is_off && !going.is_empty()).then(|| self.without_panel(going))
-    }
-
-    fn without_panel(&self, motors: Motors) -> String {
-        let cure = if self.uses(Function::Ascii) {
-            "pmacctl jog N stop stops it by command line, pmacctl abort everything"
-        } else {
-            "pmacd sends no command lines, so nothing of it stops it until the panel is on again"
-        };
-        format!(
-            "motor {motors} was set in motion by the control panel, which is off (I{} is not 3), and may go on: {cure}",
-            self.info.family().i.panel.unwrap_or_default()
-        )
     }
 
     /// Whether the daemon may use `function` of the board now.

@@ -1,7 +1,6 @@
 //! What callers are answered of what somebody holds, and at the daemon's end.
 
 use crate::daemon::motion::hold_end::HoldEnd;
-use crate::daemon::shared::open_buffer::Account;
 use crate::map::Motors;
 use crate::protocol::{CallError, Reply};
 
@@ -13,18 +12,6 @@ pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
     match end {
         Some(end) => CallError::refused(end),
         None => CallError::refused("there is no held jog of this connection (any more)"),
-    }
-}
-
-/// What a client is told who would move a motor that another one holds.
-pub(super) fn held_by_another(holder: Option<Account>, motors: Motors) -> CallError {
-    match holder {
-        Some(holder) => CallError::refused(format_args!(
-            "{holder} holds a jog of motor {motors}; nothing was sent; pmacctl jog N stop or abort ends that"
-        )),
-        None => CallError::refused(format_args!(
-            "the board has not taken the stop of motor {motors} yet, which pmacd requests again; nothing was sent; abort stops it"
-        )),
     }
 }
 

@@ -27,7 +27,7 @@ use crate::protocol::{CallError, Reply};
 const UNFETCHED: Duration = Duration::from_millis(20);
 
 /// The owner's call, and what it is answered.
-type Answer = (Caller, Result<Reply, CallError>);
+type OwnersAnswer = (Caller, Result<Reply, CallError>);
 
 impl Service {
     /// Begins a sequence, or passes a call on to the one that the caller has. The reply, if there is one at once.
@@ -229,7 +229,7 @@ impl Service {
     }
 
     /// Takes the steps of sequence `number`, until one takes time. What its owner's call is answered, if it is now.
-    fn drive(&mut self, number: u64, mut done: Option<Done>, now: Instant) -> Option<Answer> {
+    fn drive(&mut self, number: u64, mut done: Option<Done>, now: Instant) -> Option<OwnersAnswer> {
         loop {
             let running = self.sequences.get_mut(number)?;
             let owner = running.owner;
@@ -327,7 +327,7 @@ impl Service {
         number: u64,
         reply: Result<Reply, CallError>,
         now: Instant,
-    ) -> Option<Answer> {
+    ) -> Option<OwnersAnswer> {
         let Running { script, owner, ending, call, waiters, is_told, .. } = self.sequences.over(number)?;
         if let Some(lines) = script.leaves() {
             self.leftovers.set(script.feeds(), lines);

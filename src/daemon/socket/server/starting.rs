@@ -1,17 +1,15 @@
-//! Keeps a start from running lines that nobody expects, and a line from moving a motor that somebody else holds.
+//! What a line or a start may do, and what it does: a start runs no lines that nobody expects.
 
 use std::time::Instant;
 
 use super::Service;
-use super::replies::held_by_another;
 use crate::daemon::motion::effect::{LineEffect, Starts};
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::open_buffer::Account;
 use crate::daemon::shared::queue::Outcome;
 use crate::daemon::socket::heard::Heard;
 use crate::language::settings::CutsOff;
-use crate::language::{Line, WhileOpen};
-use crate::map::Motors;
+use crate::language::{Line, WhileOpen, is_rotary};
 use crate::protocol::board::SendReply;
 use crate::protocol::cut_off;
 use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
@@ -33,20 +31,6 @@ impl Service {
         let effect = LineEffect::of(meaning, open.is_some_and(is_rotary), self.info.family().i.panel);
         self.spares_holds(client, meaning.moves)?;
         Ok(effect)
-    }
-
-    /// Whether a command of `client` that moves `motors` moves none that somebody else holds, or whose stop the board has not taken. A
-    /// stop is not asked.
-    ///
-    /// # Errors
-    /// Who holds which; nothing was sent.
-    pub(super) fn spares_holds(&self, client: u64, motors: Motors) -> Result<(), CallError> {
-        let due = motors.among(self.stops.due_motors());
-        match self.ledger.held_by_another(client, motors) {
-            Some((holder, held)) => Err(held_by_another(Some(holder), held)),
-            None if !due.is_empty() => Err(held_by_another(None, due)),
-            None => Ok(()),
-        }
     }
 
     /// The board has carried out a line of `by` with this effect.
@@ -136,9 +120,4 @@ impl Service {
         let has_panel = self.uses(Function::Panel);
         self.leftovers.check(starts, has_panel)
     }
-}
-
-/// Whether the open buffer of this name is the rotary ones.
-fn is_rotary(name: &str) -> bool {
-    name.starts_with("ROT")
 }

@@ -1,4 +1,4 @@
-//! Drives the stops that nobody asks the panel for as a client, or that the control panel did not take.
+//! Drives the stops: what follows when the panel, or a command line, has stopped something or not.
 
 use std::time::Instant;
 
@@ -187,7 +187,7 @@ impl Service {
         match &result {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
-                    // A request of its caller is noted when the board has taken it.
+                    // What the caller's own request ends is noted with every command of a client.
                     if stop.at != At::CallersPanel
                         && let Some(ends) = ended_by_stop(stop.target)
                     {
