@@ -19,6 +19,7 @@ use log::{info, warn};
 
 use super::hold_end::HoldEnd;
 use super::timing::{HOLDERS_STOP_TAKES, JOG_STANDS};
+use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::leases::HOLD_LEASE;
 use crate::daemon::shared::open_buffer::Account;
 use crate::function::servo::Motion;
@@ -137,7 +138,7 @@ impl Ledger {
     /// The board has taken a panel request that sets `motors` in motion, or may have. Nobody holds them.
     pub fn jog_by_panel(&mut self, motors: Motors) {
         self.remove(motors, |row| row.way == Way::Panel);
-        self.add(Row { motors, client: u64::MAX, ..Row::default() });
+        self.add(Row { motors, client: Caller::NOBODY, ..Row::default() });
     }
 
     fn add(&mut self, row: Row) {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::call_step::{CallStep, CommandPart};
 use super::fair_queue::{FairQueue, Turn};
 use super::heard::{COLLECT_MAX, Heard};
-use crate::daemon::motion::effect::CommandEffect;
+use crate::daemon::motion::effect::{CommandEffect, LineEffect};
 pub(super) use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::job::Job;
 use crate::daemon::shared::queue::{Command, GivenUp, Outcome, REASON_MAX, Sender, Text, Ticket, at_once};
@@ -26,8 +26,8 @@ pub(super) enum Then {
     Call(CallStep),
     /// The stop of this number goes on.
     Stop(u64),
-    /// The sequence of this number goes on.
-    Sequence(u64),
+    /// The sequence of this number goes on. The line of its step has this effect.
+    Sequence(u64, LineEffect),
 }
 
 /// A call that the board has not answered yet.
@@ -74,7 +74,7 @@ impl Pending {
     fn part(&self) -> CommandPart {
         match &self.then {
             Then::Call(step) => step.part(),
-            Then::Stop(_) | Then::Sequence(_) => CommandPart::Deed,
+            Then::Stop(_) | Then::Sequence(..) => CommandPart::Deed,
         }
     }
 

@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use nix::unistd::Uid;
 
-use crate::daemon::motion::effect::LineEffect;
 use crate::daemon::scripts::{Batch, Ending, GatherCall, Resource, RotaryCall, Script};
 use crate::daemon::shared::caller::Caller;
 use crate::daemon::shared::leases::SEQUENCE_LEASE;
@@ -80,8 +79,6 @@ pub(super) struct Running {
     pub call: Option<Caller>,
     /// What it waits for.
     pub waits: Waits,
-    /// What the line under way does when it is done.
-    pub effect: LineEffect,
     /// When its owner was heard last.
     heard: Instant,
     /// Why it ends, once it does.
@@ -161,7 +158,6 @@ impl Sequences {
             owner,
             call: Some(caller),
             waits: Waits::Owner,
-            effect: LineEffect::default(),
             heard: now,
             ending: None,
             waiters: Vec::new(),

@@ -393,8 +393,8 @@ impl Service {
         now: Instant,
     ) {
         match self.calls.end(ticket, Outcome::Done) {
-            Some(Ended { then: Then::Sequence(number), heard, .. }) => {
-                self.step_done(number, heard, found, now)
+            Some(Ended { then: Then::Sequence(number, effect), heard, .. }) => {
+                self.step_done((number, effect), heard, found, now)
             }
             Some(ended) => self.answer(ended.heard.caller, reply(found), now),
             None => {}

@@ -72,7 +72,7 @@ impl Service {
     }
 
     /// Does what a call asks for; the reply if there is one at once.
-    fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Result<Option<Reply>, CallError> {
+    fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Answered {
         match action {
             Action::Reply(reply) => return Ok(Some(reply)),
             Action::Info => {
@@ -92,8 +92,8 @@ impl Service {
                 };
                 return Reply::with(&board).map(Some);
             }
-            Action::Ask(ask) => self.ask(caller, ask, now)?,
-            Action::JogTo(jog) => self.jog_to(caller, jog, JogTo::deadline(now))?,
+            Action::Ask(ask) => return self.ask(caller, ask, now),
+            Action::JogTo(jog) => return self.jog_to(caller, jog, JogTo::deadline(now)),
             Action::StopByLine(target, audit) => {
                 let Some(client) = self.clients.get_mut(caller.client) else { return Ok(None) };
                 client.wait_for(Waiting::Board);
@@ -147,13 +147,13 @@ impl Service {
         self.info.is_enabled(Enabled::ASCII)
     }
 
-    pub(super) fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Result<(), CallError> {
+    pub(super) fn ask(&mut self, caller: Caller, ask: Ask, now: Instant) -> Answered {
         if let Ask::Control { character, .. } = ask
             && let Some(line) = self.line_for(character)?
         {
             return self.ask(caller, Ask::line(Line::of(line)), now);
         }
-        let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(()) };
+        let Some(ask) = self.knows_what_is_left(caller, ask, now) else { return Ok(None) };
         let deadline = now + ask.timeout();
         match ask {
             Ask::Send { line, question, into_buffer, while_connected, silence, confirmed, .. } => {
@@ -213,9 +213,9 @@ impl Service {
                     count,
                 });
             }
-            Ask::Job(call) => self.ask_job(caller, Box::new(call), now)?,
+            Ask::Job(call) => return self.ask_job(caller, Box::new(call), now),
         }
-        Ok(())
+        Ok(None)
     }
 
     /// Asks the board `question` for the sake of the call that goes on with `step`.
@@ -263,7 +263,9 @@ impl Service {
         self.note_effect(effect, &then, &heard, now);
         let Heard { caller, outcome, .. } = heard;
         let step = match then {
-            Then::Sequence(number) => return self.step_done(number, heard, Found::default(), now),
+            Then::Sequence(number, effect) => {
+                return self.step_done((number, effect), heard, Found::default(), now);
+            }
             Then::Stop(number) => return self.stop_step(number, &heard.lines, outcome, now),
             Then::Call(step) => step,
         };

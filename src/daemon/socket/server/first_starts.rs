@@ -48,7 +48,7 @@ impl Service {
         }
         match start.line() {
             Some(line) => self.question(caller, &line, CallStep::Start(start), now + QUESTION_TURN),
-            None => self.ask(caller, start.ask, now)?,
+            None => return self.ask(caller, start.ask, now),
         }
         Ok(None)
     }

@@ -12,18 +12,13 @@ use crate::daemon::socket::call_step::CallStep;
 use crate::daemon::socket::call_table::{Caller, Then};
 use crate::daemon::socket::heard::Heard;
 use crate::daemon::socket::jobs::{JobAt, JobCall};
+use crate::protocol::Reply;
 use crate::protocol::board::NotesReply;
-use crate::protocol::{CallError, Reply};
 
 impl Service {
     /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has to
     /// show; where command lines are switched off, what the job needs is with its caller.
-    pub(super) fn ask_job(
-        &mut self,
-        caller: Caller,
-        mut call: Box<JobCall>,
-        now: Instant,
-    ) -> Result<(), CallError> {
+    pub(super) fn ask_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Answered {
         if let Some(buffer) = call.feeds {
             self.own_stream(caller, buffer)?;
         }
@@ -31,8 +26,7 @@ impl Service {
             let is_known = guard.is_known(self.info.enabling(), now);
             let asks = self.answers() && (call.has_question() || !is_known);
             if asks && !call.stops {
-                self.ask_about(caller, call, now);
-                return Ok(());
+                return self.ask_about(caller, call, now);
             }
             if !asks && !is_known {
                 call.note_unasked(guard);
@@ -45,20 +39,23 @@ impl Service {
     }
 
     /// Asks the board what `call` needs to have an effect.
-    fn ask_about(&mut self, caller: Caller, call: Box<JobCall>, now: Instant) {
+    fn ask_about(&mut self, caller: Caller, call: Box<JobCall>, now: Instant) -> Answered {
         if let Some(guard) = call.guard {
             let (question, deadline) = (call.question(guard), now + call.timeout);
             self.question(caller, &question, CallStep::Job(call), deadline);
         }
+        Ok(None)
     }
 
     /// Has the bus thread do a job, whatever the board says.
-    fn do_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Result<(), CallError> {
+    fn do_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Answered {
         let deadline = now + call.timeout;
         self.may_start(call.starts)?;
         // A stop is never refused.
         self.spares_holds(caller.client, call.moves)?;
-        let JobAt::Wanted(mut job) = std::mem::replace(&mut call.at, JobAt::UnderWay) else { return Ok(()) };
+        let JobAt::Wanted(mut job) = std::mem::replace(&mut call.at, JobAt::UnderWay) else {
+            return Ok(None);
+        };
         if let Some(motors) = call.lease {
             // From now on: a client that is gone before the board has taken the jog is gone all the same.
             self.ledger.hold(caller.client, caller.peer.account(), motors, deadline);
@@ -81,7 +78,7 @@ impl Service {
         };
         let job = Box::new(job);
         self.wait_for_board(caller, deadline, then, audit, |ticket| Command::Job { ticket, job, deadline });
-        Ok(())
+        Ok(None)
     }
 
     /// The bus thread has done the job, or the board has answered a question about it, or neither.
@@ -90,7 +87,7 @@ impl Service {
         match call.at {
             JobAt::Wanted(_) => {
                 call.take_answers(heard.answers(now)?.as_deref())?;
-                self.do_job(caller, call, now).map(|()| None)
+                self.do_job(caller, call, now)
             }
             JobAt::UnderWay => self.job_done(call, heard, now),
             JobAt::Done => {
@@ -122,8 +119,7 @@ impl Service {
             };
         if asks {
             call.at = result.map_or_else(JobAt::Failed, |_| JobAt::Done);
-            self.ask_about(caller, call, now);
-            return Ok(None);
+            return self.ask_about(caller, call, now);
         }
         result?;
         renewed.map_err(hold_over)?;

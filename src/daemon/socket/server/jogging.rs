@@ -20,12 +20,12 @@ impl Service {
     ///
     /// # Errors
     /// Why nothing was sent.
-    pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Result<(), CallError> {
+    pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Answered {
         // Another client may have begun to hold the motor while the board was asked.
         self.may_jog(caller, jog)?;
         let Some(line) = jog.line() else {
             self.question(caller, "#", CallStep::JogTo(jog), deadline);
-            return Ok(());
+            return Ok(None);
         };
         let line = Line::of(&*line);
         let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
@@ -38,7 +38,7 @@ impl Service {
             deadline,
             writer: Writer::Question,
         });
-        Ok(())
+        Ok(None)
     }
 
     /// The board has said what is addressed, or has taken the line, or not.
@@ -56,6 +56,6 @@ impl Service {
         let unsaid =
             || CallError::refused("the board does not say which motor is addressed; nothing was sent");
         jog.addressed = Some(addressed.ok_or_else(unsaid)?);
-        self.jog_to(caller, jog, deadline).map(|()| None)
+        self.jog_to(caller, jog, deadline)
     }
 }

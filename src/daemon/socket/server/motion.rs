@@ -50,7 +50,7 @@ impl Service {
             if resets {
                 self.resets.was_sent(now);
             }
-            let sequence = if let Then::Sequence(number) = *then { Some(number) } else { None };
+            let sequence = if let Then::Sequence(number, _) = *then { Some(number) } else { None };
             if ends.buffer && sequence.is_none() {
                 self.end_closed_streams(caller.peer, now);
             }

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::Service;
+use super::replies::Answered;
 use crate::daemon::motion::effect::LineEffect;
 use crate::daemon::motion::resets;
 use crate::daemon::scripts::{
@@ -31,12 +32,7 @@ type OwnersAnswer = (Caller, Result<Reply, CallError>);
 
 impl Service {
     /// Begins a sequence, or passes a call on to the one that the caller has. The reply, if there is one at once.
-    pub(super) fn sequence_call(
-        &mut self,
-        caller: Caller,
-        call: SequenceCall,
-        now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    pub(super) fn sequence_call(&mut self, caller: Caller, call: SequenceCall, now: Instant) -> Answered {
         match call {
             SequenceCall::Renew => match self.sequences.renew(caller.client, now) {
                 0 => Err(CallError::refused("this connection has no sequence (any more)".to_owned())),
@@ -91,12 +87,7 @@ impl Service {
     }
 
     /// What became of the caller's sequence of lines, which something else has ended.
-    fn finish_lines(
-        &mut self,
-        caller: Caller,
-        batch: Batch,
-        now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    fn finish_lines(&mut self, caller: Caller, batch: Batch, now: Instant) -> Answered {
         if let Some(result) = self.sequences.take_result(caller.client, Resource::Lines) {
             return result.map(Some);
         }
@@ -122,12 +113,7 @@ impl Service {
     }
 
     /// Ends the gather of the caller's user, of the user `uid`, or one that nobody owns.
-    fn stop_gather(
-        &mut self,
-        caller: Caller,
-        uid: Option<u32>,
-        now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    fn stop_gather(&mut self, caller: Caller, uid: Option<u32>, now: Instant) -> Answered {
         let Some((number, running)) = self.sequences.on(Resource::Gather) else {
             if let Some(result) = self.sequences.take_result(caller.client, Resource::Gather) {
                 return result.map(Some);
@@ -148,7 +134,7 @@ impl Service {
     }
 
     /// `caller` waits for the end of sequence `number`, with its owner.
-    fn wait_for_end(&mut self, number: u64, caller: Caller) -> Result<Option<Reply>, CallError> {
+    fn wait_for_end(&mut self, number: u64, caller: Caller) -> Answered {
         if let Some(running) = self.sequences.get_mut(number) {
             running.waiters.push(caller);
         }
@@ -180,12 +166,7 @@ impl Service {
     }
 
     /// Begins `script` for `caller`. The reply, if there is one at once.
-    pub(super) fn begin_sequence(
-        &mut self,
-        caller: Caller,
-        script: Script,
-        now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    pub(super) fn begin_sequence(&mut self, caller: Caller, script: Script, now: Instant) -> Answered {
         let name = script.name().to_owned();
         let number = self.sequences.begin(script, caller, now)?;
         let Peer { uid, pid, .. } = caller.peer;
@@ -200,7 +181,7 @@ impl Service {
         caller: Caller,
         asked: Asked,
         now: Instant,
-    ) -> Result<Option<Reply>, CallError> {
+    ) -> Answered {
         let Some(running) = self.sequences.get_mut(number) else { return Err(CallError::Busy) };
         running.script.ask(asked)?;
         running.call = Some(caller);
@@ -212,7 +193,7 @@ impl Service {
         self.reply_of(number, caller, now)
     }
 
-    fn reply_of(&mut self, number: u64, caller: Caller, now: Instant) -> Result<Option<Reply>, CallError> {
+    fn reply_of(&mut self, number: u64, caller: Caller, now: Instant) -> Answered {
         match self.drive(number, None, now) {
             Some((_, reply)) => reply.map(Some),
             None => {
@@ -299,10 +280,9 @@ impl Service {
             }
         }
         let running = self.sequences.get_mut(number)?;
-        running.effect = effect;
         running.waits = if matches!(request, Request::Check) { Waits::Check(now) } else { Waits::Board };
         let (account, uid) = (peer.account(), peer.uid.as_raw());
-        self.calls.ask(step_of(peer), deadline, Then::Sequence(number), audit, |ticket| {
+        self.calls.ask(step_of(peer), deadline, Then::Sequence(number, effect), audit, |ticket| {
             // While somebody has a program buffer open a question is not sent: what the sequence has to send would enter that.
             let (line, stays, inside) = match request {
                 Request::Line(line) => (line, is_ending, is_inside),
@@ -359,11 +339,16 @@ impl Service {
     }
 
     /// The bus thread has done a step of sequence `number`, or not.
-    pub(super) fn step_done(&mut self, number: u64, heard: Heard, found: Found, now: Instant) {
+    pub(super) fn step_done(
+        &mut self,
+        (number, effect): (u64, LineEffect),
+        heard: Heard,
+        found: Found,
+        now: Instant,
+    ) {
         let outcome = heard.outcome;
-        let Some(running) = self.sequences.get_mut(number) else { return };
-        let (waits, effect) = (running.waits, std::mem::take(&mut running.effect));
-        let by = running.owner.peer.account();
+        let Some(running) = self.sequences.get(number) else { return };
+        let (waits, by) = (running.waits, running.owner.peer.account());
         if let (Waits::Check(asked), Outcome::Done) = (waits, outcome) {
             self.see_counter(&heard.lines, asked, now);
         }
