@@ -42,7 +42,7 @@
 //! * The table above is the truth about who uses whom. Besides: of the driver the simulator sees [`mod@format`], [`map`],
 //!   [`rotary::codes`], [`process`], [`recording`] and a mapping, and nobody but its own program sees it; the client sees no device; what
 //!   mirrors words ([`device`] to [`daemon`]) does not decode them.
-//! * `unsafe` lives in `device/board/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`; besides, a macro of `nix` in
+//! * `unsafe` lives in `device/mapping.rs`, `segment/memory.rs` and `segment/wide_copy.rs`; besides, a macro of `nix` in
 //!   `daemon/socket/peer_groups.rs` expands to some. Memory that another agent writes is mapped through `memmap2::MmapRaw` only,
 //!   so that no reference or slice into it can come to be.
 //! * Only [`map`] knows an address in the DPRAM. Only [`device`] knows a path in `/dev`, `/sys` or `/proc`, but for the

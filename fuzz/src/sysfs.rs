@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 
 use pmac_dpram::device::board::open::open_window;
 use pmac_dpram::device::board::pci::{self, PciAddress, PciInfo};
-use pmac_dpram::device::board::uio::{UioDevice, UioInfo};
 use pmac_dpram::device::machine::candidates::candidates;
-use pmac_dpram::device::machine::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
 use pmac_dpram::device::machine::probe::{Verdict, probe_by};
+use pmac_dpram::device::system::kernel::{Lockdown, claim, configured, may_do_raw_io, release};
+use pmac_dpram::device::uio::{UioDevice, UioInfo};
 use pmac_dpram::device::{BoardSpec, Bus, Inherited, OpenError, Place, System};
 use pmac_dpram::map::{HostOffset, PMAC};
 

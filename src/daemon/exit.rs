@@ -8,7 +8,7 @@ use std::io;
 use super::service::privilege::PrivilegeError;
 use super::socket::listener::ListenError;
 use super::socket::options::ServeError;
-use crate::device::board::refusal::{OpenError, Why};
+use crate::device::refusal::{OpenError, Why};
 use crate::segment::SegmentError;
 
 /// The command line is wrong. Nothing has been done.

@@ -1,4 +1,4 @@
-//! The bus to the board: accesses of exact width, one word at a time.
+//! The bus to the board: accesses of exact width, one word at a time; and the bus to byte registers beside the DPRAM.
 
 use crate::map::HostOffset;
 use crate::protocol::board::Replay;
@@ -152,5 +152,57 @@ impl Presence for Box<dyn Board> {
     }
     fn replay(&self) -> Option<Replay> {
         (**self).replay()
+    }
+}
+
+/// Why a byte register cannot be reached.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ByteBusError {
+    /// The register would lie outside the window.
+    #[error("byte register {offset:#x} lies outside the window of {length:#x} bytes")]
+    OutOfRange {
+        /// The register's offset.
+        offset: u32,
+        /// The window's length in bytes.
+        length: usize,
+    },
+    /// The kernel refused the access.
+    #[error("byte register {offset:#x} cannot be reached: {source}")]
+    Io {
+        /// The register's offset.
+        offset: u32,
+        /// The kernel's error.
+        source: std::io::Error,
+    },
+}
+
+/// Access to byte registers, each by one 8-bit access.
+pub trait ByteBus: Send {
+    /// Reads the register `offset` bytes from the window's start.
+    ///
+    /// # Errors
+    /// When it lies outside the window or cannot be reached.
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError>;
+
+    /// Writes the register `offset` bytes from the window's start.
+    ///
+    /// # Errors
+    /// When it lies outside the window or cannot be reached.
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError>;
+
+    /// Orders all earlier accesses before all later ones.
+    fn order_accesses(&mut self);
+}
+
+impl<B: ByteBus + ?Sized> ByteBus for Box<B> {
+    fn read8(&mut self, offset: u32) -> Result<u8, ByteBusError> {
+        (**self).read8(offset)
+    }
+    fn write8(&mut self, offset: u32, value: u8) -> Result<(), ByteBusError> {
+        (**self).write8(offset, value)
+    }
+    fn order_accesses(&mut self) {
+        (**self).order_accesses();
     }
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
-use crate::device::machine::system::System;
+use crate::device::system::System;
 
 /// The files; removed on drop.
 pub struct FakeSystem {

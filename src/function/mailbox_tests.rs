@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::Counted;
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 
 /// Characters of the longest line.
 const LONGEST: usize = 200;

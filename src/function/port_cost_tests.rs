@@ -6,7 +6,7 @@ use super::ascii::DpramPort;
 use super::line_port::{AsciiEvent, LinePort};
 use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
 use super::testing::two_sides;
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::device::{Access, Bus, ByteBus, Counted};
 use crate::format::TextOrder;
 use crate::map::functions::response;

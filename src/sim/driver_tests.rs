@@ -7,7 +7,7 @@
 
 use std::fs::OpenOptions;
 
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::sim::board::turbo;
 use crate::sim::functions::mailbox::{LENGTH, Mailbox};
 use crate::sim::testing::Bench;

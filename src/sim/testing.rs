@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions};
 
 #[cfg(any(feature = "cli", feature = "daemon"))]
 use crate::device::FileBoard;
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::map::{self, HostOffset, PmacAddress, Space};
 use crate::sim::board::Board;
 use crate::sim::board::dpram::Dpram;

@@ -13,13 +13,12 @@ use std::path::{Path, PathBuf};
 use pmac_dpram::map::FAMILIES;
 
 /// The only files that may hold `unsafe`, and map memory.
-const ISLANDS: [&str; 3] =
-    ["src/device/board/mapping.rs", "src/segment/memory.rs", "src/segment/wide_copy.rs"];
+const ISLANDS: [&str; 3] = ["src/device/mapping.rs", "src/segment/memory.rs", "src/segment/wide_copy.rs"];
 /// A file one can read in one sitting.
 const MOST_LINES: usize = 600;
 /// Modules that see less than their layer allows: the simulator is the driver's opponent, the client maps no device.
 const SEES_ONLY: [(&str, &[&str]); 2] = [
-    ("sim", &["format", "map", "rotary::codes", "device::board::mapping", "process", "recording"]),
+    ("sim", &["format", "map", "rotary::codes", "device::mapping", "process", "recording"]),
     ("client", &["format", "map", "language", "decode", "gather", "protocol", "segment"]),
 ];
 /// Words are mirrored as the board held them: these do not decode.
@@ -179,6 +178,43 @@ fn layer_breach(layers: &BTreeMap<String, (u32, usize)>, module: &str, line: &st
     })
 }
 
+/// The rooms of `src/device` in the order of the table in its `mod.rs`, and the room of each name that it gives out itself.
+fn device_rooms(text: &str) -> (Vec<String>, BTreeMap<String, String>) {
+    let rows = text.lines().filter_map(|line| line.strip_prefix("//! | ")?.split_once(" | "));
+    let names = rows.filter_map(|(name, _)| name.contains('`').then(|| name.replace(['[', '`', ']'], "")));
+    let given = text.lines().filter_map(|line| line.strip_prefix("pub use ")?.split_once("::"));
+    let given = given.flat_map(|(room, names)| {
+        let names = names.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        names.filter(|name| !name.is_empty()).map(|name| (name.to_owned(), room.to_owned()))
+    });
+    (names.collect(), given.collect())
+}
+
+#[test]
+fn a_room_of_the_device_uses_only_rooms_above_it_in_the_table() {
+    let (rooms, given) = device_rooms(&fs::read_to_string(root().join("src/device/mod.rs")).unwrap());
+    let place = |room: &str| rooms.iter().position(|name| name == room);
+    let mut breaches = Vec::new();
+    for source in shipped().iter().filter(|source| source.path != "src/device/mod.rs") {
+        let Some(inner) = source.path.strip_prefix("src/device/") else { continue };
+        let own = inner.split(['/', '.']).next().and_then(place).expect("a row of the table");
+        let uses: Vec<_> = source.code.iter().filter(|(_, line)| line.contains("crate::device::")).collect();
+        for (number, line) in uses {
+            let names = line.split("crate::device::").nth(1).unwrap_or_default();
+            let is_list = names.starts_with('{');
+            for name in names.trim_matches(['{', '}', ';']).split(", ").take(if is_list { 99 } else { 1 }) {
+                let first = name.split([':', ';', '<', '(', ')', '{', '}', ',', ' ']).next().unwrap_or(name);
+                let room = given.get(first).map_or(first, String::as_str);
+                if place(room).is_none_or(|other| other > own) {
+                    breaches.push(format!("{}:{number}: uses {name}", source.path));
+                }
+            }
+        }
+    }
+    assert_none("the order of rooms in src/device/mod.rs", breaches);
+    assert!(place("decorators") < place("board") && given["Counted"] == "decorators");
+}
+
 #[test]
 fn every_module_stands_in_the_table_of_layers_and_says_so_itself() {
     let lib = fs::read_to_string(root().join("src/lib.rs")).unwrap();
@@ -231,7 +267,7 @@ fn a_module_uses_only_what_lies_below_it() {
         assert!(layer_breach(&layers, module, line).is_some(), "{module}: {line}");
     }
     assert!(layer_breach(&layers, "mirror", "use crate::segment::Publisher;").is_none());
-    assert!(layer_breach(&layers, "sim", "use crate::device::board::mapping::Mapping;").is_none());
+    assert!(layer_breach(&layers, "sim", "use crate::device::mapping::Mapping;").is_none());
 }
 
 #[test]

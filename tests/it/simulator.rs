@@ -7,7 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use pmac_dpram::device::board::mapping::Mapping;
+use pmac_dpram::device::mapping::Mapping;
 
 use crate::support::sim::{Sim, connect};
 

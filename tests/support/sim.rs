@@ -5,7 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 
-use pmac_dpram::device::board::mapping::Mapping;
+use pmac_dpram::device::mapping::Mapping;
 use tempfile::TempDir;
 
 use super::{Control, PATIENCE, status_within, wait_until};

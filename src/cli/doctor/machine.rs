@@ -4,8 +4,8 @@ use super::report::{Check, Level, Report};
 use crate::cli::context::Failure;
 use crate::device::board::memory;
 use crate::device::machine::candidates::{Candidate, Certainty, candidates};
-use crate::device::machine::kernel::{Lockdown, configured, release};
 use crate::device::machine::probe::{Probe, Verdict, probe};
+use crate::device::system::kernel::{Lockdown, configured, release};
 use crate::device::{Board, BoardSpec, FileBoard, System};
 use crate::map::{DEFAULT_FAMILY, Family, TURBO2};
 

@@ -10,7 +10,7 @@ use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::config::settings::Settings;
 use crate::daemon::service::simulator::Simulator;
 use crate::device::interrupt::InterruptError;
-use crate::device::interrupt::uio::NoInterrupt;
+use crate::device::uio::interrupt::NoInterrupt;
 use crate::device::{
     self, Access, BoardSpec, Counted, FileBoard, Inherited, Interrupt, InterruptSource, OpenedBoard,
     OpenedReplay, ReplayBoard, System, Traced, WindowSpec, WordSwapped,

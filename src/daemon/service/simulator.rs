@@ -64,7 +64,7 @@ impl Simulator {
         // Only the daemon talks to the service manager.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]
             .iter()
-            .chain(&crate::device::machine::inherited::VARIABLES)
+            .chain(&crate::device::system::inherited::VARIABLES)
         {
             command.env_remove(variable);
         }

@@ -22,7 +22,7 @@ use super::options::ServeOptions;
 use super::peer_process::peer_process;
 use super::policy::{Peer, Policy, PolicyError, Role};
 use crate::daemon::shared::trouble::Trouble;
-use crate::device::machine::descriptors::descriptors_left;
+use crate::device::system::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
 /// How often the socket's path is looked at.

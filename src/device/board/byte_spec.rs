@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::device::board::byte::PORT_NODE;
-use crate::device::board::mapping::Mapping;
 use crate::device::board::open::window;
-use crate::device::board::refusal::{OpenError, Why, node_refused, raw_node_refused};
 use crate::device::board::spec::{Given, Place, needed};
-use crate::device::machine::inherited::Inherited;
-use crate::device::machine::system::{System, number};
+use crate::device::mapping::Mapping;
+use crate::device::refusal::{OpenError, Why, node_refused, raw_node_refused};
+use crate::device::system::inherited::Inherited;
+use crate::device::system::{System, number};
 use crate::device::{ByteBus, ByteBusError, PortRegisters};
 use crate::map::mailbox;
 
@@ -225,7 +225,7 @@ mod tests {
         fake.memory("registers", 0x400);
         fake.uio(0, "pmac-dpram", 0xD4000, 0x4000, 0, 0x8000);
         fake.uio_map(0, 1, "mailbox", 0xE000, 0x1000, 0x200);
-        let page = crate::device::board::mapping::page_bytes() as usize;
+        let page = crate::device::mapping::page_bytes() as usize;
         let file = format!("file:{}", fake.path("registers").display());
         for (spec, file, at) in [
             ("mem:0xE0000", "dev/mem", 0xE_0000),

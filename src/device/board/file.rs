@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::exclusive_lock;
 use crate::device::board::mapped::Mapped;
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::device::{Access, Presence};
 use crate::map::{FAMILIES, Family};
 

@@ -1,7 +1,7 @@
 //! Mapped memory as a bus, for every kind of board that is mapped. Reads each word once, in ascending order, by one
 //! access; reads two words of data by one access where the board takes 32 bits.
 
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::device::{Access, Bus, BusError};
 use crate::map::HostOffset;
 

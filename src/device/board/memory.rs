@@ -13,11 +13,11 @@ use std::path::Path;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::unistd::{AccessFlags, access};
 
-use crate::device::board::mapping::Mapping;
-use crate::device::board::refusal::{OpenError, Why, raw_node_refused};
-use crate::device::machine::inherited::Inherited;
-use crate::device::machine::kernel::{Claim, Lockdown, claim, may_do_raw_io};
-use crate::device::machine::system::System;
+use crate::device::mapping::Mapping;
+use crate::device::refusal::{OpenError, Why, raw_node_refused};
+use crate::device::system::System;
+use crate::device::system::inherited::Inherited;
+use crate::device::system::kernel::{Claim, Lockdown, claim, may_do_raw_io};
 
 /// The node for physical memory.
 const NODE: &str = "/dev/mem";

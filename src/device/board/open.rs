@@ -4,15 +4,15 @@ use std::fs::File;
 
 use super::{exclusive_lock, memory, pci, vme};
 use crate::device::Board;
-use crate::device::board::mapping::Mapping;
-use crate::device::board::refusal::{OpenError, Why};
 use crate::device::board::spec::{Place, WindowSpec};
-use crate::device::board::uio::UioDevice;
 use crate::device::board::window::WindowBoard;
 use crate::device::interrupt::Interrupt;
-use crate::device::interrupt::uio::NoInterrupt;
-use crate::device::machine::inherited::Inherited;
-use crate::device::machine::system::System;
+use crate::device::mapping::Mapping;
+use crate::device::refusal::{OpenError, Why};
+use crate::device::system::System;
+use crate::device::system::inherited::Inherited;
+use crate::device::uio::UioDevice;
+use crate::device::uio::interrupt::NoInterrupt;
 
 /// An open board.
 pub struct OpenedBoard {

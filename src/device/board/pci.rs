@@ -13,10 +13,10 @@ use std::str::FromStr;
 
 use nix::fcntl::OFlag;
 
-use crate::device::board::mapping::Mapping;
-use crate::device::board::refusal::{OpenError, Why, node_refused};
-use crate::device::machine::kernel::{Claim, Lockdown, PCI_DEVICES, claim, resource};
-use crate::device::machine::system::System;
+use crate::device::mapping::Mapping;
+use crate::device::refusal::{OpenError, Why, node_refused};
+use crate::device::system::System;
+use crate::device::system::kernel::{Claim, Lockdown, PCI_DEVICES, claim, resource};
 
 /// Base address registers a device can have.
 const BARS: u8 = 6;

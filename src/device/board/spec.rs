@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::device::board::pci::PciAddress;
-use crate::device::machine::system::number;
+use crate::device::system::number;
 use crate::device::{Access, InterruptSource};
 use crate::map::{DPRAM_SIZES, Family};
 

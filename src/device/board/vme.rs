@@ -11,9 +11,9 @@ use std::path::Path;
 
 use nix::fcntl::OFlag;
 
-use crate::device::board::mapping::Mapping;
-use crate::device::board::refusal::{OpenError, Why, node_refused};
-use crate::device::machine::system::System;
+use crate::device::mapping::Mapping;
+use crate::device::refusal::{OpenError, Why, node_refused};
+use crate::device::system::System;
 
 /// Maps `length` bytes of the window at `node` from `offset` on, and returns the mapped file.
 ///

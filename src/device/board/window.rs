@@ -4,8 +4,8 @@ use std::fs::File;
 
 use crate::device::Presence;
 use crate::device::board::mapped::Mapped;
-use crate::device::board::mapping::Mapping;
-use crate::device::machine::system::System;
+use crate::device::mapping::Mapping;
+use crate::device::system::System;
 
 /// Words of the window to sample before it counts as silent.
 const SAMPLES: usize = 64;

@@ -1,7 +1,7 @@
 //! Decorator: counts every access, to words or to byte registers. Bus accesses are the cost on real hardware, so the
 //! count is always kept.
 
-use crate::device::board::byte::{ByteBus, ByteBusError};
+use crate::device::bus::{ByteBus, ByteBusError};
 use crate::device::{Access, Bus, BusError, Presence};
 use crate::map::HostOffset;
 use crate::protocol::board::Replay;

@@ -5,9 +5,9 @@
 use serde::Serialize;
 
 use super::node_owner::{Holder, RULE_FILE, may_open, remark, rule_for_slot, rule_for_vme, rule_for_window};
-use super::system::System;
 use crate::device::board::pci::{self, PciInfo};
-use crate::device::board::uio::UioInfo;
+use crate::device::system::System;
+use crate::device::uio::UioInfo;
 use crate::map::FAMILIES;
 
 /// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs use the same.

@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use super::kernel::{PCI_DEVICES, configured};
-use super::system::System;
-use crate::device::board::uio::{CLASS, UioInfo};
+use crate::device::system::System;
+use crate::device::system::kernel::{PCI_DEVICES, configured};
+use crate::device::uio::{CLASS, UioInfo};
 use crate::device::{BoardSpec, Place};
 
 /// The kernel and its processors.

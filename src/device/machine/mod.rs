@@ -1,13 +1,7 @@
-//! What the machine provides: kernel facts, devices, inherited descriptors, scheduling.
+//! Which boards this machine has: candidates, their owners, and what an open board's words tell about it.
 
 pub mod candidates;
-pub mod cpu_latency;
-pub mod descriptors;
 pub mod facts;
-pub mod inherited;
-pub mod kernel;
 pub mod node_owner;
 pub mod probe;
 pub mod recognise;
-pub mod scheduling;
-pub mod system;

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use nix::unistd::{AccessFlags, User, access, geteuid};
 
-use super::system::System;
 use crate::device::board::pci::PciAddress;
-use crate::device::board::refusal::allowed;
-use crate::device::board::uio::UioMap;
+use crate::device::refusal::allowed;
+use crate::device::system::System;
+use crate::device::uio::UioMap;
 
 /// The user of `pmacd@.service`.
 pub const SERVICE_USER: &str = "pmacd";

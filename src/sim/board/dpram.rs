@@ -12,7 +12,7 @@ use nix::fcntl::{Flock, FlockArg};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use nix::unistd::geteuid;
 
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::format::{join32, split32};
 use crate::map::HostOffset;
 use crate::map::functions::{Flag, Timer};

@@ -26,7 +26,7 @@ use std::path::Path;
 
 use nix::fcntl::Flock;
 
-use crate::device::board::mapping::Mapping;
+use crate::device::mapping::Mapping;
 use crate::map::{self, Generation};
 use crate::sim::board::Board;
 use crate::sim::board::dpram::{DpramError, open_shared};

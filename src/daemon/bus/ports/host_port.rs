@@ -11,7 +11,7 @@ use log::{info, warn};
 use crate::daemon::bus::ports::command_port::CommandPorts;
 use crate::daemon::bus::timing::RESPONSE_ANNOUNCED;
 use crate::daemon::config::ports::HostPortConfig;
-use crate::device::board::refusal::OpenError;
+use crate::device::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, Inherited, System, open_host_port};
 use crate::function::host_port::HostPort;
 use crate::function::line_port::PortError;

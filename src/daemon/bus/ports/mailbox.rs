@@ -13,7 +13,7 @@ use crate::daemon::bus::board::{self, link};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::bus::timing::PORT_ANSWER;
 use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
-use crate::device::board::refusal::OpenError;
+use crate::device::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
 use crate::function::line_port::{AsciiEvent, LinePort, PortError};
 use crate::function::mailbox::{MailboxPort, MailboxSignal};

@@ -5,8 +5,8 @@ use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use crate::device::machine::kernel::{Lockdown, may_do_raw_io};
-use crate::device::machine::system::System;
+use crate::device::system::System;
+use crate::device::system::kernel::{Lockdown, may_do_raw_io};
 
 /// A board, or a part of it, that cannot be opened.
 #[derive(Debug, thiserror::Error)]

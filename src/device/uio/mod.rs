@@ -1,16 +1,18 @@
 //! `uio:`: a board behind a UIO driver. /sys/class/uio describes it; its node gives both memory and interrupts.
 
+pub mod interrupt;
+
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 
-use crate::device::board::mapping::{Mapping, page_bytes};
-use crate::device::board::refusal::{OpenError, Why, node_refused};
-use crate::device::interrupt::uio::{NoInterrupt, UioInterrupt};
-use crate::device::machine::inherited::Inherited;
-use crate::device::machine::system::System;
+use crate::device::mapping::{Mapping, page_bytes};
+use crate::device::refusal::{OpenError, Why, node_refused};
+use crate::device::system::System;
+use crate::device::system::inherited::Inherited;
+use crate::device::uio::interrupt::{NoInterrupt, UioInterrupt};
 
 /// Where the kernel describes UIO devices.
 pub(in crate::device) const CLASS: &str = "/sys/class/uio";

@@ -3,8 +3,6 @@
 //!
 //! The count includes every interrupt, so a missed one is noticed.
 
-pub mod uio;
-
 use std::fmt;
 use std::io::{ErrorKind, Read};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -14,11 +12,11 @@ use std::str::FromStr;
 
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
 
-use crate::device::board::refusal::OpenError;
-use crate::device::board::uio::UioDevice;
-use crate::device::interrupt::uio::{Count, NoInterrupt, UioInterrupt};
-use crate::device::machine::inherited::Inherited;
-use crate::device::machine::system::System;
+use crate::device::refusal::OpenError;
+use crate::device::system::System;
+use crate::device::system::inherited::Inherited;
+use crate::device::uio::UioDevice;
+use crate::device::uio::interrupt::{Count, NoInterrupt, UioInterrupt};
 
 /// Most announcements taken at once: a source that never stops must not hold up the servo data.
 const TAKEN_MAX: usize = 64;

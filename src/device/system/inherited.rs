@@ -6,7 +6,7 @@
 use std::fs::File;
 use std::os::fd::{OwnedFd, RawFd};
 
-use crate::device::board::mapping;
+use crate::device::mapping;
 
 /// The first descriptor that can be handed over.
 const FIRST: RawFd = 3;

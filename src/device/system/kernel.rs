@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::device::machine::system::{System, number, plain};
+use crate::device::system::{System, number, plain};
 
 /// Bit of CAP_SYS_RAWIO in a capability set.
 const CAP_SYS_RAWIO: u32 = 17;

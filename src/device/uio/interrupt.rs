@@ -9,9 +9,9 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::PathBuf;
 
-use crate::device::board::refusal::allowed;
-use crate::device::machine::kernel::Lockdown;
-use crate::device::machine::system::System;
+use crate::device::refusal::allowed;
+use crate::device::system::System;
+use crate::device::system::kernel::Lockdown;
 
 /// Offset of the command register in PCI configuration space, and its bit that masks INTx.
 const PCI_COMMAND: u64 = 4;

@@ -1,6 +1,13 @@
-//! What the kernel shows as files: nodes in /dev, attributes in /sys, facts in /proc.
+//! The kernel's side of this process: the files in /dev, /sys and /proc, the descriptors that the service manager hands over, and
+//! how the processor is scheduled and sleeps.
 //!
-//! All code reads them through a [`System`], whose root is `/` on a machine and a directory of made-up files in a test.
+//! All code reads the kernel's files through a [`System`]. Its root is `/` on a machine; a test gives a directory of made-up files.
+
+pub mod cpu_latency;
+pub mod descriptors;
+pub mod inherited;
+pub mod kernel;
+pub mod scheduling;
 
 use std::fs;
 use std::io;
