@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use log::info;
 
 use super::config::family::Recognised;
-use super::config::ports::{MailboxConfig, Use};
+use super::config::ports::{MailboxConfig, MailboxUse};
 use super::exit::Failure;
 use crate::daemon::bus::ports::mailbox::MailboxDriver;
 use crate::device::{ByteBusError, Inherited, System};
@@ -30,7 +30,7 @@ pub fn by_mailbox(
     inherited: &Inherited,
     wait: impl FnMut() -> Instant,
 ) -> Result<Recognised, Failure> {
-    if config.when == Use::Never {
+    if config.when == MailboxUse::Never {
         return Ok(None);
     }
     let driver = MailboxDriver::open(config.clone(), QUESTION.len(), &System::here(), inherited);

@@ -69,12 +69,12 @@ pub enum InterruptError {
 
 /// An open interrupt descriptor.
 pub struct Interrupt {
-    line: Line,
+    line: InterruptLine,
     /// The last total; `None` before the first count, which may include interrupts from before.
     total: Option<u32>,
 }
 
-enum Line {
+enum InterruptLine {
     Socket {
         stream: UnixStream,
         /// The bytes of a count that has arrived in part.
@@ -110,7 +110,7 @@ impl Taken {
 
 impl From<UioInterrupt> for Interrupt {
     fn from(interrupt: UioInterrupt) -> Self {
-        Self { total: interrupt.total(), line: Line::Uio(interrupt) }
+        Self { total: interrupt.total(), line: InterruptLine::Uio(interrupt) }
     }
 }
 
@@ -143,15 +143,15 @@ impl Interrupt {
 
     /// The interrupts announced on an open socket.
     fn over(stream: UnixStream) -> Self {
-        Self { line: Line::Socket { stream, partial: [0; 4], filled: 0 }, total: None }
+        Self { line: InterruptLine::Socket { stream, partial: [0; 4], filled: 0 }, total: None }
     }
 
     /// Readable when an interrupt is waiting, or the other end is gone.
     #[must_use]
     pub fn descriptor(&self) -> BorrowedFd<'_> {
         match &self.line {
-            Line::Socket { stream, .. } => stream.as_fd(),
-            Line::Uio(interrupt) => interrupt.file().as_fd(),
+            InterruptLine::Socket { stream, .. } => stream.as_fd(),
+            InterruptLine::Uio(interrupt) => interrupt.file().as_fd(),
         }
     }
 
@@ -160,7 +160,7 @@ impl Interrupt {
     pub fn take(&mut self) -> Taken {
         let mut taken = Taken::default();
         match &mut self.line {
-            Line::Socket { stream, partial, filled } => {
+            InterruptLine::Socket { stream, partial, filled } => {
                 for _ in 0..TAKEN_MAX {
                     match stream.read(&mut partial[*filled..]) {
                         Ok(0) => {
@@ -184,7 +184,7 @@ impl Interrupt {
                 }
             }
             // One read gives the total; an interrupt that fires again at once must not keep the thread here.
-            Line::Uio(interrupt) => match interrupt.read() {
+            InterruptLine::Uio(interrupt) => match interrupt.read() {
                 Count::Nothing => {}
                 Count::Total(total) => taken.add(&mut self.total, total),
                 Count::Last(total) => {

@@ -42,10 +42,10 @@ use crate::protocol::control::CANCEL;
 
 /// How long the port rests at the start, behind `^X` and behind a command that was given up, so that nothing is written over a line
 /// that the board is just reading.
-pub const REST: Duration = Duration::from_millis(50);
+pub const PORT_REST: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+enum DpramState {
     /// Nothing under way.
     Idle,
     /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
@@ -68,7 +68,7 @@ enum State {
 pub struct DpramPort {
     words: &'static AsciiPort,
     order: TextOrder,
-    state: State,
+    state: DpramState,
     /// The line under way, in its first `length` bytes.
     line: Box<[u8]>,
     length: usize,
@@ -95,7 +95,7 @@ impl DpramPort {
         Self {
             words,
             order,
-            state: State::Idle,
+            state: DpramState::Idle,
             line: vec![0; words.line_limit].into(),
             length: 0,
             lying: None,
@@ -124,8 +124,10 @@ impl DpramPort {
 
     /// A command has ended: the board has done the lines before.
     fn end_command(&mut self, now: Instant) {
-        self.state =
-            self.stop_again.take().map_or(State::Idle, |character| State::Held(Hold::new(character, now)));
+        self.state = self
+            .stop_again
+            .take()
+            .map_or(DpramState::Idle, |character| DpramState::Held(Hold::new(character, now)));
     }
 
     /// Characters of a line that go in its first part.
@@ -155,7 +157,7 @@ impl DpramPort {
         }
         bus.order_writes();
         bus.write16(self.words.command_loaded.word, self.words.command_loaded.mask)?;
-        self.state = State::Loaded { sent: from + part.len() };
+        self.state = DpramState::Loaded { sent: from + part.len() };
         Ok(())
     }
 
@@ -198,8 +200,8 @@ impl DpramPort {
     /// When the bus cannot be reached.
     pub fn take_back(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<bool, BusError> {
         let word = match self.state {
-            State::Loaded { sent } if sent <= self.first_part() => self.words.command_loaded.word,
-            State::Control => self.words.control_character,
+            DpramState::Loaded { sent } if sent <= self.first_part() => self.words.command_loaded.word,
+            DpramState::Control => self.words.control_character,
             _ => return Ok(false),
         };
         let lying = bus.read16(word)?;
@@ -207,7 +209,7 @@ impl DpramPort {
             return Ok(false);
         }
         match self.state {
-            State::Loaded { .. } => self.withdraw_line(bus)?,
+            DpramState::Loaded { .. } => self.withdraw_line(bus)?,
             _ => self.withdraw_control(bus)?,
         }
         self.end_command(now);
@@ -238,8 +240,10 @@ impl DpramPort {
     /// words" (DPRAM manual p. 27), which it does not say when.
     pub fn rest(&mut self, now: Instant) {
         match self.state {
-            State::Idle if self.half_left => self.state = State::Held(Hold::new(CANCEL, now)),
-            State::Idle | State::Resting { .. } => self.state = State::Resting { until: now + REST },
+            DpramState::Idle if self.half_left => self.state = DpramState::Held(Hold::new(CANCEL, now)),
+            DpramState::Idle | DpramState::Resting { .. } => {
+                self.state = DpramState::Resting { until: now + PORT_REST }
+            }
             _ => {}
         }
     }
@@ -257,15 +261,18 @@ impl DpramPort {
         bus.write16(self.words.command, self.order.pack(0, second))?;
         bus.order_writes();
         self.open_ended = false;
-        self.state = State::Emptied;
+        self.state = DpramState::Emptied;
         Ok(())
     }
 
     /// Whatever still comes belongs to nobody. The board may have the first half of a line, before which it would put the next one.
     fn abandon(&mut self, has_half: bool, now: Instant) {
         self.open_ended = false;
-        self.state =
-            if has_half { State::Held(Hold::new(CANCEL, now)) } else { State::Resting { until: now + REST } };
+        self.state = if has_half {
+            DpramState::Held(Hold::new(CANCEL, now))
+        } else {
+            DpramState::Resting { until: now + PORT_REST }
+        };
     }
 
     /// Whose a response is.
@@ -279,15 +286,16 @@ impl DpramPort {
             _ => return self.classify_error(control, now),
         }
         match (self.state, control) {
-            (State::Idle | State::Emptied | State::Held(_) | State::Resting { .. }, _) => {
-                AsciiEvent::Stale(control)
-            }
+            (
+                DpramState::Idle | DpramState::Emptied | DpramState::Held(_) | DpramState::Resting { .. },
+                _,
+            ) => AsciiEvent::Stale(control),
             (_, response::LINE) => AsciiEvent::Line(text),
-            (State::Control, _) => AsciiEvent::Stale(control),
+            (DpramState::Control, _) => AsciiEvent::Stale(control),
             // The board has not all of the line: this is no end of its reply.
-            (State::Loaded { sent }, _) if sent < self.length => AsciiEvent::Stale(control),
+            (DpramState::Loaded { sent }, _) if sent < self.length => AsciiEvent::Stale(control),
             (state, _) => {
-                if !self.open_ended && state != State::Unsettled {
+                if !self.open_ended && state != DpramState::Unsettled {
                     self.end_command(now);
                 }
                 AsciiEvent::Done(Ok(()))
@@ -298,15 +306,15 @@ impl DpramPort {
 
 impl LinePort for DpramPort {
     fn is_idle(&self) -> bool {
-        matches!(self.state, State::Idle | State::Unsettled)
+        matches!(self.state, DpramState::Idle | DpramState::Unsettled)
     }
 
     fn was_taken(&self) -> bool {
-        matches!(self.state, State::Replying | State::Unsettled)
+        matches!(self.state, DpramState::Replying | DpramState::Unsettled)
     }
 
     fn line_lies(&self) -> bool {
-        matches!(self.state, State::Loaded { .. })
+        matches!(self.state, DpramState::Loaded { .. })
     }
 
     fn is_unheard(&self) -> bool {
@@ -341,7 +349,7 @@ impl LinePort for DpramPort {
     }
 
     fn settled(&mut self, now: Instant) {
-        if self.state == State::Unsettled {
+        if self.state == DpramState::Unsettled {
             self.end_command(now);
         }
     }
@@ -378,49 +386,51 @@ impl LinePort for DpramPort {
 
     fn give_up(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError> {
         match self.state {
-            State::Idle | State::Emptied | State::Held(_) | State::Resting { .. } => return Ok(()),
-            State::Loaded { .. } => {
+            DpramState::Idle | DpramState::Emptied | DpramState::Held(_) | DpramState::Resting { .. } => {
+                return Ok(());
+            }
+            DpramState::Loaded { .. } => {
                 self.unheard = self.is_loaded(bus)?;
                 return Ok(self.end_line(bus, now)?);
             }
             // Another one may lie there by now.
-            State::Control if std::mem::take(&mut self.question_taken) => {}
-            State::Control => self.withdraw_control(bus)?,
-            State::Unsettled if self.is_loaded(bus)? => return Ok(self.end_line(bus, now)?),
-            State::Replying | State::Unsettled => {}
+            DpramState::Control if std::mem::take(&mut self.question_taken) => {}
+            DpramState::Control => self.withdraw_control(bus)?,
+            DpramState::Unsettled if self.is_loaded(bus)? => return Ok(self.end_line(bus, now)?),
+            DpramState::Replying | DpramState::Unsettled => {}
         }
         self.abandon(false, now);
         Ok(())
     }
 
     fn poll(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
-        if self.state == State::Control
+        if self.state == DpramState::Control
             && (std::mem::take(&mut self.question_taken) || !self.control_pending(bus, now)?)
         {
             // No line was begun meanwhile, so no flag told the board of it.
             self.takes_characters = true;
-            self.state = State::Unsettled;
+            self.state = DpramState::Unsettled;
             return Ok(Some(AsciiEvent::Taken));
         }
         let mut second_part = None;
-        if let State::Loaded { sent } = self.state
+        if let DpramState::Loaded { sent } = self.state
             && !self.is_loaded(bus)?
         {
             self.unheard = false;
             if sent < self.length {
                 second_part = Some(sent);
             } else {
-                self.state = State::Replying;
+                self.state = DpramState::Replying;
             }
         }
         let control = bus.read16(self.words.response_control)?;
         if control == 0 {
             match self.state {
-                State::Held(hold) => self.go_on_holding(bus, hold, now)?,
-                State::Resting { until } if now >= until => self.state = State::Idle,
-                State::Emptied if !self.is_loaded(bus)? => {
+                DpramState::Held(hold) => self.go_on_holding(bus, hold, now)?,
+                DpramState::Resting { until } if now >= until => self.state = DpramState::Idle,
+                DpramState::Emptied if !self.is_loaded(bus)? => {
                     self.unheard = false;
-                    self.state = State::Idle;
+                    self.state = DpramState::Idle;
                 }
                 _ => {}
             }

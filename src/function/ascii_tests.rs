@@ -1,8 +1,8 @@
 //! The port against a hand-driven board: every branch of the handshake, in both orders.
 
 use super::super::testing::memory;
-use super::control::FLAG_AFTER;
-use super::hold::TAKE_LIMIT;
+use super::control::CHARACTER_FLAG_AFTER;
+use super::hold::HELD_CHARACTER_TAKEN;
 use super::*;
 use crate::device::FileBoard;
 use crate::map::{FAMILIES, Family, HostOffset};
@@ -77,7 +77,7 @@ impl Rig {
     /// The port rests, and is free then.
     fn rest(&mut self) {
         assert!(!self.begin("P1"), "it rests");
-        self.be_silent(REST);
+        self.be_silent(PORT_REST);
         assert!(self.port.is_idle());
     }
 
@@ -187,9 +187,9 @@ fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
         assert_eq!(rig.poll(), None);
         assert_eq!(rig.control_word(), u16::from(CANCEL), "the board would put it before the next line");
         // One that does not take it gets no other line.
-        rig.be_silent(TAKE_LIMIT);
+        rig.be_silent(HELD_CHARACTER_TAKEN);
         assert!(rig.control_word() == 0 && rig.port.is_unheard() && !rig.begin("P2"));
-        rig.be_silent(hold::AGAIN);
+        rig.be_silent(hold::HELD_CHARACTER_AGAIN);
         assert_eq!(rig.control_word(), u16::from(CANCEL));
         rig.write(family.ascii.control_character, 0);
         assert_eq!(rig.poll(), None);
@@ -264,7 +264,7 @@ fn every_length_of_line_arrives_whole() {
             }
             let end = received.iter().position(|&byte| byte == 0).unwrap();
             assert_eq!(String::from_utf8_lossy(&received[..end]), line);
-            assert_eq!(rig.port.state, State::Replying);
+            assert_eq!(rig.port.state, DpramState::Replying);
             rig.respond(response::ACKNOWLEDGE, "");
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }

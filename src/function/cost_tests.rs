@@ -119,7 +119,7 @@ pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Optio
 /// A reader whose table of `entries` is set up, and what that cost.
 pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
     let (now, mut reader) = (Instant::now(), VariableReader::new(&PMAC.variable_read, PMAC.start, PLACE));
-    let later = now + variable_read::SETTLE;
+    let later = now + variable_read::READ_PASS_SILENCE;
     let polls = 1 + (entries.len() * VARIABLE_READ_ENTRY_WORDS).div_ceil(variable_read::POLL_WORDS);
     let ((), set_up) = rig.cost(|bus| {
         reader.begin(bus, entries, mode, now).unwrap();

@@ -28,13 +28,13 @@ use crate::device::{ByteBus, ByteBusError};
 use crate::protocol::control::CANCEL;
 
 /// How long the port must have been silent before it is used again after it gave up on a reply.
-pub const SETTLE: Duration = Duration::from_millis(50);
+pub const MAILBOX_SETTLE: Duration = Duration::from_millis(50);
 /// How long a group of a line may stay untaken before a control character that cannot wait goes over it: an interrupt may be lost.
-pub const PENDING_TOO_LONG: Duration = Duration::from_millis(50);
+pub const MAILBOX_GROUP_LIES: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
-pub const CANCEL_LIMIT: Duration = Duration::from_secs(1);
+pub const MAILBOX_CANCEL_TAKEN: Duration = Duration::from_secs(1);
 /// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it.
-pub const CONTROL_REPLY_END: Duration = Duration::from_millis(50);
+pub const MAILBOX_REPLY_SILENCE: Duration = Duration::from_millis(50);
 
 /// Characters of a group the host sends at most: mailbox 1 stays out.
 const SEND_GROUP: usize = 15;
@@ -116,7 +116,7 @@ pub struct MailboxSettings {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+enum MailboxState {
     Idle,
     /// A group of the line waits in the mailboxes; `sent` characters went with it and those before it. A poll saw it there
     /// first at `since`.
@@ -152,7 +152,7 @@ enum Lone {
 /// The host's half of the port: one command line at a time.
 pub struct MailboxPort {
     settings: MailboxSettings,
-    state: State,
+    state: MailboxState,
     /// The line with its `<CR>`.
     line: Box<[u8]>,
     length: usize,
@@ -184,7 +184,7 @@ impl MailboxPort {
     fn with_line(settings: MailboxSettings, line: Box<[u8]>) -> Self {
         Self {
             settings,
-            state: State::Idle,
+            state: MailboxState::Idle,
             line,
             length: 0,
             lone: None,
@@ -206,22 +206,22 @@ impl MailboxPort {
     /// When the registers cannot be reached.
     pub fn start(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
         *self = Self::with_line(self.settings, std::mem::take(&mut self.line));
-        self.state = State::Settling { quiet_since: now, since: now };
+        self.state = MailboxState::Settling { quiet_since: now, since: now };
         self.enable(bus)
     }
 
     /// Whether [`MailboxPort::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        matches!(self.state, State::Idle | State::Refused) && self.lone.is_none()
+        matches!(self.state, MailboxState::Idle | MailboxState::Refused) && self.lone.is_none()
     }
 
     /// Whether the board has taken the whole command under way, as far as polls have seen.
     #[must_use]
     pub fn was_taken(&self) -> bool {
         match self.state {
-            State::Replying => true,
-            State::ControlReply { .. } => self.lone.is_none(),
+            MailboxState::Replying => true,
+            MailboxState::ControlReply { .. } => self.lone.is_none(),
             _ => false,
         }
     }
@@ -229,7 +229,7 @@ impl MailboxPort {
     /// Whether the last command was given up, and something may still come of it.
     #[must_use]
     pub fn is_settling(&self) -> bool {
-        matches!(self.state, State::Settling { .. })
+        matches!(self.state, MailboxState::Settling { .. })
     }
 
     /// Whether somebody's control character waits in mailbox 0 for the board to take it, as far as polls have seen.
@@ -256,7 +256,7 @@ impl MailboxPort {
     /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
     /// long is not sent.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
-        let has_half_a_line = self.state == State::Refused && self.text_length > 0;
+        let has_half_a_line = self.state == MailboxState::Refused && self.text_length > 0;
         if !self.is_idle() || self.reply_ready || has_half_a_line || line.len() >= self.line.len() {
             return Ok(false);
         }
@@ -283,15 +283,15 @@ impl MailboxPort {
 
     /// The error was the line's, or a program's: the line is over.
     pub fn settled(&mut self) {
-        if self.state == State::Refused {
-            self.state = State::Idle;
+        if self.state == MailboxState::Refused {
+            self.state = MailboxState::Idle;
         }
     }
 
     /// The reply to an open-ended line has come.
     pub fn finish(&mut self) {
         if std::mem::take(&mut self.open_ended) {
-            self.state = State::Idle;
+            self.state = MailboxState::Idle;
         }
     }
 
@@ -299,7 +299,7 @@ impl MailboxPort {
     /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
     /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
     ///
-    /// One without a reply may be what stops a machine: a group that has lain for [`PENDING_TOO_LONG`] is written over and its
+    /// One without a reply may be what stops a machine: a group that has lain for [`MAILBOX_GROUP_LIES`] is written over and its
     /// command given up ([`MailboxPort::is_settling`]); whether the board has taken it nobody knows. A `<CTRL-X>` follows.
     ///
     /// # Errors
@@ -312,13 +312,13 @@ impl MailboxPort {
         now: Instant,
     ) -> Result<bool, ByteBusError> {
         let lies_since = match (self.state, self.lone) {
-            (State::Sending { since, .. }, _) => Some(since.unwrap_or(now)),
-            (State::Settling { since, .. }, Some(Lone::Cancel)) => Some(since),
-            (State::ControlReply { quiet_since }, Some(_)) => Some(quiet_since),
+            (MailboxState::Sending { since, .. }, _) => Some(since.unwrap_or(now)),
+            (MailboxState::Settling { since, .. }, Some(Lone::Cancel)) => Some(since),
+            (MailboxState::ControlReply { quiet_since }, Some(_)) => Some(quiet_since),
             (_, Some(_)) => Some(now),
             (_, None) => None,
         };
-        let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + PENDING_TOO_LONG);
+        let in_the_way = lies_since.is_some_and(|since| has_reply || now < since + MAILBOX_GROUP_LIES);
         if in_the_way || self.reply_ready || has_reply && !self.is_idle() {
             return Ok(false);
         }
@@ -326,11 +326,11 @@ impl MailboxPort {
         if has_reply {
             self.text_length = 0;
             self.error = false;
-            self.state = State::ControlReply { quiet_since: now };
+            self.state = MailboxState::ControlReply { quiet_since: now };
         } else if lies_since.is_some() {
             // The board may have the first half of the line.
             self.owes_cancel = true;
-            self.state = State::Settling { quiet_since: now, since: now };
+            self.state = MailboxState::Settling { quiet_since: now, since: now };
         }
         Ok(true)
     }
@@ -342,12 +342,12 @@ impl MailboxPort {
     /// # Errors
     /// When the registers cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
-        let has_reply = matches!(self.state, State::ControlReply { .. });
+        let has_reply = matches!(self.state, MailboxState::ControlReply { .. });
         if self.lone == Some(Lone::Control) && !has_reply {
             // It may be what stops the machine, and is not written over.
             self.owes_cancel = true;
-            self.state = State::Settling { quiet_since: now, since: now };
-        } else if !self.is_idle() || self.state == State::Refused {
+            self.state = MailboxState::Settling { quiet_since: now, since: now };
+        } else if !self.is_idle() || self.state == MailboxState::Refused {
             self.cancel(bus, now)?;
         }
         Ok(())
@@ -369,7 +369,7 @@ impl MailboxPort {
         // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
         self.reply_ready = false;
         self.enable(bus)?;
-        self.state = State::Settling { quiet_since: now, since: now };
+        self.state = MailboxState::Settling { quiet_since: now, since: now };
         Ok(())
     }
 
@@ -382,39 +382,46 @@ impl MailboxPort {
         let taken = std::mem::take(&mut self.group_taken);
         if taken {
             self.lone = None;
-            if let State::Settling { quiet_since, .. } = &mut self.state {
+            if let MailboxState::Settling { quiet_since, .. } = &mut self.state {
                 *quiet_since = now;
             }
         }
-        let sent_all = matches!(self.state, State::Sending { sent, .. } if sent == self.length);
+        let sent_all = matches!(self.state, MailboxState::Sending { sent, .. } if sent == self.length);
         // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
         if sent_all && (taken || self.reply_ready) {
-            self.state = State::Replying;
+            self.state = MailboxState::Replying;
         }
         if std::mem::take(&mut self.reply_ready) {
             // The rest of the line waits until the group has been read: it would be written over it.
-            self.group_taken = taken && matches!(self.state, State::Sending { .. });
+            self.group_taken = taken && matches!(self.state, MailboxState::Sending { .. });
             return self.take_group(bus, now);
         }
         match self.state {
-            State::Sending { sent, .. } if taken => self.send_group(bus, sent)?,
-            State::Sending { sent, since: None } => self.state = State::Sending { sent, since: Some(now) },
-            State::Replying | State::ControlReply { .. } if taken && !self.enabled => self.enable(bus)?,
-            State::ControlReply { quiet_since }
-                if self.lone.is_none() && now >= quiet_since + CONTROL_REPLY_END =>
+            MailboxState::Sending { sent, .. } if taken => self.send_group(bus, sent)?,
+            MailboxState::Sending { sent, since: None } => {
+                self.state = MailboxState::Sending { sent, since: Some(now) }
+            }
+            MailboxState::Replying | MailboxState::ControlReply { .. } if taken && !self.enabled => {
+                self.enable(bus)?
+            }
+            MailboxState::ControlReply { quiet_since }
+                if self.lone.is_none() && now >= quiet_since + MAILBOX_REPLY_SILENCE =>
             {
-                self.state = State::Idle;
+                self.state = MailboxState::Idle;
                 return Ok(Some(AsciiEvent::Done(Ok(()))));
             }
-            State::Settling { quiet_since, .. } if now < quiet_since + SETTLE => {}
-            State::Settling { .. } if self.owes_cancel && self.lone.is_none() => self.cancel(bus, now)?,
-            State::Settling { since, .. }
-                if self.lone.is_none() || self.lone == Some(Lone::Cancel) && now >= since + CANCEL_LIMIT =>
+            MailboxState::Settling { quiet_since, .. } if now < quiet_since + MAILBOX_SETTLE => {}
+            MailboxState::Settling { .. } if self.owes_cancel && self.lone.is_none() => {
+                self.cancel(bus, now)?
+            }
+            MailboxState::Settling { since, .. }
+                if self.lone.is_none()
+                    || self.lone == Some(Lone::Cancel) && now >= since + MAILBOX_CANCEL_TAKEN =>
             {
                 self.lone = None;
                 self.text_length = 0;
                 self.error = false;
-                self.state = State::Idle;
+                self.state = MailboxState::Idle;
             }
             _ => {}
         }
@@ -432,7 +439,7 @@ impl MailboxPort {
         bus.order_accesses();
         bus.write8(mailbox(0), group[0])?;
         bus.order_accesses();
-        self.state = State::Sending { sent: from + group.len(), since: None };
+        self.state = MailboxState::Sending { sent: from + group.len(), since: None };
         Ok(())
     }
 
@@ -460,7 +467,9 @@ impl MailboxPort {
         bus: &mut impl ByteBus,
         now: Instant,
     ) -> Result<Option<AsciiEvent>, ByteBusError> {
-        if let State::ControlReply { quiet_since } | State::Settling { quiet_since, .. } = &mut self.state {
+        if let MailboxState::ControlReply { quiet_since } | MailboxState::Settling { quiet_since, .. } =
+            &mut self.state
+        {
             *quiet_since = now;
         }
         let mut end = None;
@@ -495,7 +504,7 @@ impl MailboxPort {
         }
         let event = self.judge(end);
         if self.settings.enable_replies == EnableReplies::Always
-            || !matches!(self.state, State::Idle | State::Refused)
+            || !matches!(self.state, MailboxState::Idle | MailboxState::Refused)
         {
             self.enable(bus)?;
         }
@@ -515,9 +524,12 @@ impl MailboxPort {
 
     /// What a group that ended with `end` (`None`: 16 characters of a line that goes on) completes.
     fn judge(&mut self, end: Option<u8>) -> Option<AsciiEvent> {
-        let settling = matches!(self.state, State::Settling { .. });
+        let settling = matches!(self.state, MailboxState::Settling { .. });
         let awaited = self.open_ended
-            || matches!(self.state, State::Replying | State::Refused | State::ControlReply { .. });
+            || matches!(
+                self.state,
+                MailboxState::Replying | MailboxState::Refused | MailboxState::ControlReply { .. }
+            );
         let stale = |end: u8| Some(AsciiEvent::Stale(end.into()));
         let number_follows = self.settings.error_report == ErrorReport::NextLine;
         // A PMAC sends no longer line; of one that is, a character at the seam is lost.
@@ -547,22 +559,24 @@ impl MailboxPort {
         match (self.state, result) {
             // The board has no whole line, nor a control character to answer.
             // No manual has a board refuse a control character.
-            (State::ControlReply { .. }, Err(number)) => return Some(AsciiEvent::ProgramError(number)),
+            (MailboxState::ControlReply { .. }, Err(number)) => {
+                return Some(AsciiEvent::ProgramError(number));
+            }
             (_, Err(number)) if !awaited => return Some(AsciiEvent::ProgramError(number)),
             (_, Ok(())) if !awaited => return Some(AsciiEvent::Stale(end.into())),
-            (State::Replying, Err(number)) if !self.open_ended => {
-                self.state = State::Refused;
+            (MailboxState::Replying, Err(number)) if !self.open_ended => {
+                self.state = MailboxState::Refused;
                 return Some(AsciiEvent::Error(number));
             }
-            (State::Refused, _) => return Some(AsciiEvent::Done(result)),
+            (MailboxState::Refused, _) => return Some(AsciiEvent::Done(result)),
             _ => {}
         }
-        if matches!(self.state, State::ControlReply { .. }) {
+        if matches!(self.state, MailboxState::ControlReply { .. }) {
             // It was taken, whether its interrupt was seen or not.
             self.lone = None;
         }
         if !self.open_ended {
-            self.state = State::Idle;
+            self.state = MailboxState::Idle;
         }
         Some(AsciiEvent::Done(result))
     }

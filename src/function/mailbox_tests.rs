@@ -7,7 +7,7 @@ use crate::device::Counted;
 use crate::device::mapping::Mapping;
 
 /// Characters of the longest line.
-const LONGEST: usize = 200;
+const LINE_CHARACTERS: usize = 200;
 
 /// The mailboxes, and PMAC's half done by hand.
 struct Rig {
@@ -24,13 +24,13 @@ impl Rig {
         let bus = Counted::new(Mapping::new(&file, 0, 0x200).unwrap());
         let mut rig = Self {
             bus,
-            port: MailboxPort::new(settings, LONGEST),
+            port: MailboxPort::new(settings, LINE_CHARACTERS),
             now: Instant::now(),
             received: Vec::new(),
         };
         rig.port.start(&mut rig.bus, rig.now).unwrap();
         assert!(!rig.port.is_idle());
-        rig.now += SETTLE;
+        rig.now += MAILBOX_SETTLE;
         assert_eq!(rig.poll(), None);
         assert!(rig.port.is_idle());
         rig
@@ -111,7 +111,7 @@ fn the_manuals_trace() {
 
 #[test]
 fn long_lines_go_in_groups_of_fifteen() {
-    for length in 0..=LONGEST {
+    for length in 0..=LINE_CHARACTERS {
         let text: String = (0..length).map(|index| char::from(b'A' + (index % 26) as u8)).collect();
         let mut rig = Rig::new(MailboxSettings::default());
         assert!(rig.begin(&text));
@@ -120,7 +120,7 @@ fn long_lines_go_in_groups_of_fifteen() {
         assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     }
     let mut rig = Rig::new(MailboxSettings::default());
-    assert!(!rig.begin(&"A".repeat(LONGEST + 1)));
+    assert!(!rig.begin(&"A".repeat(LINE_CHARACTERS + 1)));
 }
 
 #[test]
@@ -241,14 +241,14 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
         !rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap(),
         "the group has only just been written"
     );
-    rig.now += PENDING_TOO_LONG;
+    rig.now += MAILBOX_GROUP_LIES;
     assert!(!rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap(), "that one can wait");
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0x01);
     assert!(rig.port.is_settling() && rig.port.control_pending() && !rig.begin("P2"));
     // Nothing goes over it, not even when its line is given up or much time has passed.
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
-    rig.now += 2 * CANCEL_LIMIT;
+    rig.now += 2 * MAILBOX_CANCEL_TAKEN;
     assert_eq!(rig.poll(), None);
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     assert!(rig.port.control_pending() && !rig.port.is_idle(), "not taken is not done");
@@ -257,19 +257,19 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     assert!(!rig.port.control_pending());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0xEE, "the rest of the line is not sent");
     // The board may hold the first half of the line: it is to forget it.
-    rig.now += SETTLE;
+    rig.now += MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     // Its interrupt is lost too.
-    rig.now += PENDING_TOO_LONG / 2;
+    rig.now += MAILBOX_GROUP_LIES / 2;
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
-    rig.now += PENDING_TOO_LONG;
+    rig.now += MAILBOX_GROUP_LIES;
     assert!(rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     for character in [0x0B, CANCEL] {
         assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), character);
         rig.port.signal(MailboxSignal::GroupTaken);
         assert_eq!(rig.poll(), None);
-        rig.now += SETTLE;
+        rig.now += MAILBOX_SETTLE;
         assert_eq!(rig.poll(), None);
     }
     assert!(rig.port.is_idle());
@@ -289,13 +289,13 @@ fn a_control_character_with_a_reply_does_not_close_the_port_when_its_interrupt_i
     // One that lies for too long does not hold up what stops a machine either.
     assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
     assert!(!rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
-    rig.now += PENDING_TOO_LONG;
+    rig.now += MAILBOX_GROUP_LIES;
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap() && rig.port.is_settling());
     // A <CTRL-X> over one that is taken back after all.
     rig.port.withdraw_control(&mut rig.bus, rig.now).unwrap();
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     assert!(!rig.port.control_pending());
-    rig.now += CANCEL_LIMIT;
+    rig.now += MAILBOX_CANCEL_TAKEN;
     assert_eq!(rig.poll(), None);
     assert!(rig.port.is_idle());
 }
@@ -305,7 +305,7 @@ fn a_control_characters_reply_ends_with_ack_or_a_silence() {
     for ends_with_ack in [true, false] {
         let mut rig = Rig::new(MailboxSettings::default());
         assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
-        rig.now += 10 * CONTROL_REPLY_END;
+        rig.now += 10 * MAILBOX_REPLY_SILENCE;
         assert_eq!(rig.poll(), None, "the board has not taken it");
         rig.port.signal(MailboxSignal::GroupTaken);
         rig.port.signal(MailboxSignal::ReplyReady);
@@ -315,7 +315,7 @@ fn a_control_characters_reply_ends_with_ack_or_a_silence() {
         if ends_with_ack {
             assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
         } else {
-            rig.now += CONTROL_REPLY_END;
+            rig.now += MAILBOX_REPLY_SILENCE;
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
         }
         assert!(rig.port.is_idle());
@@ -330,18 +330,18 @@ fn what_comes_after_giving_up_belongs_to_nobody() {
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     assert!(!rig.begin("P2"));
-    rig.now += SETTLE / 2;
+    rig.now += MAILBOX_SETTLE / 2;
     assert_eq!(rig.fill(b"late and longer t"[..16].try_into().unwrap()), None);
     assert_eq!(rig.fill(b"han\r"), Some(AsciiEvent::Stale(13)));
-    rig.now += SETTLE / 2;
+    rig.now += MAILBOX_SETTLE / 2;
     assert_eq!(rig.poll(), None);
     assert!(!rig.begin("P2"), "the silence starts anew");
-    rig.now += SETTLE;
+    rig.now += MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert!(!rig.begin("P2"), "PMAC has not taken the <CTRL-X>: there may be more");
     rig.port.signal(MailboxSignal::GroupTaken);
     assert_eq!(rig.poll(), None);
-    rig.now += SETTLE;
+    rig.now += MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert!(rig.begin("P2"));
     rig.take_all("P2");
@@ -353,10 +353,10 @@ fn a_cancel_that_is_never_taken_does_not_close_the_port_for_ever() {
     let mut rig = Rig::new(MailboxSettings::default());
     assert!(rig.begin("P1"));
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
-    rig.now += CANCEL_LIMIT - SETTLE;
+    rig.now += MAILBOX_CANCEL_TAKEN - MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert!(!rig.port.is_idle());
-    rig.now += SETTLE;
+    rig.now += MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert!(rig.begin("P2"));
 }

@@ -11,7 +11,7 @@
 //! PMAC looks only while the panel is enabled (I2=3); no word tells whether it is, so a request that is never taken is
 //! all that shows. PMAC clears all of `request_enable`, so the next request waits until it is 0: a bit set in between
 //! would be lost. It clears them "on taking action" (p. 13): a request that the host takes back while PMAC acts on it is cleared
-//! all the same, and that wipes out what the host has put there meanwhile. Who took one back waits for [`SETTLE`], or asks
+//! all the same, and that wipes out what the host has put there meanwhile. Who took one back waits for [`PANEL_REST`], or asks
 //! twice.
 //!
 //! Motor n and coordinate system n share a request word. The manual says what two jog bits together mean (stop), and
@@ -25,7 +25,7 @@ use crate::map::functions::panel_request as bit;
 use crate::map::{HostOffset, PanelBlock};
 
 /// How long after a request was taken back nothing but stops goes into the panel: PMAC may be acting on it.
-pub const SETTLE: Duration = Duration::from_millis(50);
+pub const PANEL_REST: Duration = Duration::from_millis(50);
 /// The bits a motor acts on.
 const MOTOR_BITS: u16 = bit::JOG_MINUS | bit::JOG_PLUS | bit::PRE_JOG | bit::HOME;
 /// The most numbers a panel can have: an enable word has a bit for each.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::ascii::DpramPort;
 use super::line_port::{AsciiEvent, LinePort};
-use super::mailbox::{MailboxPort, MailboxSettings, MailboxSignal, SETTLE};
+use super::mailbox::{MAILBOX_SETTLE, MailboxPort, MailboxSettings, MailboxSignal};
 use super::testing::two_sides;
 use crate::device::mapping::Mapping;
 use crate::device::{Access, Bus, ByteBus, Counted};
@@ -42,7 +42,7 @@ pub fn mailboxes(n: usize, m: usize) -> usize {
     let now = Instant::now();
     let mut port = MailboxPort::new(MailboxSettings::default(), 200);
     port.start(&mut bus, now).unwrap();
-    assert_eq!(port.poll(&mut bus, now + SETTLE).unwrap(), None);
+    assert_eq!(port.poll(&mut bus, now + MAILBOX_SETTLE).unwrap(), None);
     let before = bus.accesses();
     assert!(port.begin(&mut bus, "P".repeat(n).as_bytes()).unwrap());
     for _ in 0..(n + 1).div_ceil(15) {

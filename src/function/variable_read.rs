@@ -12,7 +12,7 @@
 //! | behind the table | reads | writes the values, 2 or 4 words an entry |
 //!
 //! A table is changed in the order count 0, silence, start, table, control, count. PMAC may be in the middle of a pass when the
-//! count becomes 0, and no word tells when that pass ends: it is over after the silence ([`SETTLE`]).
+//! count becomes 0, and no word tells when that pass ends: it is over after the silence ([`READ_PASS_SILENCE`]).
 //!
 //! A report of single-user mode is read in many polls, in which the board may be reset or lose its power. So the servo
 //! timer is read before and after its words, and the control word once more after them: unless both are as they were,
@@ -30,7 +30,7 @@ use crate::map::{HostOffset, Region, StartRule, VariableKind, VariableName, Vari
 pub use crate::protocol::VariableMode;
 
 /// How long after the count became 0 the table is left alone: longer than a pass lasts.
-pub const SETTLE: Duration = Duration::from_millis(50);
+pub const READ_PASS_SILENCE: Duration = Duration::from_millis(50);
 /// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
 pub const POLL_WORDS: usize = 32;
 
@@ -100,7 +100,7 @@ pub struct VariableValue {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+enum ReaderState {
     Off,
     /// The count is 0; the table may be touched after this moment.
     Silent {
@@ -124,7 +124,7 @@ enum State {
 pub struct VariableReader {
     read: &'static VariableRead,
     start: StartRule,
-    state: State,
+    state: ReaderState,
     mode: VariableMode,
     place: Region,
     entries: [VariableEntry; VARIABLE_READ_ENTRIES],
@@ -146,7 +146,7 @@ impl VariableReader {
         Self {
             read,
             start,
-            state: State::Off,
+            state: ReaderState::Off,
             mode: VariableMode::SingleUser,
             place,
             entries: [VariableEntry { address: 0, kind: VariableKind::Y }; VARIABLE_READ_ENTRIES],
@@ -195,7 +195,11 @@ impl VariableReader {
         self.values[..entries.len()].fill(VariableValue::default());
         self.count = entries.len();
         self.mode = mode;
-        self.state = if entries.is_empty() { State::Off } else { State::Silent { until: now + SETTLE } };
+        self.state = if entries.is_empty() {
+            ReaderState::Off
+        } else {
+            ReaderState::Silent { until: now + READ_PASS_SILENCE }
+        };
         Ok(())
     }
 
@@ -234,7 +238,7 @@ impl VariableReader {
     /// Whether a table is set up and PMAC may announce values.
     #[must_use]
     pub fn is_running(&self) -> bool {
-        matches!(self.state, State::Running { .. } | State::Reading { .. })
+        matches!(self.state, ReaderState::Running { .. } | ReaderState::Reading { .. })
     }
 
     /// How often a word of the table or the mode was not as set, and was set again.
@@ -251,17 +255,17 @@ impl VariableReader {
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<VariablePoll, BusError> {
         match self.state {
-            State::Off => Ok(VariablePoll::Off),
-            State::Silent { until } => {
+            ReaderState::Off => Ok(VariablePoll::Off),
+            ReaderState::Silent { until } => {
                 if now >= until {
                     bus.write16(self.read.start, self.start.start_word(self.place.start))?;
-                    self.state = State::Writing { next: 0 };
+                    self.state = ReaderState::Writing { next: 0 };
                 }
                 Ok(VariablePoll::SettingUp)
             }
-            State::Writing { next } => self.write_table(bus, next),
-            State::Running { next } => self.poll_control(bus, next),
-            State::Reading { next } => self.read_report(bus, next),
+            ReaderState::Writing { next } => self.write_table(bus, next),
+            ReaderState::Running { next } => self.poll_control(bus, next),
+            ReaderState::Reading { next } => self.read_report(bus, next),
         }
     }
 
@@ -287,13 +291,13 @@ impl VariableReader {
             bus.write16(self.kind_word(index), kind)?;
         }
         if end < self.count {
-            self.state = State::Writing { next: end };
+            self.state = ReaderState::Writing { next: end };
             return Ok(VariablePoll::SettingUp);
         }
         self.write_control(bus, self.control())?;
         bus.write16(self.read.count, self.count as u16)?;
         bus.order_writes();
-        self.state = State::Running { next: 0 };
+        self.state = ReaderState::Running { next: 0 };
         Ok(VariablePoll::SettingUp)
     }
 
@@ -320,7 +324,7 @@ impl VariableReader {
         }
         bus.order_reads();
         self.report_timer = bus.read16(self.read.timer)?;
-        self.state = State::Reading { next: 0 };
+        self.state = ReaderState::Reading { next: 0 };
         Ok(VariablePoll::Partial)
     }
 
@@ -340,7 +344,7 @@ impl VariableReader {
             index += 1;
         }
         if index < self.count {
-            self.state = State::Reading { next: index };
+            self.state = ReaderState::Reading { next: index };
             return Ok(VariablePoll::Partial);
         }
         bus.order_reads();
@@ -348,7 +352,7 @@ impl VariableReader {
         // Only now: a pass that ends in between has written it before the ready bit (`tests/models/variable_read.pml`).
         bus.order_reads();
         let timer = bus.read16(self.read.timer)?;
-        self.state = State::Running { next: 0 };
+        self.state = ReaderState::Running { next: 0 };
         // PMAC touches neither until the host clears the ready bit. A board that was reset meanwhile did, and may have made
         // another report already, which is left for the next polls.
         let is_ready = self.read.ready.is_set(control) && !self.read.multi_user.is_set(control);
@@ -382,7 +386,7 @@ impl VariableReader {
             }
             index = (index + 1) % self.count;
         }
-        self.state = State::Running { next: index };
+        self.state = ReaderState::Running { next: index };
         if new == 0 {
             return Ok(VariablePoll::Nothing);
         }

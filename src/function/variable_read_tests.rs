@@ -58,7 +58,7 @@ impl Rig {
 
     fn set_up(&mut self, entries: &[VariableEntry], mode: VariableMode) {
         self.begin(entries, mode);
-        self.now += SETTLE;
+        self.now += READ_PASS_SILENCE;
         while !self.reader.is_running() {
             assert_eq!(self.poll(), VariablePoll::SettingUp);
         }
@@ -122,7 +122,7 @@ fn the_table_is_written_as_the_manual_says_and_the_count_last() {
         assert_eq!(rig.word(rig.count()), 0, "PMAC is stopped first");
         assert_eq!(rig.poll(), VariablePoll::SettingUp);
         assert_eq!(rig.word(family.variable_read.start.bytes()), 0, "a pass may still be under way");
-        rig.now += SETTLE;
+        rig.now += READ_PASS_SILENCE;
         let before = rig.bus.accesses();
         assert_eq!((rig.poll(), rig.poll()), (VariablePoll::SettingUp, VariablePoll::SettingUp));
         assert_eq!(rig.bus.accesses() - before, 1 + 2 * 3 + 2);
@@ -201,7 +201,7 @@ fn a_long_table_is_set_up_and_read_in_bounded_steps() {
         let entries = [entry(0x0300, VariableKind::Long); 128];
         let mut rig = Rig::new(family);
         rig.begin(&entries, VariableMode::SingleUser);
-        rig.now += SETTLE;
+        rig.now += READ_PASS_SILENCE;
         let (mut steps, mut reports) = (0, 0);
         while reports == 0 {
             let before = rig.bus.accesses();
@@ -209,7 +209,7 @@ fn a_long_table_is_set_up_and_read_in_bounded_steps() {
                 reports += 1;
             }
             assert!(rig.bus.accesses() - before <= POLL_WORDS as u64 + 3);
-            if rig.reader.state == (State::Running { next: 0 }) {
+            if rig.reader.state == (ReaderState::Running { next: 0 }) {
                 rig.pass(7);
             }
             steps += 1;

@@ -33,7 +33,7 @@ use crate::protocol::board::VariableRecord;
 
 /// How long after the count was taken back the records are left alone: PMAC may be at work on them, and clears the count when it is
 /// done.
-pub const SETTLE: Duration = Duration::from_millis(50);
+pub const WITHDRAWN_RECORDS_REST: Duration = Duration::from_millis(50);
 /// Records that one poll writes at most, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
 /// Bits in a PMAC word.
@@ -247,7 +247,7 @@ pub struct GivenUp {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+enum WriterState {
     Idle,
     /// Of the cycle's records, those before `next` are written.
     Loading {
@@ -266,7 +266,7 @@ pub struct VariableWriter {
     family: &'static Family,
     write: &'static VariableWrite,
     place: Region,
-    state: State,
+    state: WriterState,
     records: Vec<WriteRecord>,
     /// Records of cycles that are done.
     done: usize,
@@ -281,7 +281,7 @@ impl VariableWriter {
             family,
             write: &family.variable_write,
             place,
-            state: State::Idle,
+            state: WriterState::Idle,
             records: Vec::new(),
             done: 0,
         }
@@ -301,7 +301,7 @@ impl VariableWriter {
     /// Whether [`VariableWriter::begin`] may be called.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.state == State::Idle
+        self.state == WriterState::Idle
     }
 
     /// Records that go in one cycle.
@@ -326,7 +326,7 @@ impl VariableWriter {
         }
         self.records = records;
         self.done = 0;
-        self.state = State::Loading { next: 0 };
+        self.state = WriterState::Loading { next: 0 };
         Ok(Ok(()))
     }
 
@@ -336,16 +336,16 @@ impl VariableWriter {
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<WritePoll, BusError> {
         match self.state {
-            State::Idle => Ok(WritePoll::Idle),
-            State::Loading { .. } if self.cycle() == 0 => {
-                self.state = State::Idle;
+            WriterState::Idle => Ok(WritePoll::Idle),
+            WriterState::Loading { .. } if self.cycle() == 0 => {
+                self.state = WriterState::Idle;
                 Ok(WritePoll::Done)
             }
-            State::Loading { next } => {
+            WriterState::Loading { next } => {
                 self.load(bus, next)?;
                 Ok(WritePoll::Waiting)
             }
-            State::Handed => {
+            WriterState::Handed => {
                 if bus.read16(self.write.count)? != 0 {
                     return Ok(WritePoll::Waiting);
                 }
@@ -353,17 +353,17 @@ impl VariableWriter {
                 let cycle = self.cycle();
                 self.done += cycle;
                 if self.cycle() == 0 {
-                    self.state = State::Idle;
+                    self.state = WriterState::Idle;
                     return Ok(WritePoll::Done);
                 }
-                self.state = State::Loading { next: 0 };
+                self.state = WriterState::Loading { next: 0 };
                 Ok(WritePoll::Progress(cycle))
             }
-            State::Settling { since } if now >= since + SETTLE => {
-                self.state = State::Idle;
+            WriterState::Settling { since } if now >= since + WITHDRAWN_RECORDS_REST => {
+                self.state = WriterState::Idle;
                 Ok(WritePoll::Idle)
             }
-            State::Settling { .. } => Ok(WritePoll::Waiting),
+            WriterState::Settling { .. } => Ok(WritePoll::Waiting),
         }
     }
 
@@ -374,14 +374,14 @@ impl VariableWriter {
     /// When the bus cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl Bus, now: Instant) -> Result<GivenUp, BusError> {
         let uncertain = match self.state {
-            State::Idle | State::Settling { .. } => return Ok(GivenUp { done: 0, uncertain: 0 }),
-            State::Loading { .. } => {
-                self.state = State::Idle;
+            WriterState::Idle | WriterState::Settling { .. } => return Ok(GivenUp { done: 0, uncertain: 0 }),
+            WriterState::Loading { .. } => {
+                self.state = WriterState::Idle;
                 0
             }
-            State::Handed => {
+            WriterState::Handed => {
                 self.release(bus)?;
-                self.state = State::Settling { since: now };
+                self.state = WriterState::Settling { since: now };
                 self.cycle()
             }
         };
@@ -391,8 +391,8 @@ impl VariableWriter {
     /// After [`VariableWriter::release`]: gives up the job under way, and lets the records rest in any case, since PMAC may
     /// be at work on those of the host before.
     pub fn acquire(&mut self, now: Instant) -> GivenUp {
-        let uncertain = if self.state == State::Handed { self.cycle() } else { 0 };
-        self.state = State::Settling { since: now };
+        let uncertain = if self.state == WriterState::Handed { self.cycle() } else { 0 };
+        self.state = WriterState::Settling { since: now };
         GivenUp { done: self.done, uncertain }
     }
 
@@ -412,14 +412,14 @@ impl VariableWriter {
             }
         }
         if end < cycle {
-            self.state = State::Loading { next: end };
+            self.state = WriterState::Loading { next: end };
             return Ok(());
         }
         bus.write16(self.write.start, self.family.start.start_word(self.place.start))?;
         bus.order_writes();
         bus.write16(self.write.count, cycle as u16)?;
         bus.order_writes();
-        self.state = State::Handed;
+        self.state = WriterState::Handed;
         Ok(())
     }
 }

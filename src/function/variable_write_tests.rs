@@ -191,7 +191,7 @@ fn a_job_given_up_tells_what_is_certain_and_rests() {
     assert_eq!(rig.count(), 0);
     assert_eq!(rig.poll(), WritePoll::Waiting);
     assert!(!rig.begin(vec![word(1)]), "PMAC may still be at them, and clear the count when it is done");
-    rig.now += SETTLE;
+    rig.now += WITHDRAWN_RECORDS_REST;
     assert_eq!(rig.poll(), WritePoll::Idle);
     assert!(rig.begin(vec![word(1)]));
 }

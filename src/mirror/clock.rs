@@ -55,7 +55,7 @@ const SILENCE: Ns = 50 * MILLISECOND;
 /// After this silence the board is no longer expected to go on any moment.
 const LONG_SILENCE: Ns = 1_000 * MILLISECOND;
 /// The time between polls while an update is due: a part of a period, within these limits.
-const AGAIN: f64 = 1.0 / 32.0;
+const POLL_AGAIN_SHARE: f64 = 1.0 / 32.0;
 const POLL_AGAIN: std::ops::RangeInclusive<Ns> = 10 * MICROSECOND..=30 * MICROSECOND;
 /// The longest time between polls without a phase, where one access a millisecond costs nothing, and with one. A period
 /// that was configured wrong, or became much shorter, is noticed after this time.
@@ -145,7 +145,7 @@ impl UpdateClock {
     /// fails to come. The clock still polls when each following update is due, but not as often as for a late one: a
     /// board may leave updates out, and a simulated one needs the processor.
     fn wait_for(&self, aim: f64, now: Ns) -> Ns {
-        let soon = ((AGAIN * self.period_ns) as Ns).clamp(*POLL_AGAIN.start(), *POLL_AGAIN.end());
+        let soon = ((POLL_AGAIN_SHARE * self.period_ns) as Ns).clamp(*POLL_AGAIN.start(), *POLL_AGAIN.end());
         let late = now as f64 - aim;
         if late < 0.0 {
             return soon.max(-late as Ns);

@@ -25,7 +25,7 @@ use crate::daemon::bus::board_function::{Context, Polled};
 use crate::daemon::bus::command_intake::CommandIntake;
 use crate::daemon::bus::function_table::FunctionTable;
 use crate::daemon::bus::guard_time::GuardTime;
-use crate::daemon::bus::phase::Phase;
+use crate::daemon::bus::phase::LoopPhase;
 use crate::daemon::bus::presence::BoardPresence;
 use crate::daemon::bus::readable::{Descriptors, Readable};
 use crate::daemon::bus::report::Reporter;
@@ -84,7 +84,7 @@ pub struct BoardLoop {
     reporter: Reporter,
     guard: GuardTime,
     clock: Clock,
-    phase: Phase,
+    phase: LoopPhase,
     ahead: Ahead,
     /// What the servo report told then.
     told: (MotorsStatus, Option<WholeBoard>),
@@ -119,7 +119,7 @@ impl BoardLoop {
             configured,
             connections,
             guard: GuardTime::default(),
-            phase: Phase::Begin,
+            phase: LoopPhase::Begin,
             ahead: Ahead::NOW,
             is_unseen: false,
             began_ns: clock.ns(),
@@ -143,7 +143,7 @@ impl BoardLoop {
         let mut readable = Readable::default();
         loop {
             self.step(&readable);
-            if self.phase == Phase::Ended {
+            if self.phase == LoopPhase::Ended {
                 return;
             }
             let now = self.clock.ns();
@@ -175,15 +175,15 @@ impl BoardLoop {
             self.stop();
         }
         match self.phase {
-            Phase::Begin => {
+            LoopPhase::Begin => {
                 self.write_page();
-                self.phase = Phase::reaching(self.clock.now());
+                self.phase = LoopPhase::reaching(self.clock.now());
                 self.reach_dpram();
             }
-            Phase::Reaching { .. } => self.reach_dpram(),
-            Phase::Running => self.running(readable),
-            Phase::Stopping { until, .. } => self.finish_stops(until),
-            Phase::Ended => {}
+            LoopPhase::Reaching { .. } => self.reach_dpram(),
+            LoopPhase::Running => self.running(readable),
+            LoopPhase::Stopping { until, .. } => self.finish_stops(until),
+            LoopPhase::Ended => {}
         }
     }
 
@@ -323,11 +323,11 @@ impl BoardLoop {
     /// When something is due next, at `now`. No later than the next heartbeat can wait.
     fn due_ns(&self, now: u64) -> u64 {
         match self.phase {
-            Phase::Begin => 0,
-            Phase::Reaching { due_ns, .. } | Phase::Stopping { due_ns, .. } => due_ns,
-            Phase::Ended => u64::MAX,
-            Phase::Running if self.is_paused(now) => self.paused_until_ns.min(self.heartbeat_due_ns),
-            Phase::Running => {
+            LoopPhase::Begin => 0,
+            LoopPhase::Reaching { due_ns, .. } | LoopPhase::Stopping { due_ns, .. } => due_ns,
+            LoopPhase::Ended => u64::MAX,
+            LoopPhase::Running if self.is_paused(now) => self.paused_until_ns.min(self.heartbeat_due_ns),
+            LoopPhase::Running => {
                 let Ahead { due_ns, latest_ns } = self.ahead;
                 // Work that would not fit before the servo data waits until after them, unless it starves.
                 let servo = self.functions.servo_due_ns();
@@ -341,7 +341,7 @@ impl BoardLoop {
 
     /// Waits from `now` until `due_ns`, or until there is something to read.
     fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
-        let works = self.phase == Phase::Running && !self.is_paused(now);
+        let works = self.phase == LoopPhase::Running && !self.is_paused(now);
         let is_quiet = works && !self.is_asked();
         let stand_back = self.is_servo_near(now) && !self.guard.is_starving();
         let Connections { intake, stop, .. } = &self.connections;

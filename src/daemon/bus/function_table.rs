@@ -15,7 +15,7 @@ use crate::daemon::bus::work::panel::PanelQueue;
 use crate::daemon::bus::work::rotary::{Batch, RotaryQueue};
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteQueue;
-use crate::daemon::shared::function_use::{FunctionUse, Pointers, Use};
+use crate::daemon::shared::function_use::{FunctionState, FunctionUse, Pointers};
 use crate::daemon::shared::job::{Job, MaskedWord};
 use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
@@ -140,9 +140,9 @@ impl FunctionTable {
     #[must_use]
     pub fn servo_due_ns(&self) -> u64 {
         match self.uses.of(Function::Servo) {
-            Use::On => self.servo.due_ns(),
-            Use::Waits => self.servo_sign.due_ns(),
-            Use::Off | Use::Held => u64::MAX,
+            FunctionState::On => self.servo.due_ns(),
+            FunctionState::Waits => self.servo_sign.due_ns(),
+            FunctionState::Off | FunctionState::Held => u64::MAX,
         }
     }
 
@@ -182,7 +182,7 @@ impl FunctionTable {
         function: Function,
         context: &mut Context<'_, B>,
     ) -> Result<Polled, PortError> {
-        if function == Function::Servo && self.uses.of(function) == Use::Waits {
+        if function == Function::Servo && self.uses.of(function) == FunctionState::Waits {
             let report = &self.layout.family().servo;
             let runs = self.servo_sign.look(context.bus, report, context.clock.ns())?;
             self.begin(runs.then_some(Function::Servo).into_iter(), context)?;
@@ -233,7 +233,7 @@ impl FunctionTable {
 
     fn used_ones(&self) -> impl Iterator<Item = Function> + use<> {
         let uses = self.uses;
-        Function::ALL.into_iter().filter(move |function| uses.of(*function) == Use::On)
+        Function::ALL.into_iter().filter(move |function| uses.of(*function) == FunctionState::On)
     }
 
     /// Whether the board does something, as far as what is used of it tells; `None` where nothing does.
@@ -310,7 +310,7 @@ impl FunctionTable {
     /// Whether a function is used.
     #[must_use]
     pub fn uses(&self, function: Function) -> bool {
-        self.uses.of(function) == Use::On
+        self.uses.of(function) == FunctionState::On
     }
 
     /// Which functions are used, and what stands in the way of the others.
@@ -354,7 +354,7 @@ impl FunctionTable {
         });
         let shared = &self.shared;
         self.uses.decide(pointers, outcome == ScanOutcome::Known, |function| {
-            let in_use = before.of(function) == Use::On && is_busy[function as usize];
+            let in_use = before.of(function) == FunctionState::On && is_busy[function as usize];
             shared.has(function) || function == Function::Ascii || in_use
         });
         if matches!(outcome, ScanOutcome::Unknown | ScanOutcome::Unclear(_)) {
@@ -393,8 +393,10 @@ impl FunctionTable {
     ) -> Result<(), PortError> {
         for function in Function::ALL {
             match (before.of(function), self.uses.of(function)) {
-                (Use::Waits | Use::Held, Use::On) => self.row(function).acquire(context)?,
-                (Use::On, Use::Held) => {
+                (FunctionState::Waits | FunctionState::Held, FunctionState::On) => {
+                    self.row(function).acquire(context)?
+                }
+                (FunctionState::On, FunctionState::Held) => {
                     self.row(function).leave(context.bus)?;
                     match function {
                         Function::Servo => self.servo.end(context.publisher),

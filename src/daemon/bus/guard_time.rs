@@ -12,7 +12,7 @@ const BESIDES_NS: f64 = 8_000.0;
 /// The longest guard time. Even on a slow bus it must leave some time between updates.
 const MOST_NS: f64 = 150_000.0;
 /// Pieces with fewer accesses are not used: waking clients would dominate. A block of the background report has 62.
-const TELLING: u64 = 48;
+const GUARD_SAMPLES: u64 = 48;
 /// The fastest piece shows the speed of the bus; the others were held up. So the estimate grows at most by this factor.
 const SLOWER: f64 = 1.05;
 /// Due work waits for at most this many servo updates in a row.
@@ -46,7 +46,7 @@ impl Default for GuardTime {
 impl GuardTime {
     /// Learns from a piece of work: its accesses and its time.
     pub fn took(&mut self, accesses: u64, time: Duration) {
-        if accesses >= TELLING {
+        if accesses >= GUARD_SAMPLES {
             let each = time.as_nanos() as f64 / accesses as f64;
             self.access_ns = each.clamp(1.0, SLOWER * self.access_ns.max(1.0));
         }

@@ -6,7 +6,7 @@ use crate::daemon::bus::timing::{FIRST_REACH, LAST_STOP};
 
 /// A phase of the bus thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
+pub enum LoopPhase {
     /// The board has not been touched.
     Begin,
     /// The board's page is written. The DPRAM must become visible by a time.
@@ -29,7 +29,7 @@ pub enum Phase {
     Ended,
 }
 
-impl Phase {
+impl LoopPhase {
     /// The phase after the board's page was written `now`.
     #[must_use]
     pub fn reaching(now: Instant) -> Self {

@@ -14,7 +14,7 @@ const PAGES: u8 = 0x40;
 /// When command lines go through the VME mailboxes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Use {
+pub enum MailboxUse {
     /// Always. The DPRAM's ASCII buffers stay unused.
     Always,
     /// While the DPRAM's port is off (I58=0) or out of reach.
@@ -46,7 +46,7 @@ fn of(key: &str, error: impl std::fmt::Display) -> Refusal {
 pub struct MailboxTable {
     registers: String,
     #[serde(default, rename = "use")]
-    when: Use,
+    when: MailboxUse,
     #[serde(default)]
     lane: Lane,
     taken: Option<String>,
@@ -74,7 +74,7 @@ pub struct MailboxConfig {
     /// The place of its 0x200 bytes.
     pub registers: ByteSpec,
     /// When command lines go through the mailboxes.
-    pub when: Use,
+    pub when: MailboxUse,
     /// The byte of a word that holds a register.
     pub lane: Lane,
     /// The interrupt sources. `None` if command lines never go through the mailboxes.
@@ -99,7 +99,7 @@ impl MailboxTable {
         };
         let vectors = match (source("taken", self.taken)?, source("reply", self.reply)?) {
             (Some(taken), Some(reply)) => Some(Vectors { taken, reply }),
-            (None, None) if self.when == Use::Never => None,
+            (None, None) if self.when == MailboxUse::Never => None,
             _ => {
                 return Err(Refusal::of(
                     "mailbox",
@@ -191,7 +191,7 @@ mod tests {
     #[test]
     fn what_is_left_out_has_its_default() {
         let config = mailbox("registers = \"file:m\"\ntaken = \"unix:t\"\nreply = \"unix:r\"\n").unwrap();
-        assert_eq!((config.when, config.lane, config.page), (Use::Fallback, Lane::Odd, None));
+        assert_eq!((config.when, config.lane, config.page), (MailboxUse::Fallback, Lane::Odd, None));
         assert!(config.vectors.is_some() && config.dpram.is_none());
         assert_eq!(config.talk, MailboxSettings::default());
         let config = mailbox("registers = \"file:m\"\nuse = \"never\"\npage = 0x3F\n").unwrap();

@@ -18,7 +18,7 @@ use super::checks::{
 use super::family::{self, FamilyKnown, Recognised};
 use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
-use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, Use};
+use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, MailboxUse};
 use super::span::{Refusal, position};
 use crate::daemon::options::Options;
 use crate::daemon::socket::policy::{Characters, Roles};
@@ -279,7 +279,7 @@ impl Settings {
         let unknown = known == FamilyKnown::Unknown;
         let mailbox = file.mailbox.map(MailboxTable::decide).transpose()?;
         if !functions.has(Function::Ascii) {
-            if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != Use::Never) {
+            if mailbox.as_ref().is_some_and(|mailbox| mailbox.when != MailboxUse::Never) {
                 let text = "functions leaves \"ascii\" out, so the mailboxes can only set the page: write use = \"never\" in [mailbox]";
                 return Err(Refusal::of("mailbox.use", text));
             }

@@ -15,7 +15,7 @@ use crate::daemon::shared::definition_blocks::BLOCK;
 /// Where the service manager tells the directory; the first of a list is taken (systemd.exec(5), `StateDirectory=`).
 const DIRECTORY: &str = "STATE_DIRECTORY";
 /// More than the longest file.
-const LONGEST: u64 = 4096;
+const LONGEST_STATE_FILE: u64 = 4096;
 
 /// The file, if there is a place for it.
 #[derive(Debug, Clone)]
@@ -71,7 +71,7 @@ fn read(path: &Path) -> io::Result<String> {
     let flags = nix::fcntl::OFlag::O_NONBLOCK.bits();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
     let mut text = String::new();
-    file.take(LONGEST).read_to_string(&mut text)?;
+    file.take(LONGEST_STATE_FILE).read_to_string(&mut text)?;
     Ok(text)
 }
 

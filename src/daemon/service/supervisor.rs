@@ -17,7 +17,7 @@ use crate::daemon::shared::info::{Pulse, WatchedThread};
 use crate::protocol::{BoardInfo, State};
 
 /// Period of the checks for a new state and for a thread that ended by itself.
-const LOOK: Duration = Duration::from_millis(500);
+const SUPERVISOR_LOOK: Duration = Duration::from_millis(500);
 
 /// Collects the signals that end the daemon.
 pub struct Signals(SignalDelivery<UnixStream, SignalOnly>);
@@ -121,7 +121,7 @@ impl Manager {
     }
 
     fn next(&self, now: Instant) -> Instant {
-        let look = now + LOOK;
+        let look = now + SUPERVISOR_LOOK;
         self.watchdog.as_ref().map_or(look, |watchdog| watchdog.next().min(look))
     }
 }

@@ -7,7 +7,7 @@ const COUNT: usize = Function::ALL.len();
 
 /// Whether a function is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Use {
+pub enum FunctionState {
     /// The configuration leaves it out.
     Off,
     /// Not yet: the board is asked where its M-variables point.
@@ -34,7 +34,7 @@ pub struct Pointers {
 /// allocates nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FunctionUse {
-    uses: [Use; COUNT],
+    uses: [FunctionState; COUNT],
     pointers: [Option<Pointers>; COUNT],
 }
 
@@ -44,18 +44,18 @@ impl FunctionUse {
     #[must_use]
     pub fn new(settings: &BoardSettings, is_asked: bool) -> Self {
         let uses = Function::ALL.map(|function| match settings.functions.has(function) {
-            false => Use::Off,
+            false => FunctionState::Off,
             true if is_asked && function != Function::Ascii && !settings.shared_functions.has(function) => {
-                Use::Waits
+                FunctionState::Waits
             }
-            true => Use::On,
+            true => FunctionState::On,
         });
         Self { uses, ..Self::default() }
     }
 
     /// Whether `function` is used.
     #[must_use]
-    pub const fn of(&self, function: Function) -> Use {
+    pub const fn of(&self, function: Function) -> FunctionState {
         self.uses[function as usize]
     }
 
@@ -68,8 +68,8 @@ impl FunctionUse {
     /// Begins to use `function` if it waits.
     pub fn begin(&mut self, function: Function) {
         let own = &mut self.uses[function as usize];
-        if *own == Use::Waits {
-            *own = Use::On;
+        if *own == FunctionState::Waits {
+            *own = FunctionState::On;
         }
     }
 
@@ -88,25 +88,28 @@ impl FunctionUse {
             }
             self.pointers[function as usize] = found;
             let own = &mut self.uses[function as usize];
-            if *own != Use::Off {
-                *own = if found.is_some() && !stays(function) { Use::Held } else { Use::On };
+            if *own != FunctionState::Off {
+                *own =
+                    if found.is_some() && !stays(function) { FunctionState::Held } else { FunctionState::On };
             }
         }
     }
 
     /// The functions that wait.
     pub fn waiting(&self) -> impl Iterator<Item = Function> {
-        Function::ALL.into_iter().filter(|function| self.of(*function) == Use::Waits)
+        Function::ALL.into_iter().filter(|function| self.of(*function) == FunctionState::Waits)
     }
 
     /// What clients are told of the functions into whose words M-variables point.
     pub fn program_words(&self, family: &'static Family) -> impl Iterator<Item = ProgramWords> {
         let pointers = Function::ALL.into_iter().zip(self.pointers).zip(self.uses);
-        pointers.filter(|(_, own)| *own != Use::Off).filter_map(move |((function, pointers), own)| {
-            let Pointers { variable, word, others } = pointers?;
-            let (place, used) = (family.print_half(word), own == Use::On);
-            Some(ProgramWords { function, variable: variable.into(), place, others: others.into(), used })
-        })
+        pointers.filter(|(_, own)| *own != FunctionState::Off).filter_map(
+            move |((function, pointers), own)| {
+                let Pointers { variable, word, others } = pointers?;
+                let (place, used) = (family.print_half(word), own == FunctionState::On);
+                Some(ProgramWords { function, variable: variable.into(), place, others: others.into(), used })
+            },
+        )
     }
 }
 
@@ -121,10 +124,16 @@ mod tests {
         let functions = Functions::all(&PMAC).without(Function::Gather);
         let settings = BoardSettings { functions, ..BoardSettings::default() };
         let mut uses = FunctionUse::new(&settings, true);
-        assert_eq!((uses.of(Function::Ascii), uses.of(Function::Gather)), (Use::On, Use::Off));
+        assert_eq!(
+            (uses.of(Function::Ascii), uses.of(Function::Gather)),
+            (FunctionState::On, FunctionState::Off)
+        );
         assert_eq!(uses.waiting().count(), 5);
         uses.begin(Function::Servo);
-        assert_eq!((uses.of(Function::Servo), uses.of(Function::Panel)), (Use::On, Use::Waits));
+        assert_eq!(
+            (uses.of(Function::Servo), uses.of(Function::Panel)),
+            (FunctionState::On, FunctionState::Waits)
+        );
         let mut found = [None; COUNT];
         let pointers = Pointers { variable: 211, word: HostOffset::new(0x48), others: 3 };
         for function in [Function::Servo, Function::Panel, Function::Gather] {
@@ -132,7 +141,10 @@ mod tests {
         }
         uses.decide(found, true, |function| function == Function::Panel);
         let own = [Function::Servo, Function::Panel, Function::Gather, Function::Rotary];
-        assert_eq!(own.map(|function| uses.of(function)), [Use::Held, Use::On, Use::Off, Use::On]);
+        assert_eq!(
+            own.map(|function| uses.of(function)),
+            [FunctionState::Held, FunctionState::On, FunctionState::Off, FunctionState::On]
+        );
         let told: Vec<_> =
             uses.program_words(&PMAC).map(|words| (words.function, words.place, words.used)).collect();
         assert_eq!(
@@ -140,19 +152,25 @@ mod tests {
             [(Function::Panel, "Y:$D012".to_owned(), true), (Function::Servo, "Y:$D012".to_owned(), false)]
         );
         uses.decide([None; COUNT], false, |_| false);
-        assert_eq!(uses.of(Function::Servo), Use::Held, "that is not all");
+        assert_eq!(uses.of(Function::Servo), FunctionState::Held, "that is not all");
         uses.decide([None; COUNT], true, |_| false);
-        assert_eq!(uses.of(Function::Servo), Use::On);
+        assert_eq!(uses.of(Function::Servo), FunctionState::On);
         let mut uses = FunctionUse::new(&settings, true);
         uses.decide(found, false, |_| false);
         let own = [Function::Servo, Function::Panel, Function::Gather, Function::Rotary];
-        assert_eq!(own.map(|function| uses.of(function)), [Use::Held, Use::Held, Use::Off, Use::Waits]);
+        assert_eq!(
+            own.map(|function| uses.of(function)),
+            [FunctionState::Held, FunctionState::Held, FunctionState::Off, FunctionState::Waits]
+        );
         uses.begin(Function::Servo);
-        assert_eq!(uses.of(Function::Servo), Use::Held, "whatever else begins");
-        assert_eq!(FunctionUse::new(&settings, false).of(Function::Servo), Use::On);
+        assert_eq!(uses.of(Function::Servo), FunctionState::Held, "whatever else begins");
+        assert_eq!(FunctionUse::new(&settings, false).of(Function::Servo), FunctionState::On);
         let others = Function::ALL.into_iter().filter(|function| *function != Function::Rotary);
         let shared_functions = others.fold(Functions::all(&PMAC), Functions::without);
         let uses = FunctionUse::new(&BoardSettings { shared_functions, ..settings }, true);
-        assert_eq!((uses.of(Function::Rotary), uses.of(Function::Servo)), (Use::On, Use::Waits));
+        assert_eq!(
+            (uses.of(Function::Rotary), uses.of(Function::Servo)),
+            (FunctionState::On, FunctionState::Waits)
+        );
     }
 }

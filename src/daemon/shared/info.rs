@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::function_use::Use;
+use super::function_use::FunctionState;
 use super::origin::GivenUp;
 use super::status::{BoardStatus, Enabling, KnownIdentity};
 use crate::function::servo::Motion;
@@ -94,13 +94,13 @@ impl Info {
             return Some(functions.why_not(function, self.family));
         }
         match self.status.uses.of(function) {
-            Use::Off | Use::On => None,
-            Use::Waits => Some(format!(
+            FunctionState::Off | FunctionState::On => None,
+            FunctionState::Waits => Some(format!(
                 "the function `{}` is not used yet: {}",
                 function.name(),
                 waits_for(self.status.lines.buffer.is_open, &self.status.lines.info.definitions)
             )),
-            Use::Held => {
+            FunctionState::Held => {
                 let all = &self.board.program_words;
                 all.iter().find(|words| words.function == function).map(ToString::to_string)
             }

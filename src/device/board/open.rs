@@ -66,14 +66,14 @@ fn window_of(
     dpram: usize,
     system: &System,
     inherited: &Inherited,
-) -> Result<Mapped, OpenError> {
+) -> Result<MappedWindow, OpenError> {
     let bytes = spec.bytes(dpram);
     let bytes = bytes.map_err(|reason| OpenError::new(spec.place.to_string(), Why::Unsuitable(reason)))?;
     window(&spec.place, spec.offset, bytes, system, inherited)
 }
 
 /// A mapping and the files behind it.
-pub(in crate::device) struct Mapped {
+pub(in crate::device) struct MappedWindow {
     pub mapping: Mapping,
     /// The file that was mapped, unless it gives access to more than the board (`/dev/mem`).
     node: Option<File>,
@@ -89,25 +89,25 @@ pub(in crate::device) fn window(
     length: usize,
     system: &System,
     inherited: &Inherited,
-) -> Result<Mapped, OpenError> {
+) -> Result<MappedWindow, OpenError> {
     Ok(match place {
         Place::Memory(address) => {
             let mapping = memory::map(system, inherited, address.saturating_add(offset), length)?;
-            Mapped { mapping, node: None, witness: None, uio: None }
+            MappedWindow { mapping, node: None, witness: None, uio: None }
         }
         Place::Uio { node, map } => {
             let device = UioDevice::open(system, inherited, node)?;
             let mapping = device.map(*map, offset, length)?;
             let (node, witness) = (device.node()?, device.directory());
-            Mapped { mapping, node: Some(node), witness: Some(witness), uio: Some(device) }
+            MappedWindow { mapping, node: Some(node), witness: Some(witness), uio: Some(device) }
         }
         Place::Pci { address, bar } => {
             let (mapping, node) = pci::map(system, *address, *bar, offset, length)?;
-            Mapped { mapping, node: Some(node), witness: Some(pci::directory(*address)), uio: None }
+            MappedWindow { mapping, node: Some(node), witness: Some(pci::directory(*address)), uio: None }
         }
         Place::Vme(path) => {
             let (mapping, node) = vme::map(system, path, offset, length)?;
-            Mapped { mapping, node: Some(node), witness: Some(path.display().to_string()), uio: None }
+            MappedWindow { mapping, node: Some(node), witness: Some(path.display().to_string()), uio: None }
         }
     })
 }

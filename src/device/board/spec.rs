@@ -10,7 +10,7 @@ use crate::device::{Access, InterruptSource};
 use crate::map::{DPRAM_SIZES, Family};
 
 /// The longest window to map: no DPRAM is longer.
-const LONGEST: u64 = 0x10_0000;
+const LONGEST_WINDOW: u64 = 0x10_0000;
 
 /// What the user wrote after `--board`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -307,7 +307,7 @@ impl Given {
     fn window(&mut self, place: Place) -> Result<WindowSpec, String> {
         let offset = self.offset.take().unwrap_or(0);
         let length = self.length.take();
-        let longest = length.map_or(LONGEST, |length| length as u64);
+        let longest = length.map_or(LONGEST_WINDOW, |length| length as u64);
         let start = if let Place::Memory(address) = place { address } else { 0 };
         if start.checked_add(offset).and_then(|first| first.checked_add(longest)).is_none() {
             return Err("the window leaves the machine's addresses".to_owned());
@@ -362,8 +362,8 @@ fn small(option: &str, value: &str, most: u8) -> Result<u8, String> {
 
 fn length(option: &str, value: &str) -> Result<usize, String> {
     let length = even(option, value)?;
-    let fits = usize::try_from(length).ok().filter(|_| (1..=LONGEST).contains(&length));
-    fits.ok_or_else(|| format!("{option}: {LONGEST:#x} bytes are mapped at most"))
+    let fits = usize::try_from(length).ok().filter(|_| (1..=LONGEST_WINDOW).contains(&length));
+    fits.ok_or_else(|| format!("{option}: {LONGEST_WINDOW:#x} bytes are mapped at most"))
 }
 
 fn access(option: &str, value: &str) -> Result<Access, String> {

@@ -13,7 +13,7 @@ use crate::map::FAMILIES;
 /// PCI vendor and device of a PMAC PCI, as a driver of 2002 probes them. Altera's example designs use the same.
 const KNOWN_ID: (u16, u16) = (0x1172, 0x0001);
 /// The largest window that may be a DPRAM, in bytes.
-const LONGEST: u64 = 0x1_0000;
+const LONGEST_DPRAM: u64 = 0x1_0000;
 /// UIO drivers of PMAC boards have names with this prefix.
 const NAME: &str = "pmac";
 /// The directory of vme_user's windows.
@@ -109,7 +109,7 @@ pub fn candidates(system: &System) -> Vec<Candidate> {
 /// Whether a window of `size` bytes may be the DPRAM of a board of this certainty.
 fn fits(size: u64, certainty: Certainty) -> bool {
     let holds = FAMILIES.iter().any(|family| size >= u64::from(family.length));
-    holds && (certainty == Certainty::Likely || size <= LONGEST)
+    holds && (certainty == Certainty::Likely || size <= LONGEST_DPRAM)
 }
 
 /// A UIO device that is not on PCI: by its name, or by a map that may be a DPRAM.

@@ -41,7 +41,7 @@ const UIO: [&str; 3] = ["event", "name", "version"];
 /// Of a map of it.
 const UIO_MAP: [&str; 4] = ["addr", "name", "offset", "size"];
 /// The longest text that is kept of a file, in characters.
-const LONGEST: usize = 2000;
+const LONGEST_FACT: usize = 2000;
 
 /// Each file that can be read with its text, and each kernel option that is known, for a machine whose board is `board`.
 #[must_use]
@@ -57,7 +57,7 @@ pub fn facts(system: &System, board: Option<&BoardSpec>) -> BTreeMap<String, Str
             Place::Memory(_) | Place::Vme(_) => {}
         }
     }
-    let text = |path: &String| Some(system.text(path).ok()?.chars().take(LONGEST).collect::<String>());
+    let text = |path: &String| Some(system.text(path).ok()?.chars().take(LONGEST_FACT).collect::<String>());
     let files = paths.iter().filter_map(|path| Some((path.clone(), text(path)?)));
     let options =
         OPTIONS.iter().filter_map(|option| Some((format!("CONFIG_{option}"), configured(system, option)?)));

@@ -31,7 +31,7 @@ const CLOCKS: std::ops::RangeInclusive<f64> = 400.0..=50_000.0;
 /// How far a sample may be off the one rate, in seconds: reports come every so many cycles, and this process is not alone.
 const SLACK_S: f64 = 0.015;
 /// How often a block is read, at most, until no update came meanwhile.
-const TRIES: usize = 32;
+const BLOCK_READS: usize = 32;
 
 /// A timer as it was read: when, in nanoseconds, and its value.
 type Sample = (u64, u32);
@@ -102,7 +102,7 @@ fn has_motor<B: Bus>(
     for motor in 1..=family.servo.motors.count {
         let Some(first) = family.servo.motors.at(motor) else { continue };
         let mut words = vec![0; family.servo.motors.words];
-        for _ in 0..TRIES {
+        for _ in 0..BLOCK_READS {
             let before = timer(bus, &family.servo)?;
             bus.read_block(first, &mut words)?;
             if before.is_some() && timer(bus, &family.servo)? == before {

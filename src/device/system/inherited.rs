@@ -11,7 +11,7 @@ use crate::device::mapping;
 /// The first descriptor that can be handed over.
 const FIRST: RawFd = 3;
 /// Most descriptors to accept; further ones are ignored.
-const MOST: usize = 32;
+const MOST_DESCRIPTORS: usize = 32;
 
 /// The environment variables that announce descriptors; child programs must not see them.
 pub const VARIABLES: [&str; 3] = ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"];
@@ -57,7 +57,7 @@ fn announced(pid: &str, count: &str, names: &str, own: u32) -> Vec<(RawFd, Strin
     if pid.parse() != Ok(own) {
         return Vec::new();
     }
-    let count = count.parse().unwrap_or(0).min(MOST);
+    let count = count.parse().unwrap_or(0).min(MOST_DESCRIPTORS);
     let mut names = names.split(':');
     (FIRST..).take(count).map(|number| (number, names.next().unwrap_or_default().to_owned())).collect()
 }
@@ -75,7 +75,7 @@ mod tests {
         {
             assert_eq!(announced(pid, count, "mem:uio", own), []);
         }
-        assert_eq!(announced("7", "4000000", "", 7).len(), MOST);
+        assert_eq!(announced("7", "4000000", "", 7).len(), MOST_DESCRIPTORS);
     }
 
     #[test]

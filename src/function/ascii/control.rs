@@ -2,20 +2,20 @@
 //!
 //! The register alone tells the board: drivers in production write nothing else. The manual's "the read/write procedure is exactly as
 //! described above" could be read as if the command flag had to be set, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
-//! taken one that reports by its word alone, the flag follows after [`FLAG_AFTER`], with an empty line, if no line of ours lies
+//! taken one that reports by its word alone, the flag follows after [`CHARACTER_FLAG_AFTER`], with an empty line, if no line of ours lies
 //! untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
 
 use std::time::{Duration, Instant};
 
 use super::stop::{goes_over_foreign, may_come_twice};
-use super::{DpramPort, State};
+use super::{DpramPort, DpramState};
 use crate::device::{Bus, BusError};
 use crate::function::line_port::LinePort;
 use crate::map::HostOffset;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
 
 /// How long the board may take for a character before the flag is set too.
-pub const FLAG_AFTER: Duration = Duration::from_millis(20);
+pub const CHARACTER_FLAG_AFTER: Duration = Duration::from_millis(20);
 /// A control character in its word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Lying {
@@ -49,19 +49,19 @@ impl DpramPort {
         let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
         let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
         let is_over = over_own || over_foreign;
-        if has_reply && self.state != State::Idle || found != 0 && !is_over {
+        if has_reply && self.state != DpramState::Idle || found != 0 && !is_over {
             return Ok(false);
         }
         match &mut self.state {
-            State::Held(hold) if over_own => hold.later(now),
-            State::Control if over_own => self.state = State::Idle,
+            DpramState::Held(hold) if over_own => hold.later(now),
+            DpramState::Control if over_own => self.state = DpramState::Idle,
             // The board has taken it; the next poll tells.
-            State::Control => self.question_taken = true,
+            DpramState::Control => self.question_taken = true,
             _ => {}
         }
         self.put_control(bus, character, is_over, now)?;
         if has_reply {
-            self.state = State::Control;
+            self.state = DpramState::Control;
         }
         Ok(true)
     }
@@ -69,8 +69,8 @@ impl DpramPort {
     /// Whether one that reports, or one of the port's own, lies in the word.
     const fn own_lies(&self) -> bool {
         match self.state {
-            State::Control => true,
-            State::Held(hold) => hold.lies(),
+            DpramState::Control => true,
+            DpramState::Held(hold) => hold.lies(),
             _ => false,
         }
     }
@@ -111,7 +111,7 @@ impl DpramPort {
         }
         let wants_flag = !lying.flagged && !self.takes_characters && may_come_twice(lying.character);
         let may_flag = !self.line_lies() && !self.has_half_a_line() && word != u16::MAX;
-        if wants_flag && may_flag && now >= lying.since + FLAG_AFTER && !self.is_loaded(bus)? {
+        if wants_flag && may_flag && now >= lying.since + CHARACTER_FLAG_AFTER && !self.is_loaded(bus)? {
             self.lying = Some(Lying { flagged: true, ..lying });
             bus.write16(self.words.command, 0)?;
             bus.order_writes();
@@ -124,7 +124,7 @@ impl DpramPort {
     /// Whether a control character with a reply is under way that the board has not been seen to take.
     #[must_use]
     pub fn is_asking(&self) -> bool {
-        self.state == State::Control
+        self.state == DpramState::Control
     }
 
     /// Whether the board was seen to take a control character by its word alone: one that reports, while no line's flag was set.

@@ -17,7 +17,7 @@ fn a_stop_gets_the_flag_of_an_empty_line_until_the_board_has_taken_a_character_w
         for (character, has_flag) in [(ABORT, true), (b'S' - 64, false), (KILL, true)] {
             assert!(rig.port.control(&mut rig.bus, character, false, rig.now).unwrap());
             assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap() && !rig.is_loaded());
-            rig.now += FLAG_AFTER;
+            rig.now += CHARACTER_FLAG_AFTER;
             assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
             assert_eq!(rig.port.flag_is_characters(), has_flag);
             if has_flag {
@@ -34,14 +34,14 @@ fn a_stop_gets_the_flag_of_an_empty_line_until_the_board_has_taken_a_character_w
         }
         // It takes one by the word alone.
         assert!(rig.port.control(&mut rig.bus, QUESTION, true, rig.now).unwrap());
-        rig.now += FLAG_AFTER;
+        rig.now += CHARACTER_FLAG_AFTER;
         assert_eq!(rig.poll(), None);
         rig.write(family.ascii.control_character, 0);
         assert_eq!(rig.poll(), Some(AsciiEvent::Taken));
         assert!(rig.port.takes_characters());
         rig.port.settled(rig.now);
         assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        rig.now += 10 * FLAG_AFTER;
+        rig.now += 10 * CHARACTER_FLAG_AFTER;
         assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap() && !rig.is_loaded());
     }
 }
@@ -52,7 +52,7 @@ fn no_flag_is_set_while_a_line_lies_untaken() {
         let mut rig = Rig::new(family);
         assert!(rig.begin("P1"));
         assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        rig.now += 10 * FLAG_AFTER;
+        rig.now += 10 * CHARACTER_FLAG_AFTER;
         assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
         assert_eq!(&rig.take()[..3], b"P1\0");
     }

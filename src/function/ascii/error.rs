@@ -7,7 +7,7 @@
 
 use std::time::Instant;
 
-use super::{DpramPort, State};
+use super::{DpramPort, DpramState};
 use crate::function::line_port::AsciiEvent;
 use crate::map::errors;
 
@@ -17,18 +17,22 @@ impl DpramPort {
         let number = errors::from_control(control).unwrap_or(0);
         match self.state {
             // No manual has a board refuse a control character.
-            State::Idle | State::Control => AsciiEvent::ProgramError(number),
-            State::Emptied | State::Held(_) | State::Resting { .. } => AsciiEvent::Stale(control),
-            State::Loaded { sent } if sent < self.length => {
+            DpramState::Idle | DpramState::Control => AsciiEvent::ProgramError(number),
+            DpramState::Emptied | DpramState::Held(_) | DpramState::Resting { .. } => {
+                AsciiEvent::Stale(control)
+            }
+            DpramState::Loaded { sent } if sent < self.length => {
                 // Without its second part the line is not carried out, whosever the error is.
                 self.abandon(true, now);
                 AsciiEvent::Done(Err(number))
             }
-            State::Loaded { .. } | State::Replying if !self.open_ended => {
-                self.state = State::Unsettled;
+            DpramState::Loaded { .. } | DpramState::Replying if !self.open_ended => {
+                self.state = DpramState::Unsettled;
                 AsciiEvent::Error(number)
             }
-            State::Loaded { .. } | State::Replying | State::Unsettled => AsciiEvent::Done(Err(number)),
+            DpramState::Loaded { .. } | DpramState::Replying | DpramState::Unsettled => {
+                AsciiEvent::Done(Err(number))
+            }
         }
     }
 }

@@ -3,26 +3,26 @@
 
 use std::time::{Duration, Instant};
 
-use super::{DpramPort, REST, State};
+use super::{DpramPort, DpramState, PORT_REST};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::CANCEL;
 
 /// How long the board may take to take it. It takes characters within milliseconds.
-pub const TAKE_LIMIT: Duration = Duration::from_millis(300);
+pub const HELD_CHARACTER_TAKEN: Duration = Duration::from_millis(300);
 /// How soon after it was taken back it is handed over again.
-pub const AGAIN: Duration = Duration::from_millis(500);
+pub const HELD_CHARACTER_AGAIN: Duration = Duration::from_millis(500);
 /// How long the board may leave a control character that nobody here has put there.
-const FOREIGN_LIMIT: Duration = Duration::from_secs(1);
+const FOREIGN_CHARACTER_TAKEN: Duration = Duration::from_secs(1);
 
 /// The character, and where it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Hold {
     pub character: u8,
-    place: Place,
+    place: HoldPlace,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum HoldPlace {
     /// To be handed over from then on.
     Due(Instant),
     /// In its word since then.
@@ -31,23 +31,23 @@ enum Place {
 
 impl Hold {
     pub(super) const fn new(character: u8, now: Instant) -> Self {
-        Self { character, place: Place::Due(now) }
+        Self { character, place: HoldPlace::Due(now) }
     }
 
     pub(super) const fn lies(&self) -> bool {
-        matches!(self.place, Place::Lies(_))
+        matches!(self.place, HoldPlace::Lies(_))
     }
 
     /// Another control character goes over it.
     pub(super) fn later(&mut self, now: Instant) {
-        self.place = Place::Due(now + AGAIN);
+        self.place = HoldPlace::Due(now + HELD_CHARACTER_AGAIN);
     }
 }
 
 impl DpramPort {
     /// Whether the board may hold the first part of a line. An empty line would end that part, and the board run it.
     pub(super) const fn has_half_a_line(&self) -> bool {
-        matches!(self.state, State::Held(Hold { character: CANCEL, .. }))
+        matches!(self.state, DpramState::Held(Hold { character: CANCEL, .. }))
     }
 
     /// Looks whether another host may have died in a line of two parts: the first has no NUL (DPRAM manual p. 28) and leaves the last
@@ -60,10 +60,10 @@ impl DpramPort {
     pub fn look_for_half_a_line(&mut self, bus: &mut dyn Bus) -> Result<(), BusError> {
         let last_word = bus.read16(self.words.command.plus_words(self.words.command_bytes / 2 - 1))?;
         self.half_left = self.order.unpack(last_word)[1] != 0 && !self.is_out_of_reach(bus)?;
-        if let State::Resting { until } = self.state
+        if let DpramState::Resting { until } = self.state
             && self.half_left
         {
-            self.state = State::Held(Hold::new(CANCEL, until));
+            self.state = DpramState::Held(Hold::new(CANCEL, until));
         }
         Ok(())
     }
@@ -78,8 +78,10 @@ impl DpramPort {
         self.stop_again = None;
         match &mut self.state {
             // Another host's, which the board was never told to forget.
-            State::Held(hold) if self.half_left => *hold = Hold::new(CANCEL, now + REST),
-            State::Held(_) | State::Emptied => self.state = State::Resting { until: now + REST },
+            DpramState::Held(hold) if self.half_left => *hold = Hold::new(CANCEL, now + PORT_REST),
+            DpramState::Held(_) | DpramState::Emptied => {
+                self.state = DpramState::Resting { until: now + PORT_REST }
+            }
             _ => {}
         }
         Ok(())
@@ -93,30 +95,34 @@ impl DpramPort {
         now: Instant,
     ) -> Result<(), BusError> {
         match hold.place {
-            Place::Due(from) if now >= from && self.lying.is_none() => {
+            HoldPlace::Due(from) if now >= from && self.lying.is_none() => {
                 let found = bus.read16(self.words.control_character)?;
                 // One that nobody here has put there may lie there for ever.
-                if found == 0 || now >= from + FOREIGN_LIMIT && found != u16::MAX {
+                if found == 0 || now >= from + FOREIGN_CHARACTER_TAKEN && found != u16::MAX {
                     self.put_control(bus, hold.character, false, now)?;
-                    hold.place = Place::Lies(now);
+                    hold.place = HoldPlace::Lies(now);
                 }
             }
-            Place::Lies(since) => {
+            HoldPlace::Lies(since) => {
                 let is_cancel = hold.character == CANCEL;
                 if !self.control_pending(bus, now)? {
                     self.half_left = false;
-                    self.state = if is_cancel { State::Resting { until: now + REST } } else { State::Idle };
+                    self.state = if is_cancel {
+                        DpramState::Resting { until: now + PORT_REST }
+                    } else {
+                        DpramState::Idle
+                    };
                     return Ok(());
                 }
-                if now >= since + TAKE_LIMIT {
+                if now >= since + HELD_CHARACTER_TAKEN {
                     self.withdraw_control(bus)?;
                     self.unheard |= is_cancel;
                     if is_cancel && std::mem::take(&mut self.half_left) {
-                        self.state = State::Resting { until: now + REST };
+                        self.state = DpramState::Resting { until: now + PORT_REST };
                         return Ok(());
                     }
                     if !is_cancel && !self.takes_characters {
-                        self.state = State::Idle;
+                        self.state = DpramState::Idle;
                         return Ok(());
                     }
                     hold.later(now);
@@ -124,7 +130,7 @@ impl DpramPort {
             }
             _ => {}
         }
-        self.state = State::Held(hold);
+        self.state = DpramState::Held(hold);
         Ok(())
     }
 }

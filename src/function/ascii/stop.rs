@@ -16,7 +16,7 @@
 
 use std::time::Instant;
 
-use super::{DpramPort, State};
+use super::{DpramPort, DpramState};
 use crate::device::{Bus, BusError};
 use crate::function::line_port::Stopped;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
@@ -49,8 +49,8 @@ impl DpramPort {
     /// When the bus cannot be reached.
     pub fn stop(&mut self, bus: &mut dyn Bus, character: u8, now: Instant) -> Result<Stopped, BusError> {
         let lacks_end = match self.state {
-            State::Loaded { sent } => sent < self.length,
-            State::Unsettled => false,
+            DpramState::Loaded { sent } => sent < self.length,
+            DpramState::Unsettled => false,
             _ => return Ok(Stopped::Nothing),
         };
         if !lacks_end && (self.flag_is_characters() || !self.is_loaded(bus)?) {
@@ -64,7 +64,7 @@ impl DpramPort {
     /// The stop `character` was handed over. Where the board has all of a line that it has not ended, and that `may_move` something,
     /// it may carry that out behind the stop, which goes once more then. So it does where a stop before it is to.
     pub fn stop_again_behind(&mut self, character: u8, may_move: bool) {
-        if let State::Held(hold) = &mut self.state
+        if let DpramState::Held(hold) = &mut self.state
             && hold.character != CANCEL
         {
             hold.character = stronger(Some(hold.character), character).unwrap_or(character);
@@ -78,11 +78,11 @@ impl DpramPort {
     /// The machine is to go on: no stop goes once more.
     pub fn forget_stop(&mut self) {
         self.stop_again = None;
-        if let State::Held(hold) = self.state
+        if let DpramState::Held(hold) = self.state
             && hold.character != CANCEL
             && !hold.lies()
         {
-            self.state = State::Idle;
+            self.state = DpramState::Idle;
         }
     }
 }

@@ -54,7 +54,7 @@ fn a_line_that_is_half_way_is_not_finished_after_a_stop() {
                 rig.write(family.ascii.command_loaded.word, 0);
             }
             assert_eq!(rig.stop(character), Stopped::Unsent);
-            rig.now += FLAG_AFTER;
+            rig.now += CHARACTER_FLAG_AFTER;
             assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
             assert!(!rig.is_loaded(), "an empty line would end the half one");
             assert_eq!(rig.take_character(), character);

@@ -4,8 +4,8 @@
 //! one-way delays gives the skew of two clocks. An empty poll bounds an update from below.
 
 /// The finds of the shortest window, and of the longest. Each window is twice as long as the one before.
-const SHORTEST: u32 = 8;
-const LONGEST: u32 = 64;
+const SHORTEST_FIND_WINDOW: u32 = 8;
+const LONGEST_FIND_WINDOW: u32 = 64;
 
 /// A find: how many updates after the window's start, and how late if the period were right.
 #[derive(Debug, Clone, Copy)]
@@ -51,17 +51,17 @@ pub(super) struct Window {
 impl Window {
     /// A window after an update at `at_ns`, while the period is hardly known.
     pub fn short(at_ns: f64) -> Self {
-        Self::of(SHORTEST, at_ns)
+        Self::of(SHORTEST_FIND_WINDOW, at_ns)
     }
 
     /// A window after an update at `at_ns`, while the period is known.
     pub fn long(at_ns: f64) -> Self {
-        Self::of(LONGEST, at_ns)
+        Self::of(LONGEST_FIND_WINDOW, at_ns)
     }
 
     /// The window after this one.
     pub fn next(&self, at_ns: f64) -> Self {
-        Self::of((2 * self.length).min(LONGEST), at_ns)
+        Self::of((2 * self.length).min(LONGEST_FIND_WINDOW), at_ns)
     }
 
     fn of(length: u32, start_ns: f64) -> Self {
@@ -102,7 +102,7 @@ impl Window {
 
     /// The part of a change of the period to take: all of it after a short window, half after the longest.
     pub fn gain(&self) -> f64 {
-        if self.length < LONGEST { 1.0 } else { 0.5 }
+        if self.length < LONGEST_FIND_WINDOW { 1.0 } else { 0.5 }
     }
 
     /// Whether empty polls bound the finds from below in both halves.

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::BoardLoop;
-use crate::daemon::bus::phase::Phase;
+use crate::daemon::bus::phase::LoopPhase;
 use crate::daemon::bus::presence::Change;
 use crate::daemon::shared::queue::Command;
 use crate::function::line_port::PortError;
@@ -16,12 +16,12 @@ const REACH_POLL_NS: u64 = 1_000_000;
 impl BoardLoop {
     /// Asks the loop to end: stops what is held, then leaves the board. [`BoardLoop::poll`] says when that is done.
     pub fn stop(&mut self) {
-        if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
+        if matches!(self.phase, LoopPhase::Stopping { .. } | LoopPhase::Ended) {
             return;
         }
         let _ = self.connections.stop.read();
         self.reporter.end(self.connections.intake.events());
-        self.phase = Phase::stopping(self.clock.now());
+        self.phase = LoopPhase::stopping(self.clock.now());
         self.collect_stops();
     }
 
@@ -117,14 +117,14 @@ impl BoardLoop {
 
     /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
     pub(super) fn reach_dpram(&mut self) {
-        let Phase::Reaching { until, due_ns } = &mut self.phase else { return };
+        let LoopPhase::Reaching { until, due_ns } = &mut self.phase else { return };
         let ports = self.functions.ascii.queue().ports();
         let waits = ports.page().is_some() && self.clock.now() < *until;
         if waits && !matches!(ports.dpram.is_out_of_reach(&mut self.bus), Ok(false)) {
             *due_ns = self.clock.ns() + REACH_POLL_NS;
             return;
         }
-        self.phase = Phase::Running;
+        self.phase = LoopPhase::Running;
         self.acquire_board();
         // What the configuration says of the board is known without asking.
         self.take_identity();
@@ -143,7 +143,7 @@ impl BoardLoop {
 
     /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
     fn collect_stops(&mut self) {
-        let Phase::Stopping { until, .. } = self.phase else { return };
+        let LoopPhase::Stopping { until, .. } = self.phase else { return };
         self.functions.keep_stops();
         while let Some(command) = self.connections.intake.drain() {
             if let Command::Job { ticket, job, .. } = command
@@ -161,7 +161,7 @@ impl BoardLoop {
     pub(super) fn finish_stops(&mut self, until: Instant) {
         match self.functions.finish_stops(&mut self.bus) {
             Ok(Some(due)) if self.clock.now() < until => {
-                self.phase = Phase::Stopping { until, due_ns: self.clock.ns_of(due.min(until)) };
+                self.phase = LoopPhase::Stopping { until, due_ns: self.clock.ns_of(due.min(until)) };
                 return;
             }
             Ok(_) => {}
@@ -172,6 +172,6 @@ impl BoardLoop {
         }
         let result = self.functions.ascii.leave_line();
         self.note_failure(result);
-        self.phase = Phase::Ended;
+        self.phase = LoopPhase::Ended;
     }
 }

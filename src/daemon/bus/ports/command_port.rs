@@ -7,7 +7,7 @@
 use std::time::Instant;
 
 use crate::daemon::bus::ports::mailbox::{MailboxAnswer, MailboxDriver, MailboxQuestion};
-use crate::daemon::config::ports::Use;
+use crate::daemon::config::ports::MailboxUse;
 use crate::daemon::shared::open_buffer;
 use crate::device::Bus;
 use crate::format::TextOrder;
@@ -48,7 +48,7 @@ impl CommandPorts {
     /// The ports of a board of `family`, its texts packed in `order`.
     #[must_use]
     pub fn new(family: &'static Family, order: TextOrder, mailbox: Option<MailboxDriver>) -> Self {
-        let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Always);
+        let always = mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == MailboxUse::Always);
         Self {
             dpram: DpramPort::new(&family.ascii, order),
             mailbox,
@@ -219,7 +219,9 @@ impl CommandPorts {
     /// Whether lines may go through the mailboxes instead, and their interrupts are there.
     #[must_use]
     pub fn may_change(&self) -> bool {
-        self.mailbox.as_ref().is_some_and(|mailbox| mailbox.when() == Use::Fallback && mailbox.is_connected())
+        self.mailbox
+            .as_ref()
+            .is_some_and(|mailbox| mailbox.when() == MailboxUse::Fallback && mailbox.is_connected())
     }
 
     /// Whether something is expected from the board.

@@ -12,7 +12,7 @@ use std::time::Instant;
 use crate::daemon::bus::board::{self, link};
 use crate::daemon::bus::ports::interrupt::InterruptLink;
 use crate::daemon::bus::timing::PORT_ANSWER;
-use crate::daemon::config::ports::{Lane, MailboxConfig, Use};
+use crate::daemon::config::ports::{Lane, MailboxConfig, MailboxUse};
 use crate::device::refusal::OpenError;
 use crate::device::{Bus, ByteBus, ByteBusError, Counted, EvenLane, Inherited, System, open_mailbox};
 use crate::function::line_port::{AsciiEvent, LinePort, PortError};
@@ -103,7 +103,7 @@ impl MailboxDriver {
 
     /// When command lines go this way.
     #[must_use]
-    pub fn when(&self) -> Use {
+    pub fn when(&self) -> MailboxUse {
         self.config.when
     }
 
@@ -130,7 +130,7 @@ impl MailboxDriver {
     /// When the registers cannot be reached.
     pub fn start(&mut self, now: Instant) -> Result<(), ByteBusError> {
         self.asked = None;
-        if self.config.when == Use::Never { Ok(()) } else { self.port.start(&mut self.registers, now) }
+        if self.config.when == MailboxUse::Never { Ok(()) } else { self.port.start(&mut self.registers, now) }
     }
 
     /// Asks the board `question` by `line`; false: not now. [`MailboxDriver::take_answer`] has the answer.
@@ -274,7 +274,7 @@ impl LinePort for MailboxDriver {
     }
 
     fn poll(&mut self, _bus: &mut dyn Bus, now: Instant) -> Result<Option<AsciiEvent>, PortError> {
-        if self.config.when == Use::Never {
+        if self.config.when == MailboxUse::Never {
             return Ok(None);
         }
         let event = self.port.poll(&mut self.registers, now)?;

@@ -9,7 +9,7 @@ use crate::daemon::shared::queue::{Receive, queue};
 use crate::daemon::shared::status::LinesStatus;
 use crate::device::FileBoard;
 use crate::format::TextOrder;
-use crate::function::ascii::REST;
+use crate::function::ascii::PORT_REST;
 use crate::function::line_port::AsciiEvent;
 use crate::map::PMAC;
 use crate::map::functions::response;
@@ -156,7 +156,7 @@ impl Rig {
 
     /// The port has rested.
     fn rest(&mut self) {
-        self.now += REST;
+        self.now += PORT_REST;
         self.poll();
         self.poll();
     }
@@ -380,7 +380,7 @@ fn what_stops_all_motion_drops_the_lines_that_wait() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
             rig.poll();
-            rig.now += REST;
+            rig.now += PORT_REST;
         }
         assert_eq!(rig.take(), "#1P", "what was sent after it is not dropped");
     }
@@ -455,7 +455,7 @@ fn a_new_board_does_nothing_of_what_the_old_one_was_told() {
         rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
         for _ in 0..3 {
             rig.poll();
-            rig.now += REST;
+            rig.now += PORT_REST;
         }
         let mut ended = rig.ended();
         ended.sort_by_key(|(ticket, _)| *ticket);
@@ -476,7 +476,7 @@ fn the_second_half_of_a_line_is_no_line_for_a_new_board() {
     rig.bus.write16(PMAC.ascii.control_character, 0).unwrap();
     for _ in 0..3 {
         rig.poll();
-        rig.now += REST;
+        rig.now += PORT_REST;
     }
     assert!(rig.take().starts_with("SIZE"), "our own line, and no second half");
     assert_eq!(rig.ended(), [(1, Outcome::TimedOut)]);

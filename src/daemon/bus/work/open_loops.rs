@@ -9,18 +9,18 @@
 use crate::map::Motors;
 
 /// Updates after a request was taken until the report is believed. The first may have been under way.
-const UPDATES: u64 = 2;
+const UPDATES_UNTIL_BELIEVED: u64 = 2;
 
 /// What is known of the motors' loops.
 #[derive(Debug, Default)]
 pub struct OpenLoops {
-    servo: Told,
-    background: Told,
+    servo: LoopReport,
+    background: LoopReport,
 }
 
 /// What one report says.
 #[derive(Debug, Default)]
-struct Told {
+struct LoopReport {
     open: Motors,
     updates: u64,
     /// Motors of whose loops nothing is known, until that update.
@@ -28,7 +28,7 @@ struct Told {
     until: u64,
 }
 
-impl Told {
+impl LoopReport {
     const fn see(&mut self, open: Motors, updates: u64) {
         (self.open, self.updates) = (open, updates);
         if updates >= self.until {
@@ -38,7 +38,7 @@ impl Told {
 
     const fn doubt(&mut self, motors: Motors) {
         self.doubted.add(motors);
-        self.until = self.updates + UPDATES;
+        self.until = self.updates + UPDATES_UNTIL_BELIEVED;
     }
 
     const fn known(&self) -> Motors {

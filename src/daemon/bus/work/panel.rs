@@ -17,12 +17,12 @@ use crate::daemon::bus::work::open_loops::OpenLoops;
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket, at_once, dropped_by};
 use crate::device::{Bus, BusError};
 use crate::function::line_port::PortError;
-use crate::function::panel::{FeedOverride, Panel, PanelBusError, PanelRequest, SETTLE};
+use crate::function::panel::{FeedOverride, PANEL_REST, Panel, PanelBusError, PanelRequest};
 use crate::map::{Family, Motors};
 use crate::protocol::control;
 
 #[derive(Debug)]
-struct Waiting {
+struct WaitingRequest {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
@@ -34,14 +34,14 @@ struct Waiting {
     before_kill: bool,
 }
 
-impl Waiting {
+impl WaitingRequest {
     const fn new(ticket: Ticket, request: PanelRequest, deadline: Instant, ends_hold: bool) -> Self {
         Self { ticket, request, deadline, ends_hold, dropped: None, before_kill: false }
     }
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Pending {
+struct PendingRequest {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
@@ -57,9 +57,9 @@ pub struct PanelQueue {
     panel: Panel,
     /// The I-variable that enables the panel.
     enable: Option<u16>,
-    waiting: VecDeque<Waiting>,
+    waiting: VecDeque<WaitingRequest>,
     /// The request that lies in the panel.
-    pending: Option<Pending>,
+    pending: Option<PendingRequest>,
     /// A request that was abandoned: nobody knows what became of it.
     abandoned: Option<Ticket>,
     /// A request was withdrawn, by this daemon or one before it: when the panel has rested.
@@ -106,7 +106,7 @@ impl PanelQueue {
     pub fn acquire(&mut self, bus: &mut impl Bus, now: Instant) -> Result<(), BusError> {
         self.abandon();
         self.panel.acquire(bus)?;
-        self.rests_until = now + SETTLE;
+        self.rests_until = now + PANEL_REST;
         Ok(())
     }
 
@@ -129,14 +129,14 @@ impl PanelQueue {
 
     /// Takes a request in.
     pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
-        self.waiting.push_back(Waiting::new(ticket, request, deadline, false));
+        self.waiting.push_back(WaitingRequest::new(ticket, request, deadline, false));
         self.next_poll = now;
     }
 
     /// Takes in the stop of motors whose held jog is over.
     pub fn end_hold(&mut self, ticket: Ticket, motors: Motors, deadline: Instant, now: Instant) {
         let request = PanelRequest::jog_stop(motors.bits());
-        self.waiting.push_back(Waiting::new(ticket, request, deadline, true));
+        self.waiting.push_back(WaitingRequest::new(ticket, request, deadline, true));
         self.next_poll = now;
     }
 
@@ -157,9 +157,9 @@ impl PanelQueue {
         let dropped = Outcome::Dropped(dropped_by(uid, character));
         if let Some(pending) = self.pending.filter(|pending| kills || !pending.request.is_stop()) {
             self.panel.withdraw(bus)?;
-            (self.pending, self.rests_until) = (None, now + SETTLE);
-            let Pending { ticket, request, deadline, ends_hold, .. } = pending;
-            let mut taken_back = Waiting::new(ticket, request, deadline, ends_hold);
+            (self.pending, self.rests_until) = (None, now + PANEL_REST);
+            let PendingRequest { ticket, request, deadline, ends_hold, .. } = pending;
+            let mut taken_back = WaitingRequest::new(ticket, request, deadline, ends_hold);
             let reason = "withdrawn, for somebody stopped all motion; it may have been carried out before";
             taken_back.dropped = Some(Outcome::Interrupted(Text::of(&reason)));
             self.waiting.push_front(taken_back);
@@ -205,7 +205,7 @@ impl PanelQueue {
     /// among them: nobody will be told of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.is_stop());
-        let mut kept: [Option<Waiting>; 2] = [None, None];
+        let mut kept: [Option<WaitingRequest>; 2] = [None, None];
         for next in self.waiting.drain(..) {
             match &mut kept[usize::from(next.ends_hold)] {
                 Some(stop) => {
@@ -258,11 +258,11 @@ impl PanelQueue {
     pub fn poll(&mut self, bus: &mut impl Bus, now: Instant) -> Result<Option<Event>, BusError> {
         self.next_poll = now + PANEL_POLL;
         if let Some(pending) = self.pending {
-            let Pending { ticket, request, deadline, again, .. } = pending;
+            let PendingRequest { ticket, request, deadline, again, .. } = pending;
             self.open_loops.doubt(motors_of(&request));
             if again {
                 if self.panel.begin(bus, &request)? {
-                    self.pending = Some(Pending { again: false, ..pending });
+                    self.pending = Some(PendingRequest { again: false, ..pending });
                     return Ok(None);
                 }
             } else if self.panel.taken(bus)? {
@@ -272,28 +272,30 @@ impl PanelQueue {
             }
             if now < deadline {
                 // A stop that has waited long enough goes another way.
-                let is_late = |waiting: &Waiting| waiting.request.ends_motion() && now >= waiting.deadline;
+                let is_late =
+                    |waiting: &WaitingRequest| waiting.request.ends_motion() && now >= waiting.deadline;
                 let late = self.waiting.iter().position(is_late).and_then(|index| self.waiting.remove(index));
                 return Ok(late.map(|stop| Event::Done(stop.ticket, self.not_taken(false))));
             }
             // It must not be carried out by surprise, when the panel is enabled one day.
             self.panel.withdraw(bus)?;
             self.pending = None;
-            self.rests_until = now + SETTLE;
+            self.rests_until = now + PANEL_REST;
             return Ok(Some(Event::Done(ticket, self.not_taken(true))));
         }
         if let Some(ticket) = self.abandoned.take() {
             return Ok(Some(Event::Done(ticket, Outcome::TimedOut)));
         }
         let dropped = self.waiting.iter().position(|waiting| waiting.dropped.is_some());
-        if let Some(Waiting { ticket, dropped: Some(outcome), .. }) =
+        if let Some(WaitingRequest { ticket, dropped: Some(outcome), .. }) =
             dropped.and_then(|index| self.waiting.remove(index))
         {
             self.next_poll = now;
             return Ok(Some(Event::Done(ticket, outcome)));
         }
         let rests = now < self.rests_until;
-        let goes = |waiting: &Waiting| !rests || waiting.request.ends_motion() || now >= waiting.deadline;
+        let goes =
+            |waiting: &WaitingRequest| !rests || waiting.request.ends_motion() || now >= waiting.deadline;
         let Some(index) = self.waiting.iter().position(goes) else { return Ok(None) };
         let Some(mut next) = self.waiting.remove(index) else { return Ok(None) };
         if now >= next.deadline {
@@ -309,9 +311,9 @@ impl PanelQueue {
                 return Ok(Some(Event::Done(next.ticket, Outcome::Done)));
             }
         }
-        let Waiting { ticket, request, deadline, ends_hold, .. } = next;
+        let WaitingRequest { ticket, request, deadline, ends_hold, .. } = next;
         if self.panel.begin(bus, &request)? {
-            self.pending = Some(Pending { ticket, request, deadline, again: rests, ends_hold });
+            self.pending = Some(PendingRequest { ticket, request, deadline, again: rests, ends_hold });
             // What a stop has overtaken must not move a motor after it.
             let overtaken = Text::of(
                 &"the panel request was not carried out: a stop came before the panel was free for it",

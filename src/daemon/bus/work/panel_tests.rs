@@ -50,7 +50,7 @@ fn after_a_withdrawal_what_moves_waits_and_a_stop_goes_at_once_and_twice() {
     queue.acquire(&mut bus, begun).unwrap();
     let request = |action, number| PanelRequest::of(PANEL, action, &[number]).unwrap();
     let (jog, stop) = (request(PanelAction::JogPlus, 1), request(PanelAction::JogStop, 2));
-    let deadline = begun + SETTLE * 10;
+    let deadline = begun + PANEL_REST * 10;
     let mask = |bus: &mut FileBoard| bus.read16(PANEL.request_enable).unwrap();
     queue.submit(Ticket(1), jog, deadline, begun);
     assert!(queue.poll(&mut bus, begun).unwrap().is_none());
@@ -68,10 +68,10 @@ fn after_a_withdrawal_what_moves_waits_and_a_stop_goes_at_once_and_twice() {
     queue.submit(Ticket(4), jog, deadline, begun);
     let told = self::told(&mut queue, &mut bus, begun + PANEL_POLL);
     assert!(matches!(told[..], [(3, Outcome::Refused(_))]), "in its time: {told:?}");
-    assert!(queue.poll(&mut bus, begun + SETTLE).unwrap().is_none());
+    assert!(queue.poll(&mut bus, begun + PANEL_REST).unwrap().is_none());
     assert_eq!(mask(&mut bus), 0b01, "the panel has rested");
     bus.write16(PANEL.request_enable, 0).unwrap();
-    let told = self::told(&mut queue, &mut bus, begun + SETTLE);
+    let told = self::told(&mut queue, &mut bus, begun + PANEL_REST);
     assert_eq!(told, [(4, Outcome::Done)]);
 }
 
@@ -210,7 +210,7 @@ fn a_request_under_way_is_answered_however_often_the_board_is_taken_over() {
     let request = PanelRequest::of(PANEL, PanelAction::JogPlus, &[1]).unwrap();
     // What the mask is when the board is taken over: whatever it is, the board may have seen the request.
     for (ticket, mask) in (7..).zip([1, 0, 0xFFFF]) {
-        let now = begun + (ticket as u32) * SETTLE;
+        let now = begun + (ticket as u32) * PANEL_REST;
         queue.submit(Ticket(ticket), request, now + PANEL_POLL, now);
         assert!(queue.poll(&mut bus, now).unwrap().is_none());
         assert_eq!(bus.read16(PANEL.request_enable).unwrap(), 1, "it lies in the panel");
@@ -231,11 +231,11 @@ fn a_stop_waits_its_own_time_and_not_that_of_a_request_which_the_board_does_not_
     let mut queue = PanelQueue::new(&PMAC, begun).unwrap();
     queue.acquire(&mut bus, begun).unwrap();
     let request = |action, number| PanelRequest::of(PANEL, action, &[number]).unwrap();
-    let now = begun + SETTLE;
-    queue.submit(Ticket(1), request(PanelAction::JogPlus, 1), now + SETTLE * 20, now);
+    let now = begun + PANEL_REST;
+    queue.submit(Ticket(1), request(PanelAction::JogPlus, 1), now + PANEL_REST * 20, now);
     assert!(queue.poll(&mut bus, now).unwrap().is_none());
-    queue.submit(Ticket(2), request(PanelAction::JogStop, 2), now + SETTLE * 2, now);
-    assert!(queue.poll(&mut bus, now + SETTLE).unwrap().is_none());
-    let told = told(&mut queue, &mut bus, now + SETTLE * 2);
+    queue.submit(Ticket(2), request(PanelAction::JogStop, 2), now + PANEL_REST * 2, now);
+    assert!(queue.poll(&mut bus, now + PANEL_REST).unwrap().is_none());
+    let told = told(&mut queue, &mut bus, now + PANEL_REST * 2);
     assert!(matches!(told[..], [(2, Outcome::Refused(_))]), "the daemon sends a line then: {told:?}");
 }

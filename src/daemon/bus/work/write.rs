@@ -10,7 +10,7 @@ use crate::device::{Bus, BusError};
 use crate::function::variable_write::{GivenUp, VariableWriter, WritePoll, WriteRecord};
 use crate::map::BufferLayout;
 
-struct Batch {
+struct RecordBatch {
     ticket: Ticket,
     records: Vec<WriteRecord>,
     deadline: Instant,
@@ -19,7 +19,7 @@ struct Batch {
 /// The records that wait, and those that PMAC has.
 pub struct WriteQueue {
     writer: VariableWriter,
-    waiting: VecDeque<Batch>,
+    waiting: VecDeque<RecordBatch>,
     under_way: Option<(Ticket, Instant)>,
     /// What was under way when the board was taken over, and what became of it.
     interrupted: Option<(Ticket, GivenUp)>,
@@ -63,7 +63,7 @@ impl WriteQueue {
 
     /// Takes records in.
     pub fn submit(&mut self, ticket: Ticket, records: Vec<WriteRecord>, deadline: Instant, now: Instant) {
-        self.waiting.push_back(Batch { ticket, records, deadline });
+        self.waiting.push_back(RecordBatch { ticket, records, deadline });
         self.next_poll = now;
     }
 
@@ -110,13 +110,13 @@ impl WriteQueue {
                 Text::of(&"PMAC was not free to write in time, give it longer; nothing has been written");
             return Ok(Some(Event::Done(next.ticket, Outcome::Refused(reason))));
         }
-        let Batch { ticket, records, deadline } = next;
+        let RecordBatch { ticket, records, deadline } = next;
         match self.writer.begin(bus, records)? {
             Ok(()) => {
                 self.under_way = Some((ticket, deadline));
                 self.next_poll = now;
             }
-            Err(records) => self.waiting.push_front(Batch { ticket, records, deadline }),
+            Err(records) => self.waiting.push_front(RecordBatch { ticket, records, deadline }),
         }
         Ok(None)
     }

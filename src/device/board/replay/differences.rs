@@ -12,7 +12,7 @@ use crate::recording::{Op, Recording};
 /// So many of a kind are told by name.
 const NAMED: usize = 12;
 /// So many of a kind are told apart.
-const MOST: usize = 4096;
+const MOST_DIFFERENCES: usize = 4096;
 
 /// What was asked otherwise.
 pub struct Differences {
@@ -76,7 +76,7 @@ impl Differences {
     pub fn asked(&mut self, line: &str) {
         if let Some(count) = self.lines.get_mut(line) {
             *count += 1;
-        } else if self.lines.len() < MOST {
+        } else if self.lines.len() < MOST_DIFFERENCES {
             self.lines.insert(line.to_owned(), 1);
         }
     }

@@ -12,7 +12,7 @@
 //! line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
 //!
 //! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
-//! [`KINDS`] times, and only a reply with just so many values is its own. The next one goes when the board has taken the last. A new daemon goes on where the last one ended: its line
+//! [`CHECK_LINES`] times, and only a reply with just so many values is its own. The next one goes when the board has taken the last. A new daemon goes on where the last one ended: its line
 //! still lies in the command buffer.
 //!
 //! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
@@ -30,22 +30,22 @@ use crate::function::line_port::PortError;
 use crate::protocol::{CommandState, answer};
 
 /// Lines that can be told from each other.
-const KINDS: usize = 4;
+const CHECK_LINES: usize = 4;
 /// Those that ask for the handshake. I3 and I10 are the same in every family.
-const HANDSHAKE: [&[u8]; KINDS] =
+const HANDSHAKE: [&[u8]; CHECK_LINES] =
     [b"I3 I10 I3", b"I3 I10 I10 I3", b"I3 I10 I10 I10 I3", b"I3 I10 I10 I10 I10 I3"];
 /// Those that ask whether a program buffer is open.
-const BUFFER: [&[u8]; KINDS] =
+const BUFFER: [&[u8]; CHECK_LINES] =
     [b"SIZE SIZE", b"SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE SIZE"];
 /// More than the longest of them.
 pub(super) const LINE_MAX: usize = 32;
 /// I10 of a servo period of 1.2 µs, which is shorter than any board's.
 const LEAST_PERIOD: i64 = 10_000;
 /// The most lines of a reply.
-pub(super) const REPLY_LINES: usize = KINDS + 2;
+pub(super) const REPLY_LINES: usize = CHECK_LINES + 2;
 /// A board that has answered so many of them, but otherwise, answers them otherwise. It gets no other line: nobody could tell whose
 /// its replies are. A recording does, which may lack these answers.
-const TRIES: u8 = 3;
+const CHECK_TRIES: u8 = 3;
 
 /// What the line asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,7 +56,7 @@ enum Asks {
 
 /// What the board has answered to such a line, and which of them it was, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Answer {
+struct CheckAnswer {
     asks: Asks,
     kind: usize,
     /// I3, or the free memory.
@@ -90,7 +90,7 @@ impl Check {
         Self {
             not_before: now,
             asks: Asks::Handshake,
-            kind: KINDS - 1,
+            kind: CHECK_LINES - 1,
             values: [None; REPLY_LINES],
             lines: 0,
             is_answered: false,
@@ -119,14 +119,14 @@ impl Check {
             Asks::Handshake => 3,
             Asks::Buffer => 2,
         };
-        let next = (self.kind + 1) % KINDS;
-        if questions == Some(next + values) { (next + 1) % KINDS } else { next }
+        let next = (self.kind + 1) % CHECK_LINES;
+        if questions == Some(next + values) { (next + 1) % CHECK_LINES } else { next }
     }
 
     /// This line was sent before, by a daemon whose lines end here. It may have made it empty, by its first byte.
     pub(super) fn follow(&mut self, line: &[u8]) {
         let is_it = |own: &[u8]| line.get(1..) == own.get(1..);
-        let kind = (0..KINDS).find(|kind| is_it(HANDSHAKE[*kind]) || is_it(BUFFER[*kind]));
+        let kind = (0..CHECK_LINES).find(|kind| is_it(HANDSHAKE[*kind]) || is_it(BUFFER[*kind]));
         self.kind = kind.unwrap_or(self.kind);
     }
 
@@ -153,19 +153,19 @@ impl Check {
     }
 
     /// The reply to a line of this kind, if the last values are one: ours, or a late one.
-    fn answer(&self) -> Option<Answer> {
+    fn answer(&self) -> Option<CheckAnswer> {
         let value = |back: usize| REPLY_LINES.checked_sub(1 + back).and_then(|index| self.values[index]);
         let last = value(0)?;
         if (0..=3).contains(&last) {
             let period = value(1).filter(|period| *period >= LEAST_PERIOD)?;
             let kind = (1..).take_while(|back| value(*back) == Some(period)).count();
             let is_whole = value(kind + 1) == Some(last) && self.lines == kind + 2;
-            return is_whole.then_some(Answer { asks: Asks::Handshake, kind: kind - 1, value: last });
+            return is_whole.then_some(CheckAnswer { asks: Asks::Handshake, kind: kind - 1, value: last });
         }
         // Beside others' values it would not be known from them.
         let is_alike = (0..self.lines).all(|back| value(back) == Some(last));
-        let kind = self.lines.checked_sub(2).filter(|kind| *kind < KINDS && is_alike)?;
-        Some(Answer { asks: Asks::Buffer, kind, value: last })
+        let kind = self.lines.checked_sub(2).filter(|kind| *kind < CHECK_LINES && is_alike)?;
+        Some(CheckAnswer { asks: Asks::Buffer, kind, value: last })
     }
 
     /// Whether all the lines that came may be the beginning of the answer to the line that was sent last.
@@ -188,7 +188,7 @@ impl Check {
 
     /// What the board has answered to the line that was sent last, if it has.
     pub(super) fn own_answer(&self) -> Option<i64> {
-        let own = |answer: &Answer| (answer.asks, answer.kind) == (self.asks, self.kind);
+        let own = |answer: &CheckAnswer| (answer.asks, answer.kind) == (self.asks, self.kind);
         self.answer().filter(own).map(|answer| answer.value)
     }
 
@@ -219,7 +219,7 @@ impl Check {
 
     /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
     pub(super) const fn is_answered_otherwise(&self) -> bool {
-        self.tries >= TRIES
+        self.tries >= CHECK_TRIES
     }
 
     /// The command that was given up and holds the port.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::daemon::bus::timing::OWN_QUESTION;
 
 /// A reply of fewer lines says nothing.
-const TELLING: usize = 4;
+const PACE_LINES: usize = 4;
 
 /// The time from one line of a reply to the next: the shortest, since any other may be this machine's.
 #[derive(Debug)]
@@ -28,7 +28,7 @@ impl LinePace {
 
     /// A line is sent to the board.
     pub(super) const fn begin(&mut self) {
-        if self.lines >= TELLING {
+        if self.lines >= PACE_LINES {
             self.known = self.shortest;
         }
         (self.shortest, self.last, self.lines) = (Duration::MAX, None, 0);

@@ -1,7 +1,7 @@
 //! What the caller of a line is told that a stop has ended.
 
 use super::*;
-use crate::function::ascii::hold::AGAIN;
+use crate::function::ascii::hold::HELD_CHARACTER_AGAIN;
 
 /// Its first part fills the buffer.
 fn long_line() -> String {
@@ -105,7 +105,7 @@ fn of_two_stops_over_one_line_the_stronger_goes_once_more() {
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(again));
         // One that comes while that lies there, too.
         rig.stop(4, control::KILL);
-        rig.now += AGAIN;
+        rig.now += HELD_CHARACTER_AGAIN;
         rig.poll();
         assert_eq!(rig.bus.read16(PMAC.ascii.control_character).unwrap(), u16::from(control::KILL));
     }

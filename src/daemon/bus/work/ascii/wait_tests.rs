@@ -59,7 +59,7 @@ fn a_line_that_waited_is_not_begun_just_before_its_deadline() {
     // It would have to be given up 5 ms later, which holds the port for everybody, and says that the board is silent.
     rig.now += Duration::from_millis(995);
     rig.respond(response::ACKNOWLEDGE);
-    rig.now += REST;
+    rig.now += PORT_REST;
     rig.poll();
     assert_eq!(rig.take(), "P3=1");
     assert_eq!(rig.ended(), [(1, Outcome::Done), (2, Outcome::Busy)]);
