@@ -64,8 +64,8 @@ pub fn body(data: &[u8]) {
     let reading = if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake };
     let mut functions = Functions {
         family,
-        servo: ServoReader::new(&family.servo, reading),
-        background: BackgroundReader::new(&family.background),
+        servo: ServoReader::new(&family.servo, reading, pmac_dpram::map::Selection::ALL),
+        background: BackgroundReader::new(&family.background, pmac_dpram::map::Selection::ALL),
         ascii: DpramPort::new(&family.ascii, order),
         panel: family.panel.as_ref().map(Panel::new),
         reader: VariableReader::new(&family.variable_read, family.start, plan.variable_read()),

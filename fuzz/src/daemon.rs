@@ -126,9 +126,14 @@ pub fn body(data: &[u8]) {
                     servo: ServoMirror::new(
                         &family.servo,
                         if way & 8 == 0 { ServoReading::Optimistic } else { ServoReading::Handshake },
+                        pmac_dpram::map::Selection::ALL,
                         clock.clone(),
                     ),
-                    background: BackgroundMirror::new(&family.background, 50_000_000),
+                    background: BackgroundMirror::new(
+                        &family.background,
+                        50_000_000,
+                        pmac_dpram::map::Selection::ALL,
+                    ),
                     variables: VariableMirror::new(&plan, mode, clock.clone()),
                 },
                 CommandLines::new(AsciiQueue::new(port, identifier, scan, clock.clone()), None, None),
@@ -171,14 +176,14 @@ impl Bench<'_> {
     /// What the thread that owns the board does when something happened to it.
     fn turn(&mut self, how: u8, tape: &mut Tape<'_>) {
         match how {
-            0 => self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap(),
-            1 => self.functions.ascii.queue_mut().doubt(self.clock.now()),
-            2 => self.functions.ascii.queue_mut().see_buffer(Some((true, LATE_REPORT))),
-            3 => self.functions.ascii.queue_mut().see_buffer(Some((false, LATE_REPORT))),
-            4 => self.functions.ascii.queue_mut().set_interrupt(true),
+            0 => self.functions.ascii.queue.reset(&mut self.bus, self.clock.now()).unwrap(),
+            1 => self.functions.ascii.queue.doubt(self.clock.now()),
+            2 => self.functions.ascii.queue.see_buffer(Some((true, LATE_REPORT))),
+            3 => self.functions.ascii.queue.see_buffer(Some((false, LATE_REPORT))),
+            4 => self.functions.ascii.queue.set_interrupt(true),
             5 => self.in_context(|functions, context| functions.reset(context).unwrap()),
             6 => {
-                self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now()).unwrap();
+                self.functions.ascii.queue.reset(&mut self.bus, self.clock.now()).unwrap();
                 self.in_context(|functions, context| functions.acquire(context).unwrap());
             }
             7 => self.functions.servo.configure(
@@ -189,7 +194,7 @@ impl Bench<'_> {
             8 => self.functions.background.configure(usize::from(tape.u8())),
             9 => self.functions.servo.reset(),
             10 => self.functions.background.reset(),
-            _ => self.functions.background.acquire(&mut self.bus, self.clock.ns()).unwrap(),
+            _ => self.functions.background.ask(&mut self.bus, self.clock.ns()).unwrap(),
         }
     }
 
@@ -220,7 +225,7 @@ impl Bench<'_> {
                 deadline,
             }
         };
-        self.functions.ascii.queue_mut().submit(&command, self.clock.now());
+        self.functions.ascii.queue.submit(&command, self.clock.now());
     }
 
     fn ask_job(&mut self, how: u8, tape: &mut Tape<'_>) {

@@ -113,13 +113,13 @@ impl Parts {
         let queue = if replies.is_some() { queue.of_replay() } else { queue };
         let (layout, mode) = (settings.board_settings.layout(), settings.board_settings.variable_mode());
         let mirrors = Mirrors {
-            servo: ServoMirror::selecting(
+            servo: ServoMirror::new(
                 &settings.family.servo,
                 settings.servo_reading,
                 reading.servo.selection(settings.family),
                 clock.clone(),
             ),
-            background: BackgroundMirror::selecting(
+            background: BackgroundMirror::new(
                 &settings.family.background,
                 settings.background_period_ns,
                 reading.background.selection(settings.family),

@@ -59,15 +59,9 @@ pub struct BackgroundReader {
 const COUNT: u16 = 0xFF;
 
 impl BackgroundReader {
-    /// A reader of all of `block` that has seen nothing yet.
-    #[must_use]
-    pub fn new(block: &'static BackgroundBlock) -> Self {
-        Self::selecting(block, Selection::ALL)
-    }
-
     /// As [`BackgroundReader::new`], but of the blocks only what `selection` has.
     #[must_use]
-    pub fn selecting(block: &'static BackgroundBlock, selection: Selection) -> Self {
+    pub fn new(block: &'static BackgroundBlock, selection: Selection) -> Self {
         let mut runs = Vec::new();
         let (words, _) = selection.left_out();
         Selection::without(words, 0).runs(block.blocks.words, 1, &mut runs);
@@ -305,7 +299,7 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
-        let mut reader = BackgroundReader::new(&PMAC.background);
+        let mut reader = BackgroundReader::new(&PMAC.background, crate::map::Selection::ALL);
         assert_eq!(reader.poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
         reader.set_numbers(3);
         bus.write16(BACKGROUND_BLOCK, 0xABCD).unwrap();
@@ -339,7 +333,7 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-        let mut reader = BackgroundReader::new(&PMAC.background);
+        let mut reader = BackgroundReader::new(&PMAC.background, crate::map::Selection::ALL);
         reader.set_numbers(1);
         for (ready, timer) in [(0, 0), (DATA_READY, 8), (u16::MAX, u16::MAX)] {
             bus.write16(BACKGROUND_SERVO_TIMER, 7).unwrap();
@@ -361,7 +355,7 @@ mod tests {
         let file = tempfile::tempfile().unwrap();
         file.set_len(TURBO2.length.into()).unwrap();
         let mut bus = FileBoard::from_file(&file, TURBO2.length as usize).unwrap();
-        let mut reader = BackgroundReader::new(&TURBO2.background);
+        let mut reader = BackgroundReader::new(&TURBO2.background, crate::map::Selection::ALL);
         let [busy, timer, ready] = [0x0676, 0x0678, 0x067A].map(HostOffset::new);
         let mut timers = 1..;
         // One is due at each look, unless Host-Busy is set.
@@ -389,6 +383,9 @@ mod tests {
         file.set_len(0x4000).unwrap();
         let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
         bus.write16(BACKGROUND_DATA_READY, u16::MAX).unwrap();
-        assert_eq!(BackgroundReader::new(&PMAC.background).poll(&mut bus).unwrap(), BackgroundPoll::Nothing);
+        assert_eq!(
+            BackgroundReader::new(&PMAC.background, crate::map::Selection::ALL).poll(&mut bus).unwrap(),
+            BackgroundPoll::Nothing
+        );
     }
 }

@@ -74,7 +74,8 @@ fn servo() {
         (ServoReading::Handshake, 9, "servo update, handshake"),
     ] {
         for n in 0..=8 {
-            let (mut rig, mut reader) = (Rig::new(), ServoReader::new(&PMAC.servo, reading));
+            let (mut rig, mut reader) =
+                (Rig::new(), ServoReader::new(&PMAC.servo, reading, crate::map::Selection::ALL));
             reader.set_motors(Motors::first(n));
             reader.poll(&mut rig.host).unwrap();
             rig.put(SERVO_PMAC_STATUS, 1);
@@ -92,7 +93,8 @@ fn servo() {
 #[test]
 fn background() {
     for n in 0..=8 {
-        let (mut rig, mut reader) = (Rig::new(), BackgroundReader::new(&PMAC.background));
+        let (mut rig, mut reader) =
+            (Rig::new(), BackgroundReader::new(&PMAC.background, crate::map::Selection::ALL));
         reader.set_numbers(n);
         let idle = rig.cost(|bus| reader.poll(bus).unwrap());
         assert_eq!(idle, (BackgroundPoll::Nothing, documented("background idle poll")));

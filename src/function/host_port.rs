@@ -37,9 +37,6 @@ const SPECIFIC_END: u8 = 0x60;
 /// The three words that make an 8259 ready, in the order in which they are written: ICW1, ICW2, ICW4.
 pub type Initialisation = [u8; 3];
 
-/// Edge-triggered, alone, vectors from 8 on (which nobody reads), 8086 mode, ordinary end of interrupt.
-pub const EDGE_TRIGGERED: Initialisation = [0x13, 0x08, 0x01];
-
 /// The controller of one board and the line that is ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -203,7 +200,7 @@ mod tests {
     #[test]
     fn an_initialised_controller_opens_our_line_only() {
         let mut bus = Registers::new();
-        HostPort { initialisation: Some(EDGE_TRIGGERED), ..HostPort::PMAC }.enable(&mut bus).unwrap();
+        HostPort { initialisation: Some([0x13, 0x08, 0x01]), ..HostPort::PMAC }.enable(&mut bus).unwrap();
         assert_eq!(bus.written, [(8, 0x13), (9, 0x08), (9, 0x01), (9, 0xFF), (8, 0x67), (9, 0x7F)]);
     }
 

@@ -40,7 +40,7 @@ fn a_part_of_the_servo_report() {
         (optimistic, selected(&[], &ALL), 8, 0, ""),
     ] {
         let mut rig = Rig::new();
-        let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
+        let mut reader = ServoReader::new(&PMAC.servo, reading, selection);
         reader.set_motors(Motors::first(reported as usize));
         reader.poll(&mut rig.host).unwrap();
         for word in 0..PMAC.servo.words() {
@@ -72,7 +72,7 @@ fn a_part_of_the_background_report() {
         (selected(&[(0, 62)], &[]), 8, 0, ""),
     ] {
         let mut rig = Rig::new();
-        let mut reader = BackgroundReader::selecting(&PMAC.background, selection);
+        let mut reader = BackgroundReader::new(&PMAC.background, selection);
         reader.set_numbers(reported);
         for word in 0..PMAC.background.words() {
             rig.put(BACKGROUND_DATA_READY.plus_words(word), 0x1111);
@@ -88,7 +88,7 @@ fn a_part_of_the_background_report() {
 /// What an update costs by 32 bits, of so many motors.
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
-    let mut reader = ServoReader::selecting(&PMAC.servo, reading, selection);
+    let mut reader = ServoReader::new(&PMAC.servo, reading, selection);
     reader.set_motors(Motors::first(motors));
     reader.poll(&mut rig.host).unwrap();
     for word in 0..PMAC.servo.words() {
@@ -125,8 +125,10 @@ fn servo_data_by_32_bits() {
 #[test]
 fn the_background_report_by_32_bits() {
     for n in 0..=8 {
-        let (mut rig, mut reader) =
-            (Rig::with_access(Access::Bits32), BackgroundReader::new(&PMAC.background));
+        let (mut rig, mut reader) = (
+            Rig::with_access(Access::Bits32),
+            BackgroundReader::new(&PMAC.background, crate::map::Selection::ALL),
+        );
         reader.set_numbers(n);
         rig.put(BACKGROUND_SERVO_TIMER, 7);
         let (look, cost) = background_report(&mut rig, &mut reader);
@@ -191,7 +193,7 @@ fn an_update_of_a_turbo_board() {
         ] {
             for n in [1, 8, 32] {
                 let mut rig = Rig::of(family, access);
-                let mut reader = ServoReader::new(&family.servo, reading);
+                let mut reader = ServoReader::new(&family.servo, reading, crate::map::Selection::ALL);
                 reader.set_motors(Motors::from_bits(all(n)));
                 turbo_report(&mut rig, &family.servo, 1);
                 let (first, _) = rig.cost(|bus| reader.poll(bus).unwrap());

@@ -114,15 +114,9 @@ pub struct ServoReader {
 }
 
 impl ServoReader {
-    /// A reader of all of `block` that has seen nothing yet.
-    #[must_use]
-    pub fn new(block: &'static ServoBlock, reading: ServoReading) -> Self {
-        Self::selecting(block, reading, Selection::ALL)
-    }
-
     /// As [`ServoReader::new`], but of the motors' blocks only what `selection` has.
     #[must_use]
-    pub fn selecting(block: &'static ServoBlock, reading: ServoReading, selection: Selection) -> Self {
+    pub fn new(block: &'static ServoBlock, reading: ServoReading, selection: Selection) -> Self {
         let mut reader = Self {
             block,
             reading,

@@ -18,7 +18,8 @@ fn update(bus: &mut impl Bus, timer: u16) {
 
 #[test]
 fn what_lay_there_before_is_not_an_update() {
-    let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Optimistic));
+    let (mut bus, mut reader) =
+        (bus(), ServoReader::new(&PMAC.servo, ServoReading::Optimistic, crate::map::Selection::ALL));
     update(&mut bus, 5);
     assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::First(5));
     assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Unchanged);
@@ -34,7 +35,8 @@ fn what_lay_there_before_is_not_an_update() {
 fn an_update_costs_the_words_it_needs() {
     for (reading, overhead) in [(ServoReading::Optimistic, 2), (ServoReading::Handshake, 5)] {
         for motors in 0..=8 {
-            let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, reading));
+            let (mut bus, mut reader) =
+                (bus(), ServoReader::new(&PMAC.servo, reading, crate::map::Selection::ALL));
             reader.set_motors(Motors::first(motors as usize));
             reader.poll(&mut bus).unwrap();
             update(&mut bus, 1);
@@ -94,7 +96,7 @@ fn a_copy_pmac_wrote_into_is_never_accepted() {
             let file = tempfile::tempfile().unwrap();
             file.set_len(0x4000).unwrap();
             let mut bus = FileBoard::from_file(&file, 0x4000).unwrap();
-            let mut reader = ServoReader::new(&PMAC.servo, reading);
+            let mut reader = ServoReader::new(&PMAC.servo, reading, crate::map::Selection::ALL);
             reader.poll(&mut bus).unwrap();
             update(&mut bus, 1);
             let mut bus = Interfering { bus, accesses: 0, at, write: (SERVO_PMAC_STATUS, PMAC_BUSY | 1) };
@@ -110,7 +112,8 @@ fn a_copy_pmac_wrote_into_is_never_accepted() {
 
 #[test]
 fn a_stuck_busy_bit_and_a_missing_board_give_no_data() {
-    let (mut bus, mut reader) = (bus(), ServoReader::new(&PMAC.servo, ServoReading::Handshake));
+    let (mut bus, mut reader) =
+        (bus(), ServoReader::new(&PMAC.servo, ServoReading::Handshake, crate::map::Selection::ALL));
     bus.write16(SERVO_PMAC_STATUS, PMAC_BUSY | 3).unwrap();
     assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Busy);
     bus.write16(SERVO_PMAC_STATUS, 0xFFFF).unwrap();

@@ -74,18 +74,12 @@ struct Asked {
 }
 
 impl BackgroundMirror {
-    /// A mirror that takes a report every `period_ns`.
-    #[must_use]
-    pub fn new(block: &'static BackgroundBlock, period_ns: u64) -> Self {
-        Self::selecting(block, period_ns, Selection::ALL)
-    }
-
     /// As [`BackgroundMirror::new`], but the mirror reads only the words of `selection`.
     #[must_use]
-    pub fn selecting(block: &'static BackgroundBlock, period_ns: u64, selection: Selection) -> Self {
+    pub fn new(block: &'static BackgroundBlock, period_ns: u64, selection: Selection) -> Self {
         Self {
             block,
-            reader: BackgroundReader::selecting(block, selection),
+            reader: BackgroundReader::new(block, selection),
             timer: ServoTimer::new(block.timer.bits()),
             freshness: Freshness::new(limit_ns(STALE_NS, period_ns)),
             period_ns,
@@ -126,7 +120,7 @@ impl BackgroundMirror {
     /// How long a poll can wait: as long as from one poll to the next.
     #[must_use]
     pub fn spare_ns(&self) -> u64 {
-        self.again_ns()
+        AGAIN_NS.min(self.period_ns / 4)
     }
 
     /// Whether reports come.
@@ -205,22 +199,14 @@ impl BackgroundMirror {
     ///
     /// # Errors
     /// When the bus cannot be reached.
-    pub fn acquire(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
-        self.ask(bus, now)
-    }
-
-    fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
+    pub fn ask(&mut self, bus: &mut impl Bus, now: u64) -> Result<(), BusError> {
         self.asked = None;
         // A report that is there already is complete; the question takes it away.
         self.is_outdated = self.is_outdated && !self.reader.is_ready(bus)?;
         self.reader.ask(bus)?;
         self.asked = Some(Asked { at_ns: now, not_before_ns: now, began_ns: None });
-        self.due_ns = now + self.again_ns();
+        self.due_ns = now + self.spare_ns();
         Ok(())
-    }
-
-    fn again_ns(&self) -> u64 {
-        AGAIN_NS.min(self.period_ns / 4)
     }
 
     /// Does the work due at `now`: asks for a report, polls for it, or reads a part of it, and publishes it when it is
@@ -253,7 +239,7 @@ impl BackgroundMirror {
             BackgroundPoll::Nothing => {
                 // If another report replaced this one, it did so after the first words of this one were read.
                 asked.not_before_ns = asked.began_ns.take().unwrap_or(now);
-                self.due_ns = now + self.again_ns();
+                self.due_ns = now + self.spare_ns();
                 let transition = self.freshness.timeout(now);
                 if transition.is_some() {
                     self.reset();

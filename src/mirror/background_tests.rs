@@ -44,7 +44,7 @@ impl Rig {
         let name = SegmentName::new("background").unwrap();
         let mut options = CreateOptions::new(name.clone(), vec![region]);
         directory.path().clone_into(&mut options.directory);
-        let mut mirror = BackgroundMirror::new(&PMAC.background, PERIOD);
+        let mut mirror = BackgroundMirror::new(&PMAC.background, PERIOD, crate::map::Selection::ALL);
         mirror.configure(2);
         Self {
             bus: Counted::new(FileBoard::from_file(&file, 0x4000).unwrap()),
@@ -255,7 +255,7 @@ fn a_report_made_under_the_count_as_found_is_not_read_with_more_blocks() {
     let [count, timer, ready] = [0x0674, 0x0678, 0x067A].map(HostOffset::new);
     // The report is there, or half read, when the count becomes the host's; or the board is in the middle of it.
     for polls in [Some(0), Some(1), Some(2), None] {
-        let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD);
+        let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD, crate::map::Selection::ALL);
         mirror.configure(3);
         mirror.keep_as_found(true);
         bus.write16(count, 2).unwrap();
@@ -296,7 +296,7 @@ fn a_turbo_pmacs_coordinate_systems_come_through_the_path_of_every_family() {
     file.set_len(TURBO2.length.into()).unwrap();
     let mut bus = Counted::new(FileBoard::from_file(&file, TURBO2.length as usize).unwrap());
     let (mut publisher, subscriber, _directory) = turbo_segment();
-    let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD);
+    let mut mirror = BackgroundMirror::new(&TURBO2.background, PERIOD, crate::map::Selection::ALL);
     // Whatever motors are reported: these are coordinate systems.
     mirror.configure(3);
     let at = HostOffset::new;

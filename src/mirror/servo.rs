@@ -72,23 +72,12 @@ pub struct ServoMirror {
 }
 
 impl ServoMirror {
-    /// A mirror that has seen nothing.
-    #[must_use]
-    pub fn new(block: &'static ServoBlock, reading: ServoReading, time: Clock) -> Self {
-        Self::selecting(block, reading, Selection::ALL, time)
-    }
-
     /// As [`ServoMirror::new`], but the mirror reads only the words of `selection`.
     #[must_use]
-    pub fn selecting(
-        block: &'static ServoBlock,
-        reading: ServoReading,
-        selection: Selection,
-        time: Clock,
-    ) -> Self {
+    pub fn new(block: &'static ServoBlock, reading: ServoReading, selection: Selection, time: Clock) -> Self {
         Self {
             block,
-            reader: ServoReader::selecting(block, reading, selection).timed_by(time.clone()),
+            reader: ServoReader::new(block, reading, selection).timed_by(time.clone()),
             time,
             clock: UpdateClock::default(),
             timer: ServoTimer::new(block.timer.bits()),

@@ -37,7 +37,7 @@ impl Rig {
         let mut options = CreateOptions::new(name.clone(), vec![region(&TURBO2.servo)]);
         directory.path().clone_into(&mut options.directory);
         let time = ManualTime::at(1_000_000_000_000);
-        let mut mirror = ServoMirror::new(&TURBO2.servo, reading, time.clock());
+        let mut mirror = ServoMirror::new(&TURBO2.servo, reading, crate::map::Selection::ALL, time.clock());
         mirror.configure(Motors::from_bits(MASK), Some(CYCLE_NS), Some(1));
         let mut rig = Self {
             bus: Counted::new(FileBoard::from_file(&file, length).unwrap()),
@@ -313,7 +313,12 @@ fn the_mask_is_put_back_as_it_was_found_also_behind_a_reset_that_kept_it() {
 #[test]
 fn until_somebody_says_which_motors_there_are_the_mask_that_lies_there_counts() {
     let mut rig = Rig::new(ServoReading::Optimistic);
-    rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());
+    rig.mirror = ServoMirror::new(
+        &TURBO2.servo,
+        ServoReading::Optimistic,
+        crate::map::Selection::ALL,
+        rig.time.clock(),
+    );
     rig.put(0x0070, 0b100);
     rig.put(0x0072, 0);
     rig.update(1);
@@ -380,7 +385,12 @@ fn a_report_on_request_comes_every_servo_cycle_for_as_long_as_it_is_taken() {
     let late = [400_000, 90_000, 2_000_000, 20_000, 900_000];
     for told_at in [0, CYCLES / 2, CYCLES] {
         let mut rig = Rig::new(ServoReading::Optimistic);
-        rig.mirror = ServoMirror::new(&TURBO2.servo, ServoReading::Optimistic, rig.time.clock());
+        rig.mirror = ServoMirror::new(
+            &TURBO2.servo,
+            ServoReading::Optimistic,
+            crate::map::Selection::ALL,
+            rig.time.clock(),
+        );
         let start = rig.time.ns();
         let (mut wake, mut last_quarter) = (0, 0);
         for cycle in 0..CYCLES {

@@ -146,7 +146,7 @@ fn the_host_takes_every_update_of_the_motors() {
             bench.set(47, period.into());
             bench.set(48, 1.0);
             let mut bus = bench.bus();
-            let mut reader = ServoReader::new(&crate::map::TURBO2.servo, reading);
+            let mut reader = ServoReader::new(&crate::map::TURBO2.servo, reading, crate::map::Selection::ALL);
             reader.set_motors(crate::map::Motors::from_bits(1 << 31 | 1));
             let mut timers = Vec::new();
             for _ in 0..60 {
@@ -177,7 +177,7 @@ fn the_host_asks_for_coordinate_systems() {
         bench.set(50, period.into());
         bench.write(0x0676, 1 << 15);
         let mut bus = bench.bus();
-        let mut reader = BackgroundReader::new(&crate::map::TURBO2.background);
+        let mut reader = BackgroundReader::new(&crate::map::TURBO2.background, crate::map::Selection::ALL);
         let mut reports = 0;
         reader.ask(&mut bus).unwrap();
         for _ in 0..100 {

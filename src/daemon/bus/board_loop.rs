@@ -217,13 +217,13 @@ impl BoardLoop {
                         let change = self.presence.check_answers(&mut self.bus);
                         change.map_or(Ok(()), |change| self.follow(change))?;
                     } else {
-                        self.functions.ascii.queue_mut().identifier.ask_again(self.clock.now());
+                        self.functions.ascii.queue.identifier.ask_again(self.clock.now());
                     }
                 }
                 self.see_servo();
                 if was_reset {
                     self.reporter.reset();
-                    self.after_reset(!self.presence.is_reset_known())?;
+                    self.after_reset(!self.presence.is_reset_known)?;
                 }
                 self.presence.servo_polled(self.functions.servo.is_live());
             }
@@ -237,8 +237,8 @@ impl BoardLoop {
                 self.functions.see_whole_board();
             }
             Function::Ascii => {
-                let queue = self.functions.ascii.queue();
-                self.reporter.port(queue.ports().in_use(), queue.state());
+                let queue = &self.functions.ascii.queue;
+                self.reporter.port(queue.ports.in_use(), queue.state());
                 self.take_identity();
                 self.take_pointers()?;
             }
@@ -257,13 +257,13 @@ impl BoardLoop {
 
     /// Data have stopped: the board may have been reset, or be gone.
     fn doubt_board(&mut self) {
-        self.functions.ascii.queue_mut().doubt(self.clock.now());
+        self.functions.ascii.queue.doubt(self.clock.now());
         self.write_page();
     }
 
     /// Publishes what has become known of the board, and works by it.
     fn take_identity(&mut self) {
-        let identifier = &mut self.functions.ascii.queue_mut().identifier;
+        let identifier = &mut self.functions.ascii.queue.identifier;
         let on_request = identifier.on_request();
         let identity = identifier.take_update();
         self.functions.servo.set_on_request(on_request);
@@ -291,7 +291,7 @@ impl BoardLoop {
     /// Uses the functions that the board says it works at, and those that its own programs leave free.
     fn take_pointers(&mut self) -> Result<(), PortError> {
         let now = self.clock.now();
-        let enabling = self.functions.ascii.queue().identifier.enabling();
+        let enabling = self.functions.ascii.queue.identifier.enabling();
         let reports = self.reporter.reports();
         let enabled = [
             (Function::Servo, reports[0]),
@@ -299,7 +299,7 @@ impl BoardLoop {
             (Function::Panel, enabling.panel == Some(true)),
             (Function::Variables, enabling.variables == Some(true)),
         ];
-        let outcome = self.functions.ascii.queue_mut().scan.take_outcome(now);
+        let outcome = self.functions.ascii.queue.scan.take_outcome(now);
         let (functions, mut context) = self.functions_in_context();
         let enabled = enabled.into_iter().filter_map(|(function, is_on)| is_on.then_some(function));
         functions.begin(enabled, &mut context)?;
@@ -317,7 +317,7 @@ impl BoardLoop {
 
     /// Whether only what watches the board goes on: an answer finds no room, or what would be read is no board's.
     fn only_watches(&self) -> bool {
-        self.connections.intake.is_held_up() || self.presence.is_silent()
+        self.connections.intake.is_held_up() || self.presence.is_silent
     }
 
     /// When something is due next, at `now`. No later than the next heartbeat can wait.
@@ -355,7 +355,7 @@ impl BoardLoop {
 
     /// Whether commands wait, or the board has been asked something.
     fn is_asked(&self) -> bool {
-        self.connections.intake.has_waiting() || self.functions.ascii.queue().is_busy()
+        self.connections.intake.has_waiting() || self.functions.ascii.queue.is_busy()
     }
 
     /// Takes what became readable `now`.
@@ -414,7 +414,7 @@ impl BoardLoop {
                 {
                     self.bus_failed(&error);
                 }
-                self.functions.ascii.queue_mut().submit(&command, now);
+                self.functions.ascii.queue.submit(&command, now);
                 None
             }
         }

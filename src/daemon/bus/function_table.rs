@@ -79,7 +79,7 @@ impl FunctionTable {
     ) -> Self {
         let Mirrors { servo, background, variables } = mirrors;
         let now = clock.now();
-        let asks = ascii.queue().scan.is_wanted();
+        let asks = ascii.queue.scan.is_wanted();
         let mut table = Self {
             uses: FunctionUse::new(settings, asks),
             shared: settings.shared_functions.clone(),
@@ -106,7 +106,7 @@ impl FunctionTable {
 
     /// Until it is known where the board's M-variables point, what it reports stays as it is found.
     fn keep_as_found(&mut self) {
-        let asks = self.ascii.queue().scan.is_wanted();
+        let asks = self.ascii.queue.scan.is_wanted();
         self.servo.reader.keep_as_found(asks && !self.shared.has(Function::Servo));
         self.background.keep_as_found(asks && !self.shared.has(Function::Background));
     }
@@ -189,7 +189,7 @@ impl FunctionTable {
             return Ok(Polled::default());
         }
         if let (Function::Panel, Some(panel)) = (function, &mut self.panel) {
-            panel.see_kill(self.ascii.queue().kill());
+            panel.see_kill(self.ascii.queue.kill());
         }
         let polled = self.row(function).poll(context)?;
         if let (Function::Servo | Function::Background, Some(panel)) = (function, &mut self.panel) {
@@ -262,7 +262,7 @@ impl FunctionTable {
     /// Writes into `status` what the functions know `now`; counts only if it is `with_counts`.
     pub fn tell(&self, status: &mut BoardStatus, with_counts: bool, now: Instant) {
         let Self { servo, background, ascii, .. } = self;
-        ascii.queue().tell(&mut status.lines, with_counts, now);
+        ascii.queue.tell(&mut status.lines, with_counts, now);
         status.motors = self.motors();
         let board = servo.whole_board().or_else(|| background.whole_board());
         status.gathers = board.map(|board| board.gathering);
@@ -272,8 +272,8 @@ impl FunctionTable {
         let at_work = [
             (Enabled::SERVO, servo.is_live()),
             (Enabled::BACKGROUND, background.is_live()),
-            (Enabled::ASCII, ascii.queue().state() == CommandState::Answers),
-            (Enabled::INTERRUPT, ascii.queue().has_interrupt()),
+            (Enabled::ASCII, ascii.queue.state() == CommandState::Answers),
+            (Enabled::INTERRUPT, ascii.queue.has_interrupt()),
             (Enabled::GATHER, status.gathers == Some(true)),
         ];
         status.enabled =
@@ -299,7 +299,7 @@ impl FunctionTable {
     pub fn see_whole_board(&mut self) {
         let buffer = self.program_buffer_open();
         let told = self.background.programs_run(self.clock.ns(), REPORT_AGE_NS);
-        let queue = self.ascii.queue_mut();
+        let queue = &mut self.ascii.queue;
         queue.see_buffer(buffer);
         queue.see_programs(told.map(|(systems, asked_ns)| (!systems.is_empty(), asked_ns)));
         if self.panel.as_ref().is_some_and(PanelQueue::is_busy) {
@@ -372,7 +372,7 @@ impl FunctionTable {
     fn pointers(&self) -> [Option<Pointers>; Function::ALL.len()] {
         let mut all = [None; Function::ALL.len()];
         let mut last = [None; Function::ALL.len()];
-        for (word, variable) in self.ascii.queue().scan.words() {
+        for (word, variable) in self.ascii.queue.scan.words() {
             let Some(function) = function_of(&self.layout, word) else { continue };
             let own = &mut all[function as usize];
             match own {

@@ -25,47 +25,29 @@ pub struct BoardPresence {
     /// Its memory cannot be opened.
     gone: bool,
     /// Nothing answers on the bus.
-    silent: bool,
+    pub is_silent: bool,
     /// The DPRAM is out of reach for want of its page.
-    out_of_reach: bool,
+    pub is_out_of_reach: bool,
     /// A reset was found by its lost page, and servo data have not come since to tell of the same one.
-    reset_known: bool,
+    pub is_reset_known: bool,
 }
 
 impl BoardPresence {
     /// A board that was there when it was opened, and how to open it again.
     #[must_use]
     pub fn new(open: OpenBus) -> Self {
-        Self { open, gone: false, silent: false, out_of_reach: false, reset_known: false }
-    }
-
-    /// Whether nothing answers on the bus.
-    #[must_use]
-    pub const fn is_silent(&self) -> bool {
-        self.silent
+        Self { open, gone: false, is_silent: false, is_out_of_reach: false, is_reset_known: false }
     }
 
     /// Whether the board can be reached, as far as was seen.
     #[must_use]
     pub const fn is_there(&self) -> bool {
-        !self.gone && !self.silent
-    }
-
-    /// Whether the DPRAM is out of reach for want of its page.
-    #[must_use]
-    pub const fn is_out_of_reach(&self) -> bool {
-        self.out_of_reach
-    }
-
-    /// Whether the last reset was found by its lost page, and servo data have not come since to tell of the same one.
-    #[must_use]
-    pub const fn is_reset_known(&self) -> bool {
-        self.reset_known
+        !self.gone && !self.is_silent
     }
 
     /// The servo data have been polled, and are live or not.
     pub fn servo_polled(&mut self, is_live: bool) {
-        self.reset_known &= !is_live;
+        self.is_reset_known &= !is_live;
     }
 
     /// Looks whether the board is there, and opens it again when it was replaced or came back.
@@ -94,7 +76,7 @@ impl BoardPresence {
     /// data, and jobs wait meanwhile.
     pub fn check_answers(&mut self, bus: &mut BoardBus) -> Option<Change> {
         let silent = !bus.answers();
-        if std::mem::replace(&mut self.silent, silent) == silent {
+        if std::mem::replace(&mut self.is_silent, silent) == silent {
             return None;
         }
         if silent {
@@ -124,10 +106,10 @@ impl BoardPresence {
         if out_of_reach {
             ports.select_page()?;
         }
-        Ok(match (std::mem::replace(&mut self.out_of_reach, out_of_reach), out_of_reach) {
+        Ok(match (std::mem::replace(&mut self.is_out_of_reach, out_of_reach), out_of_reach) {
             (false, true) => {
                 warn!("the DPRAM is out of reach, so the board was reset; writing its page");
-                self.reset_known = true;
+                self.is_reset_known = true;
                 Some(Change::PageLost)
             }
             (true, false) => {
@@ -206,7 +188,7 @@ mod tests {
         }));
         assert!(presence.check(&mut bus).is_none() && presence.is_there());
         slot.set(true, false);
-        assert!(presence.check(&mut bus).is_none() && presence.is_silent() && !presence.is_there());
+        assert!(presence.check(&mut bus).is_none() && presence.is_silent && !presence.is_there());
         slot.set(true, true);
         assert!(matches!(presence.check(&mut bus), Some(Change::Answers)));
         assert!(presence.check(&mut bus).is_none() && presence.is_there());
@@ -220,10 +202,10 @@ mod tests {
     #[test]
     fn a_reset_is_known_until_servo_data_come() {
         let mut presence = BoardPresence::new(Box::new(|| Err("no board".into())));
-        presence.reset_known = true;
+        presence.is_reset_known = true;
         presence.servo_polled(false);
-        assert!(presence.is_reset_known());
+        assert!(presence.is_reset_known);
         presence.servo_polled(true);
-        assert!(!presence.is_reset_known());
+        assert!(!presence.is_reset_known);
     }
 }

@@ -37,7 +37,7 @@ impl BoardLoop {
 
     /// Writes the DPRAM's page if it was lost.
     pub(super) fn check_page(&mut self) -> Result<(), PortError> {
-        let ports = self.functions.ascii.queue_mut().ports_mut();
+        let ports = &mut self.functions.ascii.queue.ports;
         let change = self.presence.check_page(&mut self.bus, ports)?;
         change.map_or(Ok(()), |change| self.follow(change))
     }
@@ -81,14 +81,14 @@ impl BoardLoop {
             self.functions.servo.release(&mut self.bus)?;
         }
         if self.functions.uses(Function::Background) && !self.functions.background.is_live() {
-            self.functions.background.acquire(&mut self.bus, self.clock.ns())?;
+            self.functions.background.ask(&mut self.bus, self.clock.ns())?;
         }
         self.functions.ascii.keep_line_open()
     }
 
     /// Writes the DPRAM's page, where it has one. The page it has already does no harm.
     pub(super) fn write_page(&mut self) {
-        let result = self.functions.ascii.queue_mut().ports_mut().select_page();
+        let result = self.functions.ascii.queue.ports.select_page();
         self.note_failure(result);
     }
 
@@ -101,7 +101,7 @@ impl BoardLoop {
         let (functions, mut context) = self.functions_in_context();
         functions.reset(&mut context)?;
         let now = self.clock.now();
-        let queue = self.functions.ascii.queue_mut();
+        let queue = &mut self.functions.ascii.queue;
         queue.identifier.begin_anew(now);
         queue.scan.begin_anew(now);
         if is_new { self.reset_commands() } else { Ok(()) }
@@ -112,13 +112,13 @@ impl BoardLoop {
         if !self.functions.uses(Function::Ascii) {
             return Ok(());
         }
-        self.functions.ascii.queue_mut().reset(&mut self.bus, self.clock.now())
+        self.functions.ascii.queue.reset(&mut self.bus, self.clock.now())
     }
 
     /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
     pub(super) fn reach_dpram(&mut self) {
         let LoopPhase::Reaching { until, due_ns } = &mut self.phase else { return };
-        let ports = self.functions.ascii.queue().ports();
+        let ports = &self.functions.ascii.queue.ports;
         let waits = ports.page().is_some() && self.clock.now() < *until;
         if waits && !matches!(ports.dpram.is_out_of_reach(&mut self.bus), Ok(false)) {
             *due_ns = self.clock.ns() + REACH_POLL_NS;

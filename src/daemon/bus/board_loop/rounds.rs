@@ -56,7 +56,7 @@ impl BoardLoop {
             // Where the servo is always near, a whole round counts how often a command has stood back.
             && !self.connections.intake.has_waiting()
             && self.reporter.is_told()
-            && !self.presence.is_reset_known()
+            && !self.presence.is_reset_known
     }
 
     /// Takes the servo data. On a machine that has slept, the rest of a round costs more than they do.
@@ -125,7 +125,7 @@ impl BoardLoop {
         match (self.guard.turn(servo_due, near, work.is_some(), || intake.has_waiting()), work) {
             (Turn::Servo, _) => self.poll_function(Function::Servo)?,
             (Turn::Others, Some((_, function))) => {
-                if function == Function::Ascii && self.presence.is_out_of_reach() {
+                if function == Function::Ascii && self.presence.is_out_of_reach {
                     // Nothing is begun in words that are still to be put in order.
                     self.check_page()?;
                 }

@@ -131,7 +131,8 @@ struct EndedBy {
 
 /// The lines that wait, and the command under way.
 pub struct AsciiQueue {
-    ports: CommandPorts,
+    /// The ports for command lines.
+    pub ports: CommandPorts,
     fallback: Fallback,
     lines: VecDeque<WaitingLine>,
     controls: VecDeque<WaitingControl>,
@@ -278,17 +279,6 @@ impl AsciiQueue {
         let known = self.controls.iter().chain(&self.control_pending);
         let is_under_way = known.into_iter().any(|control| control.character == control::KILL);
         Kill { is_under_way, taken: self.kills }
-    }
-
-    /// The ports for command lines.
-    #[must_use]
-    pub fn ports(&self) -> &CommandPorts {
-        &self.ports
-    }
-
-    /// The ports for command lines.
-    pub fn ports_mut(&mut self) -> &mut CommandPorts {
-        &mut self.ports
     }
 
     /// Interrupts can announce responses, or not.

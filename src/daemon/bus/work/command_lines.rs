@@ -19,7 +19,8 @@ use crate::segment::Counter;
 
 /// Command lines: who waits for whom, and how a response is announced.
 pub struct CommandLines {
-    queue: AsciiQueue,
+    /// Who waits for whom.
+    pub queue: AsciiQueue,
     /// Announces responses in the DPRAM, if the board has one.
     interrupt: Option<InterruptLink>,
     /// The interrupt controller, where it has to be served.
@@ -37,17 +38,6 @@ impl CommandLines {
         Self { queue, interrupt, host_port }
     }
 
-    /// Who waits for whom.
-    #[must_use]
-    pub const fn queue(&self) -> &AsciiQueue {
-        &self.queue
-    }
-
-    /// Who waits for whom.
-    pub const fn queue_mut(&mut self) -> &mut AsciiQueue {
-        &mut self.queue
-    }
-
     /// What was counted of the host port's interrupts; `None` where it is not served.
     #[must_use]
     pub fn host_port_counts(&self) -> Option<HostPortCounts> {
@@ -58,7 +48,7 @@ impl CommandLines {
     #[must_use]
     pub fn descriptors(&self) -> Interrupts<BorrowedFd<'_>> {
         let interrupt = self.interrupt.as_ref().and_then(InterruptLink::descriptor);
-        let mailbox = self.queue.ports().mailbox.as_ref();
+        let mailbox = self.queue.ports.mailbox.as_ref();
         let [taken, reply] = mailbox.map_or([None, None], MailboxDriver::descriptors);
         [interrupt, taken, reply]
     }
@@ -70,12 +60,12 @@ impl CommandLines {
             if readable.interrupt {
                 count = link.take(now).interrupts;
                 if let Some(host_port) = self.host_port.as_mut().filter(|_| count > 0) {
-                    host_port.interrupted(self.queue.ports().responses());
+                    host_port.interrupted(self.queue.ports.responses());
                 }
             }
             link.tend(now);
         }
-        if let Some(mailbox) = &mut self.queue.ports_mut().mailbox {
+        if let Some(mailbox) = &mut self.queue.ports.mailbox {
             if readable.mailbox {
                 count = count.saturating_add(mailbox.take_interrupts(now));
             }
@@ -90,7 +80,7 @@ impl CommandLines {
 
     /// Has the queue know whether the interrupts of the port in use are there.
     fn see_interrupt(&mut self) {
-        let ports = self.queue.ports();
+        let ports = &self.queue.ports;
         let is_there = match ports.in_use() {
             CommandPort::Dpram => self.interrupt.as_ref().is_some_and(InterruptLink::is_connected),
             CommandPort::Mailbox => ports.mailbox.as_ref().is_some_and(MailboxDriver::is_connected),
@@ -132,7 +122,7 @@ impl CommandLines {
         if let (Some(link), Some(interrupt)) = (&mut self.interrupt, interrupt) {
             link.replace(interrupt);
         }
-        if let Some(Err(error)) = self.queue.ports_mut().mailbox.as_mut().map(MailboxDriver::reopen) {
+        if let Some(Err(error)) = self.queue.ports.mailbox.as_mut().map(MailboxDriver::reopen) {
             warn!("mailboxes: {error}");
         }
         if let Some(Err(error)) = self.host_port.as_mut().map(HostPortDriver::reopen) {
@@ -147,16 +137,16 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
     }
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError> {
         let now = context.clock.now();
-        let registers = self.queue.ports().register_accesses();
+        let registers = self.queue.ports.register_accesses();
         self.queue.poll(context.bus, context.intake.events(), context.publisher, now)?;
         if let Some(host_port) = &mut self.host_port {
             let held_up = self.queue.is_held_up();
-            if host_port.serve(context.bus, self.queue.ports(), held_up, now)? {
+            if host_port.serve(context.bus, &self.queue.ports, held_up, now)? {
                 self.queue.poll_now(now);
             }
         }
         self.see_interrupt();
-        let registers = self.queue.ports().register_accesses() - registers;
+        let registers = self.queue.ports.register_accesses() - registers;
         context.publisher.counters().add(Counter::AsciiAccesses, registers);
         Ok(Polled::default())
     }
@@ -167,7 +157,7 @@ impl<B: Bus> BoardFunction<B> for CommandLines {
         Ok(())
     }
     fn leave(&mut self, bus: &mut B) -> Result<(), BusError> {
-        self.queue.ports_mut().dpram.release(bus)
+        self.queue.ports.dpram.release(bus)
     }
     fn is_live(&self) -> Option<bool> {
         Some(self.queue.state() == CommandState::Answers)
