@@ -1,9 +1,8 @@
 //! Command lines for the board: many callers, one line at a time.
 //!
-//! Lines wait in order. Control characters overtake the lines that wait; what stops or cancels goes over the one that lies
-//! there, too. When nobody else is being served the
-//! board is asked who it is ([`crate::daemon::bus::identify`]). Everything is bounded: the queues by what the socket hands
-//! over, a command by its deadline, a poll by the number of responses it takes.
+//! Lines wait in order. Control characters overtake waiting lines; a stop or a cancel also replaces a control character that the board
+//! has not yet taken. When no client waits, the daemon asks the board for its identity ([`crate::daemon::bus::identify`]). Everything
+//! has a bound: the queues by the socket's hand-over, a command by its deadline, a poll by its number of responses.
 
 mod announced;
 mod answers;
@@ -54,12 +53,12 @@ use crate::function::line_port::PortError;
 use crate::protocol::{CommandPort, CommandState, control};
 use crate::segment::{Counter, Publisher};
 
-/// Responses taken in one poll, so that a chattering board cannot hold up the servo data.
+/// Most responses a poll takes: a chattering board must not hold up the servo data.
 const STEPS_A_POLL: usize = 2;
-/// I64=1 puts it before a text that nobody asked for (Turbo Software Reference p. 67). The control word says that already.
+/// With I64=1 the board puts this byte before an unsolicited text (Turbo Software Reference p. 67). The control word tells the same.
 const STX: u8 = 0x02;
 
-/// One poll of the queue: when it is, who is told what came of it, and where it is counted.
+/// One poll of the queue: its time, the receiver of its events, and the counters.
 #[derive(Clone, Copy)]
 struct Poll<'a> {
     events: &'a Sender<Event>,
@@ -67,7 +66,7 @@ struct Poll<'a> {
     now: Instant,
 }
 
-/// A command under way, and so who it is for.
+/// The command under way; its kind names its owner.
 #[derive(Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate")]
 enum InFlight {
@@ -81,11 +80,11 @@ enum InFlight {
     Buffer,
     /// The question which coordinate system is addressed.
     Address,
-    /// Who opened the rotary buffers has his address back.
+    /// The line that gives the rotary buffers' opener the address back.
     PutBack,
     /// The question whether the board takes control characters by their word alone.
     Character,
-    /// The line of our own after a command that was given up, or whose end is to be settled.
+    /// The daemon's line after an abandoned command, or behind a command whose end is open.
     Check,
 }
 
@@ -96,7 +95,7 @@ struct WaitingLine {
     origin: Origin,
     wait: Wait,
     writer: Writer,
-    /// It is not to be sent any more: this user stopped all motion by this character.
+    /// The user and character of the stop that dropped the line: the daemon no longer sends it.
     dropped_by: Option<(u32, u8)>,
 }
 
@@ -113,19 +112,19 @@ struct UnderWay {
     command: InFlight,
     deadline: Instant,
     since: Instant,
-    /// The board has shown that it works on it.
+    /// The board has shown that it works on the command.
     taken: bool,
-    /// This control character has ended it.
+    /// The control character that has ended the command.
     ended_by: Option<EndedBy>,
 }
 
-/// What ended a command before the board had answered it.
+/// The control character that ended a command before the board answered.
 #[derive(Clone, Copy)]
 struct EndedBy {
     uid: u32,
     /// `^X`, which the board has taken, or a stop.
     character: u8,
-    /// The board was not given all of the line, and does nothing before that.
+    /// The board got only a part of the line, so it carries out nothing.
     unsent: bool,
 }
 
@@ -143,23 +142,23 @@ pub struct AsciiQueue {
     programs: Programs,
     /// The control character that waits in its word until the board takes it.
     control_pending: Option<WaitingControl>,
-    /// One that waited there when the board was reset, and whether that may have taken it; its caller is to be told.
+    /// The control character that waited at a reset, and whether the board may have taken it. The daemon still has to tell its caller.
     control_lost: Option<(Ticket, bool)>,
     /// How many `^K` the board has taken.
     kills: u64,
-    /// What settles which responses are whose.
+    /// Settles which command a response belongs to.
     check: Check,
     /// Whether the board takes control characters by their word alone.
     characters: Characters,
     /// Whether the board takes lines as program lines.
     buffer: OpenBuffer,
-    /// When it is asked, and what it said.
+    /// When the daemon asks for an open buffer, and the answer.
     buffer_question: BufferQuestion,
     /// After a control character with a reply a line has its turn, if one waits.
     line_is_next: bool,
-    /// After a question of our own, too.
+    /// After a question of the daemon's, too.
     own_was_last: bool,
-    /// What the socket is told. While it is full nothing more is taken from the board.
+    /// Events for the socket. While the outbox is full, the daemon takes nothing more from the board.
     outbox: Outbox,
     /// The identity, and when it is asked.
     pub identifier: Identifier,
@@ -167,7 +166,7 @@ pub struct AsciiQueue {
     pub scan: MemoryScan,
     state: CommandState,
     line_pace: LinePace,
-    /// When the board last ended a command, whosever.
+    /// When the board last ended a command, the daemon's or a caller's.
     answered: Option<Instant>,
     last_event: Instant,
     next_poll: Instant,
@@ -213,8 +212,8 @@ impl AsciiQueue {
         }
     }
 
-    /// Clears the host's words in the DPRAM. Another host, or the daemon before, may have left a line of our own kind there, whose
-    /// reply is still to come.
+    /// Clears the host's words in the DPRAM. An earlier daemon may have left a line of the daemon's own there, with its reply still to
+    /// come.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -231,15 +230,15 @@ impl AsciiQueue {
         self.state
     }
 
-    /// Other data have stopped: that the port answered once says nothing any more. It is asked again if it may be.
+    /// Other data have stopped, so an earlier answer of the port proves nothing. The daemon asks the board again if it may.
     pub fn doubt(&mut self, now: Instant) {
         self.state = CommandState::Unknown;
         self.identifier.ask_again(now);
     }
 
-    /// The board is another one, or was reset: no buffer is open, and what it had been told to send it has forgotten. The
-    /// commands under way are given up, so that the new board does nothing of what the old one was told. A control character
-    /// that lies untouched was not carried out; of everything else nobody knows: a flag may be cleared only when a line is done.
+    /// The board was reset or replaced: no buffer is open, and the board has forgotten what it was to send. The daemon gives up the
+    /// commands under way, so that the new board carries out none of the old board's. The board has not carried out a control character
+    /// that still lies there. The outcome of everything else is unknown: a board may clear a flag only when the line is done.
     ///
     /// # Errors
     /// When a port cannot be reached.
@@ -252,7 +251,7 @@ impl AsciiQueue {
         }
         if let Some(under_way) = &mut self.under_way {
             under_way.deadline = now;
-            // Now, before a cleared flag is taken for the board's having taken the first half of a line.
+            // Now: the reset clears the flag, which would look like a taken first half of a line.
             self.ports.give_up(bus, now)?;
         }
         if let Some(unsettled) = &mut self.unsettled {
@@ -312,7 +311,7 @@ impl AsciiQueue {
         self.next_poll = now;
     }
 
-    /// Takes a line or control character in.
+    /// Accepts a line or a control character.
     pub fn submit(&mut self, command: &Command, now: Instant) {
         self.ports.begin_use(now);
         match *command {
@@ -352,7 +351,7 @@ impl AsciiQueue {
         self.poll_now(now);
     }
 
-    /// The board is a recording: no program of it runs.
+    /// The board is a recording: it runs no program.
     #[must_use]
     pub const fn of_replay(mut self) -> Self {
         self.programs.is_replay = true;
@@ -364,7 +363,7 @@ impl AsciiQueue {
         self.programs.see(told);
     }
 
-    /// Somebody may start a motion program otherwise than by a line.
+    /// A client or the panel may start a motion program without a line.
     pub fn may_start_program(&mut self) {
         self.programs.may_have_started(self.clock.ns());
     }
@@ -425,16 +424,16 @@ impl AsciiQueue {
     }
 
     fn patience(&self, now: Instant) -> Duration {
-        // What cannot be asked now is not waited for.
+        // The loop does not wake up for a question that the daemon may not ask now.
         let question = if self.ports.in_doubt() {
-            // Where all ones are read nothing can be begun, however often it is tried.
+            // While the window reads all ones, no line can begin; trying more often does not help.
             self.check.due_in(now).max(LINES_POLL_LATER)
         } else {
             let due = self.identifier.due_in(now).min(self.scan_due_in(now)).min(self.characters_due_in(now));
             due.max(self.questions_barred_for(now))
         };
         match (self.is_busy(), self.announced.is_sure()) {
-            // The mailboxes' interrupts tell everything; only time has to be watched.
+            // The mailboxes' interrupts announce everything; the daemon watches only the time.
             (true, _)
                 if self.ports.in_use() == CommandPort::Dpram
                     && now.duration_since(self.last_event) < LINES_POLLED_OFTEN =>
@@ -447,7 +446,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Starts the next line: a caller's, or else a question of our own.
+    /// Starts the next line: a caller's, or else a question of the daemon's.
     fn begin_next(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if self.ports.in_doubt() {
@@ -455,7 +454,7 @@ impl AsciiQueue {
         }
         let waits = |control: &WaitingControl| control_has_reply(control.character);
         if !self.line_is_next && self.control_pending.is_none() && self.controls.iter().any(waits) {
-            // Lines that always wait must not hold it up. It goes with the next poll.
+            // A steady stream of lines must not hold a control character up. It goes with the next poll.
             return Ok(());
         }
         let questions_wait = !self.questions_barred_for(now).is_zero();
@@ -463,7 +462,7 @@ impl AsciiQueue {
             && (questions_wait || self.own_was_last || !self.is_question_overdue(now))
         {
             if now >= next.wait.begin_by {
-                // Its caller may have been told by now that it was not done. So must it be; [`Self::expire`] takes it away.
+                // The caller may already know the line as not done, so it must not start; [`Self::expire`] removes it.
                 return Ok(());
             }
             let meaning = &next.line.meaning;
@@ -501,7 +500,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Asks a question of our own, if one is due: who the board is, or, when that is known, where its programs keep data.
+    /// Asks a question of the daemon's if one is due: for the identity, or, once that is known, where the board's programs keep data.
     fn ask_own(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if self.characters_due_in(now).is_zero() && self.ask_for_characters(bus, poll)? {
@@ -531,19 +530,18 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// How long the board need not be asked for M-variables; a board that does not answer is not.
+    /// How long until the daemon asks for M-variables; it never asks a board that does not answer.
     fn scan_due_in(&self, now: Instant) -> Duration {
         if self.state == CommandState::Answers { self.scan.due_in(now) } else { Duration::MAX }
     }
 
-    /// Whether a question of our own goes before the lines that wait.
+    /// Whether a question of the daemon's goes before the waiting lines.
     fn is_question_overdue(&self, now: Instant) -> bool {
         let scan_is_overdue = self.state == CommandState::Answers && self.scan.is_overdue(now);
         self.identifier.is_overdue(now) || scan_is_overdue
     }
 
-    /// Whether the board cannot be asked because of others: their commands hold the port, at a board that answers them, or a program
-    /// buffer is open.
+    /// Whether other users keep the daemon from asking: the board answers their commands, or a program buffer is open.
     fn others_hold(&self) -> bool {
         let command = self.under_way.as_ref().map(|under_way| &under_way.command);
         let is_others = matches!(command, Some(InFlight::Line(_) | InFlight::Control(_)));
@@ -558,7 +556,7 @@ impl AsciiQueue {
         let now = poll.now;
         self.under_way = Some(UnderWay { command, deadline, since: now, taken: false, ended_by: None });
         self.line_is_next = match command {
-            // It settles the end of the one before.
+            // This line settles the end of the command before it.
             InFlight::Check => self.line_is_next,
             _ => matches!(command, InFlight::Control(_)),
         };

@@ -1,4 +1,4 @@
-//! What the board answers, and whose it is.
+//! Routes the board's answers to their commands.
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use crate::function::line_port::{AsciiEvent, ResponseText};
 use crate::protocol::{CommandState, MessageKind};
 use crate::segment::Counter;
 
-/// Whether this asks for values: a board that only acknowledges it has taken it for a line of a program.
+/// Whether this command asks for values. A board that only acknowledges such a command has stored it as a program line.
 fn asks_for_values(command: &InFlight) -> bool {
     match command {
         InFlight::Line(line) => line.line.meaning.only_asks_for_variables,
@@ -59,7 +59,7 @@ impl AsciiQueue {
                 counters.add(Counter::AsciiUnsolicited, 1);
                 self.identifier.late_answer();
                 if self.under_way.is_none() && self.unsettled.is_none() && !self.programs.is_replay {
-                    // Nothing was owed: whose the next one is the order of answers tells.
+                    // The board owed nothing, so only the order of answers tells whose the next reply is.
                     self.ports.doubt();
                 }
             }
@@ -99,7 +99,7 @@ impl AsciiQueue {
                 let outcome = result.map_or_else(Outcome::Error, |()| Outcome::Done);
                 self.outbox.tell(poll.events, Event::Done(ticket, outcome));
             }
-            // The board took it for a program line: its answer is still to come.
+            // The board stored the question as a program line; the answer is still to come.
             InFlight::Identify if self.buffer.is_open() => self.identifier.not_sent(),
             InFlight::Identify => {
                 self.identifier.done();
@@ -115,14 +115,14 @@ impl AsciiQueue {
         }
     }
 
-    /// Whatever becomes of `line`, the board may have carried it out by now.
+    /// `line` has ended; the board may have carried it out.
     pub(super) fn line_over(&mut self, line: &WaitingLine) {
         if line.line.meaning.may_start_program {
             self.may_start_program();
         }
     }
 
-    /// A line came. A question of our own waits for the next one: a slow board takes its time for many of them.
+    /// A line came: extends the deadline of the daemon's own question, since a slow board needs time for many lines.
     fn go_on_with_own(&mut self, now: Instant) {
         if let Some(UnderWay { command, deadline, since, .. }) = &mut self.under_way
             && matches!(command, InFlight::Identify | InFlight::Scan)

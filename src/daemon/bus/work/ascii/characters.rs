@@ -1,8 +1,8 @@
 //! Whether the board takes control characters by the word of their own alone: `^A` and `^K` go that way.
 //!
-//! The board is asked by `^F`, the following errors of all motors, which has no side effect, at the start and after each reset. A
-//! board that does not take it is told at once (`status`, `doctor`, `abort`); until it does, what stops goes with the flag of an empty
-//! line, too ([`crate::function::ascii::control`]).
+//! At the start and after each reset the daemon sends `^F` (the following errors of all motors), which has no side effect. `status`,
+//! `doctor` and `abort` report at once a board that does not take it. Until the board has, a stop also sets the flag of an empty line
+//! ([`crate::function::ascii::control`]).
 
 use std::time::{Duration, Instant};
 
@@ -17,11 +17,11 @@ use crate::protocol::{CommandPort, CommandState};
 /// `^F`.
 const QUESTION: u8 = b'F' - 64;
 
-/// What the board has shown.
+/// What the daemon knows about that.
 #[derive(Debug)]
 pub(super) struct Characters {
     not_before: Instant,
-    /// It did not take the question.
+    /// The board did not take `^F`.
     in_vain: bool,
 }
 
@@ -30,26 +30,26 @@ impl Characters {
         Self { not_before: now, in_vain: false }
     }
 
-    /// How long it need not be asked.
+    /// How long until the next `^F`.
     fn due_in(&self, now: Instant) -> Duration {
         self.not_before.saturating_duration_since(now)
     }
 
-    /// The question was taken back, or something went over it.
+    /// The daemon took `^F` back, or another character replaced it.
     pub(super) fn not_taken(&mut self, now: Instant) {
         self.not_before = now + CHARACTER_AGAIN;
     }
 }
 
 impl AsciiQueue {
-    /// Whether the board takes control characters by their word alone; `None`: it was not asked yet.
+    /// Whether the board takes control characters by their word alone; `None`: the daemon has not asked yet.
     #[must_use]
     pub fn takes_characters(&self) -> Option<bool> {
         let takes = self.ports.dpram.takes_characters();
         (takes || self.characters.in_vain).then_some(takes)
     }
 
-    /// How long it need not be asked; a board that does not answer lines is not, nor a recording.
+    /// How long until the next `^F`. A board that answers no lines gets none, nor does a recording.
     pub(super) fn characters_due_in(&self, now: Instant) -> Duration {
         let is_open = self.ports.in_use() == CommandPort::Dpram
             && !self.ports.dpram.takes_characters()
@@ -58,7 +58,7 @@ impl AsciiQueue {
         if is_open { self.characters.due_in(now) } else { Duration::MAX }
     }
 
-    /// Asks it; false: not now.
+    /// Sends `^F`; false: not now.
     pub(super) fn ask_for_characters(
         &mut self,
         bus: &mut impl Bus,
@@ -70,13 +70,13 @@ impl AsciiQueue {
         if asked {
             self.start(InFlight::Character, now + CHARACTER_TAKEN, poll);
         } else {
-            // Another one lies there.
+            // Another control character lies there.
             self.characters.not_taken(now);
         }
         Ok(asked)
     }
 
-    /// The board did not take it in time.
+    /// The board did not take `^F` in time.
     pub(super) fn characters_not_taken(&mut self, now: Instant) {
         self.characters.not_taken(now);
         if !self.ports.dpram.takes_characters() && !std::mem::replace(&mut self.characters.in_vain, true) {

@@ -1,19 +1,21 @@
-//! After a command that was given up or is [unsettled](super::unsettled): nobody else's line is begun before the board has answered one of our own.
+//! A probe after an abandoned or [unsettled](super::unsettled) command: the daemon begins no other line before the board has answered
+//! the probe.
 //!
-//! The reply to the command may still be to come, and would be taken for the next line's. PMAC answers lines in their order. So a
-//! line goes first whose reply can be known from every other's; what comes before that reply is late and dropped.
+//! The abandoned command's reply may still come and would pass for the next line's. PMAC answers lines in their order. So the daemon
+//! first sends a line whose reply is unmistakable; every reply before it is late, and the daemon drops it.
 //!
-//! It is `I3 I10 I3`: twice the handshake, 0 to 3, and between them I10, the servo period, a large number. While a program buffer is open, or nobody knows whether one is, it
-//! would be a piece of the program: then it is `SIZE SIZE`, which the board answers at once ([`open_buffer::QUESTION`]).
+//! The probe is `I3 I10 I3`: twice the handshake, 0 to 3, around I10, the servo period, a large number. An open program buffer would
+//! store that line. While a buffer is or may be open, the probe is `SIZE SIZE`, which the board answers at once
+//! ([`open_buffer::QUESTION`]).
 //!
-//! Nobody else's reply may look like it. The values of other lines do: of `I107I108I109I160`, asked for motor after motor, the last
-//! ones are often 0, 96, 96, 96 and 0. So the period has to be one, and the reply these values and no more; and of our lines none is
-//! sent whose reply has as many values as that of the line that was given up. What is still to come of an old reply when the
-//! line is sent may have just so many; the answer to `^F`, several values in one line, may lie between.
+//! No other reply may look like the probe's. The values of other lines come close: `I107I108I109I160`, asked for motor after motor,
+//! often ends with 0, 96, 96, 96 and 0. So the middle value must be a servo period, and the reply must have these values and no more.
+//! We never send a probe whose reply has as many values as the abandoned line's: its rest may still be to come. The
+//! answer to `^F`, several values in one line, may lie between.
 //!
-//! The board may be late with this line, too. So no two in turn are alike: the next one has I10, or `SIZE`, once more, up to
-//! [`CHECK_LINES`] times, and only a reply with just so many values is its own. The next one goes when the board has taken the last. A new daemon goes on where the last one ended: its line
-//! still lies in the command buffer.
+//! The board may answer a probe late, too. So each probe differs from the one before: it asks for I10, or `SIZE`, once more, up to
+//! [`CHECK_LINES`] times, and only a reply with exactly as many values is its own. The next probe goes when the board has taken the
+//! last one. A new daemon continues the count: the old daemon's probe still lies in the command buffer.
 //!
 //! [`open_buffer::QUESTION`]: crate::daemon::shared::open_buffer::QUESTION
 
@@ -67,21 +69,21 @@ struct CheckAnswer {
 #[derive(Debug)]
 pub(super) struct Check {
     not_before: Instant,
-    /// The line that was sent last: what it asks for, and which it was. It goes on counting from one doubt to the next.
+    /// The last probe: its question, and its number. The count goes on from one doubt to the next.
     asks: Asks,
     kind: usize,
-    /// The last values that came since a reply ended, or `^F` was answered, and how many lines did.
+    /// The last values since a reply ended or the board answered `^F`, and the number of lines.
     values: [Option<i64>; REPLY_LINES],
     lines: usize,
-    /// A reply ended that was none to a line of ours.
+    /// A reply ended that belongs to no probe.
     is_answered: bool,
-    /// The error of the last one that ended so.
+    /// The error of the last such reply.
     error: Option<u16>,
-    /// How many lines were answered otherwise.
+    /// How many probes the board answered otherwise.
     tries: u8,
     /// The command that was given up.
     given_up: Option<GivenUp>,
-    /// The board answers our lines, but marks no end of its replies.
+    /// The board answers probes but marks no end of its replies.
     marks_no_end: bool,
 }
 
@@ -101,7 +103,7 @@ impl Check {
         }
     }
 
-    /// The next line, behind `before`, whose reply may still be to come.
+    /// The next probe. The reply to `before` may still come.
     fn next(&self, asks: Asks, before: Option<&[u8]>) -> &'static [u8] {
         let kind = self.next_kind(asks, before);
         match asks {
@@ -110,8 +112,8 @@ impl Check {
         }
     }
 
-    /// Which line is next: one that has not as many values as the line `before` has questions for variables, as `P1`.
-    /// Of a line of more than 60 characters that was given up only the beginning is known.
+    /// The number of the next probe, whose reply has not as many values as `before` has questions such as `P1`. Of an
+    /// abandoned line only the first 60 characters are known.
     fn next_kind(&self, asks: Asks, before: Option<&[u8]>) -> usize {
         let is_question = |pair: &&[u8]| pair[0].is_ascii_alphabetic() && pair[1].is_ascii_digit();
         let questions = before.map(|line| line.windows(2).filter(is_question).count());
@@ -123,14 +125,14 @@ impl Check {
         if questions == Some(next + values) { (next + 1) % CHECK_LINES } else { next }
     }
 
-    /// This line was sent before, by a daemon whose lines end here. It may have made it empty, by its first byte.
+    /// An earlier daemon sent this line last. That daemon may have emptied it by its first byte.
     pub(super) fn follow(&mut self, line: &[u8]) {
         let is_it = |own: &[u8]| line.get(1..) == own.get(1..);
         let kind = (0..CHECK_LINES).find(|kind| is_it(HANDSHAKE[*kind]) || is_it(BUFFER[*kind]));
         self.kind = kind.unwrap_or(self.kind);
     }
 
-    /// The next line was sent.
+    /// The daemon has sent the next probe.
     fn sent(&mut self, asks: Asks, before: Option<&[u8]>) {
         (self.asks, self.kind) = (asks, self.next_kind(asks, before));
         self.is_answered = false;
@@ -162,13 +164,13 @@ impl Check {
             let is_whole = value(kind + 1) == Some(last) && self.lines == kind + 2;
             return is_whole.then_some(CheckAnswer { asks: Asks::Handshake, kind: kind - 1, value: last });
         }
-        // Beside others' values it would not be known from them.
+        // Among other values this reply would not be unmistakable.
         let is_alike = (0..self.lines).all(|back| value(back) == Some(last));
         let kind = self.lines.checked_sub(2).filter(|kind| *kind < CHECK_LINES && is_alike)?;
         Some(CheckAnswer { asks: Asks::Buffer, kind, value: last })
     }
 
-    /// Whether all the lines that came may be the beginning of the answer to the line that was sent last.
+    /// Whether all lines so far may begin the reply to the last probe.
     pub(super) fn may_be_own(&self) -> bool {
         let Some(values) = REPLY_LINES.checked_sub(self.lines).map(|first| &self.values[first..]) else {
             return false;
@@ -186,28 +188,28 @@ impl Check {
         }
     }
 
-    /// What the board has answered to the line that was sent last, if it has.
+    /// The board's answer to the last probe, once it is complete.
     pub(super) fn own_answer(&self) -> Option<i64> {
         let own = |answer: &CheckAnswer| (answer.asks, answer.kind) == (self.asks, self.kind);
         self.answer().filter(own).map(|answer| answer.value)
     }
 
-    /// It is sent at once: nothing else is in doubt.
+    /// Sends the probe at once: nothing else is in doubt.
     pub(super) const fn go_at(&mut self, now: Instant) {
         self.not_before = now;
     }
 
-    /// How long it need not be sent.
+    /// How long until the probe is due.
     pub(super) fn due_in(&self, now: Instant) -> Duration {
         self.not_before.saturating_duration_since(now)
     }
 
-    /// This command was given up.
+    /// The daemon has given this command up.
     pub(super) const fn give_up(&mut self, given_up: GivenUp) {
         self.given_up = Some(given_up);
     }
 
-    /// The board was reset, or has cancelled what it had: it works on nothing.
+    /// After a reset or `^X` the board works on nothing.
     pub(super) const fn reset(&mut self) {
         self.given_up = None;
     }
@@ -217,12 +219,12 @@ impl Check {
         self.marks_no_end
     }
 
-    /// Whether the board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    /// Whether the board's answers do not fit the probes, so that the daemon sends no other line.
     pub(super) const fn is_answered_otherwise(&self) -> bool {
         self.tries >= CHECK_TRIES
     }
 
-    /// The command that was given up and holds the port.
+    /// The abandoned command that holds the port.
     pub(super) const fn given_up(&self) -> Option<GivenUp> {
         self.given_up
     }
@@ -248,13 +250,13 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Until when our line is waited for; where a line is behind which it goes, as long as that one's caller waits.
+    /// The probe's deadline: at least that of the unsettled command in front of it.
     fn check_deadline(&self, now: Instant) -> Instant {
         let deadline = now + CHECK_ANSWER;
         self.unsettled.as_ref().map_or(deadline, |unsettled| deadline.max(unsettled.under_way.deadline))
     }
 
-    /// Something came; more may.
+    /// The board has sent something and may send more.
     pub(super) fn see_check(&mut self, now: Instant) {
         let until = self.check_deadline(now);
         if let Some(UnderWay { command: InFlight::Check, deadline, .. }) = &mut self.under_way {
@@ -262,7 +264,7 @@ impl AsciiQueue {
         }
     }
 
-    /// A reply has ended: that to our line, or a late one.
+    /// A reply has ended: the probe's, or a late one.
     pub(super) fn end_check(&mut self, result: Result<(), u16>, now: Instant) {
         if self.check.own_answer().is_some() && result.is_err() {
             // A program's, before the end of the reply.
@@ -270,7 +272,7 @@ impl AsciiQueue {
         }
         let Some(value) = self.check.own_answer() else {
             self.identifier.late_answer();
-            // A late one to a line of ours says nothing of how the board answers them.
+            // A late reply to an earlier probe is no wrong answer.
             self.check.is_answered |= self.check.answer().is_none();
             // An <ACK> may come behind it.
             self.check.error = result.err().or(self.check.error);
@@ -282,8 +284,8 @@ impl AsciiQueue {
         self.has_answered(value, now);
     }
 
-    /// Whether our line lies before a board that has not taken it in time. It stays there: who waits is told, and lines that the board
-    /// never carries out would use up those that can be told apart (`tests/models/ascii.pml`).
+    /// Whether the board has not taken the probe in time. The probe stays: callers are told, and more probes would use up
+    /// those that the daemon can tell apart (`tests/models/ascii.pml`).
     pub(super) fn check_lies(&mut self) -> bool {
         let lies = matches!(self.under_way, Some(UnderWay { command: InFlight::Check, .. }))
             && self.ports.current().line_lies();
@@ -293,10 +295,10 @@ impl AsciiQueue {
         lies
     }
 
-    /// The board did not end the reply to our line in time.
+    /// The board did not end the probe's reply in time.
     pub(super) fn fail_check(&mut self, now: Instant) {
         if let Some(value) = self.check.own_answer() {
-            // Its whole reply came, without an end. Who sends I3=2 must not be held up.
+            // The whole reply came, without its end. The line I3=2, which mends that, must not wait.
             if !std::mem::replace(&mut self.check.marks_no_end, true) {
                 warn!(
                     "the board does not mark the end of its replies: each line waits out its time and is told as one that may have been \
@@ -325,7 +327,7 @@ impl AsciiQueue {
         }
     }
 
-    /// The board has answered our line. Into an open buffer no other one is sent: the doubt is over then, too.
+    /// The board has answered the probe. An open buffer allows no other probe, so this answer ends the doubt, too.
     fn has_answered(&mut self, value: i64, now: Instant) {
         if self.check.asks == Asks::Buffer {
             self.buffer.learn(Some(value), now);

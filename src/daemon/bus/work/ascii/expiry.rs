@@ -1,4 +1,4 @@
-//! What becomes of commands whose deadline is over, or that somebody has cancelled.
+//! Ends commands that are past their deadline or cancelled.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use crate::protocol::control::{self, CANCEL};
 use crate::segment::Counter;
 
 impl AsciiQueue {
-    /// Gives up on what is past its deadline or cancelled, and on lines that are not to be sent any more.
+    /// Gives up commands that are past their deadline or cancelled, and drops waiting lines after a stop.
     pub(super) fn expire(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if let Some(under_way) = self.under_way
@@ -25,7 +25,7 @@ impl AsciiQueue {
                 return self.expire_waiting(bus, poll);
             }
             self.under_way = None;
-            // Whatever ended our own line, the board does not settle by it any more whose an error was.
+            // Without the probe's reply the board no longer settles the command.
             self.expire_unsettled(poll, true);
             self.give_up(bus, poll, &under_way)?;
         }
@@ -33,7 +33,7 @@ impl AsciiQueue {
         self.expire_waiting(bus, poll)
     }
 
-    /// Tells who waited in vain.
+    /// Answers callers whose lines waited in vain.
     fn expire_waiting(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         while self.outbox.is_empty() {
@@ -45,7 +45,7 @@ impl AsciiQueue {
                 self.outbox.tell(poll.events, Event::Done(line.ticket, outcome));
                 continue;
             }
-            // Wherever it stands: one that waits longer may be before it.
+            // Search the whole queue: a line with a later deadline may stand in front.
             let late = self.lines.iter().position(|line| now >= line.wait.begin_by);
             let Some(late) = late.and_then(|index| self.lines.remove(index)) else { break };
             if self.under_way.is_none() && self.ports.current().is_idle() {
@@ -56,7 +56,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Ends a command that the board may have carried out, may be at, or may still carry out.
+    /// Ends a command that the board may have carried out or may yet carry out.
     fn give_up(&mut self, bus: &mut impl Bus, poll: Poll<'_>, under_way: &UnderWay) -> Result<(), PortError> {
         let now = poll.now;
         self.ports.give_up(bus, now)?;
@@ -68,7 +68,7 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Tells whose command was given up.
+    /// Tells the caller that the daemon has given the command up.
     pub(super) fn end_given_up(&mut self, poll: Poll<'_>, under_way: &UnderWay) {
         let now = poll.now;
         let UnderWay { command, since, ended_by, .. } = *under_way;
@@ -91,7 +91,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Whose command this is that the board may have carried out; `None`: our own.
+    /// The caller of a command that the board may have carried out; `None`: the daemon itself.
     pub(super) fn caller_in_doubt(&mut self, command: &InFlight) -> Option<(Ticket, Origin)> {
         match command {
             InFlight::Line(line) => {
@@ -113,7 +113,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Ends a line of our own.
+    /// Ends a line of the daemon's.
     pub(super) fn give_up_own(&mut self, command: InFlight, is_cancelled: bool, now: Instant) {
         match command {
             InFlight::Identify if is_cancelled => self.identifier.not_sent(),
@@ -138,7 +138,7 @@ impl AsciiQueue {
         }
     }
 
-    /// The board has taken `^X` of this user: it works on nothing any more.
+    /// The board has taken this user's `^X` and works on nothing any more.
     pub(super) fn cancelled_by(&mut self, uid: u32, now: Instant) {
         self.check.reset();
         self.ports.follow_cancel(now);
@@ -148,7 +148,7 @@ impl AsciiQueue {
         }
     }
 
-    /// What others wait for: the command that was given up, or the line under way.
+    /// The command that others wait for: an abandoned command, or the line under way.
     fn holds_port(&self) -> Option<GivenUp> {
         let unsettled = self.unsettled.as_ref().map(|unsettled| unsettled.under_way);
         let line = match unsettled.or(self.under_way) {
@@ -160,8 +160,8 @@ impl AsciiQueue {
         self.check.given_up().or(line)
     }
 
-    /// Writes into `status` what the queue knows `now`; how far the board is with its M-variables only if it is `with_counts`. Which
-    /// line holds the port is not told of each quick line, lest the socket is told twice of every one.
+    /// Writes the queue's part of `status`; the progress of the M-variables only `with_counts`. A line counts as holding the
+    /// port only when it is slow, so that a quick line causes no two updates.
     pub fn tell(&self, status: &mut LinesStatus, with_counts: bool, now: Instant) {
         let is_given_up = self.check.given_up().is_some();
         status.holds_port =
@@ -183,10 +183,10 @@ impl AsciiQueue {
         }
     }
 
-    /// Tells a caller that nothing of his command was sent, and why.
+    /// Tells a caller that the daemon sent nothing of the command, and why.
     pub(super) fn not_begun(&mut self, poll: Poll<'_>, ticket: Ticket, wait: Wait) {
         let now = poll.now;
-        // That it waited for others says nothing of the board.
+        // A line that waited for other lines proves nothing about the board.
         let waited = self.under_way.is_some() || self.answered.is_some_and(|answered| answered >= wait.since);
         if let Some(holds) = self.holds_port() {
             self.outbox.tell(poll.events, Event::Done(ticket, Outcome::Refused(holds.reason(now))));
@@ -197,7 +197,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Tells a caller that the board does not answer. Of what was begun it may have `taken` all.
+    /// Tells a caller that the board does not answer. With `taken` the board may have the whole command.
     pub(super) fn fail(&mut self, poll: Poll<'_>, ticket: Ticket, taken: bool) {
         poll.publisher.counters().add(Counter::AsciiTimeouts, 1);
         self.state = CommandState::Silent;

@@ -1,19 +1,19 @@
-//! What the socket is told: at once, or as soon as its queue has room.
+//! Events for the socket's thread: sent at once, or as soon as its queue has room.
 
 use std::collections::VecDeque;
 
 use super::check::REPLY_LINES;
 use crate::daemon::shared::queue::{Event, Sender};
 
-/// Lines of a reply that the socket's thread is told at once: a long listing must not fill its queue.
+/// After so many reply lines the socket's thread is woken: a long listing must not fill its queue.
 const LINES_UNHEARD: u32 = 64;
-/// Events that one response can cause: lines that were held back, the one that shows whose they are, the errors of programs, the end.
+/// Most events of one response: the held-back lines, the line that settles them, programs' errors, the end.
 const AT_ONCE: usize = REPLY_LINES + 4;
 
 /// The events that wait for room.
 pub(super) struct Outbox {
     events: VecDeque<Event>,
-    /// Lines of a reply told since something else was.
+    /// Reply lines sent since the last other event.
     lines_unheard: u32,
 }
 
@@ -29,7 +29,7 @@ impl Outbox {
         self.events.is_empty()
     }
 
-    /// Tries to tell what had no room.
+    /// Sends the events that had no room.
     pub(super) fn retry(&mut self, events: &Sender<Event>) {
         while let Some(event) = self.events.pop_front() {
             if let Some(event) = self.offer(events, event) {
@@ -38,14 +38,15 @@ impl Outbox {
         }
     }
 
-    /// Puts an event into the socket's queue, or keeps it until there is room. A line of a reply is told with the reply's end.
+    /// Puts an event into the socket's queue, or keeps it until there is room. Reply lines do not wake the socket's thread; the
+    /// reply's end does.
     pub(super) fn tell(&mut self, events: &Sender<Event>, event: Event) {
         debug_assert!(self.events.len() < AT_ONCE, "what waits for room is told first");
         let unsent = if self.is_empty() { self.offer(events, event) } else { Some(event) };
         self.events.extend(unsent);
     }
 
-    /// Puts it there; gives it back where there is no room.
+    /// Puts the event into the queue, or returns it if the queue is full.
     fn offer(&mut self, events: &Sender<Event>, event: Event) -> Option<Event> {
         let is_line = matches!(event, Event::Line(..));
         self.lines_unheard = if is_line { self.lines_unheard + 1 } else { 0 };

@@ -1,9 +1,8 @@
 //! The DPRAM's page, while the board does not answer.
 //!
-//! A board forgets its page at a reset (UM, DPRAM page of VME boards: to be written after every reset), and the host then sees
-//! nothing, or another page of the same memory. All ones tell of the first; of the second nothing tells where no report runs: the
-//! board just does not answer. So while it does not, the page is written again before anything more is asked. The page that it has
-//! already does no harm.
+//! A VME board forgets its page at a reset, and the host must write it again (User Manual p. 263-267). Until then the host sees all
+//! ones, or another page of the same memory. Without reports only the board's silence shows the wrong page. So while the board is
+//! silent, the daemon writes the page again before it asks anything more. Writing the right page again does no harm.
 
 use std::time::Instant;
 

@@ -1,9 +1,8 @@
 //! Whether a program's `CMD` may have caused an error.
 //!
-//! With I6=2 the board reports none of those (Software Reference, I6). Otherwise one may come from a PLC program unless I5=0, and
-//! from a motion program unless the background reports say of every coordinate system that none runs. A report
-//! counts from when it was asked for, and not if somebody might have started a program through the daemon since. A motion program
-//! that another host starts counts from the next report on.
+//! With I6=2 the board reports no such error (Software Reference, I6). Otherwise a PLC program may cause one unless I5=0, and a motion
+//! program may unless the background reports say that no coordinate system runs one. A report counts from its request on, unless a
+//! client may have started a program since. Another host's program counts from the next report on.
 
 /// Since when no motion program runs.
 #[derive(Debug, Default)]

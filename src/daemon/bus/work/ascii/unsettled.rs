@@ -1,9 +1,9 @@
 //! A command whose end the order of the board's answers settles.
 //!
-//! An error that came while a line was under way is the line's, or a program's. Where no program can report errors
-//! ([`super::programs`]), the error is the line's. Else, and behind a control character, whose reply has no end mark, a line of our own
-//! decides, whose reply is unmistakable ([`super::check`]). What comes before that reply is the command's: if it was a line, it has been
-//! answered, and the error was a program's. If nothing comes before, the error was the line's (`tests/models/whose_error.pml`).
+//! An error during a line is the line's or a program's. Where no program can report errors ([`super::programs`]), the error is the
+//! line's. Otherwise, and behind a control character, whose reply has no end mark, a probe decides ([`super::check`]). Every reply before
+//! the probe's is the command's. If a line got such a reply, the error was a program's; if not, the error was the line's
+//! (`tests/models/whose_error.pml`).
 
 use std::time::Instant;
 
@@ -17,14 +17,14 @@ use crate::protocol::MessageKind;
 #[derive(Clone, Copy)]
 pub(super) struct Unsettled {
     pub under_way: UnderWay,
-    /// The error that came; `None`: it is a control character.
+    /// The line's possible error; `None`: the command is a control character.
     error: Option<u16>,
-    /// An error of another number came behind it: one of the two may be a program's.
+    /// A second error of another number: one of the two may be a program's.
     other: Option<u16>,
-    /// Lines that came since and may be those of our own line's reply: the first `count`.
+    /// Lines since then that may belong to the probe's reply: the first `count`.
     held: [ResponseText; REPLY_LINES],
     count: usize,
-    /// A line came that is not: the line is being answered.
+    /// A line came that cannot be the probe's: the board is answering the command.
     is_answered: bool,
 }
 
@@ -99,7 +99,7 @@ impl AsciiQueue {
         self.see_check(now);
     }
 
-    /// A line came that is a control character's, or begins the reply to our own line: which cannot be, with those before it, is the
+    /// A line came that is the control character's or begins the probe's reply. Lines that cannot begin the probe's reply are the
     /// character's.
     fn line_to_character(&mut self, poll: Poll<'_>, text: ResponseText) {
         let now = poll.now;
@@ -168,17 +168,17 @@ impl AsciiQueue {
         self.end_command(poll, under_way, result);
     }
 
-    /// One more error came: behind the whole reply to our own line, if `is_own`.
+    /// Another error came; with `is_own`, behind the probe's whole reply.
     fn error_to_unsettled(&mut self, poll: Poll<'_>, error: u16, is_own: bool) {
         let now = poll.now;
         self.see_check(now);
         let Some(unsettled) = &mut self.unsettled else { return };
         let Some(before) = unsettled.error.filter(|_| !is_own) else {
-            // The line was answered before, or no board refuses a control character.
+            // The board had answered the line before; and no board refuses a control character.
             return self.program_error(poll, error);
         };
         if std::mem::take(&mut unsettled.is_answered) {
-            // So the line was not refused by the error before. By this one it may be.
+            // So the earlier error did not refuse the line. This error may.
             unsettled.error = Some(error);
             self.check.forget_values();
             self.program_error(poll, before);
@@ -189,8 +189,8 @@ impl AsciiQueue {
         }
     }
 
-    /// The board refuses the question for a program buffer, and our own line, which asks the same. Whether one of the errors was a
-    /// program's the handshake tells.
+    /// The board refuses both the question for a program buffer and the probe, which asks the same. The handshake probe tells
+    /// whether one of the errors was a program's.
     fn refuses_size(&mut self, poll: Poll<'_>, error: u16) {
         let now = poll.now;
         let Some(Unsettled { under_way, .. }) = self.unsettled.take() else { return };
@@ -199,7 +199,7 @@ impl AsciiQueue {
         self.end_command(poll, under_way, Err(error));
     }
 
-    /// Tells what was held back: it is the command's.
+    /// Hands the held-back lines to the command's caller.
     fn tell_held(&mut self, poll: Poll<'_>) {
         let Some(unsettled) = &mut self.unsettled else { return };
         let (held, count) = (unsettled.held, std::mem::take(&mut unsettled.count));
@@ -213,8 +213,7 @@ impl AsciiQueue {
         self.tell_line(poll, &command, text);
     }
 
-    /// Ends a command that waits for the board to settle its end: its time is over, somebody has cancelled it, or `must_end`,
-    /// because the board does not settle it any more.
+    /// Ends an unsettled command: at its deadline, after a cancel, or with `must_end`, because the board no longer settles it.
     pub(super) fn expire_unsettled(&mut self, poll: Poll<'_>, must_end: bool) {
         let now = poll.now;
         let is_over = |Unsettled { under_way, .. }: &mut Unsettled| {
@@ -228,7 +227,7 @@ impl AsciiQueue {
         }
     }
 
-    /// Ends a line of which nobody knows whether the board refused it.
+    /// Ends a line that the board may or may not have refused.
     fn end_doubtful(&mut self, poll: Poll<'_>, error: u16, under_way: &UnderWay) {
         let now = poll.now;
         let UnderWay { command, since, ended_by, .. } = under_way;
@@ -253,7 +252,7 @@ impl AsciiQueue {
         self.unsolicited(poll, MessageKind::Error, &text);
     }
 
-    /// Gives a line of a reply to whom it is for.
+    /// Hands a line of a reply to the command's owner.
     pub(super) fn tell_line(&mut self, poll: Poll<'_>, command: &InFlight, text: ResponseText) {
         match command {
             InFlight::Line(WaitingLine { ticket, .. }) | InFlight::Control(WaitingControl { ticket, .. }) => {
