@@ -1,5 +1,5 @@
 //! ASCII communication through the DPRAM, the host's half (DPRAM manual p. 27-29, firmware 1.15 and later; Turbo User
-//! Manual p. 406). Where the words lie, and how long a line may be, says an [`AsciiPort`].
+//! Manual p. 406). An [`AsciiPort`] gives the words' places and the longest line.
 //!
 //! | word | host | PMAC |
 //! |---|---|---|
@@ -13,11 +13,10 @@
 //! A line that does not fit the command buffer goes in two parts: the first fills the buffer and has no NUL (the last
 //! byte of the buffer is not taken as a character but must not be NUL), the second has one.
 //!
-//! PMAC programs put texts of their own into the same response buffer. The control word tells them apart, so they are
-//! never taken for a reply. A reply that comes after its command was given up cannot be told from the next command's. So
-//! a line that lies untaken becomes empty there, and when its flag has fallen the port's user sends a line whose reply is
-//! unmistakable: PMAC answers lines in their order. The same line settles whose an error is (`error`), and where a control character's
-//! reply ends, which has no `<ACK>`.
+//! PMAC programs put texts of their own into the same response buffer. The control word marks them, so the port never takes them for a
+//! reply. But a late reply to an abandoned command looks like the next command's reply. So the port empties an untaken line where it
+//! lies, and when its flag has fallen the caller sends a probe, a line whose reply is unmistakable: PMAC answers lines in their order.
+//! The probe also settles whose an error is (`error`), and where a control character's reply ends, which has no `<ACK>`.
 //!
 //! A reply ends with `<ACK>` (p. 28, step 6); under it lies no text. On Turbo boards I3 does not change that (Turbo Software
 //! Reference p. 37); other boards need I3=2.
@@ -40,8 +39,8 @@ use crate::map::AsciiPort;
 use crate::map::functions::response;
 use crate::protocol::control::CANCEL;
 
-/// How long the port rests at the start, behind `^X` and behind a command that was given up, so that nothing is written over a line
-/// that the board is just reading.
+/// How long the port rests at the start, behind `^X` and behind an abandoned command: the board may still be reading the line that
+/// lies there.
 pub const PORT_REST: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,11 +55,11 @@ enum DpramState {
     Control,
     /// Responses may still come that are the command's: see [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
     Unsettled,
-    /// A line that was ended lies there, empty: its flag tells when the board is done with it.
+    /// An emptied line lies there: its flag falls when the board is done with it.
     Emptied,
-    /// A control character of the port's own goes first.
+    /// The port's own control character goes first.
     Held(Hold),
-    /// Nothing is begun until then.
+    /// The port begins nothing before this time.
     Resting { until: Instant },
 }
 
@@ -76,13 +75,13 @@ pub struct DpramPort {
     lying: Option<Lying>,
     /// The board was seen to take a control character by its word alone.
     takes_characters: bool,
-    /// The board has taken the control character under way, and another one lies in the word by now.
+    /// The board has taken the control character under way, and a newer one lies in the word.
     question_taken: bool,
-    /// The board did not take what was put before it last, a line or a control character.
+    /// The board did not take the last line or control character.
     unheard: bool,
-    /// The caller says which reply was the line's.
+    /// The caller decides which reply is the line's.
     open_ended: bool,
-    /// Another host may have left the first part of a line, without the second; the board was not told yet to forget it.
+    /// Another host may have left the first part of a line without the second, and the board has had no `^X` since.
     half_left: bool,
     /// The stop that goes once more before the next line is begun.
     stop_again: Option<u8>,
@@ -108,8 +107,8 @@ impl DpramPort {
         }
     }
 
-    /// Withdraws whatever a host, this one or a dead one, left in the port: the command flag, the control character
-    /// (a board that was deaf must not act on it later), the response, which is nobody's.
+    /// Clears all that this host or a dead one left in the port: the command flag, the control character (a deaf board must not
+    /// act on it later), and the response, which nobody waits for.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -122,7 +121,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// A command has ended: the board has done the lines before.
+    /// A command has ended, so the board is done with all earlier lines.
     fn end_command(&mut self, now: Instant) {
         self.state = self
             .stop_again
@@ -135,7 +134,7 @@ impl DpramPort {
         self.words.command_bytes - 1
     }
 
-    /// Whether a line in the buffer waits for the board to take it, or the board has not cleared the flag of the last one. 1 read.
+    /// Whether the board has not yet cleared a line's flag. 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -161,8 +160,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether the port reads as all ones: the board's memory is out of reach (its page is not selected, or it has no
-    /// power). The control character's word has 8 bits, so nobody writes that. 1 read.
+    /// Whether the port reads as all ones: the board has no power, or its page is not selected. No host writes that value into the
+    /// control character's word, which has 8 bits. 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -170,8 +169,8 @@ impl DpramPort {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
-    /// The line that was sent last, by whom ever, as far as its text fits: the board leaves it in the command buffer. Its first byte is
-    /// 0 where it was made empty. N/2 reads.
+    /// The first N characters of the last line that any host sent: the board leaves it in the command buffer. The first byte of an
+    /// emptied line is 0. N/2 reads.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -193,8 +192,8 @@ impl DpramPort {
         Ok(bus.read16(self.words.response_control)? != 0)
     }
 
-    /// Takes back the command under way if the board has taken nothing of it, so that it can go another way; the port
-    /// is idle then. `Ok(false)`: the board has taken some of it, or nothing is under way.
+    /// Takes back the command under way if the board has taken nothing of it; the port is idle then, and the command may go through
+    /// another port. `Ok(false)`: the board has taken some of it, or no command is under way.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -226,7 +225,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Takes back a line that is not the port's, and rests.
+    /// Takes back another host's line, and rests.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -236,8 +235,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Nothing is begun for a while: a host that died may have left the board at a line, or `^X` clears the words, "with the control
-    /// words" (DPRAM manual p. 27), which it does not say when.
+    /// Begins nothing for a while. A dead host may have left the board at a line; and `^X` clears the control words (DPRAM manual
+    /// p. 27), which does not say when.
     pub fn rest(&mut self, now: Instant) {
         match self.state {
             DpramState::Idle if self.half_left => self.state = DpramState::Held(Hold::new(CANCEL, now)),
@@ -248,9 +247,8 @@ impl DpramPort {
         }
     }
 
-    /// Ends a line that the board has not taken, as far as was seen. Of one part it becomes empty where it lies: its first byte becomes
-    /// the NUL that ends it. That is one byte, so the board finds the line or none, and the flag goes on telling when the board is
-    /// done, with the line if it was at that already. A part that has no end loses its flag.
+    /// Ends a line that the board has not been seen to take. A NUL over its first byte empties a line of one part. That is one byte, so
+    /// the board finds the whole line or none, and the flag still falls when the board is done. A part without an end loses its flag.
     fn end_line(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
         if self.length > self.first_part() {
             self.withdraw_line(bus)?;
@@ -265,7 +263,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whatever still comes belongs to nobody. The board may have the first half of a line, before which it would put the next one.
+    /// Drops all that still comes. With `has_half` the board may hold the first half of a line and would join the next line to it.
     fn abandon(&mut self, has_half: bool, now: Instant) {
         self.open_ended = false;
         self.state = if has_half {
@@ -325,7 +323,7 @@ impl LinePort for DpramPort {
         if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
             return Ok(false);
         }
-        // A response that is there now is nobody's. A poll takes it first.
+        // Nobody waits for a response that is there now. A poll takes it first.
         if self.has_response(bus)? || self.is_loaded(bus)? {
             return Ok(false);
         }
@@ -393,7 +391,7 @@ impl LinePort for DpramPort {
                 self.unheard = self.is_loaded(bus)?;
                 return Ok(self.end_line(bus, now)?);
             }
-            // Another one may lie there by now.
+            // A newer control character may lie there by now.
             DpramState::Control if std::mem::take(&mut self.question_taken) => {}
             DpramState::Control => self.withdraw_control(bus)?,
             DpramState::Unsettled if self.is_loaded(bus)? => return Ok(self.end_line(bus, now)?),
@@ -407,7 +405,7 @@ impl LinePort for DpramPort {
         if self.state == DpramState::Control
             && (std::mem::take(&mut self.question_taken) || !self.control_pending(bus, now)?)
         {
-            // No line was begun meanwhile, so no flag told the board of it.
+            // No line began meanwhile, so no flag pointed the board to the character.
             self.takes_characters = true;
             self.state = DpramState::Unsettled;
             return Ok(Some(AsciiEvent::Taken));

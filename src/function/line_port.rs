@@ -1,4 +1,4 @@
-//! What a port for command lines does, whichever way the lines go: the DPRAM's ASCII buffers ([`super::ascii`]) or the VME mailboxes
+//! A port for command lines, whichever way the lines go: the DPRAM's ASCII buffers ([`super::ascii`]) or the VME mailboxes
 //! ([`super::mailbox`]).
 //!
 //! The two end a control character's reply in different ways. Through the DPRAM a line of the daemon's own settles by the board's
@@ -26,7 +26,7 @@ pub enum AsciiEvent {
     ProgramResponse(ResponseText),
     /// A `SEND"..."` from a PMAC program.
     ProgramMessage(ResponseText),
-    /// A response nobody waits for any more, dropped; the value is its control word.
+    /// A dropped response, for which nobody waits any more; the value is its control word.
     Stale(u16),
     /// The board has taken the control character under way, whose reply has no end mark. What comes is told as its reply's until
     /// the caller has settled by a line of his own where that ends ([`LinePort::settled`]).
@@ -34,16 +34,16 @@ pub enum AsciiEvent {
     /// An error came while a line was under way: the line's own, which is over then, or a program's. What comes is told as the
     /// line's until the caller has settled which ([`LinePort::settled`]). 0: a control word that no manual has.
     Error(u16),
-    /// A program's error, of which nobody's command is the cause.
+    /// A program's error; no command caused it.
     ProgramError(u16),
 }
 
 /// What a stop has done to the line under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stopped {
-    /// Nothing: none is under way, or the board has all of it.
+    /// No line is under way, or the board has all of it.
     Nothing,
-    /// It is not sent: the board has not got the end of it, and does nothing before that.
+    /// The board has not got the line's end, so it carries out nothing.
     Unsent,
     /// The board may have carried out some of it, or all.
     Uncertain,
@@ -74,7 +74,7 @@ pub trait LinePort {
         false
     }
 
-    /// Whether the board takes neither lines nor control characters, as far as it was asked.
+    /// Whether the board did not take the last line or control character.
     fn is_unheard(&self) -> bool {
         false
     }
@@ -86,8 +86,8 @@ pub trait LinePort {
     /// [`PortError`].
     fn begin(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError>;
 
-    /// As [`LinePort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines first,
-    /// until [`LinePort::finish`] or [`LinePort::give_up`].
+    /// As [`LinePort::begin`], for a line whose reply the caller recognises: the port reports all replies, late ones of other lines
+    /// first, until [`LinePort::finish`] or [`LinePort::give_up`].
     ///
     /// # Errors
     /// [`PortError`].
@@ -96,7 +96,7 @@ pub trait LinePort {
     /// The reply to an open-ended line has come.
     fn finish(&mut self, now: Instant);
 
-    /// Responses from now on belong to nobody: the error was the line's, or the reply has ended.
+    /// The error was the line's, or the reply has ended: later responses belong to no command.
     fn settled(&mut self, now: Instant);
 
     /// Hands a control character to the board; `Ok(false)`: try later. See [`super::ascii::DpramPort::control`] and
@@ -137,8 +137,8 @@ pub trait LinePort {
         Ok(Stopped::Nothing)
     }
 
-    /// Gives up on the command under way. The board may have done it, may be at it, or may still do it. The port is not idle before
-    /// the board has shown, as far as it can, that it is free.
+    /// Gives up the command under way; the board may have done it or may yet do it. The port becomes idle only when the board has
+    /// shown, as far as it can, that it is free.
     ///
     /// # Errors
     /// [`PortError`].
@@ -152,7 +152,7 @@ pub trait LinePort {
         Ok(())
     }
 
-    /// Does what can be done now and tells what was found; `None` when there is nothing (more) to find.
+    /// Does the work that is due and returns the next event, if there is one.
     ///
     /// # Errors
     /// [`PortError`].

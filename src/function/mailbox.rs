@@ -33,8 +33,8 @@ pub const MAILBOX_SETTLE: Duration = Duration::from_millis(50);
 pub const MAILBOX_GROUP_LIES: Duration = Duration::from_millis(50);
 /// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
 pub const MAILBOX_CANCEL_TAKEN: Duration = Duration::from_secs(1);
-/// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it. No manual says that an `<ACK>`
-/// does. On the DPRAM port a line of the daemon's settles the end; here the host's line and the board's reply share the registers, so
+/// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it. An `<ACK>` may not
+/// come. On the DPRAM port a line of the daemon's settles the end; here the host's line and the board's reply share the registers, so
 /// the line could overwrite a group of the reply (User Manual p. 263-267).
 pub const MAILBOX_REPLY_SILENCE: Duration = Duration::from_millis(50);
 

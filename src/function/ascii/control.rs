@@ -1,7 +1,7 @@
 //! Control characters in the word of their own (DPRAM manual p. 28, firmware 1.15 and later).
 //!
-//! The register alone tells the board: drivers in production write nothing else. The manual's "the read/write procedure is exactly as
-//! described above" could be read as if the command flag had to be set, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
+//! Drivers in production write the register alone. The manual's "the read/write procedure is exactly as described above" might mean
+//! that the host must set the command flag, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
 //! taken one that reports by its word alone, the flag follows after [`CHARACTER_FLAG_AFTER`], with an empty line, if no line of ours lies
 //! untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
 
@@ -45,7 +45,7 @@ impl DpramPort {
         let is_urgent = [ABORT, KILL, CANCEL].contains(&character);
         let found = bus.read16(self.words.control_character)?;
         let over_own = is_urgent && found != 0 && self.own_lies();
-        // One that nobody here has put there may lie there for ever.
+        // Another host's character may lie there for ever.
         let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
         let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
         let is_over = over_own || over_foreign;
@@ -55,7 +55,7 @@ impl DpramPort {
         match &mut self.state {
             DpramState::Held(hold) if over_own => hold.later(now),
             DpramState::Control if over_own => self.state = DpramState::Idle,
-            // The board has taken it; the next poll tells.
+            // The board has taken the last character; the next poll reports that.
             DpramState::Control => self.question_taken = true,
             _ => {}
         }
@@ -66,7 +66,7 @@ impl DpramPort {
         Ok(true)
     }
 
-    /// Whether one that reports, or one of the port's own, lies in the word.
+    /// Whether a reporting character, or the port's own, lies in the word.
     const fn own_lies(&self) -> bool {
         match self.state {
             DpramState::Control => true,
@@ -104,8 +104,7 @@ impl DpramPort {
             return Ok(false);
         }
         if word == 0 {
-            // The board may have cleared the word for the character that lay there before. What stops motion does no harm
-            // when it comes twice.
+            // The board may have cleared the word for the earlier character. A stop does no harm when it comes twice.
             self.put_control(bus, lying.character, false, now)?;
             return Ok(true);
         }
@@ -139,7 +138,7 @@ impl DpramPort {
         self.words.control_character
     }
 
-    /// The board may be another one: how it takes control characters is to be seen anew.
+    /// The board may be another one, so the port must see again how it takes control characters.
     pub const fn forget_characters(&mut self) {
         self.takes_characters = false;
     }

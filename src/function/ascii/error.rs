@@ -1,9 +1,9 @@
 //! An error while a line is under way.
 //!
-//! It takes the place of the line's `<ACK>`: no other response to the line follows (Turbo Software Reference p. 37, Turbo User Manual
-//! p. 406). But unless I6=2 the board reports an error of a program's `CMD` in the same way (Software Reference, I6). Then the line's
-//! own response is still to come. The port does not know which it is, so it tells the error and goes on telling what comes. Its
-//! caller knows whether a program may run, and lets the board's order of answers decide where one may.
+//! A line's error replaces its `<ACK>`: no other response to the line follows (Turbo Software Reference p. 37, Turbo User Manual p. 406).
+//! But unless I6=2 the board reports an error of a program's `CMD` in the same way (Software Reference, I6), and then the line's own
+//! response is still to come. The port cannot tell the two apart, so it reports the error and all later responses. The caller knows
+//! whether a program may run; if one may, the caller sends a probe.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use crate::function::line_port::AsciiEvent;
 use crate::map::errors;
 
 impl DpramPort {
-    /// Whose an error is. A control word that no manual has is one, too, without a number.
+    /// Decides whose an error is. A control word that no manual has counts as an error without a number.
     pub(super) fn classify_error(&mut self, control: u16, now: Instant) -> AsciiEvent {
         let number = errors::from_control(control).unwrap_or(0);
         match self.state {
@@ -22,7 +22,7 @@ impl DpramPort {
                 AsciiEvent::Stale(control)
             }
             DpramState::Loaded { sent } if sent < self.length => {
-                // Without its second part the line is not carried out, whosever the error is.
+                // Without its second part the board does not carry the line out, whoever caused the error.
                 self.abandon(true, now);
                 AsciiEvent::Done(Err(number))
             }

@@ -1,5 +1,5 @@
-//! A control character of the port's own, before the next line is begun: `^X`, so that the board forgets the first half of a
-//! line, or a stop that goes once more ([`super::stop`]).
+//! The port's own control character before the next line: `^X`, so that the board forgets the first half of a line, or a stop that goes
+//! once more ([`super::stop`]).
 
 use std::time::{Duration, Instant};
 
@@ -7,11 +7,11 @@ use super::{DpramPort, DpramState, PORT_REST};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::CANCEL;
 
-/// How long the board may take to take it. It takes characters within milliseconds.
+/// How long the board may leave the character. Boards take characters within milliseconds.
 pub const HELD_CHARACTER_TAKEN: Duration = Duration::from_millis(300);
-/// How soon after it was taken back it is handed over again.
+/// How soon the port hands a withdrawn character over again.
 pub const HELD_CHARACTER_AGAIN: Duration = Duration::from_millis(500);
-/// How long the board may leave a control character that nobody here has put there.
+/// How long the board may leave another host's control character.
 const FOREIGN_CHARACTER_TAKEN: Duration = Duration::from_secs(1);
 
 /// The character, and where it is.
@@ -23,7 +23,7 @@ pub(super) struct Hold {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum HoldPlace {
-    /// To be handed over from then on.
+    /// The port hands it over from then on.
     Due(Instant),
     /// In its word since then.
     Lies(Instant),
@@ -38,7 +38,7 @@ impl Hold {
         matches!(self.place, HoldPlace::Lies(_))
     }
 
-    /// Another control character goes over it.
+    /// Another control character has replaced it.
     pub(super) fn later(&mut self, now: Instant) {
         self.place = HoldPlace::Due(now + HELD_CHARACTER_AGAIN);
     }
@@ -68,7 +68,7 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Takes back whatever lies before the board and is ours, now: it has forgotten what it had.
+    /// Takes back at once all of ours that lies before the board, which has forgotten the rest.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -77,7 +77,7 @@ impl DpramPort {
         self.withdraw_line(bus)?;
         self.stop_again = None;
         match &mut self.state {
-            // Another host's, which the board was never told to forget.
+            // Another host's half line: the board has had no `^X` for it.
             DpramState::Held(hold) if self.half_left => *hold = Hold::new(CANCEL, now + PORT_REST),
             DpramState::Held(_) | DpramState::Emptied => {
                 self.state = DpramState::Resting { until: now + PORT_REST }
@@ -97,7 +97,7 @@ impl DpramPort {
         match hold.place {
             HoldPlace::Due(from) if now >= from && self.lying.is_none() => {
                 let found = bus.read16(self.words.control_character)?;
-                // One that nobody here has put there may lie there for ever.
+                // Another host's character may lie there for ever.
                 if found == 0 || now >= from + FOREIGN_CHARACTER_TAKEN && found != u16::MAX {
                     self.put_control(bus, hold.character, false, now)?;
                     hold.place = HoldPlace::Lies(now);

@@ -1,18 +1,17 @@
 //! A stop goes over the line under way.
 //!
-//! Who aborts or kills means what was sent before, too: what the board carries out behind the stop moves the machine again. So no
-//! more of a line is handed over, and what the board has not taken is taken back. PMAC looks at a control character before the line
-//! that lies there, which it keeps for later (User Manual p. 28).
+//! An abort or kill also covers lines sent before: a line that the board carries out behind the stop would move the machine again. So
+//! the port hands over no more of a line and takes back the untaken part. PMAC looks at a control character before the waiting line,
+//! which it keeps for later (User Manual p. 28).
 //!
-//! A line of one part is made empty where it lies, and its flag goes on telling when the board is done with it.
+//! The port empties a line of one part where it lies; its flag still falls when the board is done with it.
 //!
-//! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28). It is told by `^X` to forget it ([`super::hold`]).
-//! Until then nothing with a NUL may lie under the flag: an empty line would end that line, and the board carry it out. So a part
-//! loses its flag alone.
+//! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28) or takes a `^X` ([`super::hold`]). Until then no
+//! NUL may lie under the flag: an empty line would end that part, and the board would carry it out. So a part only loses its flag.
 //!
-//! The board may have taken the line in just this moment, and carry it out behind the stop. So the stop goes once more
-//! when the board has answered a line that was sent behind it. Of a line that the board has taken before, the caller knows whether
-//! it can move something; behind such a one the stop goes once more, too ([`DpramPort::stop_again_behind`]).
+//! The board may have taken the line just now and carry it out behind the stop. So the port sends the stop once more when the board
+//! has answered a later line. The same holds for a line that the board took before and that may move something
+//! ([`DpramPort::stop_again_behind`]).
 
 use std::time::Instant;
 
@@ -21,18 +20,18 @@ use crate::device::{Bus, BusError};
 use crate::function::line_port::Stopped;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
 
-/// Whether this character does no harm when it comes twice. A step would be another one.
+/// Whether this character does no harm when it comes twice. A second step would be another step.
 pub(super) const fn may_come_twice(character: u8) -> bool {
     matches!(character, ABORT | KILL | HOLD | QUIT)
 }
 
-/// What goes once more where `before` was to and `character` comes, too: what stops more.
+/// The stronger of the stop `before` and the new `character`: that stop goes once more.
 fn stronger(before: Option<u8>, character: u8) -> Option<u8> {
     let strength = |character: &u8| [HOLD, QUIT, ABORT, KILL].iter().position(|stop| stop == character);
     before.into_iter().chain(may_come_twice(character).then_some(character)).max_by_key(strength)
 }
 
-/// Whether `character` goes over another one, of nobody here, that the board leaves in its word: what stops over what stops no more.
+/// Whether `character` may replace another host's character that the board leaves in its word: a stop replaces any weaker character.
 pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
     let found = Some(found).filter(|found| may_come_twice(*found));
     match character {
@@ -61,8 +60,8 @@ impl DpramPort {
         Ok(if lacks_end { Stopped::Unsent } else { Stopped::Uncertain })
     }
 
-    /// The stop `character` was handed over. Where the board has all of a line that it has not ended, and that `may_move` something,
-    /// it may carry that out behind the stop, which goes once more then. So it does where a stop before it is to.
+    /// The port has handed over the stop `character`. The board may carry out an unfinished line that `may_move` something behind it,
+    /// so the stop goes once more then; also if an earlier stop was to.
     pub fn stop_again_behind(&mut self, character: u8, may_move: bool) {
         if let DpramState::Held(hold) = &mut self.state
             && hold.character != CANCEL

@@ -1,8 +1,8 @@
-//! The ports for command lines: the DPRAM's ASCII buffers and the VME mailboxes. Who sends a line need not know which.
+//! The ports for command lines: the DPRAM's ASCII buffers and the VME mailboxes. A sender need not know which.
 //!
-//! Where the mailboxes are the fallback, the board is asked for I58 through them: it tells whether the board looks at
-//! the DPRAM's buffers at all. A line goes through the other port only when it stayed unread in the DPRAM before and
-//! after that question, so that no line is carried out twice.
+//! Where the mailboxes are the fallback, the daemon asks the board through them for I58, which tells whether the board looks at the
+//! DPRAM's buffers. A line moves to the mailboxes only if the board left it unread before and after that question, so that the board
+//! carries no line out twice.
 
 use std::time::Instant;
 
@@ -16,11 +16,11 @@ use crate::function::line_port::{AsciiEvent, LinePort, PortError};
 use crate::map::Family;
 use crate::protocol::CommandPort;
 
-/// What is not known of the command before.
+/// The open question about the last command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doubt {
-    /// Where its reply ends, or whether an error was its own or a program's. The board answers lines in their order: with the reply
-    /// to the next one that is known.
+    /// Where its reply ends, or whether an error was its own or a program's. The reply to the next line settles that: the board
+    /// answers lines in their order.
     ItsEnd,
     /// Whether the board is still at it, or has more to say.
     WhatComes,
@@ -37,10 +37,10 @@ pub struct CommandPorts {
     enable: String,
     /// Responses taken from the DPRAM.
     responses: u64,
-    /// What is not known since no line of our own has been answered: a command was given up, here or by the host before, or ended by
-    /// what need not be its own.
+    /// Open until the board answers a probe: a command was abandoned, by this host or the last one, or a response that may be
+    /// another's ended it.
     doubt: Option<Doubt>,
-    /// Nobody has sent the board anything yet, and it is not asked of its own accord.
+    /// No client has sent anything yet, and until one does the daemon asks nothing.
     is_unused: bool,
 }
 
@@ -67,14 +67,14 @@ impl CommandPorts {
         self
     }
 
-    /// The same, but the board is asked nothing before somebody sends it something.
+    /// The same, but the daemon asks the board nothing before a client sends something.
     #[must_use]
     pub const fn silent_until_used(mut self) -> Self {
         self.is_unused = true;
         self
     }
 
-    /// Somebody sends the board something.
+    /// A client sends something.
     pub fn begin_use(&mut self, now: Instant) {
         if std::mem::take(&mut self.is_unused) {
             self.rest(now);
@@ -109,7 +109,7 @@ impl CommandPorts {
         }
     }
 
-    /// Nothing of ours is under way, yet a line could not be begun. What lies there must not be carried out by surprise later.
+    /// Clears another host's line that keeps ours from beginning: the board must not carry it out by surprise later.
     ///
     /// # Errors
     /// [`PortError`].
@@ -133,8 +133,8 @@ impl CommandPorts {
         }
     }
 
-    /// Whether the board may still be at a command given up, whose reply would be taken for the next one's. A line of our own,
-    /// whose reply nobody needs, ends the doubt: the board answers lines in their order.
+    /// Whether the board may still work on an abandoned command, whose reply would pass for the next one's. The reply to a probe
+    /// ends the doubt: the board answers lines in their order.
     #[must_use]
     pub const fn in_doubt(&self) -> bool {
         self.doubt.is_some()
@@ -156,7 +156,7 @@ impl CommandPorts {
         self.doubt == Some(Doubt::ItsEnd)
     }
 
-    /// A line of our own has been answered, and the doubt is over.
+    /// The board has answered the probe: the doubt is over.
     pub fn end_doubt(&mut self, now: Instant) {
         self.current_mut().finish(now);
         self.doubt = None;
@@ -186,7 +186,7 @@ impl CommandPorts {
         self.current_mut().give_up(bus, now)
     }
 
-    /// Does what can be done now and tells what was found.
+    /// Does the work that is due and returns the next event.
     ///
     /// # Errors
     /// [`PortError`].
@@ -258,8 +258,8 @@ impl CommandPorts {
         Ok(self.mailbox.as_mut().map_or(Ok(()), MailboxDriver::select_page)?)
     }
 
-    /// Asks the board for I58 through the mailboxes; false: not now. Where nobody knows whether a program buffer is open, which I58
-    /// would enter, it is asked for that instead.
+    /// Asks the board for I58 through the mailboxes; false: not now. I58 would enter an open program buffer, so while the daemon does
+    /// not know of one, this asks for the buffer instead.
     ///
     /// # Errors
     /// [`PortError`].
@@ -272,7 +272,7 @@ impl CommandPorts {
         })
     }
 
-    /// What the board has answered to that, once.
+    /// The board's answer to that, once.
     pub fn take_answer(&mut self, question: MailboxQuestion) -> Option<MailboxAnswer> {
         self.mailbox.as_mut()?.take_answer(question)
     }

@@ -1,9 +1,9 @@
 //! Which port command lines should go through: the DPRAM's, or the mailboxes when the board does not look at the DPRAM's.
 //!
-//! If a command stays unread in the DPRAM for 100 ms, the board is asked for I58 through the mailboxes. If I58 = 0 or the
-//! DPRAM is out of reach, lines go through the mailboxes from then on, beginning with the unread one. I58 is then asked for
-//! every 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open nothing is asked: the
-//! question would be a program line. Where nobody knows, that is asked first.
+//! If a command stays unread in the DPRAM for 100 ms, the daemon asks the board for I58 through the mailboxes. If I58 = 0 or the DPRAM
+//! is out of reach, lines go through the mailboxes from then on, beginning with the unread line. The daemon then asks for I58 every
+//! 2 s; when it is not 0, lines go through the DPRAM again. While a program buffer is open the daemon asks nothing: the question would
+//! become a program line. If the daemon does not know of a buffer, it asks for that first.
 
 use std::time::Instant;
 
@@ -14,14 +14,14 @@ use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::CommandPort;
 
-/// What waits at the ports.
+/// The commands that wait at the ports.
 #[derive(Debug, Clone, Copy)]
 pub struct Waiting {
     /// A command that the board has not touched, as far as known.
     pub untouched: bool,
     /// A command that the board may be at work on.
     pub under_way: bool,
-    /// A program buffer is open; `None` where nobody knows.
+    /// A program buffer is open; `None`: unknown.
     pub buffer_open: Option<bool>,
 }
 
@@ -74,7 +74,7 @@ impl Fallback {
         self.next_question = now;
     }
 
-    /// What the board's answer, if one has come, asks for.
+    /// The change that the board's answer asks for, if an answer has come.
     ///
     /// # Errors
     /// When a port cannot be reached.
@@ -97,7 +97,7 @@ impl Fallback {
         })
     }
 
-    /// Asks the board when there is reason.
+    /// Asks the board if there is reason to.
     ///
     /// # Errors
     /// When a port cannot be reached.

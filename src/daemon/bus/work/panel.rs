@@ -26,11 +26,11 @@ struct WaitingRequest {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
-    /// It stops a jog that nobody holds any more, and leaves out motors whose loop is open.
+    /// The request stops a jog that no client holds any more; it leaves out motors with an open loop.
     ends_hold: bool,
-    /// It is not to go any more: somebody has stopped all motion.
+    /// The outcome, once a client has stopped all motion: the request no longer goes.
     dropped: Option<Outcome>,
-    /// It stops, and `^K` came after it.
+    /// The request is a stop, and `^K` came after it.
     before_kill: bool,
 }
 
@@ -45,9 +45,9 @@ struct PendingRequest {
     ticket: Ticket,
     request: PanelRequest,
     deadline: Instant,
-    /// It was put there while the panel rests, and goes once more.
+    /// The request was written while the panel rests, and goes once more.
     again: bool,
-    /// It stops a jog that nobody holds any more.
+    /// The request stops a jog that no client holds any more.
     ends_hold: bool,
 }
 
@@ -60,7 +60,7 @@ pub struct PanelQueue {
     waiting: VecDeque<WaitingRequest>,
     /// The request that lies in the panel.
     pending: Option<PendingRequest>,
-    /// A request that was abandoned: nobody knows what became of it.
+    /// An abandoned request, with an unknown outcome.
     abandoned: Option<Ticket>,
     /// A request was withdrawn, by this daemon or one before it: when the panel has rested.
     rests_until: Instant,
@@ -99,7 +99,7 @@ impl PanelQueue {
         }
     }
 
-    /// Withdraws what a dead host left requested, and takes over the overrides that are in force.
+    /// Withdraws a dead host's request, and adopts the overrides in force.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -110,7 +110,7 @@ impl PanelQueue {
         Ok(())
     }
 
-    /// Withdraws a request the board has not taken: nobody will be there to know what becomes of it.
+    /// Withdraws a request that the board has not taken: the daemon ends and cannot watch it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -119,21 +119,21 @@ impl PanelQueue {
         self.panel.withdraw(bus)
     }
 
-    /// Nobody waits any more for the board to take what lies in the panel. Also where the mask is still set the board may have
-    /// carried the request out: it may clear the mask only then.
+    /// Stops waiting for the board to take the request. Even with its mask still set the board may have carried it out: a board may
+    /// clear the mask only afterwards.
     fn abandon(&mut self) {
         if let Some(pending) = self.pending.take() {
             self.abandoned = Some(pending.ticket);
         }
     }
 
-    /// Takes a request in.
+    /// Accepts a request.
     pub fn submit(&mut self, ticket: Ticket, request: PanelRequest, deadline: Instant, now: Instant) {
         self.waiting.push_back(WaitingRequest::new(ticket, request, deadline, false));
         self.next_poll = now;
     }
 
-    /// Takes in the stop of motors whose held jog is over.
+    /// Accepts the stop of motors whose held jog is over.
     pub fn end_hold(&mut self, ticket: Ticket, motors: Motors, deadline: Instant, now: Instant) {
         let request = PanelRequest::jog_stop(motors.bits());
         self.waiting.push_back(WaitingRequest::new(ticket, request, deadline, true));
@@ -176,7 +176,7 @@ impl PanelQueue {
         Ok(())
     }
 
-    /// Takes note of how far `^K` is.
+    /// Notes the state of `^K`.
     pub fn see_kill(&mut self, kill: Kill) {
         let was_taken = kill.taken != self.kill.taken;
         if was_taken || !kill.is_under_way {
@@ -188,7 +188,7 @@ impl PanelQueue {
         self.kill = kill;
     }
 
-    /// What the reports tell of the motors' loops goes here.
+    /// The reports' view of the motors' loops.
     pub fn loops_mut(&mut self) -> &mut OpenLoops {
         &mut self.open_loops
     }
@@ -201,8 +201,8 @@ impl PanelQueue {
         self.open_loops.known().without(requested)
     }
 
-    /// Forgets every request that waits and is not a stop, and makes one of those that are, or two where jogs that were held are
-    /// among them: nobody will be told of each.
+    /// Forgets every waiting request but stops, and joins those to one, or to two with the stops of held jogs: no caller waits for
+    /// the outcome of each.
     pub fn keep_stops(&mut self) {
         self.waiting.retain(|waiting| waiting.request.is_stop());
         let mut kept: [Option<WaitingRequest>; 2] = [None, None];
@@ -239,7 +239,7 @@ impl PanelQueue {
         }
     }
 
-    /// When to poll next; `None` while nothing is to be done.
+    /// When to poll next; `None` while no request waits.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         self.is_busy().then_some(self.next_poll)
@@ -251,7 +251,7 @@ impl PanelQueue {
         self.pending.is_some() || self.abandoned.is_some() || !self.waiting.is_empty()
     }
 
-    /// Does what can be done now; tells what has ended.
+    /// Does the work that is due; returns a request's end.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -326,7 +326,7 @@ impl PanelQueue {
         Ok(None)
     }
 
-    /// Of the stop of a held jog, what is left without the motors whose loop is open.
+    /// The stop of a held jog without the motors whose loop is open.
     fn without_open_loops(&self, stop: PanelRequest) -> PanelRequest {
         let (motors, open) = (motors_of(&stop), self.open_loops.known());
         if !motors.meets(open) {
@@ -342,7 +342,7 @@ impl PanelQueue {
     }
 }
 
-/// The motors that a request may move: a number of it may be a coordinate system's, whose motors nobody here knows.
+/// The motors that a request may move. A number may be a coordinate system's, whose motors the daemon does not know.
 fn motors_of(request: &PanelRequest) -> Motors {
     Motors::from_bits(request.mask())
 }
