@@ -105,7 +105,7 @@ pub trait Presence {
         true
     }
 
-    /// What a replay has come to; `None` for a board.
+    /// A replay's state; `None` for a board.
     fn replay(&self) -> Option<Replay> {
         None
     }

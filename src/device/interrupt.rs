@@ -89,7 +89,7 @@ enum InterruptLine {
 pub struct Taken {
     /// Interrupts since the last poll.
     pub interrupts: u32,
-    /// Of these, those without an announcement of their own.
+    /// The interrupts among them without an announcement of their own.
     pub missed: u32,
     /// The other end is gone; connect again.
     pub closed: bool,

@@ -82,7 +82,7 @@ pub enum Why {
     Claimed {
         /// The physical addresses requested.
         range: Range<u64>,
-        /// Who claims them.
+        /// The driver or device that claims them.
         by: String,
     },
     /// STRICT_DEVMEM or IO_STRICT_DEVMEM.

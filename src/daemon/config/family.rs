@@ -8,7 +8,7 @@ use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 const WINDOW: u32 = 0x4000;
 /// The end of the memory of ISA cards.
 const ISA_END: u64 = 0x10_0000;
-/// What the configuration writes to have the board recognised.
+/// The configuration's word that has the daemon recognise the board.
 const AUTO: &str = "auto";
 
 /// How the family is known.
@@ -26,7 +26,7 @@ pub enum FamilyKnown {
     Unknown,
 }
 
-/// What has come of the look at the board: its family, if it could be told.
+/// The result of the look at the board: its family, if the words show it.
 pub type Recognised = Option<&'static Family>;
 
 /// The families that the board may be of, the likeliest first, and how that is known. `written` is the configuration's

@@ -16,7 +16,7 @@ pub struct ServoTable {
 }
 
 impl ServoTable {
-    /// What it says, for a board of `family`.
+    /// The selection, for a board of `family`.
     ///
     /// # Errors
     /// The motor or field that the family has not.
@@ -41,7 +41,7 @@ pub struct BackgroundTable {
 }
 
 impl BackgroundTable {
-    /// What it says, for a board of `family`.
+    /// The selection, for a board of `family`.
     ///
     /// # Errors
     /// The motor or field that the family has not.

@@ -11,7 +11,7 @@ use crate::segment::{Identity, UserUnit};
 /// What no unit can be called: a position in counts would be another.
 const COUNTS: [&str; 2] = ["count", "counts"];
 
-/// One `[[motor]]` as it is written.
+/// A `[[motor]]` table of the configuration.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorTable {
@@ -42,7 +42,7 @@ impl MotorNames {
     }
 }
 
-/// What the tables say, for a board of `family`.
+/// The motors' settings, for a board of `family`.
 ///
 /// # Errors
 /// The motor that the family has not, or that is there twice; the name or unit that cannot be one; half a unit.

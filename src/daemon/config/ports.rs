@@ -88,7 +88,7 @@ pub struct MailboxConfig {
 }
 
 impl MailboxTable {
-    /// What it says.
+    /// The settings of the table.
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.
@@ -146,7 +146,7 @@ pub struct HostPortConfig {
 }
 
 impl HostPortTable {
-    /// What it says, for a board of `family`.
+    /// The settings of the table, for a board of `family`.
     ///
     /// # Errors
     /// The key that is wrong, and how to write it.

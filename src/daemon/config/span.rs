@@ -11,9 +11,9 @@ pub struct Refusal {
     /// The full key, such as `mailbox.page`, or `roles.operate.0` in a list. `None` if no single key is wrong, or if
     /// the setting is not from the file.
     pub key: Option<String>,
-    /// What is wrong, and what to do.
+    /// The fault, and the cure.
     pub text: String,
-    /// It stands on the command line.
+    /// The setting stands on the command line.
     pub typed: bool,
 }
 

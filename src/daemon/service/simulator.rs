@@ -59,7 +59,7 @@ impl Simulator {
             command.arg("--firmware").arg(firmware);
         }
         command.stdin(Stdio::null()).stdout(Stdio::null());
-        // It makes the directory. If this process is killed, it ends too and removes that.
+        // The simulator makes the directory. It ends with this process, even a killed one, and removes the directory.
         command.arg("--with-parent").arg(std::process::id().to_string());
         // Only the daemon talks to the service manager.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"]

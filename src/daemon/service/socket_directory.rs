@@ -69,7 +69,7 @@ mod tests {
     fn the_first_place_that_can_be_made_is_taken() {
         let directory = tempfile::tempdir().unwrap();
         let own = directory.path().join("run/pmac0.sock");
-        // Nobody makes a directory there, root included.
+        // Not even root can make a directory there.
         let system = PathBuf::from("/proc/pmacd/pmac0.sock");
         assert_eq!(prepare(None, &[system.clone(), own.clone()], None).unwrap(), own);
         assert!(own.parent().unwrap().is_dir());

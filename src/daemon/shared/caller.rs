@@ -1,15 +1,15 @@
-//! Who has made a call over the command socket.
+//! The caller of a method on the command socket.
 
 use super::peer::Peer;
 
-/// Who called.
+/// A caller.
 #[derive(Debug, Clone, Copy)]
 pub struct Caller {
     /// The connection.
     pub client: u64,
     /// The other end of it.
     pub peer: Peer,
-    /// Nobody wants the reply.
+    /// The caller wants no reply.
     pub oneway: bool,
 }
 

@@ -12,10 +12,10 @@ pub enum FunctionState {
     Off,
     /// Not yet: the board is asked where its M-variables point.
     Waits,
-    /// It is used.
+    /// The daemon uses the function.
     #[default]
     On,
-    /// It is not used: M-variables point into its words.
+    /// The daemon does not use the function: M-variables point into its words.
     Held,
 }
 
@@ -100,7 +100,7 @@ impl FunctionUse {
         Function::ALL.into_iter().filter(|function| self.of(*function) == FunctionState::Waits)
     }
 
-    /// What clients are told of the functions into whose words M-variables point.
+    /// The text for clients about functions into whose words M-variables point.
     pub fn program_words(&self, family: &'static Family) -> impl Iterator<Item = ProgramWords> {
         let pointers = Function::ALL.into_iter().zip(self.pointers).zip(self.uses);
         pointers.filter(|(_, own)| *own != FunctionState::Off).filter_map(

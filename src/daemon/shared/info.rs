@@ -62,13 +62,13 @@ impl Info {
         self.replies.as_deref()
     }
 
-    /// What the first thread sees.
+    /// The first thread's view.
     #[must_use]
     pub fn pulse(&self) -> Arc<Pulse> {
         Arc::clone(&self.pulse)
     }
 
-    /// What `GetInfo` answers.
+    /// The answer to `GetInfo`.
     #[must_use]
     pub fn board(&self) -> &BoardInfo {
         &self.board
@@ -80,7 +80,7 @@ impl Info {
         self.family
     }
 
-    /// What `GetSettings` answers.
+    /// The answer to `GetSettings`.
     #[must_use]
     pub fn settings(&self) -> &BoardSettings {
         &self.settings
@@ -176,7 +176,7 @@ impl Info {
         all
     }
 
-    /// What the board said of the I-variables that switch functions on.
+    /// The board's I-variables that switch functions on.
     #[must_use]
     pub fn enabling(&self) -> Enabling {
         let Enabling { asked, .. } = self.status.lines.enabling;
@@ -216,9 +216,9 @@ impl Info {
 /// A thread that shows the first thread that it lives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WatchedThread {
-    /// It owns the board.
+    /// The bus thread, which owns the board.
     Bus,
-    /// It serves the command socket: without it no stop reaches the board.
+    /// The socket's thread: without it no stop reaches the board.
     Socket,
 }
 
@@ -236,7 +236,7 @@ impl WatchedThread {
     }
 }
 
-/// What the first thread tells the service manager of: the other threads' heartbeats, and the board.
+/// The first thread's knowledge for the service manager: the other threads' heartbeats, and the board.
 #[derive(Debug, Default)]
 pub struct Pulse {
     rounds: [AtomicU64; WatchedThread::ALL.len()],

@@ -1,4 +1,4 @@
-//! What the socket can have the other functions do: panel requests, words of the user area, rotary programs.
+//! The socket's jobs for the other functions: panel requests, words of the user area, rotary programs.
 
 use crate::function::gather::GatherBuffer;
 use crate::function::panel::{FeedOverride, PanelRequest};
@@ -7,7 +7,7 @@ use crate::function::variable_write::WriteRecord;
 use crate::map::{Function, HostOffset, Motors};
 use crate::mirror::GatherClock;
 
-/// One job.
+/// A job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Job {
     /// Hand a control panel request to the board; done when the board has taken it.

@@ -1,4 +1,4 @@
-//! What passes between the bus thread and the socket's thread, and what the rooms of both use.
+//! Values that pass between the bus thread and the socket's thread, and types that both use.
 
 pub mod caller;
 pub mod definition_blocks;

@@ -48,7 +48,7 @@ const UNREPORTED: [&str; 2] = ["FORWARD", "INVERSE"];
 pub struct Opened {
     /// Which: `PROG 77`.
     pub name: Text<NAME_MAX>,
-    /// Who did it.
+    /// The account that opened the buffer.
     pub by: Writer,
     /// When.
     pub at: Instant,
@@ -63,7 +63,7 @@ pub enum Barred {
     Changes(Option<Opened>),
     /// A buffer is open, and this line, which does not touch it, is a sequence's.
     Sequence(Option<Opened>),
-    /// Somebody else has addressed another coordinate system, whose rotary buffer this line would enter.
+    /// Another client has addressed another coordinate system, whose rotary buffer this line would enter.
     Addressed,
     /// The buffer that its sequence had open is closed.
     Closed,
@@ -72,16 +72,16 @@ pub enum Barred {
 /// Why the board does not say whether a buffer is open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unsaid {
-    /// It refuses [`QUESTION`] with this error.
+    /// The board refuses [`QUESTION`] with this error.
     Refused(u16),
-    /// It answers it with something else.
+    /// The board answers [`QUESTION`] with something else.
     Otherwise,
 }
 
 /// Whether a buffer is open, as far as known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Standing {
-    /// One is.
+    /// A buffer is open.
     pub is_open: bool,
     /// Which, and who has opened it, where that was done through this daemon.
     pub opened: Option<Opened>,
@@ -90,7 +90,7 @@ pub struct Standing {
 }
 
 impl Standing {
-    /// What clients are told; nothing when none is open.
+    /// The text for clients; empty when no buffer is open.
     #[must_use]
     pub fn info(&self) -> Option<OpenBufferInfo> {
         let Some(Opened { name, by, .. }) = self.opened else {
@@ -113,9 +113,9 @@ impl Standing {
 /// Follows the lines that a board is sent, and its reports. Takes no memory.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct OpenBuffer {
-    /// What the lines so far have opened.
+    /// The buffer that the lines so far have opened.
     opened: Option<Opened>,
-    /// What they had opened before the last line that opens one.
+    /// The buffer that was open before the last opening line.
     opened_before: Option<Opened>,
     /// They have opened the rotary buffers for binary lines, and for no text.
     binary: Option<Opened>,
@@ -125,9 +125,9 @@ pub struct OpenBuffer {
     has_reports: bool,
     /// Until then what the board has answered last is believed.
     believed_until: Option<Instant>,
-    /// It does not answer the question.
+    /// The board does not answer the question.
     unsaid: Option<Unsaid>,
-    /// What became of a line that opens or closes one is not known.
+    /// The outcome of an opening or closing line is unknown.
     in_doubt: bool,
     /// The number of the last report, and of the first one that is believed again.
     report: u64,
@@ -162,7 +162,7 @@ impl OpenBuffer {
         self.opened.as_ref()
     }
 
-    /// What others are told.
+    /// The text for other clients.
     #[must_use]
     pub const fn standing(&self) -> Standing {
         let is_unsaid = self.unsaid.is_some() && !self.has_reports;
@@ -180,7 +180,7 @@ impl OpenBuffer {
     /// nothing does not wait.
     #[must_use]
     pub fn must_ask(&self, line: &Meaning, writer: Writer, now: Instant) -> bool {
-        // What belongs into a buffer would be carried out at once if a reset has closed that, which no line tells of.
+        // A reset closes the buffer without a line. The board would then carry out at once a line meant for it.
         let goes_by_lines = self.is_own(writer) && !matches!(writer, Writer::IntoBuffer(_));
         let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
         let closes =
@@ -235,7 +235,7 @@ impl OpenBuffer {
         }
     }
 
-    /// Who has opened the rotary buffers for text, if that was done through this daemon.
+    /// The account that opened the rotary buffers for text through this daemon.
     fn rotary_opener(&self) -> Option<Writer> {
         self.opened.filter(|opened| is_rotary(&opened.name)).map(|opened| opened.by)
     }

@@ -18,9 +18,9 @@ pub struct Origin {
     pub uid: u32,
     /// The line, or its beginning, without a password.
     pub shown: Text<SHOWN_MAX>,
-    /// It ends a sequence, and is sent even if somebody stops all motion meanwhile.
+    /// The line ends a sequence: the daemon sends it even after a stop of all motion.
     pub stays: bool,
-    /// It may move something.
+    /// The line may move something.
     pub may_move: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Who is at the other end of a connection.
+//! The process at the other end of a connection.
 
 use std::os::unix::net::UnixStream;
 
@@ -25,7 +25,7 @@ impl Peer {
         Account { uid: self.uid.as_raw(), pid: self.pid }
     }
 
-    /// Who is at the other end of `stream`.
+    /// The process at the other end of `stream`.
     ///
     /// # Errors
     /// When the kernel does not say.

@@ -1,4 +1,4 @@
-//! What passes between the command socket's thread and the bus thread: bounded queues of plain values.
+//! The bounded queues of plain values between the command socket's thread and the bus thread.
 //!
 //! Both sides only ever try: a full queue is an answer ("busy"), never a wait, so no client can hold up the bus. The
 //! values own their bytes inline; passing one allocates nothing.
@@ -51,7 +51,7 @@ pub mod at_once {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Ticket(pub u64);
 
-/// What the socket asks of the bus thread.
+/// A command of the socket's thread to the bus thread.
 #[derive(Debug)]
 pub enum Command {
     /// Send an ASCII command line and collect its reply. Answered by [`Event::Line`]s and one [`Event::Done`].
@@ -138,7 +138,7 @@ pub enum Outcome {
     Barred(Barred),
     /// A line that was not sent: somebody has stopped all motion meanwhile. [`dropped_by`] says who.
     Dropped(Text<REASON_MAX>),
-    /// It cannot be done, for this reason. Nothing has been written.
+    /// The daemon refuses for this reason, and has written nothing.
     Refused(Text<REASON_MAX>),
 }
 
@@ -174,7 +174,7 @@ pub fn stopped_by(uid: u32, character: u8) -> Text<REASON_MAX> {
     }
 }
 
-/// What the bus thread tells the socket.
+/// An event of the bus thread for the socket's thread.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "inline, so that the bus thread need not allocate")]
 pub enum Event {
@@ -197,7 +197,7 @@ pub enum Event {
     Rotary(Ticket, RotaryState),
     /// The table of watched registers that was asked for is the board's from now on, under this number.
     Watching(Ticket, u32),
-    /// What is known of the board has changed.
+    /// The daemon's knowledge of the board has changed.
     Info(BoardStatus),
     /// A text a PMAC program sent by itself.
     Unsolicited(Unsolicited),

@@ -5,25 +5,25 @@
 use super::writer::Writer;
 use crate::language::Meaning;
 
-/// What has to be done before a line goes.
+/// The step before a line goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AddressFirst {
     /// The board is asked what is addressed.
     Ask,
     /// This coordinate system is addressed again.
     PutBack(u32),
-    /// Nobody knows what was addressed: the line is not sent.
+    /// The address is unknown: the daemon does not send the line.
     Unknown,
 }
 
 /// Follows the addresses of a board's lines from the line on that has opened the rotary buffers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RotaryAddress {
-    /// What who opened the buffers has addressed, as the board told.
+    /// The opener's coordinate system, as the board said.
     told: Option<u32>,
     /// The board was asked, and did not tell.
     is_untold: bool,
-    /// Who has addressed another one since.
+    /// The client that has addressed another system since.
     moved_by: Option<Writer>,
 }
 
@@ -55,7 +55,7 @@ impl RotaryAddress {
             return;
         }
         if self.moved_by.is_some_and(|by| is_same(by, opener)) && !is_same(writer, opener) {
-            // What the user has addressed from another process nobody was asked.
+            // The daemon did not ask for an address that the user's other process set.
             self.told(None);
         }
         self.moved_by = Some(writer);
@@ -67,7 +67,7 @@ impl RotaryAddress {
         self.is_untold = system.is_none();
     }
 
-    /// What was addressed is addressed again.
+    /// The opener's coordinate system is addressed again.
     pub(super) fn is_back(&mut self) {
         self.moved_by = None;
     }

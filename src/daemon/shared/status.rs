@@ -1,4 +1,4 @@
-//! What the bus thread knows of its board, as it passes it on: plain values held in place, which allocate nothing.
+//! The bus thread's knowledge of its board: plain values held in place, so that passing them on allocates nothing.
 
 use std::time::Instant;
 
@@ -45,9 +45,9 @@ pub struct BoardStatus {
     pub programs_run: Option<Systems>,
     /// Which functions are used.
     pub uses: FunctionUse,
-    /// What the host port's interrupts have come to.
+    /// Counts of the host port's interrupts.
     pub host_port: HostPortCounts,
-    /// What a replay has come to; `None` for a board.
+    /// A replay's state; `None` for a board.
     pub replay: Option<Replay>,
     /// Resets of the board seen since the start.
     pub resets: u32,
@@ -55,24 +55,24 @@ pub struct BoardStatus {
     pub identity: Option<KnownIdentity>,
 }
 
-/// What the queue of command lines knows.
+/// The part of the queue of command lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinesStatus {
-    /// What every client is told of it.
+    /// The part for every client.
     pub info: CommandLinesInfo,
     /// Since when the board has answered no line.
     pub silent_since: Option<Instant>,
-    /// What somebody else has changed.
+    /// Another host's changes.
     pub changes: [Option<Change>; CHANGES],
     /// The program buffer that is open.
     pub buffer: Standing,
     /// The command that holds the port: one that was given up, or a slow line.
     pub holds_port: Option<GivenUp>,
-    /// What the I-variables that switch functions on were when asked.
+    /// The I-variables that switch functions on, as the board answered.
     pub enabling: Enabling,
 }
 
-/// What the reports tell of the motors.
+/// The motors, as the reports describe them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MotorsStatus {
     /// Which of them move.
@@ -96,7 +96,7 @@ pub struct Enabling {
     pub asked: Option<Instant>,
 }
 
-/// Who the board is.
+/// The board's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct KnownIdentity {
     /// The answer to `VERSION`.

@@ -1,4 +1,4 @@
-//! Who sends a line.
+//! The sender of a line.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ pub struct Account {
     pub pid: i32,
 }
 
-/// Who sends a line.
+/// The sender of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Writer {
     /// Somebody who wants to know something: the daemon, or a program by the way. Such a line enters no buffer.

@@ -48,7 +48,7 @@ pub enum FileBoardError {
     },
 }
 
-/// What a file of `bytes` may be instead.
+/// The families whose DPRAM has `bytes`.
 fn whose(bytes: u64) -> String {
     let has = |family: &&&Family| family.lengths().any(|length| u64::from(length) == bytes);
     let names: Vec<_> =

@@ -90,7 +90,7 @@ impl fmt::Display for Bar {
     }
 }
 
-/// What sysfs says about a PCI device.
+/// A PCI device, as sysfs describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PciInfo {
     /// Where it is.
@@ -106,7 +106,7 @@ pub struct PciInfo {
 }
 
 impl PciInfo {
-    /// What the kernel says about the device at `address`; `None` when there is none.
+    /// The kernel's description of the device at `address`; `None` without a device.
     #[must_use]
     pub fn of(system: &System, address: PciAddress) -> Option<Self> {
         let directory = directory(address);

@@ -12,7 +12,7 @@ use crate::map::{DPRAM_SIZES, Family};
 /// The longest window to map: no DPRAM is longer.
 const LONGEST_WINDOW: u64 = 0x10_0000;
 
-/// What the user wrote after `--board`.
+/// The user's `--board` specification.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
@@ -52,7 +52,7 @@ pub struct SimulatorSpec {
 /// A board in a slot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WindowSpec {
-    /// What to map.
+    /// The memory to map.
     pub place: Place,
     /// Offset of the DPRAM in that place, in bytes.
     pub offset: u64,
@@ -231,7 +231,7 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
     Ok(board)
 }
 
-/// What stands behind `sim`.
+/// The options behind `sim`.
 fn simulator(options: &str) -> Result<SimulatorSpec, String> {
     let mut parts = options.split(',');
     if parts.next() != Some("") {

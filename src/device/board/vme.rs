@@ -1,6 +1,6 @@
 //! `vme:`: a master window of a VME bridge, as a node that can be mapped (`/dev/bus/vme/m0` of the kernel's vme_user).
 //!
-//! Whoever set up the machine set the window's address on the VME bus, its address modifier and its width; here it is
+//! The machine's set-up gives the window its address on the VME bus, its address modifier and its width; here it is
 //! only mapped, always from its start. The kernel adds an offset twice: vme_master_mmap passes it to vm_iomap_memory as a part of the
 //! address and as the page to begin at, and that refuses with EINVAL (drivers/staging/vme_user/vme.c).
 

@@ -11,7 +11,7 @@ use crate::device::{Access, Bus, BusError, Presence};
 use crate::map::HostOffset;
 use crate::protocol::board::Replay;
 
-/// What an access was.
+/// The kind of an access.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TracedKind {
     /// A word was read.
@@ -37,7 +37,7 @@ impl TracedKind {
 pub struct TracedAccess {
     /// When. The words of a block have the time at which it began.
     pub time_ns: u64,
-    /// What it was.
+    /// Its kind.
     pub kind: TracedKind,
     /// Its first word.
     pub offset: HostOffset,

@@ -1,6 +1,6 @@
-//! Who may open a board's files, and the udev rule that gives a board's node to the service alone.
+//! The users who may open a board's files, and the udev rule that gives a board's node to the service alone.
 //!
-//! Whoever opens a node, or a device's file in sysfs, can write to the board past every role of the command socket. So
+//! A program that opens a node, or a device's file in sysfs, can write to the board past every role of the command socket. So
 //! these files belong to the service's user alone, with mode 0600; no group has access.
 
 use std::os::unix::fs::MetadataExt;
@@ -19,7 +19,7 @@ pub const SERVICE_USER: &str = "pmacd";
 /// its service.
 pub const RULE_FILE: &str = "/etc/udev/rules.d/59-pmacd.rules";
 
-/// What each rule assigns.
+/// The assignment of each rule.
 const OURS: &str = r#"OWNER="pmacd", GROUP="root", MODE="0600""#;
 /// Marks a UIO device as a board.
 const MARK: &str = r#"ENV{ID_PMAC}="1""#;
@@ -45,7 +45,7 @@ pub fn rule_for_vme(window: &str) -> String {
     format!(r#"KERNEL=="bus/vme/{window}", {OURS}"#)
 }
 
-/// Who may open a file for reading and writing, from best to worst.
+/// The users who may open a file for reading and writing, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::device) enum Holder {
     /// The service alone, as it should be.
@@ -69,7 +69,7 @@ impl Holder {
     }
 
     fn by(owner: u32, mode: u32, service: Option<u32>, you: u32, you_may: bool) -> Self {
-        // Whoever can read the board can read every command line, passwords too.
+        // A user who can read the board can read every command line, passwords too.
         if mode & 0o066 != 0 || ![Some(0), Some(you), service].contains(&Some(owner)) {
             Self::Others
         } else if service == Some(owner) {

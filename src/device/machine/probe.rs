@@ -19,7 +19,7 @@ const FASTEST_HZ: f64 = 100_000.0;
 /// How many samples must find the timer advanced: PMAC reports every I19 servo cycles.
 const MOVED_LEAST: usize = 4;
 
-/// What seems to be there.
+/// The verdict on a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -36,7 +36,7 @@ pub enum Verdict {
 /// The findings.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Probe {
-    /// What it seems to be.
+    /// The verdict.
     pub verdict: Verdict,
     /// Words read.
     pub words: usize,

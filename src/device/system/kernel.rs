@@ -52,20 +52,20 @@ pub fn may_do_raw_io(system: &System) -> bool {
     effective.is_some_and(|bits| bits >> CAP_SYS_RAWIO & 1 != 0)
 }
 
-/// Who claims a range of physical addresses.
+/// The claim on a range of physical addresses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Claim {
-    /// It is main memory, wholly or in part.
+    /// The range is main memory, wholly or in part.
     MainMemory,
     /// A driver claims it.
     By(String),
-    /// Nobody, as far as this process may see.
+    /// No claim that this process may see.
     Nobody,
     /// The kernel hides the addresses from this process.
     Hidden,
 }
 
-/// Who claims `range`, according to sysfs for PCI devices, and to /proc/iomem where this process may read it.
+/// The claim on `range`: from sysfs for PCI devices, and from /proc/iomem where this process may read it.
 #[must_use]
 pub fn claim(system: &System, range: &Range<u64>) -> Claim {
     let of_pci = system.names(PCI_DEVICES).into_iter().find_map(|device| {

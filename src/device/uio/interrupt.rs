@@ -24,7 +24,7 @@ pub enum NoInterrupt {
     /// The driver has no interrupt line.
     #[error("{0} has no interrupt: its driver was given none, or the board's is not connected")]
     NoLine(String),
-    /// It would come once and never again.
+    /// The interrupt would come once and never again.
     #[error("the interrupt of {device} cannot be armed: {reason}")]
     Rearm {
         /// The device.

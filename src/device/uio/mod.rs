@@ -34,7 +34,7 @@ pub struct UioMap {
     pub offset: u64,
 }
 
-/// What sysfs says about a UIO device.
+/// A UIO device, as sysfs describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UioInfo {
     /// `uio0`.
@@ -46,7 +46,7 @@ pub struct UioInfo {
 }
 
 impl UioInfo {
-    /// What the kernel says about `device` (`uio0`); `None` when there is none.
+    /// The kernel's description of `device` (`uio0`); `None` without a device.
     #[must_use]
     pub fn of(system: &System, device: &str) -> Option<Self> {
         let directory = format!("{CLASS}/{device}");
@@ -119,7 +119,7 @@ impl UioDevice {
         Ok(Self { system: system.clone(), node: node.to_owned(), info, file })
     }
 
-    /// What the kernel says about it.
+    /// The kernel's description of the device.
     #[must_use]
     pub fn info(&self) -> &UioInfo {
         &self.info

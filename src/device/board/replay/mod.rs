@@ -51,7 +51,7 @@ pub struct ReplayBoard {
 pub struct OpenedReplay {
     /// The board.
     pub board: ReplayBoard,
-    /// What it answers.
+    /// The recording's answers.
     pub replies: Arc<Replies>,
 }
 
@@ -181,7 +181,7 @@ impl Bus for ReplayBoard {
         Ok(())
     }
 
-    // One thread has both halves.
+    // The bus thread has both halves.
     fn order_reads(&mut self) {}
     fn order_writes(&mut self) {}
 }

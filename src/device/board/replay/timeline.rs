@@ -1,4 +1,4 @@
-//! What PMAC did to its DPRAM while it was recorded, from what the daemon read.
+//! PMAC's changes of its DPRAM during a recording, from the daemon's reads.
 //!
 //! A report goes into the window as a whole: the words that were read while its flag stayed the same. So an update is never half
 //! old and half new, however the daemon was interrupted. An update that was not read to its end is left out. Other words go there
@@ -26,7 +26,7 @@ pub struct Step {
     pub end: usize,
 }
 
-/// What happens to the window, and when.
+/// The changes of the window, with their times.
 #[derive(Debug, Default)]
 pub struct Timeline {
     steps: Vec<Step>,
@@ -129,7 +129,7 @@ struct Report {
     /// Bits of the flag that are set, and cleared, when the report is whole.
     when_whole: (u16, u16),
     timer: u16,
-    /// What was read since the flag changed to what it is.
+    /// The daemon's reads since the flag's last change.
     open: Option<Update>,
     whole: Vec<Update>,
 }
@@ -246,7 +246,7 @@ impl Report {
 struct Reader<'a> {
     ascii: Vec<Range<u16>>,
     reports: [Report; 2],
-    /// What lies in each word, as far as was read or written.
+    /// Each word's value, as far as the daemon read or wrote it.
     now: Vec<u16>,
     burst: Vec<(u16, u16)>,
     burst_at_ns: u64,
@@ -319,7 +319,7 @@ impl<'a> Reader<'a> {
         if let Some(now) = self.now.get_mut(usize::from(word)) {
             *now = value;
         }
-        // It is the host's doing that the flag is what it is now.
+        // The host has set the flag to its present value.
         self.reports.iter_mut().filter(|report| report.flag == word).for_each(Report::close);
     }
 
@@ -415,7 +415,7 @@ mod tests {
         let found = steps(
             &PMAC,
             &[
-                // What lay there before: nothing was read of it.
+                // The earlier value: the daemon read none.
                 (0, 'r', flag, 6),
                 (1, 'r', flag, 7),
                 (2, 'r', data, 70),
@@ -498,7 +498,7 @@ mod tests {
         let found = steps_with(&TURBO2, &[], &[(1000, first), (2000, second)]);
         let times: Vec<u64> = found.iter().map(|(at, _)| *at).collect();
         assert_eq!(times, [1005, 1005, 2005], "the board made no update between the images");
-        // What is due at once is given at once.
+        // Return a change at once when it is due.
         let (others, report) = found[0].1.split_at(1);
         assert_eq!(others, [(word(free), 1)]);
         assert!(report.contains(&(word(timer), 7)) && report.contains(&(word(data), 5)), "{report:?}");
