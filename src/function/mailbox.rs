@@ -44,8 +44,6 @@ const SEND_GROUP: usize = 15;
 const RECEIVE_GROUP: usize = 16;
 /// Characters of a reply line at most.
 const LINE_LIMIT: usize = 255;
-/// The offset of the page select register.
-const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
 
 const ACKNOWLEDGE: u8 = 0x06;
 const BELL: u8 = 0x07;
@@ -54,23 +52,6 @@ const RETURN: u8 = 0x0D;
 
 const fn mailbox(number: usize) -> u32 {
     2 * number as u32 + 1
-}
-
-/// The page of a DPRAM at the VME address `dpram`: its bits A19-A14.
-#[must_use]
-pub const fn page_of(dpram: u32) -> u8 {
-    (dpram >> 14 & 0x3F) as u8
-}
-
-/// Makes the DPRAM at the VME address `dpram` reachable; to be done after every reset of the board, before the first
-/// access to the DPRAM. 1 write.
-///
-/// # Errors
-/// When the register cannot be reached.
-pub fn select_page(bus: &mut impl ByteBus, dpram: u32) -> Result<(), ByteBusError> {
-    bus.write8(PAGE_SELECT, page_of(dpram))?;
-    bus.order_accesses();
-    Ok(())
 }
 
 /// What an interrupt of a PMAC on the VME bus means.

@@ -391,16 +391,6 @@ fn an_endless_line_cannot_leave_its_buffer() {
     assert_eq!(lines, 6);
 }
 
-#[test]
-fn a_page_is_selected_by_one_write() {
-    let mut rig = Rig::new(MailboxSettings::default());
-    let before = rig.bus.accesses();
-    select_page(&mut rig.bus, 0x1F_C000).unwrap();
-    assert_eq!(rig.bus.accesses() - before, 1);
-    assert_eq!(rig.bus.read8(0x121).unwrap(), 0x3F);
-    assert_eq!((page_of(0x70_0000), page_of(0x10_4000)), (0, 1));
-}
-
 proptest! {
     #[test]
     fn no_group_panics(groups in proptest::collection::vec(any::<[u8; 16]>(), 0..60), report in 0usize..3) {
