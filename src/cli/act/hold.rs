@@ -23,8 +23,8 @@ pub const UNSURE_AFTER: Duration = Duration::from_millis(600);
 /// `--hold` and `--seconds`.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Hold {
-    /// Jog only while this command runs: until ^C, the end of its input, or --seconds, or when the data are not live any more.
-    /// After a kill the motors jog on for at most 200 ms
+    /// Jog only while this command runs: until ^C, the end of its input or --seconds, and while the data are live. After a
+    /// kill of the command the motors jog for 200 ms at most
     #[arg(long)]
     pub hold: bool,
     /// End the held jog after this time, in seconds

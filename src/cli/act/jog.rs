@@ -21,11 +21,11 @@ const COUNTS: &str = "counts";
 /// `jog`.
 #[derive(Debug, Args)]
 pub struct Jog {
-    /// The motor, by its number or its name in the configuration. Several, as 1,3, go in a direction or to a stop
+    /// The motor, by number or by its name in the configuration. Several motors, as 1,3, go in a direction or to a stop
     #[arg(value_name = "MOTOR", value_delimiter = ',', required = true, num_args = 1)]
     pub motors: Vec<String>,
-    /// Where to: a position in counts (=5000) or in the motor's unit (=12.5deg; then counts are =5000counts); + or -, until
-    /// something stops it; or stop
+    /// A position in counts (=5000) or, if the motor has a unit, in that (=12.5deg; counts are =5000counts then); a
+    /// direction, + or -; or stop
     #[arg(value_name = "=POSITION|+|-|stop", value_parser = destination, allow_hyphen_values = true)]
     pub to: Destination,
     #[command(flatten)]

@@ -117,7 +117,8 @@ impl From<SerialError> for LineError {
     }
 }
 
-/// What whoever sends `line` is told of `open`, which these lines have not opened: its statements went in there; of some on-line
+/// What whoever sends `line` is told of `open`, which these lines have not opened: its statements went in there; of some
+/// on-line
 /// commands no manual says whether they do.
 pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
     let WhileOpen { enters, acts, may_act, .. } = Meaning::of(line).while_open;

@@ -39,7 +39,7 @@ pub enum PanelCommand {
     PreJog(Motors),
     /// Home motors
     Home(Motions),
-    /// Run the programs of coordinate systems. Exit status 1: one was not seen to run
+    /// Run the programs of coordinate systems. Exit status 1: pmacctl did not see a program run
     Start(Programs),
     /// Execute one step of the programs of coordinate systems. A running program stops, as after Q
     Step(Systems),
@@ -49,8 +49,8 @@ pub enum PanelCommand {
     Hold(Systems),
     /// Override the feed rate of a coordinate system. This works while its Ix93 has its default value, the panel's override
     Feed(Feed),
-    /// Show the last request for each number, whether it still waits for the board, and the override. A request is shown on
-    /// after the board took it or pmacd withdrew it: the panel does not tell which
+    /// Show for each number the last request, whether the request still waits for the board, and the override. The panel
+    /// keeps a request after the board took it or pmacd withdrew it
     Show,
 }
 
@@ -81,7 +81,7 @@ pub struct Motions {
 pub struct Programs {
     #[command(flatten)]
     pub systems: Systems,
-    /// Start although this runs lines that a rotary stream left which ended early
+    /// Start, though this also runs lines that an interrupted rotary stream left
     #[arg(long = "continue")]
     pub continue_left: bool,
     #[command(flatten)]

@@ -27,11 +27,11 @@ pub struct Variable {
 
 #[derive(Debug, Subcommand)]
 enum VariableCommand {
-    /// Have PMAC copy registers, and print their values as they arrive; P, Q, M and I variables are asked for
+    /// Have the board copy registers and print their values as they arrive. P, Q, M and I variables are asked by command line
     Watch(Watch),
-    /// List the registers that PMAC copies now
+    /// List the registers that the board copies now
     List,
-    /// Have PMAC write registers in this order, and wait until it is done
+    /// Have the board write registers in this order, and wait until the board has
     Set(Set),
 }
 
@@ -41,7 +41,7 @@ struct Set {
     /// word of function block 7)
     #[arg(required = true, value_name = "REGISTER[,OFFSET[,WIDTH]]=VALUE")]
     values: Vec<String>,
-    /// How long PMAC may take, in seconds
+    /// Time limit of the board, in seconds
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     timeout: Duration,
 }

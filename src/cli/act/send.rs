@@ -25,14 +25,14 @@ pub struct Send {
     /// Taken so that the message can say how to quote them
     #[arg(hide = true)]
     pub more: Vec<String>,
-    /// Time limit for the reply, in seconds; without it 5, and more for lines that take long, such as SAVE
+    /// Time limit for the reply, in seconds [default: 5, more for slow lines such as SAVE]
     #[arg(long, value_name = "S", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Option<Duration>,
     /// Print control characters in the reply unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
-    /// Send ^Z and I58=0 too, which end command lines for everybody; $$$ and SAVE though they end what others have open and run; and
-    /// starts (&1R, ^R) that run what a rotary stream left
+    /// Also send lines that pmacd refuses otherwise: ^Z and I58=0, which end command lines for everybody; $$$ and SAVE
+    /// while other users' work runs; starts (&1R, ^R) of lines that a rotary stream left
     #[arg(long)]
     pub yes: bool,
 }

@@ -13,13 +13,13 @@ use crate::protocol::control;
 /// `abort`.
 #[derive(Debug, Args)]
 pub struct Abort {
-    /// Only these coordinate systems, by the control panel; by command line where there is none, or it does not act within 100 ms
+    /// Only these coordinate systems, by the control panel; by command line if the panel does not act within 100 ms
     #[arg(value_name = "C.S.", value_parser = number(), conflicts_with = "all")]
     pub systems: Vec<u8>,
     /// Every coordinate system and motor, by ^A (the default). ^A closes the loops of killed motors
     #[arg(long)]
     pub all: bool,
-    /// Leave the lines of all users that wait in the daemon where they are; without this they are not sent
+    /// Keep the lines of all users that wait in the daemon. Without this pmacd drops them
     #[arg(long, conflicts_with = "systems")]
     pub keep_queue: bool,
 }

@@ -52,7 +52,7 @@ A line goes to the board as it is. ^K (two characters) sends a control character
 /// `terminal`.
 #[derive(Debug, Args)]
 pub struct Terminal {
-    /// Time limit of a line, in seconds; lines that take long, such as SAVE, have longer ones
+    /// Time limit of a line, in seconds; slow lines such as SAVE have longer limits
     #[arg(long, value_name = "S", default_value = "10", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Do not write the history to disk
@@ -61,7 +61,8 @@ pub struct Terminal {
     /// Print control characters from the board unchanged, not as \x1b
     #[arg(long)]
     pub raw: bool,
-    /// Send ^Z and I58=0 too, which end command lines for everybody, and $$$ and SAVE though they end what others have open and run
+    /// Also send lines that pmacd refuses otherwise: ^Z and I58=0, which end command lines for everybody; $$$ and SAVE
+    /// while other users' work runs
     #[arg(long)]
     pub yes: bool,
 }

@@ -20,10 +20,10 @@ pub struct Write {
     /// The value, decimal or $hexadecimal; further values go to the following addresses of the same kind
     #[arg(value_name = "VALUE", required = true, allow_negative_numbers = true)]
     pub values: Vec<String>,
-    /// Also write words that an automatic function owns. You are responsible for what it does with them
+    /// Also write words that an automatic function owns. You answer for the result
     #[arg(long)]
     pub engineer: bool,
-    /// The board's family, instead of the one that the daemon reports
+    /// The board's family [default: as the daemon reports]
     #[arg(long, value_name = "FAMILY", value_parser = Family::by_name)]
     pub family: Option<&'static Family>,
 }

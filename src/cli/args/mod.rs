@@ -65,19 +65,19 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run a simulated board, its daemon and a live view in a private directory. Needs nothing and leaves nothing behind
+    /// Run a simulated board, its daemon and a live view in a private directory. Leaves nothing behind
     Demo(Demo),
     /// Show the state of the daemon, its board and its data
     Status,
-    /// Check everything between this user and live data, and say what to do. Find boards in this machine
+    /// Check everything between you and live data, and say what to do. Find boards in this machine
     Doctor(Doctor),
-    /// Show positions, velocities and status of the motors that are activated (Ix00=1)
+    /// Show positions, velocities and status of the activated motors (Ix00=1)
     Motors,
     /// Show the coordinate systems' targets and status
     Coordinates,
     /// Show the motors or coordinate systems live: repainted on a terminal, one line a print in a pipe
     Watch(Watch),
-    /// Show motors, coordinate systems, health and watched values on one screen; jog with keys that are armed first
+    /// Show motors, coordinate systems, health and watched values on one screen; jog with armed keys
     Top(Top),
     /// Read DPRAM addresses, written as in the manual
     Read(Read),
@@ -85,29 +85,31 @@ pub enum Command {
     Write(Write),
     /// Move a motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
     Jog(Jog),
-    /// Home motors, run, step, hold and stop programs, and override the feed rate, through the control panel (I2=3). Role operate;
+    /// Home motors, run, step, hold and stop programs, and override the feed rate, through the control panel (I2=3). Role
+    /// operate;
     /// to stop and hold, role stop
     Panel(Panel),
     /// Send a command line (role engineer), or a control character as '^K', and print the reply
     Send(Send),
     /// Compile motion programs to binary rotary commands, decode them, or stream them to the board
     Rotary(Rotary),
-    /// Have PMAC copy or write registers in its background (I55=1)
+    /// Have the board copy or write registers in its background (I55=1)
     Variable(Variable),
     /// Sample registers at servo rate into a .csv or .npy file (I20 to I45, DEFINE GATHER, GATHER, ENDGATHER)
     Gather(Gather),
-    /// Write every servo update to a .csv or .npy file, with exact counts of what is missing. Only reads
+    /// Write every servo update to a .csv or .npy file, with exact counts of missing updates. Only reads
     Log(Log),
-    /// Draw a file that gather or log wrote, as SVG (needs no daemon)
+    /// Draw a file of gather or log as SVG (needs no daemon)
     Plot(Plot),
-    /// Move a motor, gather its answer and tell rise time, overshoot, settling time and following error. Role engineer. It
-    /// moves the machine, after asking
+    /// Move a motor, record its response, and print rise time, overshoot, settling time and following error. Role engineer.
+    /// Moves the machine, after asking
     Tune(Tune),
-    /// Abort all motion at once by ^A, or that of some coordinate systems. Exit status 0: the board took it
+    /// Abort all motion at once by ^A, or the motion of some coordinate systems. Exit status 0: the board took the abort
     Abort(Abort),
-    /// Kill every motor at once by ^K: every loop opens, no output; a vertical axis without a brake falls. Exit status 0: the board took it
+    /// Kill every motor at once by ^K: every loop opens; a vertical axis without a brake falls. Exit status 0: the board
+    /// took the kill
     Kill,
-    /// Talk to the board line by line, with editing, history and the messages of its programs. Works in a pipe too
+    /// Talk to the board line by line, with editing, history and the messages of its programs. Works in a pipe, too
     Terminal(Terminal),
     /// Send a program or command file line by line. Removes comments and resolves #include and #define
     Download(Download),
@@ -119,7 +121,7 @@ pub enum Command {
     Restore(Restore),
     /// Show and explain the lines that set up a board; --send sends them
     Setup(Setup),
-    /// Do what is rare: list the registers, decode an image, record the board, explain a setting
+    /// List the registers, decode an image, record the board, explain an absolute-position setting
     Board {
         #[command(subcommand)]
         command: Rare,
@@ -135,10 +137,10 @@ pub enum Rare {
     Map(Map),
     /// Decode a raw image of the DPRAM from a file
     Decode(Decode),
-    /// Record a board for somebody else to look at, or for a test: identity, variables, images of the DPRAM, what pmacd reads and
-    /// writes. Only reads; role engineer
+    /// Record a board for another person or a test: identity, variables, images of the DPRAM, bus accesses of pmacd. Only
+    /// reads; role engineer
     Capture(Capture),
-    /// Explain what an absolute-position setting makes PMAC read (needs no daemon)
+    /// Explain which registers an absolute-position setting makes the board read (needs no daemon)
     Absolute(Absolute),
 }
 

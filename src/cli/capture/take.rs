@@ -72,13 +72,13 @@ pub struct Summary {
 
 #[derive(Debug, Args)]
 pub struct Capture {
-    /// The directory to make; one that is there must be empty
+    /// The directory to make; an existing directory must be empty
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
     /// How long to trace the bus accesses, in seconds. A second takes tens of megabytes
     #[arg(long, value_name = "S", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Duration,
-    /// Leave variables and definitions out, but for the I-variables without which pmacd cannot read the board
+    /// Leave out variables and definitions, except the I-variables that pmacd needs to read the board
     #[arg(long)]
     pub no_variables: bool,
 }
@@ -369,7 +369,8 @@ impl<'a> Taking<'a> {
     }
 }
 
-/// What is asked while the bus accesses are traced. The last three show how the board answers a control character, an error, and a
+/// What is asked while the bus accesses are traced. The last three show how the board answers a control character, an
+/// error, and a
 /// line in two parts.
 fn questions(family: &Family) -> Vec<String> {
     // Those of the processor and of the board's number are a Turbo's.

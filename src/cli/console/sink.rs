@@ -147,7 +147,8 @@ enum FileKind {
 }
 
 impl Rows {
-    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. Where it `appends`, a regular file gets each row at
+    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. Where it `appends`, a regular file gets
+    /// each row at
     /// its end, wherever that is by then; the header cannot be rewritten.
     ///
     /// # Errors

@@ -33,20 +33,20 @@ use crate::segment::{Condition, Identity, RegionId, RegionState};
 
 #[derive(Debug, Args)]
 pub struct Doctor {
-    /// Look for boards in this machine without opening any, and print what to write after --board
+    /// Look for boards in this machine without opening them, and print the SPEC for pmacd --board
     #[arg(long)]
     pub boards: bool,
-    /// Open this board, read its window without writing to it, and say what seems to be there
+    /// Open this board, read its window without writing, and say what kind of device answers
     #[arg(long, value_name = "SPEC")]
     pub probe: Option<String>,
-    /// The family of that board; without it pmac, and turbo2 of a file of 64 KiB
+    /// The family of that board [default: pmac; turbo2 for a file of 64 KiB]
     #[arg(long, value_name = "FAMILY", value_parser = values::family, requires = "probe")]
     pub family: Option<&'static Family>,
-    /// Ask the board for its M-variables, and print which stretch of the DPRAM they use and which pmacd does
+    /// Ask the board for its M-variables, and print which parts of the DPRAM they and pmacd use
     #[arg(long)]
     pub memory: bool,
-    /// Write what this and status say, and a short capture, to a new file that can be sent: a tar of text files, without names and
-    /// paths of yours
+    /// Write the output of doctor and status and a short capture to a new file to send: a tar of text files, without your
+    /// names and paths
     #[arg(long, value_name = "FILE", conflicts_with_all = ["boards", "probe", "memory"])]
     pub report: Option<PathBuf>,
     /// The directory with the machine's /dev, /proc and /sys

@@ -27,7 +27,8 @@ const INSIDE: &str = "pmac-report";
 /// Keys of documents that name users.
 const USERS: [&str; 2] = ["owner_uid", "uid"];
 
-/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it. Whether nothing has cut
+/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it. Whether nothing
+/// has cut
 /// the capture short.
 pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool, Failure> {
     let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));

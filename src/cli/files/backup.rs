@@ -34,11 +34,11 @@ const LAST_PROGRAM: u16 = 32_767;
 /// `backup`.
 #[derive(Debug, Args)]
 pub struct Backup {
-    /// Write to this file after reading everything; - is stdout, the default
+    /// The file, written after everything is read [default: stdout]
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// What. M stands for all definitions, and for the values of M-variables that point nowhere; AXES for what #1-> tells; KIN
-    /// for kinematic programs
+    /// The kinds to save. M: all definitions, and values of M-variables that point nowhere; AXES: axis definitions (#1->);
+    /// KIN: kinematic programs
     #[arg(
         long,
         value_name = "KINDS",
@@ -47,7 +47,7 @@ pub struct Backup {
         ignore_case = true
     )]
     pub what: Vec<What>,
-    /// The motion programs to look for: boards do not tell which they have. Those from 1000 on are the G, M, T and D codes'
+    /// The motion programs to look for: boards do not tell which they have. The G, M, T and D codes are programs from 1000 on
     #[arg(long, value_name = "FIRST..LAST", default_value = "1..1010", value_parser = programs)]
     pub programs: (u16, u16),
 }
@@ -67,7 +67,7 @@ pub struct Diff {
     /// A file of lines like I100=1, as backup writes them; - is stdin
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// A second file; without it, the board
+    /// A second file [default: the board]
     #[arg(value_name = "FILE2")]
     pub other: Option<PathBuf>,
 }
@@ -78,7 +78,7 @@ pub struct Restore {
     /// A file of lines like I100=1, as backup writes them
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// Print the lines that would be sent, and send none
+    /// Print the lines and send none
     #[arg(long)]
     pub dry_run: bool,
     /// Send without asking
@@ -344,7 +344,8 @@ impl<'a> Report<'a> {
         self.errors.push((entry, what));
     }
 
-    /// Takes note of the reset that the end of the sequence tells of, at the line where it was noticed; `first` is the number of
+    /// Takes note of the reset that the end of the sequence tells of, at the line where it was noticed; `first` is the
+    /// number of
     /// the first of `lines` in the sequence. Whether there was one.
     fn reset(
         &mut self,

@@ -32,22 +32,24 @@ const LARGEST_FILE: u64 = 64 << 20;
 /// `download`.
 #[derive(Debug, Args)]
 pub struct Download {
-    /// Files of command lines: ; and // start comments, /* and */ enclose one, #include "FILE" and #define NAME text work; - is stdin
+    /// Files of command lines. Comments (; // /* */) are removed, #include "FILE" and #define NAME text are resolved; - is
+    /// stdin
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Print the lines that would be sent, and send none
+    /// Print the lines and send none
     #[arg(long)]
     pub dry_run: bool,
     /// Go on after a line that the board refuses
     #[arg(long)]
     pub keep_going: bool,
-    /// Send a file most of whose lines are no commands of PMAC, too
+    /// Also send a file in which most lines are no commands of PMAC
     #[arg(long)]
     pub force: bool,
-    /// How long the board may take for a line, in seconds; those that take long, such as SAVE, may take longer
+    /// Time limit of a line, in seconds; slow lines such as SAVE have longer limits
     #[arg(long, value_name = "S", default_value = "10", value_parser = line_timeout, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Send lines like I58=0 too, which end command lines for everybody, and $$$ and SAVE though they end what others have open and run
+    /// Also send lines that pmacd refuses otherwise: I58=0, which ends command lines for everybody; $$$ and SAVE while
+    /// other users' work runs
     #[arg(long)]
     pub yes: bool,
 }

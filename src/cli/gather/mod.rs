@@ -38,10 +38,10 @@ pub struct Gather {
     /// Servo cycles between samples (I19, meanwhile also the period of the servo report; I5049 on Turbo boards)
     #[arg(long, value_name = "CYCLES", default_value = "1")]
     period: u32,
-    /// Duration in seconds; without it until ^C, or with --once until the buffer is full
+    /// Stop after this time in seconds [default: at ^C, or with --once when the buffer is full]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// The board's buffer in 32-bit longs, rounded up to whole samples; without it, all that the daemon reserves
+    /// The board's buffer in 32-bit longs, rounded up to whole samples [default: all that the daemon reserves]
     #[arg(long, value_name = "LONGS")]
     buffer: Option<u32>,
     /// Stop when the buffer is full (I45=2, I5000=2 on Turbo boards) instead of wrapping round
@@ -50,16 +50,16 @@ pub struct Gather {
     /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", value_parser = table_path, required_unless_present = "stop")]
     output: Option<PathBuf>,
-    /// Then draw the file, as pmacctl plot does: a name that ends in .svg
+    /// Draw the file at the end, as pmacctl plot does; the name ends in .svg
     #[arg(long, value_name = "FILE")]
     plot: Option<PicturePath>,
-    /// Send this line once the board gathers, such as '#1J:1000'. It may move the machine
+    /// Send this line, such as '#1J:1000', when the board gathers. The line may move the machine
     #[arg(long, value_name = "LINE", allow_hyphen_values = true)]
     then: Option<String>,
-    /// End a gather of yours, or one that was begun by hand. Sends ENDGATHER only if the board says that it gathers
+    /// End your gather, or a gather that somebody began by hand. Sends ENDGATHER only if the board gathers
     #[arg(long, conflicts_with_all = ["source", "period", "seconds", "buffer", "once", "output", "plot", "then"])]
     stop: bool,
-    /// With --stop: end the gather of this user, given by number
+    /// With --stop: end the gather of the user with this number
     #[arg(long, value_name = "UID", requires = "stop")]
     of: Option<u32>,
 }

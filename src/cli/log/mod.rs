@@ -46,32 +46,36 @@ pub struct Log {
     /// The file, ending in .csv or .npy; - is CSV on stdout
     #[arg(long, short, value_name = "FILE", value_parser = table_path)]
     output: PathBuf,
-    /// Only these motors: 1,2 [default: all that the board reports]
+    /// Only these motors, as 1,2 [default: all reported motors]
     #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
     motors: Vec<u8>,
     /// Only these fields, named as in `motors --json` [default: commanded_position, actual_position, following_error, velocity,
-    /// servo_status]. An update that is read while its scale is not known, as just after a reset, is a row without values and counts as missed
+    /// servo_status]. While the board has not told the scales, as after a reset, an update is a row without values and
+    /// counts as missed
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
-    /// Duration in seconds, counted from the trigger if there is one; without it until ^C
+    /// Stop after this time in seconds, from the trigger on if there is one [default: at ^C]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// Begin another file, run-000001.csv and following for run.csv, once one has so many bytes (100M), or a quarter of --keep
+    /// Begin another file (run-000001.csv and following for run.csv) when the file has this many bytes (100M) or a quarter
+    /// of --keep
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     rotate_bytes: Option<u64>,
     /// Begin another file after this time, in seconds
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     rotate_seconds: Option<Duration>,
-    /// Remove the oldest of these files, so that all take at most so many bytes: 10G; the file that another log writes stays
+    /// Remove the oldest files of the series, so that all take at most this many bytes (10G). A file that another log
+    /// writes stays
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     keep: Option<u64>,
-    /// At the end draw the file, as pmacctl plot does: a name that ends in .svg
+    /// Draw the file at the end, as pmacctl plot does; the name ends in .svg
     #[arg(long, value_name = "FILE", conflicts_with_all = ["rotate_bytes", "rotate_seconds", "keep"])]
     plot: Option<PicturePath>,
-    /// Begin when this is true, which is time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop', '!1.open_loop'
+    /// Begin when this condition is true, at time 0: '1.following_error>100', '|1.following_error|>100', '1.open_loop',
+    /// '!1.open_loop'
     #[arg(long, value_name = "CONDITION")]
     trigger: Option<Condition>,
-    /// With --trigger: write this time before it, too, in seconds
+    /// With --trigger: write the updates of this time before it, too, in seconds
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = seconds, requires = "trigger")]
     before: Duration,
 }
@@ -199,7 +203,8 @@ impl Logging<'_> {
             .row(rows.pause_at_end(silent_ns), RowMeaning::Gap(Gap { pause: Some(silent), ..Gap::default() }))
     }
 
-    /// Whether to wait for the scales of `lacking` with the first row: a log that begins just after `pmacd` would be raw to its end.
+    /// Whether to wait for the scales of `lacking` with the first row: a log that begins just after `pmacd` would be raw to
+    /// its end.
     fn waits_for_scales(&mut self, lacking: &[&str]) -> bool {
         let told = || {
             let (names, most) = (lacking.join(", "), SCALES.as_secs());
@@ -252,7 +257,8 @@ impl Logging<'_> {
     }
 }
 
-/// Whether the board has still to tell the servo period, or the scale of one of `motors`, which are all where none is named. A scale
+/// Whether the board has still to tell the servo period, or the scale of one of `motors`, which are all where none is
+/// named. A scale
 /// of 0 is told.
 fn lacks_scales(identity: &Identity, motors: &[u8]) -> bool {
     let reported = identity.motor_mask.unwrap_or_default();

@@ -167,7 +167,8 @@ impl LogRows {
         self.has_paused = true;
     }
 
-    /// By the board's servo timer. Over a pause, where that may begin anew, the host's clock says how long it has been since the
+    /// By the board's servo timer. Over a pause, where that may begin anew, the host's clock says how long it has been
+    /// since the
     /// update before.
     fn time(&mut self, update: &View<ServoData>) -> f64 {
         let View { servo_timer, time_ns, .. } = *update;

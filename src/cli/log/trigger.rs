@@ -148,7 +148,8 @@ impl Before {
         self.rows.push_back(Kept { time_ns, meaning, row: spare });
     }
 
-    /// Keeps the row of what is missing behind the update before, for as long as that one. Before the first there is nothing to miss.
+    /// Keeps the row of what is missing behind the update before, for as long as that one. Before the first there is
+    /// nothing to miss.
     pub fn keep_gap(&mut self, gap: Gap, row: &[f64]) {
         if let Some(Kept { time_ns, .. }) = self.rows.back() {
             let (time_ns, row) = (*time_ns, row.to_vec());

@@ -84,7 +84,8 @@ const COLORS: [Color; 8] = [
 /// How a trace looks: its colour, and whether it is dashed.
 type TraceLook = (Color, bool);
 
-/// How the traces of `panel` look. Those of one motor have one colour in every panel, the second of them dashes; where all are one
+/// How the traces of `panel` look. Those of one motor have one colour in every panel, the second of them dashes; where all
+/// are one
 /// motor's, each has its own colour.
 fn looks(panel: &Panel, owners: &[&str]) -> Vec<TraceLook> {
     let own = |index: usize, trace: &Trace| match owners.iter().position(|owner| *owner == trace.owner()) {

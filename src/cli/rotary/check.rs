@@ -33,7 +33,8 @@ const ASK_STATE_EVERY: Duration = Duration::from_millis(20);
 /// `rotary check`.
 #[derive(Debug, Args)]
 pub struct Check {
-    /// The program's text, constants only; - is stdin. Without it, the commands whose code may stand in two places, and some others
+    /// The program's text, constants only; - is stdin. Without it, the commands whose code may stand in two places, and
+    /// some others
     #[arg(value_name = "FILE")]
     pub file: Option<String>,
     /// The coordinate system whose rotary buffer takes the lines. It must not run

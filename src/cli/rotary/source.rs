@@ -89,7 +89,8 @@ fn reported<T>(file: &str, outcome: Result<(Compiled, T), Refused>) -> Result<(P
     }
 }
 
-/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it in coordinate system `cs`.
+/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it in coordinate
+/// system `cs`.
 pub fn circle_warning(board: &mut Connection, name: &str, program: &Program, cs: u8) -> Option<String> {
     let has_circle = |line: &&Line| line.commands.iter().any(|command| circles::is_circle(&command.text));
     let line = program.lines.iter().find(has_circle)?;

@@ -32,17 +32,16 @@ pub struct Stream {
     /// The program's text, constants only; - is stdin
     #[arg(value_name = "FILE")]
     pub file: String,
-    /// The coordinate system that executes it
+    /// The coordinate system that executes the program
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = number())]
     pub cs: u8,
-    /// The buffer in the DPRAM: a PMAC has two, of which this is the first unless told otherwise. On a Turbo board each coordinate
-    /// system has its own
+    /// PMAC, PMAC2: the buffer in the DPRAM, 1 or 2 [default: 1]. On a Turbo board each coordinate system has its own
     #[arg(long, value_name = "N", value_parser = number())]
     pub buffer: Option<u8>,
-    /// The buffer's size in 32-bit words, two a command; without it, all that the daemon reserves
+    /// The buffer's size in 32-bit words, two a command [default: all that the daemon reserves]
     #[arg(long, value_name = "LONGS")]
     pub size: Option<u32>,
-    /// The buffer's start, such as DP:$DC00; without it, the place that the daemon reserves
+    /// The buffer's start, such as DP:$DC00 [default: the place that the daemon reserves]
     #[arg(long, value_name = "ADDR")]
     pub start: Option<String>,
     /// First define a rotary buffer of this many words in the board's own memory (DEFINE ROT). Start with the highest
@@ -52,13 +51,13 @@ pub struct Stream {
     /// Start the program (R) as soon as the buffer has its first lines
     #[arg(long)]
     pub run: bool,
-    /// Delete the lines that an earlier program has left in the board's rotary buffer (CLEAR)
+    /// Delete lines of an earlier program from the board's rotary buffer (CLEAR)
     #[arg(long)]
     pub clear: bool,
-    /// Run the lines that an earlier program has left in the board's rotary buffer before this program
+    /// First run lines of an earlier program in the board's rotary buffer
     #[arg(long = "continue", conflicts_with = "clear")]
     pub continue_left: bool,
-    /// Give up after the board has taken nothing for this time, in seconds. It takes nothing during a dwell or feed hold
+    /// Give up when the board has taken no line for this time, in seconds. A dwell or a feed hold counts, too
     #[arg(long, value_name = "S", default_value = "60", value_parser = crate::cli::args::values::seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     #[command(flatten)]

@@ -14,7 +14,7 @@ use crate::setup::position::Word;
 /// `absolute`.
 #[derive(Debug, Clone, Args)]
 pub struct Absolute {
-    /// The board's family: pmac, pmac2, turbo or turbo2; without it, the one with the given variables
+    /// The board's family: pmac, pmac2, turbo or turbo2 [default: by the given variables]
     #[arg(long, value_name = "FAMILY")]
     pub family: Option<Generation>,
     /// PMAC and PMAC2: the value of Ix10

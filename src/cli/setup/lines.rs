@@ -68,7 +68,7 @@ pub struct Vme {
     /// The mailboxes' base, a multiple of 0x200, for example 0x7FA000
     #[arg(long, value_name = "ADDRESS", value_parser = parse)]
     pub mailbox: u32,
-    /// Where the DPRAM starts, a multiple of 0x4000; without it, the DPRAM is switched off
+    /// Where the DPRAM starts, a multiple of 0x4000. Without this the lines switch the DPRAM off
     #[arg(long, value_name = "ADDRESS", value_parser = parse)]
     pub dpram: Option<u32>,
     /// How many address bits the board decodes

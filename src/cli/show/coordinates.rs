@@ -32,7 +32,8 @@ impl Overrides {
         Self { words: words(), i10 }
     }
 
-    /// Whether the panel overrides the feed rate of coordinate system `number`, and by how much; `None` where that is not known.
+    /// Whether the panel overrides the feed rate of coordinate system `number`, and by how much; `None` where that is not
+    /// known.
     fn of(&self, number: usize) -> Option<Option<FeedOverride>> {
         let words = self.words.as_ref()?;
         let raw = words.overrides.get(number - 1)?;

@@ -25,11 +25,10 @@ pub struct Decode {
     /// The board's family
     #[arg(long, value_name = "FAMILY", default_value = "pmac", value_parser = family)]
     pub family: &'static Family,
-    /// The board's firmware, as VERSION answers: some keep the gather buffer elsewhere
+    /// The board's firmware, as VERSION answers; the gather buffer's place depends on it
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
-    /// PMAC, PMAC2: how many motors and coordinate systems the board reported; without it, all of them. The image of a Turbo
-    /// board says it
+    /// PMAC, PMAC2: the number of reported motors and coordinate systems [default: all]. A Turbo board's image tells it
     #[arg(long, value_name = "N")]
     pub motors: Option<usize>,
     /// The byte order of the image's 16-bit words

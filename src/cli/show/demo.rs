@@ -19,7 +19,7 @@ use crate::segment::{Counter, RegionId, SegmentName};
 
 #[derive(Debug, Args)]
 pub struct Demo {
-    /// Stop after this time, in seconds; without it, on q or ^C
+    /// Stop after this time, in seconds [default: on q or ^C]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<Duration>,
     /// The family of the simulated board

@@ -9,11 +9,11 @@ use crate::map::{DEFAULT_FAMILY, Family, Firmware, Layout, MapRecord};
 
 #[derive(Debug, Args)]
 pub struct Map {
-    /// The board's family; without it that of the board that pmacd reaches, or pmac if there is none. For Turbo boards a register's confidence is told: H a manual or two sources, M one source, L worked
-    /// out
+    /// The board's family [default: that of pmacd's board, else pmac]. For Turbo boards the list tells each register's
+    /// confidence: H a manual or two sources, M one source, L worked out
     #[arg(long, value_name = "FAMILY", value_parser = family)]
     pub family: Option<&'static Family>,
-    /// The board's firmware, as VERSION answers; without it, and without --family, that of the board that pmacd reaches; else the map in the printed manual
+    /// The board's firmware, as VERSION answers [default: that of pmacd's board; with --family, the printed manual's map]
     #[arg(long, value_name = "VERSION")]
     pub firmware: Option<Firmware>,
 }

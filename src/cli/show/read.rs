@@ -18,7 +18,7 @@ pub struct Read {
     /// Y:$D001, X:$D009, DP:$D200, D:$D014, L:$D09A, F:$D210, a host offset 0x0024, or bits as Y:$D001,8,4
     #[arg(required = true, value_name = "ADDR")]
     pub addresses: Vec<String>,
-    /// The board's family, instead of the one that the daemon reports
+    /// The board's family [default: as the daemon reports]
     #[arg(long, value_name = "FAMILY", value_parser = family)]
     pub family: Option<&'static Family>,
     /// The layout of L: values

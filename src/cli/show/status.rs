@@ -43,7 +43,8 @@ fn absent(context: &Context, error: &ClientError) -> Value {
 
 const ABSENT: &str = "absent";
 
-/// The board's global status, and what its coordinate systems run, while the data that they stand in are fresh: else null and none.
+/// The board's global status, and what its coordinate systems run, while the data that they stand in are fresh: else null
+/// and none.
 fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     let (servo, background) =
         board.snapshot().ok().map(|snapshot| (snapshot.servo, snapshot.background)).unzip();

@@ -34,7 +34,7 @@ pub struct Watch {
     /// What to show
     #[arg(value_enum, value_name = "WHAT", default_value = "motors")]
     pub what: Part,
-    /// Stop after this many prints; without it and --seconds, on q or ^C
+    /// Stop after this many prints [default: on q or ^C]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
     /// Stop after this time, in seconds

@@ -44,8 +44,7 @@ use tty::{Input, Tty};
 
 #[derive(Debug, Args)]
 pub struct Top {
-    /// What to show the values of: registers, as of variable watch, and I-, M-, P- and Q-variables, which are asked for by
-    /// command line (role engineer)
+    /// Registers, as for variable watch, and I-, M-, P- and Q-variables, which top asks by command line (role engineer)
     #[arg(value_name = "NAME")]
     pub watches: Vec<String>,
     /// The most pictures a second; 2.5 at least
@@ -53,7 +52,8 @@ pub struct Top {
     pub rate: Duration,
 }
 
-/// The longest time between two pictures, whatever `--rate` says: in less the daemon's ring of updates is never overrun, and a stop
+/// The longest time between two pictures, whatever `--rate` says: in less the daemon's ring of updates is never overrun,
+/// and a stop
 /// that nobody confirms is said in time.
 const SLOWEST: Duration = Duration::from_millis(400);
 /// The shortest time between two pictures while keys are pressed.

@@ -109,7 +109,8 @@ impl Trace {
         stretches
     }
 
-    /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the largest of
+    /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the
+    /// largest of
     /// all, or of a count where that is less.
     pub fn small(&self, columns: usize, now: Instant) -> String {
         let part = WINDOW.as_secs_f64() / columns as f64;

@@ -46,9 +46,9 @@ pub struct Tune {
 
 #[derive(Debug, Subcommand)]
 enum TuneCommand {
-    /// Move the commanded position at once (in 2 ms), and time the motor's answer
+    /// Step the commanded position (in 2 ms), and time the motor's response
     Step {
-        /// How far, in counts; below 0 the other way
+        /// The size of the move in counts; below 0 in the negative direction
         #[arg(long, value_name = "COUNTS", default_value = "100", allow_negative_numbers = true)]
         size: f64,
         #[command(flatten)]
@@ -56,7 +56,7 @@ enum TuneCommand {
     },
     /// Move with a velocity made of parabolas (a pure S-curve jog), to judge feed forward by the following error
     Parabolic {
-        /// How far, in counts; below 0 the other way
+        /// The size of the move in counts; below 0 in the negative direction
         #[arg(long, value_name = "COUNTS", default_value = "1000", allow_negative_numbers = true)]
         size: f64,
         /// How long the move takes, in ms
@@ -72,23 +72,23 @@ struct Common {
     /// The motor, by its number or its name in the configuration
     #[arg(value_name = "MOTOR")]
     motor: String,
-    /// The following error in counts at which the board kills the motor meanwhile (Ix11), if its own limit is not smaller
-    /// [default: twice the size]
+    /// Kill the motor at this following error in counts (Ix11 during the move), unless its own limit is smaller [default:
+    /// twice the size]
     #[arg(long, value_name = "COUNTS", value_parser = above_0)]
     limit: Option<f64>,
     /// How long to record after the move, in seconds
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Duration,
-    /// Stay there; without it the motor jogs back, with its own jog speed
+    /// Do not jog back. Without this the motor jogs back with its own jog speed
     #[arg(long)]
     stay: bool,
-    /// Do not ask before it moves
+    /// Move without asking
     #[arg(long)]
     yes: bool,
     /// Write the recording to a file, ending in .csv or .npy
     #[arg(long, short, value_name = "FILE", value_parser = table_path)]
     output: Option<PathBuf>,
-    /// Draw it: a name that ends in .svg
+    /// Draw the recording; the name ends in .svg
     #[arg(long, value_name = "FILE")]
     plot: Option<PicturePath>,
 }

@@ -78,7 +78,8 @@ impl Recorder {
         &mut self.prepared.connection
     }
 
-    /// Has `jog` move the motor once the board gathers, and records until so many seconds after the beginning of the motion. Meanwhile
+    /// Has `jog` move the motor once the board gathers, and records until so many seconds after the beginning of the
+    /// motion. Meanwhile
     /// the sequence `lines` is kept.
     ///
     /// # Errors

@@ -46,11 +46,11 @@ const OLD_REPORTS: u64 = 1;
 /// `--wait` and `--timeout`.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct Wait {
-    /// Wait until the motion has ended. Exit status 1: it ended elsewhere or by a fault, or the wait ended first. ^C ends the
-    /// wait, not the motion
+    /// Wait until the motion has ended. Exit status 1: the motion ended elsewhere or by a fault, or the wait ended first.
+    /// ^C ends the wait, not the motion
     #[arg(long)]
     pub wait: bool,
-    /// Time limit of --wait, in seconds. It ends the wait, not the motion
+    /// Time limit of --wait, in seconds. The limit ends the wait, not the motion
     #[arg(long, value_name = "S", requires = "wait", default_value = "60", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
 }

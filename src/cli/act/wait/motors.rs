@@ -94,7 +94,8 @@ impl Watch {
         }
     }
 
-    /// How many counts motor `number` stands from `start`, where it stood before it was sent to `target`. `None` where it moves or
+    /// How many counts motor `number` stands from `start`, where it stood before it was sent to `target`. `None` where it
+    /// moves or
     /// its loop is open, or where its positions may count from another place since: that of a home search, or of a reset.
     pub fn away_from(&mut self, number: u8, start: f64, target: f64) -> Option<f64> {
         self.follow().ok()?;
