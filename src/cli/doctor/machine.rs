@@ -20,32 +20,28 @@ pub fn boards(report: &mut Report, system: &System) {
     kernel(report, system);
     let memory = memory::may_open(system);
     match &memory {
-        Ok(()) => report.add(
-            Level::Ok,
-            "memory",
-            "you may open /dev/mem, if the board is at a fixed address (ISA, VME)",
-        ),
-        Err(why) => report.add(Level::Warn, "memory", format!("you may not open /dev/mem: {why}")),
+        Ok(()) => report.ok("memory", "you may open /dev/mem, if the board is at a fixed address (ISA, VME)"),
+        Err(why) => report.warn("memory", format!("you may not open /dev/mem: {why}")),
     }
     let found = candidates(system);
     if found.is_empty() {
         let text =
             "no UIO, PCI or VME device looks like one; is the board's driver loaded, and the board powered?";
-        report.add(Level::Warn, "candidate", text);
+        report.warn("candidate", text);
     }
     for mut candidate in found {
         let rule = candidate.rule.take();
         report.0.push(candidate_check(candidate));
         if let Some(rule) = rule {
             // Alone in its line, to be copied.
-            report.add(Level::Ok, "udev rule", rule);
+            report.ok("udev rule", rule);
         }
     }
     let [first, second] = USUAL_ISA;
     let text = format!(
         "an ISA board cannot be detected; its DPRAM usually lies at {first} or {second}: look with pmacctl doctor --probe (see pmacctl setup isa)"
     );
-    report.add(Level::Ok, "ISA", text);
+    report.ok("ISA", text);
 }
 
 fn kernel(report: &mut Report, system: &System) {
@@ -58,11 +54,11 @@ fn kernel(report: &mut Report, system: &System) {
             let text = format!(
                 "{release}, locked down ({mode}): only UIO devices can be mapped, and uio_pci_generic gives no interrupts; {options}"
             );
-            report.add(Level::Warn, "kernel", text);
+            report.warn("kernel", text);
         }
-        Lockdown::Off => report.add(Level::Ok, "kernel", format!("{release}, not locked down; {options}")),
+        Lockdown::Off => report.ok("kernel", format!("{release}, not locked down; {options}")),
         Lockdown::Unknown => {
-            report.add(Level::Ok, "kernel", format!("{release}, without lockdown support; {options}"));
+            report.ok("kernel", format!("{release}, without lockdown support; {options}"));
         }
     }
 }
@@ -128,7 +124,7 @@ fn of_size(family: &'static Family, spec: &BoardSpec) -> &'static Family {
 }
 
 fn refused(report: &mut Report, error: impl std::fmt::Display) -> Result<(), Failure> {
-    report.add(Level::Fail, "probe", error.to_string());
+    report.fail("probe", error.to_string());
     Ok(())
 }
 

@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use super::report::{Level, Report};
+use super::report::Report;
 use crate::cli::context::{Context, Failure};
 use crate::client::{CommandError, Connection};
 use crate::map::word_use::{self, m_variables};
@@ -43,7 +43,7 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     let (found, unclear) = definitions(&mut connection, family)
         .map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
     if !unclear.is_empty() {
-        report.add(Level::Warn, "memory", not_told(&unclear));
+        report.warn("memory", not_told(&unclear));
     }
     for region in family.regions {
         let here = found.iter().filter(|definition| definition.touches(region));
@@ -121,8 +121,8 @@ fn tell(report: &mut Report, region: &Region, functions: &[&str], found: &[&Defi
     let text = format!("{stretch}: pmacd uses {pmacd}; the board's programs: {shown}");
     // The user area is for both; the buffers in it have places of their own.
     if functions.is_empty() || found.is_empty() || region.name == "user" {
-        report.add(Level::Ok, "memory", text);
+        report.ok("memory", text);
     } else {
-        report.add(Level::Warn, "memory", format!("{text}; {CURE}"));
+        report.warn("memory", format!("{text}; {CURE}"));
     }
 }

@@ -87,12 +87,12 @@ fn commands(report: &mut Report, info: &BoardInfo) {
     };
     report.add(level, "commands", text);
     for fault in info.lines.port_faults() {
-        report.add(Level::Warn, "commands", fault.to_owned());
+        report.warn("commands", fault.to_owned());
     }
     if let Some(open) = &info.open_buffer {
         let cure =
             "lines of others are refused, and the daemon's questions wait; CLOSE by an engineer closes it";
-        report.add(Level::Warn, "commands", format!("open: {open}; {cure}"));
+        report.warn("commands", format!("open: {open}; {cure}"));
     }
 }
 
@@ -130,7 +130,7 @@ fn once_up(context: &Context, system: &System) -> Report {
         let mut report = Report::default();
         let Some(ago) = everything(&mut report, context, system) else { return report };
         if ago >= COMES_UP || ago >= GONE && report.is_well() {
-            report.add(Level::Ok, "board", format!("it was reset {} s ago", ago.as_secs()));
+            report.ok("board", format!("it was reset {} s ago", ago.as_secs()));
             return report;
         }
         if !std::mem::replace(&mut is_told, true) {
@@ -198,16 +198,16 @@ fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSe
         .and_then(|mut connection| Ok((connection.info()?, connection.settings().ok())));
     match asked {
         Ok((info, settings)) => {
-            report.add(Level::Ok, "socket", format!("{} answers, pmacd {}", path.display(), info.version));
+            report.ok("socket", format!("{} answers, pmacd {}", path.display(), info.version));
             role(report, &info);
             Some((info, settings))
         }
         Err(error @ CommandError::Connect { .. }) => {
-            report.add(Level::Fail, "socket", unreachable(path, &error));
+            report.fail("socket", unreachable(path, &error));
             None
         }
         Err(error) => {
-            report.add(Level::Fail, "socket", error.to_string());
+            report.fail("socket", error.to_string());
             None
         }
     }
@@ -224,7 +224,7 @@ fn role(report: &mut Report, info: &BoardInfo) {
     };
     let role = info.role.as_deref().unwrap_or_default();
     let text = format!("{role}: you may {may}; groups you have joined count after a new login");
-    report.add(Level::Ok, "role", text);
+    report.ok("role", text);
 }
 
 /// Why the socket cannot be reached. Names the group to join if permission is missing.
@@ -261,17 +261,17 @@ fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Fu
             continue;
         }
         let Ok(about) = board.subscriber().region(region) else {
-            report.add(Level::Warn, what, "the daemon does not mirror these data; see its configuration");
+            report.warn(what, "the daemon does not mirror these data; see its configuration");
             continue;
         };
         let published = about.published;
         match about.state {
             RegionState::Live if condition == Condition::Live => {
-                report.add(Level::Ok, what, format!("live, {published} updates"));
+                report.ok(what, format!("live, {published} updates"));
             }
-            RegionState::Off if is_over => report.add(Level::Warn, what, format!("off; {REPLAY_OVER}")),
+            RegionState::Off if is_over => report.warn(what, format!("off; {REPLAY_OVER}")),
             RegionState::Off => {
-                report.add(Level::Warn, what, format!("off on the board; {}", missing(region, &identity)));
+                report.warn(what, format!("off on the board; {}", missing(region, &identity)));
             }
             RegionState::Live | RegionState::Stale => {
                 // If the whole board is silent, its variables may still be right.
@@ -280,7 +280,7 @@ fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Fu
                     Condition::Live => missing(region, &identity),
                     _ => "so are all others: check that the board runs".to_owned(),
                 };
-                report.add(Level::Fail, what, format!("stale after {published} updates; {why}"));
+                report.fail(what, format!("stale after {published} updates; {why}"));
             }
         }
     }
@@ -294,7 +294,7 @@ fn not_activated(report: &mut Report, board: &mut Board) {
     let left: Vec<_> = left.collect();
     if !left.is_empty() {
         let text = format!("not activated (Ix00=0), and so not shown: {}", left.join(", "));
-        report.add(Level::Ok, RegionId::Servo.name(), text);
+        report.ok(RegionId::Servo.name(), text);
     }
 }
 
@@ -311,7 +311,7 @@ fn unscaled(report: &mut Report, board: &mut Board) {
              is false",
             left.join(", ")
         );
-        report.add(Level::Warn, "scales", text);
+        report.warn("scales", text);
     }
 }
 
@@ -388,11 +388,11 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     let names = |functions: &[Function]| functions.iter().map(|f| f.name()).collect::<Vec<_>>().join(", ");
     if !off.is_empty() {
         let text = format!("{} switched off by the daemon's configuration", names(&off));
-        report.add(Level::Ok, "functions", text);
+        report.ok("functions", text);
     }
     if !not_there.is_empty() {
         let text = format!("pmacd does not use {} on a {}", names(&not_there), family.title);
-        report.add(Level::Ok, "functions", text);
+        report.ok("functions", text);
     }
     let BoardSettings { servo, background, .. } = settings;
     let parts = [
@@ -401,7 +401,7 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     ];
     for (report_name, _, part) in parts.into_iter().filter(|(_, differs, _)| *differs) {
         let text = format!("the configuration reads only part of the {report_name} report: {part}");
-        report.add(Level::Ok, "reading", text);
+        report.ok("reading", text);
     }
 }
 
@@ -421,20 +421,20 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     let who = [info.board_type.as_deref(), Some(info.family.as_str()), info.firmware.as_deref()];
     let who: Vec<_> = who.into_iter().flatten().collect();
     if let Some(replay) = &info.replay {
-        report.add(Level::Ok, "replay", replay.to_string());
+        report.ok("replay", replay.to_string());
     }
     match info.state {
-        State::Live => report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", "))),
-        State::Init => report.add(Level::Warn, "board", format!("{} is being identified; wait", info.board)),
+        State::Live => report.ok("board", format!("{}, {}", info.board, who.join(", "))),
+        State::Init => report.warn("board", format!("{} is being identified; wait", info.board)),
         State::Stale if info.is_over() => {
-            report.add(Level::Ok, "board", format!("{}, {}", info.board, who.join(", ")));
+            report.ok("board", format!("{}, {}", info.board, who.join(", ")));
         }
         State::Stale | State::Dead => {
-            report.add(Level::Fail, "board", no_answer(info));
+            report.fail("board", no_answer(info));
         }
     }
     if info.family == NO_FAMILY {
-        report.add(Level::Fail, "family", UNKNOWN_FAMILY);
+        report.fail("family", UNKNOWN_FAMILY);
     }
     if let (Some(answer), Ok(family)) = (&info.board_type, info.known_family())
         && let Some(other) = family.contradicted_by_type(answer)
@@ -443,12 +443,12 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         report.add(level, "family", other.to_string());
     }
     if info.board_type.as_deref().is_some_and(lacks_dpram) {
-        report.add(Level::Fail, "board", LACKS_DPRAM);
+        report.fail("board", LACKS_DPRAM);
     }
     if !info.waiting.is_empty() {
         let names: Vec<_> = info.waiting.iter().map(|function| function.name()).collect();
         let why = waits_for(info.open_buffer.is_some(), &info.lines.definitions);
-        report.add(Level::Warn, "functions", format!("not used yet: {}: {why}", names.join(", ")));
+        report.warn("functions", format!("not used yet: {}: {why}", names.join(", ")));
     }
     for words in &info.program_words {
         report.add(if words.used { Level::Ok } else { Level::Warn }, "functions", words.to_string());
@@ -458,9 +458,9 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
     }
     commands(report, info);
     if info.enabled.iter().any(|name| name == "interrupt") {
-        report.add(Level::Ok, "interrupt", "connected, and announces the board's replies");
+        report.ok("interrupt", "connected, and announces the board's replies");
     } else {
-        report.add(Level::Ok, "interrupt", "none comes: replies are polled for, at least every 20 ms");
+        report.ok("interrupt", "none comes: replies are polled for, at least every 20 ms");
     }
     if let Some(host_port) = &info.host_port {
         let HostPortInfo { controller, line, counts: HostPortCounts { served, old, unannounced } } =
@@ -468,12 +468,12 @@ fn functions(report: &mut Report, info: &BoardInfo, settings: &BoardSettings) {
         let counts =
             format!("{controller} line {line}, {served} interrupts served, {old} of them without a response");
         if *unannounced == 0 {
-            report.add(Level::Ok, "host port", counts);
+            report.ok("host port", counts);
         } else {
             let text = format!(
                 "{counts}; {unannounced} responses came without an interrupt; check I56=1 and the line's jumper"
             );
-            report.add(Level::Warn, "host port", text);
+            report.warn("host port", text);
         }
     }
 }
@@ -486,7 +486,7 @@ fn same_daemon(report: &mut Report, board: &Board, info: &BoardInfo) {
             "the socket belongs to process {} ({}), the segment to process {}; check --name and --socket",
             info.pid, info.segment, header.owner_pid
         );
-        report.add(Level::Fail, "same daemon", text);
+        report.fail("same daemon", text);
     }
 }
 

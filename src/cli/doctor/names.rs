@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nix::sys::statvfs::statvfs;
 
-use super::report::{Level, Report};
+use super::report::Report;
 use crate::cli::context::Context;
 use crate::client::{Board, ClientError, Staleness};
 use crate::protocol::BoardInfo;
@@ -18,16 +18,16 @@ pub fn shared_memory(report: &mut Report) {
     match statvfs(DIRECTORY) {
         Err(errno) => {
             let text = format!("cannot examine {DIRECTORY}: {}; mount a tmpfs there", errno.desc());
-            report.add(Level::Fail, WHAT, text);
+            report.fail(WHAT, text);
         }
         Ok(room) => {
             let free = room.blocks_available() * room.fragment_size();
             let mib = free >> 20;
             if free < ROOM {
                 let text = format!("{DIRECTORY} has only {mib} MiB left; remove unneeded files there");
-                report.add(Level::Warn, WHAT, text);
+                report.warn(WHAT, text);
             } else {
-                report.add(Level::Ok, WHAT, format!("{DIRECTORY} has {mib} MiB left"));
+                report.ok(WHAT, format!("{DIRECTORY} has {mib} MiB left"));
             }
         }
     }
@@ -37,27 +37,27 @@ pub fn segment(report: &mut Report, context: &Context) -> Result<Board, ClientEr
     let board = match context.attach() {
         Ok(board) => board,
         Err(error) => {
-            report.add(Level::Fail, "segment", error.to_string());
+            report.fail("segment", error.to_string());
             return Err(error);
         }
     };
     let subscriber = board.subscriber();
     let header = subscriber.header();
     let path = subscriber.path().display();
-    report.add(Level::Ok, "segment", format!("{path} is there, layout 1.{}", header.abi_minor));
+    report.ok("segment", format!("{path} is there, layout 1.{}", header.abi_minor));
     let pid = header.owner_pid;
     let now_ns = subscriber.now_ns();
     match Staleness::of_segment(subscriber.condition(), &header, now_ns) {
         Some(Staleness::DaemonGone) => {
             let text = format!("nobody writes the segment that process {pid} made; start pmacd");
-            report.add(Level::Fail, "daemon", text);
+            report.fail("daemon", text);
         }
         Some(why @ (Staleness::DaemonStopped { .. } | Staleness::OtherClock { .. })) => {
-            report.add(Level::Fail, "daemon", format!("process {pid}: {why}"));
+            report.fail("daemon", format!("process {pid}: {why}"));
         }
         _ => {
             let age_ms = now_ns.saturating_sub(header.heartbeat_ns) / 1_000_000;
-            report.add(Level::Ok, "daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago"));
+            report.ok("daemon", format!("process {pid} runs, last heartbeat {age_ms} ms ago"));
         }
     }
     Ok(board)
@@ -78,7 +78,7 @@ pub fn conclude(
         }
         _ => return,
     };
-    report.add(Level::Fail, "names", text);
+    report.fail("names", text);
 }
 
 /// Whether nothing of a daemon's is there.

@@ -65,6 +65,18 @@ impl Report {
         self.0.iter().all(|check| check.level != Level::Fail)
     }
 
+    pub fn ok(&mut self, check: &'static str, text: impl Into<String>) {
+        self.add(Level::Ok, check, text);
+    }
+
+    pub fn warn(&mut self, check: &'static str, text: impl Into<String>) {
+        self.add(Level::Warn, check, text);
+    }
+
+    pub fn fail(&mut self, check: &'static str, text: impl Into<String>) {
+        self.add(Level::Fail, check, text);
+    }
+
     pub fn add(&mut self, level: Level, check: &'static str, text: impl Into<String>) {
         self.0.push(Check::new(level, check, text));
     }

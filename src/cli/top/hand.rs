@@ -77,8 +77,8 @@ impl Hand {
     pub fn new(socket: PathBuf, name: SegmentName) -> Self {
         let ((orders, taken), (tell, told)) = (channel(), channel());
         let daemon = Daemon { socket, name };
-        let (theirs, there) = (daemon.clone(), tell.clone());
-        let thread = std::thread::spawn(move || run(&theirs, &taken, &there));
+        let holder = Holder { daemon: daemon.clone(), orders: taken, tell: tell.clone() };
+        let thread = std::thread::spawn(move || holder.run());
         Self { daemon, orders: Some(orders), tell, told, thread: Some(thread) }
     }
 
@@ -128,20 +128,69 @@ impl Hand {
     }
 }
 
-/// Follows the orders until there can be no more.
-fn run(daemon: &Daemon, orders: &Receiver<Order>, tell: &Sender<Told>) {
-    let mut next = orders.recv().ok();
-    while let Some(order) = next.take() {
-        match order {
-            Order::Arm(motor) => {
-                let told = may_jog(daemon).map_or_else(Told::Refused, |()| Told::Armed(motor));
-                let _ = tell.send(told);
+/// The thread's side of the hand.
+struct Holder {
+    daemon: Daemon,
+    orders: Receiver<Order>,
+    tell: Sender<Told>,
+}
+
+impl Holder {
+    /// Follows the orders until there can be no more.
+    fn run(&self) {
+        let mut next = self.orders.recv().ok();
+        while let Some(order) = next.take() {
+            match order {
+                Order::Arm(motor) => {
+                    self.tell(may_jog(&self.daemon).map_or_else(Told::Refused, |()| Told::Armed(motor)));
+                }
+                Order::Jog { motor, action, until } => next = self.jog(motor, action, until),
+                // The jog is over already.
+                Order::Keep(_) | Order::Stop => {}
             }
-            Order::Jog { motor, action, until } => next = jog(daemon, orders, tell, motor, action, until),
-            // Of a jog that is over already.
-            Order::Keep(_) | Order::Stop => {}
+            next = next.or_else(|| self.orders.recv().ok());
         }
-        next = next.or_else(|| orders.recv().ok());
+    }
+
+    fn tell(&self, told: Told) {
+        // The screen is gone only at the end.
+        let _ = self.tell.send(told);
+    }
+
+    /// Jogs until the keys have been silent for too long. Returns the order that ended the jog, if that asks for more.
+    fn jog(&self, motor: u8, action: PanelAction, mut until: Instant) -> Option<Order> {
+        let begun = self.daemon.connect();
+        let held = match begun.and_then(|connection| HeldJog::begin(connection, action.name(), &[motor])) {
+            Ok(held) => held,
+            Err(error @ (CommandError::Broken { .. } | CommandError::NoAnswer { .. })) => {
+                self.tell(Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))));
+                return None;
+            }
+            Err(error) => {
+                self.tell(Told::Refused(error.to_string()));
+                return None;
+            }
+        };
+        self.tell(Told::Jogs(motor));
+        let mut next = None;
+        while held.is_held() && Instant::now() < until {
+            match self.orders.recv_timeout(ORDERS_WITHIN) {
+                Ok(Order::Keep(further)) => until = until.max(further),
+                Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => break,
+                Ok(other) => {
+                    next = Some(other);
+                    break;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+        self.tell(Told::Stopping(motor));
+        self.tell(match held.stop() {
+            Ok(_) => Told::Stopped(motor),
+            Err(error @ CommandError::Refused(_)) => Told::Fault(error.to_string()),
+            Err(error) => Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))),
+        });
+        next
     }
 }
 
@@ -162,47 +211,4 @@ fn may_jog(daemon: &Daemon) -> Result<(), String> {
         }
         _ => Ok(()),
     }
-}
-
-/// Jogs until the keys have been silent for too long. Returns the order that ended it, if that asks for more.
-fn jog(
-    daemon: &Daemon,
-    orders: &Receiver<Order>,
-    tell: &Sender<Told>,
-    motor: u8,
-    action: PanelAction,
-    mut until: Instant,
-) -> Option<Order> {
-    let begun = daemon.connect().and_then(|connection| HeldJog::begin(connection, action.name(), &[motor]));
-    let held = match begun {
-        Ok(held) => held,
-        Err(error @ (CommandError::Broken { .. } | CommandError::NoAnswer { .. })) => {
-            let _ = tell.send(Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))));
-            return None;
-        }
-        Err(error) => {
-            let _ = tell.send(Told::Refused(error.to_string()));
-            return None;
-        }
-    };
-    let _ = tell.send(Told::Jogs(motor));
-    let mut next = None;
-    while held.is_held() && Instant::now() < until {
-        match orders.recv_timeout(ORDERS_WITHIN) {
-            Ok(Order::Keep(further)) => until = until.max(further),
-            Ok(Order::Stop) | Err(RecvTimeoutError::Disconnected) => break,
-            Ok(other) => {
-                next = Some(other);
-                break;
-            }
-            Err(RecvTimeoutError::Timeout) => {}
-        }
-    }
-    let _ = tell.send(Told::Stopping(motor));
-    let _ = tell.send(match held.stop() {
-        Ok(_) => Told::Stopped(motor),
-        Err(error @ CommandError::Refused(_)) => Told::Fault(error.to_string()),
-        Err(error) => Told::Fault(format!("{error}; {}", may_be_moving(&[motor]))),
-    });
-    next
 }

@@ -156,12 +156,14 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     let settings = ask(&mut connection, number).map_err(not_sent)?;
     let plan = Plan::new(*what, number, (start, size), common.limit, &settings)
         .map_err(|why| not_sent(Failure::Refused(why)))?;
-    if !confirm(&question(wanted, context, number, (start, size), &plan)?, common.yes)? {
+    let tuning = Tuning { wanted, number, start, size, settings, plan };
+    let Tuning { settings, plan, .. } = &tuning;
+    if !confirm(&tuning.question(context)?, common.yes)? {
         return Ok(Verdict::No);
     }
     // Somebody may have set another one since the question.
     let now = ask(&mut connection, number).map_err(not_sent)?;
-    if now != settings {
+    if now != *settings {
         let why = settings.changes(&now, number);
         return Err(not_sent(Failure::Refused(format!("{why} since the question; begin again"))));
     }
@@ -170,20 +172,8 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     let mut lines = connection.lines(options);
     lines.at_end(settings.put_back(number));
     let most = plan.time_s + common.seconds.as_secs_f64();
-    let record = recorder.record(&mut lines, most, &stop, |lines, connection| {
-        run_lines(lines, &plan.lines(number))?;
-        // Somebody may have moved it since the question.
-        let now = watch.standing_at(number).map_err(not_sent)?;
-        if now != start {
-            let why = format!("motor {number} was at {}, and is at {} now", fixed(start, 1), fixed(now, 1));
-            return Err(not_sent(Failure::Refused(why)));
-        }
-        send(connection, number, start + size)?;
-        // The board has planned the whole jog: what changes now is for the next one (Software Reference p. 76), which may be somebody
-        // else's. If it fails, it is done at the end.
-        let _ = run_lines(lines, &settings.put_back(number)[1..]);
-        Ok(())
-    });
+    let record = recorder
+        .record(&mut lines, most, &stop, |lines, connection| tuning.jog(lines, connection, &mut watch));
     let ended = lines.finish();
     let record = record?;
     let mut failed = match ended {
@@ -218,14 +208,7 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     let is_whole =
         |response: &Response| is_seen && (response.size - size).abs() <= END_WITHIN + 0.01 * size.abs();
     let response = record.recording.response(wanted.settles()).filter(is_whole);
-    if context.output.is_json() {
-        context.output.json(&json!({
-            "motor": number, "kind": wanted.kind(), "start": start, "size": size, "limit": plan.limit,
-            "samples": record.recording.times.len(), "lost": record.lost, "response": response, "failed": failed,
-        }))?;
-    } else {
-        print(context, &record, response.as_ref())?;
-    }
+    tuning.print(context, &record, response.as_ref(), &failed)?;
     if let Some(path) = &common.output {
         write(path, &record, &stop)?;
     }
@@ -243,18 +226,82 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     Verdict::without(&failed)
 }
 
-/// Prints the counts, and how the motor answered where that was seen.
-fn print(context: &mut Context, record: &Record, response: Option<&Response>) -> Result<(), Failure> {
-    context.output.line(format_args!("samples={} lost={}", record.recording.times.len(), record.lost))?;
-    for line in response.into_iter().flat_map(said) {
-        context.output.line(line)?;
+/// A move that nothing speaks against.
+struct Tuning<'a> {
+    wanted: &'a WantedMove<'a>,
+    number: u8,
+    /// Where the motor stands, and how far the move goes, in counts.
+    start: f64,
+    size: f64,
+    /// The motor's variables, to be put back.
+    settings: Settings,
+    plan: Plan,
+}
+
+impl Tuning<'_> {
+    fn question(&self, context: &Context) -> Result<String, Failure> {
+        let Self { wanted, number, start, size, plan, .. } = self;
+        let (from, to, board) = (fixed(*start, 1), fixed(start + size, 1), board_of(context)?);
+        let back = if wanted.common.stay { "" } else { " and back" };
+        let [first, rest @ ..] =
+            plan.lines(*number).try_into().unwrap_or([const { String::new() }; moves::SET.len()]);
+        Ok(format!(
+            "Motor {number} of {board} MOVES: a {} from {from} to {to} counts in {} s{back}, with {first} (fatal at {} counts) and {}, \
+             which are put back. Move it?",
+            wanted.kind(),
+            short(plan.time_s),
+            short(plan.limit),
+            rest.join(" ")
+        ))
     }
-    // Of a motor that was killed the board commands where it is: there was no move to a place.
-    if response.is_none() {
-        let most = record.recording.following_error().into_iter().map(f64::abs).fold(0.0, f64::max);
-        context.output.line(format_args!("following error  {} counts at the most", fixed(most, 2)))?;
+
+    /// Sets the jog variables in the sequence `lines`, and jogs the motor over `connection`.
+    fn jog(
+        &self,
+        lines: &mut LineSequence<'_>,
+        connection: &mut Connection,
+        watch: &mut Watch,
+    ) -> Result<(), Failure> {
+        let Self { number, start, size, .. } = *self;
+        run_lines(lines, &self.plan.lines(number))?;
+        // Another client may have moved the motor since the question.
+        let now = watch.standing_at(number).map_err(|failure| failure.at("not sent"))?;
+        if now != start {
+            let why = format!("motor {number} was at {}, and is at {} now", fixed(start, 1), fixed(now, 1));
+            return Err(Failure::Refused(why).at("not sent"));
+        }
+        send(connection, number, start + size)?;
+        // The board has planned the whole jog: a variable that changes now is for the next jog (Software Reference p. 76), which may be
+        // another client's. If this fails, the end of the sequence puts the variables back.
+        let _ = run_lines(lines, &self.settings.put_back(number)[1..]);
+        Ok(())
     }
-    Ok(())
+
+    /// Prints the counts, and the motor's response if the move was seen.
+    fn print(
+        &self,
+        context: &mut Context,
+        record: &Record,
+        response: Option<&Response>,
+        failed: &[String],
+    ) -> Result<(), Failure> {
+        let (samples, lost) = (record.recording.times.len(), record.lost);
+        if context.output.is_json() {
+            let Self { wanted, number, start, size, plan, .. } = self;
+            return Ok(context.output.json(&json!({
+                "motor": number, "kind": wanted.kind(), "start": start, "size": size, "limit": plan.limit,
+                "samples": samples, "lost": lost, "response": response, "failed": failed,
+            }))?);
+        }
+        context.output.line(format_args!("samples={samples} lost={lost}"))?;
+        response.into_iter().flat_map(said).try_for_each(|line| context.output.line(line))?;
+        // A killed motor's commanded position follows the motor: there was no move to a place.
+        if response.is_none() {
+            let most = record.recording.following_error().into_iter().map(f64::abs).fold(0.0, f64::max);
+            context.output.line(format_args!("following error  {} counts at the most", fixed(most, 2)))?;
+        }
+        Ok(())
+    }
 }
 
 /// Says that motor `number` was not brought back to `start`.
@@ -263,27 +310,6 @@ fn is_away(number: u8, start: f64, away: f64) -> String {
     format!(
         "motor {number} stands {away} counts from where it was; pmacctl jog {number} ={start} brings it back"
     )
-}
-
-fn question(
-    wanted: &WantedMove,
-    context: &Context,
-    number: u8,
-    (start, size): (f64, f64),
-    plan: &Plan,
-) -> Result<String, Failure> {
-    let (from, to, board) = (fixed(start, 1), fixed(start + size, 1), board_of(context)?);
-    let back = if wanted.common.stay { "" } else { " and back" };
-    let [first, rest @ ..] =
-        plan.lines(number).try_into().unwrap_or([const { String::new() }; moves::SET.len()]);
-    Ok(format!(
-        "Motor {number} of {board} MOVES: a {} from {from} to {to} counts in {} s{back}, with {first} (fatal at {} counts) and {}, \
-         which are put back. TuneMove it?",
-        wanted.kind(),
-        short(plan.time_s),
-        short(plan.limit),
-        rest.join(" ")
-    ))
 }
 
 /// What the motor's variables are.
