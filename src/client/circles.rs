@@ -1,4 +1,4 @@
-//! Arcs that the board would not make: without segmentation (I13=0, on Turbo boards Isx13=0) it moves along the chord (Software
+//! Arcs that the board replaces by chords: without segmentation (I13=0, on Turbo boards Isx13=0) it moves along the chord (Software
 //! Reference p. 305; Turbo Software Reference p. 98).
 
 use std::fmt::Display;

@@ -1,7 +1,7 @@
-//! What is addressed on the board, and which lines go by it.
+//! The motor and coordinate system that the board has addressed.
 //!
-//! `#n` and `&n` stay in force for later lines, and for everybody's (User Manual p. 29): what one user has addressed another one
-//! changes. A line that names what it is for goes there all the same.
+//! `#n` and `&n` stay in force for later lines of all users (User Manual p. 29): another user may change the address. A
+//! line that names its motor or coordinate system does not depend on the address.
 
 use std::fmt;
 
@@ -13,10 +13,10 @@ pub struct Addressed {
 }
 
 impl Addressed {
-    /// Asks the board; the answer to it is read by [`Addressed::of`].
+    /// The question; [`Addressed::of`] reads the answer.
     pub const QUESTION: &str = "# &";
 
-    /// What the board has answered.
+    /// Reads the answer to [`Addressed::QUESTION`].
     pub fn of(reply: &[String]) -> Option<Self> {
         let [motor, system] = reply else { return None };
         Some(Self { motor: motor.trim().parse().ok()?, system: system.trim().parse().ok()? })

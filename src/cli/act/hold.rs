@@ -1,4 +1,4 @@
-//! `pmacctl jog MOTOR + --hold`: a jog that lasts as long as its command runs, and somebody can see what the motors do.
+//! `pmacctl jog MOTOR + --hold`: a jog that lasts while its command runs and the data show the motors.
 
 use std::io::{self, Read};
 use std::os::fd::AsFd;
@@ -74,7 +74,7 @@ pub fn hold(
     )))
 }
 
-/// What can be seen of the motors during the jog.
+/// The data that show the motors during the jog.
 struct Sight {
     /// `None` where nothing could be seen from the start.
     board: Option<Board>,
@@ -91,7 +91,7 @@ impl Sight {
         Self { board, has_servo: servo.is_some_and(|servo| servo.is_fresh()), blind_since: None }
     }
 
-    /// Why it has not been seen for [`UNSURE_AFTER`] what the motors do, where that is so.
+    /// Why the data have not shown the motors for [`UNSURE_AFTER`]; `None` if they have.
     fn lost(&mut self) -> Option<String> {
         let board = self.board.as_mut()?;
         let snapshot = board.snapshot().ok()?;
@@ -122,7 +122,7 @@ fn stop(held: HeldJog, numbers: &[u8]) -> Result<Verdict, Failure> {
     }
 }
 
-/// What is said while nobody knows that the stop of a held jog was taken.
+/// The warning while pmacd has not confirmed the stop of a held jog.
 pub fn may_be_moving(numbers: &[u8]) -> String {
     format!(
         "motor {} MAY BE MOVING: pmacd did not confirm the stop. A paused pmacd stops it when it goes on, a new one does \

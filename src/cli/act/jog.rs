@@ -1,7 +1,7 @@
 //! `pmacctl jog`: moves motors by hand: to a position, in a direction, or to a stop.
 //!
-//! Directions and stops are keys of the control panel; without a panel they go by command line. A position goes by command line,
-//! which the daemon makes.
+//! Directions and stops are keys of the control panel; without a panel they go by command line. A position goes by command
+//! line, which the daemon makes.
 
 use clap::Args;
 

@@ -117,9 +117,8 @@ impl From<SerialError> for LineError {
     }
 }
 
-/// What whoever sends `line` is told of `open`, which these lines have not opened: its statements went in there; of some
-/// on-line
-/// commands no manual says whether they do.
+/// The note for a user whose `line` met the buffer `open`, which another client opened: the line's statements went in. No
+/// manual says whether some on-line commands do.
 pub fn entered_note(line: &str, open: &OpenBufferInfo) -> String {
     let WhileOpen { enters, acts, may_act, .. } = Meaning::of(line).while_open;
     let shown = without_password(line);

@@ -151,7 +151,8 @@ pub fn run(context: &mut Context, options: &Panel) -> Result<Verdict, Failure> {
     press(context, action, &numbers, wait, confirms)
 }
 
-/// Requests `action`, and waits for its end if that is wanted. Who `confirms` starts what a rotary stream left, too.
+/// Requests `action`, and waits for its end if `wait` says so. A start that `confirms` also runs lines that a rotary stream
+/// left.
 pub fn press(
     context: &mut Context,
     action: PanelAction,
@@ -169,7 +170,7 @@ pub fn press(
     };
     let ready = |mut watch: Watch| {
         match action {
-            // What has been killed is stopped, too.
+            // A killed motor is a stopped motor.
             PanelAction::JogStop => Ok(()),
             action if action.is_for_motors() => watch.check_motors(numbers),
             _ => watch.check_systems(numbers),

@@ -1,4 +1,4 @@
-//! Notices that the board was reset between lines that belong together: what the ones before have set is gone then.
+//! Notices a reset of the board between lines that belong together: the board has forgotten the settings of the earlier lines.
 
 use crate::client::Connection;
 use crate::language::Meaning;
@@ -6,7 +6,7 @@ use crate::language::Meaning;
 /// Lines after which the board is asked again.
 const LINES_BETWEEN: u64 = 64;
 
-/// What the daemon told of resets, and the lines since.
+/// The daemon's count of resets, and the lines since.
 pub struct ResetWatch {
     /// `None` while the board could not be asked, as while a program buffer is open.
     resets: Option<u64>,
@@ -20,7 +20,7 @@ impl ResetWatch {
         Self { resets: connection.check_reset().ok(), lines: 0, asked_at: 0 }
     }
 
-    /// `line` has been sent. What to say if the board was reset.
+    /// The client has sent `line`. Returns the warning if the board was reset.
     pub fn line_sent(&mut self, line: &str, connection: &mut Connection) -> Option<String> {
         self.lines += 1;
         if Meaning::of(line).resets {
@@ -31,7 +31,7 @@ impl ResetWatch {
         if self.lines >= self.asked_at + LINES_BETWEEN { self.look(connection) } else { None }
     }
 
-    /// What to say if the board was reset since the last look.
+    /// The warning if the board was reset since the last look.
     pub fn look(&mut self, connection: &mut Connection) -> Option<String> {
         let first = std::mem::replace(&mut self.asked_at, self.lines) + 1;
         let now = connection.check_reset().ok()?;

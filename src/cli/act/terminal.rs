@@ -4,10 +4,10 @@
 //! the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin, replies
 //! go to stdout, errors and messages to stderr.
 //!
-//! Others use the board, too. A line that goes by the address is sent only while that is what the user knows: what the prompt
-//! shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which these lines have
-//! opened is sent only while that is open: the board would carry it out at once. None enters a buffer that another process has opened, be it
-//! the same user's.
+//! Others use the board, too. A line that goes by the address is sent only while that is what the user knows: what the
+//! prompt shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which these
+//! lines have opened is sent only while that is open: the board would carry it out at once. None enters a buffer that
+//! another process has opened, be it the same user's.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;

@@ -86,8 +86,7 @@ pub enum Command {
     /// Move a motor by hand: to a position or in a direction (role operate), or to a stop (role stop)
     Jog(Jog),
     /// Home motors, run, step, hold and stop programs, and override the feed rate, through the control panel (I2=3). Role
-    /// operate;
-    /// to stop and hold, role stop
+    /// operate; to stop and hold, role stop
     Panel(Panel),
     /// Send a command line (role engineer), or a control character as '^K', and print the reply
     Send(Send),

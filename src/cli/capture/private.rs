@@ -1,8 +1,9 @@
-//! Keeps texts out of a trace that are nobody else's business: command lines can hold programs and passwords, replies listings.
+//! Keeps private texts out of a trace: command lines can hold programs and passwords, replies can hold listings.
 //!
-//! Only questions for variables and identity are shown, with their replies. Of all other lines the words become 0. Lines are known by
-//! the words that the daemon writes before it sets the flag that a line is there, whichever way its text is packed. Where accesses
-//! were dropped, another line may have come between: no text is shown until a new line begins behind the gap.
+//! Only questions for variables and identity are shown, with their replies. Of all other lines the words become 0. Lines
+//! are known by the words that the daemon writes before it sets the flag that a line is there, whichever way its text is
+//! packed. Where accesses were dropped, another line may have come between: no text is shown until a new line begins behind
+//! the gap.
 
 use crate::format::TextOrder;
 use crate::map::functions::response;
@@ -14,7 +15,7 @@ pub const IDENTITY: [&str; 8] = ["TYPE", "VERSION", "DATE", "SIZE", "???", "CPU"
 /// The most accesses that may come before the flag of a line.
 const HELD: usize = 4096;
 
-/// Whether `line` has only what questions for variables and identity have: no text of anybody's can be in it.
+/// Whether `line` consists of questions for variables and identity only, so that no user's text can be in it.
 fn is_question(line: &str) -> bool {
     let line = line.trim().to_ascii_uppercase();
     let is_of_question = |letter: char| letter.is_ascii_digit() || " ,.->IPQM".contains(letter);

@@ -370,8 +370,7 @@ impl<'a> Taking<'a> {
 }
 
 /// What is asked while the bus accesses are traced. The last three show how the board answers a control character, an
-/// error, and a
-/// line in two parts.
+/// error, and a line in two parts.
 fn questions(family: &Family) -> Vec<String> {
     // Those of the processor and of the board's number are a Turbo's.
     let is_of_turbo = |line: &str| matches!(line, "CPU" | "CID" | "VID");

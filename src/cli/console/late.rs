@@ -1,14 +1,14 @@
-//! A warning in good time, while something that stops a machine is still under way.
+//! A warning while pmacd has not yet answered a stop.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use crate::cli::console::note::note;
 
-/// How long `pmacd` may be silent before somebody who wants to stop a machine is told.
+/// How long `pmacd` may leave a stop unanswered before pmacctl warns.
 pub const WARN_AFTER: Duration = Duration::from_secs(1);
 
-/// What whoever wants to stop a machine is told then.
+/// The warning.
 pub const UNANSWERED: &str = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, or ^A \
                               over the serial port";
 

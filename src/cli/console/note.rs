@@ -1,9 +1,9 @@
-//! What is said beside the data.
+//! Messages beside the data.
 
 use std::fmt::Display;
 use std::io::{self, Write};
 
-/// Says `text` on stderr. If that is closed, nobody hears it, and the command goes on.
+/// Prints `text` on stderr. If stderr is closed, the command goes on without the message.
 pub fn note(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
 }

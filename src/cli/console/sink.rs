@@ -148,8 +148,7 @@ enum FileKind {
 
 impl Rows {
     /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. Where it `appends`, a regular file gets
-    /// each row at
-    /// its end, wherever that is by then; the header cannot be rewritten.
+    /// each row at its end, wherever that is by then; the header cannot be rewritten.
     ///
     /// # Errors
     /// [`Failure`], which names the file.
@@ -321,8 +320,8 @@ impl Seek for Rows {
     }
 }
 
-/// Locks `file` for who writes it, as long as it is open. Goes without on a file system that has no locks, and where somebody
-/// who can only read it has locked it.
+/// Locks `file` for this writer until it is closed. A file system without locks, or the lock of a program that only reads
+/// the file, does not keep the writer from it.
 fn claim(file: &File) -> io::Result<()> {
     let lock = fcntl(file, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK)));
     if lock.is_err() && is_in_use(file) {
@@ -331,7 +330,7 @@ fn claim(file: &File) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether another [`Rows`] writes `file`. Only who can write it can lock it so.
+/// Whether another [`Rows`] writes `file`. Only a program that may write the file can lock it so.
 pub fn is_in_use(file: &File) -> bool {
     let mut lock = lock_of(libc::F_RDLCK);
     fcntl(file, FcntlArg::F_OFD_GETLK(&mut lock)).is_ok() && libc::c_int::from(lock.l_type) != libc::F_UNLCK

@@ -1,5 +1,5 @@
-//! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without names and
-//! paths of the user's.
+//! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without
+//! names and paths of the user's.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -28,8 +28,7 @@ const INSIDE: &str = "pmac-report";
 const USERS: [&str; 2] = ["owner_uid", "uid"];
 
 /// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it. Whether nothing
-/// has cut
-/// the capture short.
+/// has cut the capture short.
 pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool, Failure> {
     let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
     let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;

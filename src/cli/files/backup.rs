@@ -345,8 +345,7 @@ impl<'a> Report<'a> {
     }
 
     /// Takes note of the reset that the end of the sequence tells of, at the line where it was noticed; `first` is the
-    /// number of
-    /// the first of `lines` in the sequence. Whether there was one.
+    /// number of the first of `lines` in the sequence. Whether there was one.
     fn reset(
         &mut self,
         over: &RunLinesReply,

@@ -1,8 +1,8 @@
 //! `pmacctl download`: program and command files, line by line, with errors told by file and line.
 //!
-//! The daemon runs the lines as one sequence. Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that an error,
-//! an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer that
-//! somebody else has open is left alone: nothing is sent then.
+//! The daemon runs the lines as one sequence. Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that an
+//! error, an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer
+//! that somebody else has open is left alone: nothing is sent then.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

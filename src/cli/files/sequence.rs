@@ -1,4 +1,4 @@
-//! What `backup`, `diff` and `restore` ask the board, in one sequence that the daemon runs.
+//! Questions of `backup`, `diff` and `restore` to the board, in one sequence that the daemon runs.
 
 use std::time::Duration;
 
@@ -16,13 +16,13 @@ pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool
     connection.lines(LinesOptions { kind, timeout: LINE_WITHIN, keep_going })
 }
 
-/// What is said of lines that were not all taken: how many were, and what the sequence leaves on the board.
+/// The summary when the board did not take all lines: how many it took, and the daemon's notes on what stays on the board.
 pub fn left(taken: u64, lines: usize, notes: &[String]) -> String {
     let notes = notes.iter().map(|note| format!("; {note}")).collect::<String>();
     format!("the board took {taken} of {lines} lines{notes}")
 }
 
-/// What the board answers to each of `lines`.
+/// The board's answer to each of `lines`.
 ///
 /// # Errors
 /// When it refuses one, or cannot be asked.
@@ -31,7 +31,7 @@ pub fn ask(sequence: &mut LineSequence<'_>, lines: &[&str]) -> Result<Vec<Vec<St
     Ok(replies.into_iter().flatten().collect())
 }
 
-/// What the board answers to each of `lines`, or why it refuses that one. The sequence must go on after such a line.
+/// The board's answer to each of `lines`, or why the board refuses the line. The sequence must go on after a refused line.
 ///
 /// # Errors
 /// When it cannot be asked.
@@ -42,7 +42,7 @@ pub fn try_ask(
     answers(sequence, lines, |failure| failure.outcome == LineOutcome::Refused)
 }
 
-/// What becomes of each of `lines`, up to a failure that is not `passed`.
+/// The outcome of each of `lines`, up to a failure that is not `passed`.
 fn answers<L: AsRef<str>>(
     sequence: &mut LineSequence<'_>,
     lines: &[L],

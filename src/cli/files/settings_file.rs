@@ -1,10 +1,10 @@
 //! What a board is set to, as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), axis definitions
 //! (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
 //!
-//! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses one for the following
-//! lines; the default is `&1`.
-//! Everything stays as the board lists it (I9 chooses hex for addresses, and short or long words), and is compared by what it
-//! means. A listing has fewer digits than the register, so equal listings count as equal values.
+//! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses one for the
+//! following lines; the default is `&1`. Everything stays as the board lists it (I9 chooses hex for addresses, and short or
+//! long words), and is compared by what it means. A listing has fewer digits than the register, so equal listings count as
+//! equal values.
 
 use std::collections::BTreeMap;
 use std::fmt;

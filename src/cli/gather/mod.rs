@@ -156,22 +156,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
         return Err(failure);
     }
     let lost = next - samples;
-    let capacity = u64::from(plan.buffer_longs / plan.sample_longs);
-    let asked = match (gather.wanted(options.seconds), options.once) {
-        (Some(wanted), true) => Some(wanted.min(capacity)),
-        (None, true) if options.seconds.is_none() => Some(capacity),
-        (wanted, _) => wanted,
-    };
-    let cut_short = stop.came() && (options.seconds.is_some() || options.once);
-    let less = match asked {
-        Some(asked) if next < asked && cut_short => {
-            Some(format!("interrupted: {next} of {asked} samples came"))
-        }
-        Some(asked) if next < asked => Some(format!("gathering ended early: {next} of {asked} samples came")),
-        None if cut_short => Some("interrupted".to_owned()),
-        _ if lost > 0 => Some(format!("{lost} samples were overwritten before they could be read")),
-        _ => None,
-    };
+    let less = gather.falls_short(options, stop.came());
     let span = clock.at(next);
     let unit = if clock.servo_period_ns.is_some() { "seconds" } else { "servo_cycles" };
     if context.output.is_json() && !is_stdout {
@@ -283,6 +268,30 @@ impl Gathering<'_> {
     fn wanted(&self, seconds: Option<Duration>) -> Option<u64> {
         let period_ns = self.clock.servo_period_ns? * f64::from(self.plan.period);
         Some((seconds?.as_nanos() as f64 / period_ns).round() as u64)
+    }
+
+    /// Why fewer samples came than `options` ask for, or not all are in the file.
+    fn falls_short(&self, options: &Gather, interrupted: bool) -> Option<String> {
+        let (next, capacity) =
+            (self.samples_of.next(), u64::from(self.plan.buffer_longs / self.plan.sample_longs));
+        let lost = next - self.samples;
+        let asked = match (self.wanted(options.seconds), options.once) {
+            (Some(wanted), true) => Some(wanted.min(capacity)),
+            (None, true) if options.seconds.is_none() => Some(capacity),
+            (wanted, _) => wanted,
+        };
+        let cut_short = interrupted && (options.seconds.is_some() || options.once);
+        match asked {
+            Some(asked) if next < asked && cut_short => {
+                Some(format!("interrupted: {next} of {asked} samples came"))
+            }
+            Some(asked) if next < asked => {
+                Some(format!("gathering ended early: {next} of {asked} samples came"))
+            }
+            None if cut_short => Some("interrupted".to_owned()),
+            _ if lost > 0 => Some(format!("{lost} samples were overwritten before they could be read")),
+            _ => None,
+        }
     }
 
     /// Takes samples until there are enough, somebody interrupts, or the gather has ended.

@@ -326,8 +326,7 @@ impl Files {
     }
 
     /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it
-    /// becomes.
-    /// A file that another log writes or has just made stays, and so does one that cannot be looked into.
+    /// becomes. A file that another log writes or has just made stays, and so does one that cannot be looked into.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };

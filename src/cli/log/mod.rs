@@ -258,8 +258,7 @@ impl Logging<'_> {
 }
 
 /// Whether the board has still to tell the servo period, or the scale of one of `motors`, which are all where none is
-/// named. A scale
-/// of 0 is told.
+/// named. A scale of 0 is told.
 fn lacks_scales(identity: &Identity, motors: &[u8]) -> bool {
     let reported = identity.motor_mask.unwrap_or_default();
     let is_logged =

@@ -1,4 +1,4 @@
-//! What stands in a row: which update, when, what is missing before the next, and the motors' values.
+//! The columns of a row: number and time of the update, missing updates before the next, and the motors' values.
 
 use std::ops::Range;
 
@@ -168,8 +168,7 @@ impl LogRows {
     }
 
     /// By the board's servo timer. Over a pause, where that may begin anew, the host's clock says how long it has been
-    /// since the
-    /// update before.
+    /// since the update before.
     fn time(&mut self, update: &View<ServoData>) -> f64 {
         let View { servo_timer, time_ns, .. } = *update;
         if let Some((last_ns, last)) = self.last

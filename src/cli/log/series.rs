@@ -27,8 +27,8 @@ pub(super) fn place(path: &Path, number: u64) -> PathBuf {
 }
 
 /// The files of the series `path` that are one's own: number, path, and the bytes that it takes. Where others may create
-/// files, too,
-/// theirs neither count nor go, and give no number; nor does a second name of one's own file, which others may have given it.
+/// files, too, theirs neither count nor go, and give no number; nor does a second name of one's own file, which others may
+/// have given it.
 pub(super) fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let number = |name: &OsStr| {

@@ -1,4 +1,4 @@
-//! What a log waits for, and what it says meanwhile.
+//! The waits of a log, and its messages meanwhile.
 
 use std::time::{Duration, Instant};
 
@@ -6,10 +6,10 @@ use crate::cli::console::note;
 use crate::cli::show::motors::reason;
 use crate::client::{Board, Staleness};
 
-/// After so long without what it waits for, it says so.
+/// The log says after this time that it waits.
 pub const SAY_AFTER: Duration = Duration::from_secs(2);
 
-/// Something to wait for, which is said once when it takes long.
+/// A wait that the log tells once when it takes long.
 #[derive(Default)]
 pub struct LongWait {
     since: Option<Instant>,
@@ -17,7 +17,7 @@ pub struct LongWait {
 }
 
 impl LongWait {
-    /// It has not come yet: says `text` where that has been so for `silent`. Returns for how long it has.
+    /// The wait goes on: says `text` once it has lasted `silent`. Returns how long it has lasted.
     pub fn go_on(&mut self, silent: Duration, text: impl FnOnce() -> String) -> Duration {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         if waited >= silent && !std::mem::replace(&mut self.said, true) {
@@ -26,7 +26,7 @@ impl LongWait {
         waited
     }
 
-    /// Whether there was anything to wait for.
+    /// Whether the log has waited.
     pub fn has_begun(&self) -> bool {
         self.since.is_some()
     }

@@ -1,5 +1,5 @@
-//! A figure: panels one below the other over one horizontal axis, each with an axis of its own, and where everything lies on the
-//! page.
+//! A figure: panels one below the other over one horizontal axis, each with an axis of its own, and where everything lies
+//! on the page.
 
 use super::letters::width;
 use super::scale::Scale;
@@ -85,8 +85,7 @@ const COLORS: [Color; 8] = [
 type TraceLook = (Color, bool);
 
 /// How the traces of `panel` look. Those of one motor have one colour in every panel, the second of them dashes; where all
-/// are one
-/// motor's, each has its own colour.
+/// are one motor's, each has its own colour.
 fn looks(panel: &Panel, owners: &[&str]) -> Vec<TraceLook> {
     let own = |index: usize, trace: &Trace| match owners.iter().position(|owner| *owner == trace.owner()) {
         Some(place) if owners.len() > 1 => {

@@ -1,5 +1,5 @@
-//! From a column of values to lines on the page: broken where values are missing, and of a million points only as many as can be
-//! seen.
+//! From a column of values to lines on the page: broken where values are missing, and of a million points only as many as
+//! can be seen.
 
 /// Points of one line, and places of values that stand alone.
 #[derive(Debug, Default, PartialEq)]

@@ -1,7 +1,8 @@
 //! `pmacctl rotary check`: sends a few program lines as binary commands, has the board list them, and compares.
 //!
-//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual's drawing has the code of ABS, INC and FRAX in two
-//! places, and a board of the other one would take an INC for an ABS and move elsewhere. What it lists is what it would do.
+//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual's drawing has the code of ABS, INC
+//! and FRAX in two places, and a board of the other one would take an INC for an ABS and move elsewhere. What it lists is
+//! what it would do.
 
 use std::time::{Duration, Instant};
 
@@ -52,7 +53,7 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
     let family = Context::family(None, &mut board)?;
     check_system(options.cs, family)?;
     let told = options.format.over(&board.settings()?.rotary_format().of(family))?;
-    // What nobody has told is tried.
+    // Try a reading that the configuration leaves open.
     let settings =
         Settings { rotary_code2: told.rotary_code2.or(Some(RotaryCode2::ALL[0].0)), ..told.clone() };
     let (name, mut program) = match &options.file {
@@ -152,7 +153,7 @@ fn feed(
     Ok(stopped)
 }
 
-/// What the board has in its rotary buffer, which is empty after this.
+/// Lists the board's rotary buffer, and empties it.
 fn list_and_remove(board: &mut Connection, cs: u8) -> Result<Vec<String>, Failure> {
     let mut line = |line: &str| {
         let reply = board.send(line, LINE_PATIENCE);
@@ -192,7 +193,7 @@ fn differences(name: &str, program: &Program, listing: &[String], settings: &Set
     differs.collect()
 }
 
-/// What would make the board list what it lists.
+/// The setting that explains the board's listing.
 fn advice(program: &Program, listing: &[String], settings: &Settings) -> String {
     let listed = words(&listing.join("\n"), settings);
     let sent: Vec<_> = program.words().collect();
@@ -209,7 +210,7 @@ fn advice(program: &Program, listing: &[String], settings: &Settings) -> String 
     }
 }
 
-/// What the board has shown.
+/// The setting that the board has shown.
 fn found(name: &str) -> String {
     format!(
         "the board reads ABS, INC and FRAX by rotary_code2 = {name:?}: write it under [readings] in pmacd's configuration"

@@ -1,6 +1,7 @@
 //! `pmacctl rotary stream`: feeds a motion program to the board through a binary rotary buffer, until the board has all.
 //!
-//! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far they are.
+//! The daemon sets the buffer up, watches the program and ends the stream. This module sends the lines, and shows how far
+//! they are.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! What others do on the board, or have changed there, as sentences.
+//! Activity and changes by other hosts on the board, as sentences.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

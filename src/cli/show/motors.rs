@@ -72,7 +72,7 @@ pub fn motors(snapshot: &Snapshot) -> Vec<Motor<'_>> {
     Motor::all(&servo.data, background, &snapshot.identity, family)
 }
 
-/// Those that are shown: the activated ones.
+/// The activated motors: commands show no others.
 pub fn shown(snapshot: &Snapshot) -> Vec<Motor<'_>> {
     Motor::activated(motors(snapshot))
 }
@@ -100,7 +100,7 @@ pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
 /// Columns that a narrow screen can do without, first those that are missed least.
 const SPARE: [&str; 6] = ["target", "commanded", "velocity", "following error", "name", "position"];
 
-/// Why data are not live, as a sentence: of a replay that is over, which only the daemon knows, that it is.
+/// Why data are not live, as a sentence. Only the daemon knows that a replay is over.
 pub fn reason(board: &mut Board, stale: Staleness) -> String {
     // Else the daemon may not answer.
     let may_be_over = matches!(stale, Staleness::BoardSilent | Staleness::NoUpdates { .. } | Staleness::Off);
@@ -126,7 +126,7 @@ pub fn table(motors: &[Motor<'_>]) -> Table {
             motor.flags().join(" "),
         ]);
     }
-    // What the family reports of no motor; what is merely not read stays, as such.
+    // Drop columns that the family reports for no motor. A column that pmacd only does not read stays.
     if let Some(motor) = motors.first() {
         let columns = [
             ("commanded", "commanded_position"),

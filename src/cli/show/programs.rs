@@ -1,4 +1,4 @@
-//! What the coordinate systems run, as the background report tells: whoever started it, and before which `pmacd`.
+//! The programs that run, by the background report: whichever client or earlier `pmacd` started them.
 
 use serde_json::{Value, json};
 
@@ -19,7 +19,8 @@ pub fn documents(data: Option<&BackgroundData>) -> Vec<Value> {
     documents.collect()
 }
 
-/// Which programs run, and what ends them; `None` if no fresh report tells of one. For whoever was refused because one runs.
+/// Which programs run, and how to end them; `None` if no fresh report tells of a program. For a user whose line the board
+/// refused because a program runs.
 pub fn what_runs(board: &mut Board) -> Option<String> {
     let background = board.snapshot().ok()?.background.filter(View::is_fresh)?;
     let documents = documents(Some(&background.data));

@@ -1,4 +1,5 @@
-//! The thread that asks the daemon for what the segment does not tell, so that a daemon that is silent does not stop the screen.
+//! The thread that asks the daemon for what the segment does not tell, so that a daemon that is silent does not stop the
+//! screen.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};

@@ -53,8 +53,7 @@ pub struct Top {
 }
 
 /// The longest time between two pictures, whatever `--rate` says: in less the daemon's ring of updates is never overrun,
-/// and a stop
-/// that nobody confirms is said in time.
+/// and a stop that nobody confirms is said in time.
 const SLOWEST: Duration = Duration::from_millis(400);
 /// The shortest time between two pictures while keys are pressed.
 const KEYS: Duration = Duration::from_millis(30);

@@ -80,8 +80,7 @@ impl ScreenState {
     }
 
     /// A picture has been read, with these motors and so many coordinate systems. Where it is not `live`, nobody can see
-    /// what a motor
-    /// does.
+    /// what a motor does.
     pub fn saw(&mut self, motors: Vec<usize>, systems: usize, live: bool) -> Vec<Effect> {
         self.motors = motors;
         self.systems = systems;

@@ -110,8 +110,7 @@ impl Trace {
     }
 
     /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the
-    /// largest of
-    /// all, or of a count where that is less.
+    /// largest of all, or of a count where that is less.
     pub fn small(&self, columns: usize, now: Instant) -> String {
         let part = WINDOW.as_secs_f64() / columns as f64;
         let most = self.peak().unwrap_or_default().max(1.0);

@@ -1,8 +1,9 @@
-//! The moves by which a motor is tuned, as jogs: what the motor's jog variables are set to for each, and what speaks against it.
+//! The moves by which a motor is tuned, as jogs: what the motor's jog variables are set to for each, and what speaks
+//! against it.
 //!
-//! A jog takes Ix20 ms, or 2*Ix21 if that is more, to come to its speed Ix22, of which Ix21 at both ends are S-curve; Ix19 bounds
-//! the acceleration. Ix20=1 with Ix21=0 is the shortest (Software Reference pp. 75-76). A jog needs no axis, no program and no
-//! coordinate system of the site's.
+//! A jog takes Ix20 ms, or 2*Ix21 if that is more, to come to its speed Ix22, of which Ix21 at both ends are S-curve; Ix19
+//! bounds the acceleration. Ix20=1 with Ix21=0 is the shortest (Software Reference pp. 75-76). A jog needs no axis, no
+//! program and no coordinate system of the site's.
 
 use crate::map::IVariables;
 

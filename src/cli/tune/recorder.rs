@@ -79,8 +79,7 @@ impl Recorder {
     }
 
     /// Has `jog` move the motor once the board gathers, and records until so many seconds after the beginning of the
-    /// motion. Meanwhile
-    /// the sequence `lines` is kept.
+    /// motion. Meanwhile the sequence `lines` is kept.
     ///
     /// # Errors
     /// What `jog` returns, or [`Failure`] if the board does not gather. What goes wrong later is told in the record.

@@ -2,9 +2,9 @@
 //!
 //! It only looks. ^C and the time limit end the wait, never the motion.
 //!
-//! A report may be older than the request: PMAC copies its registers into the DPRAM when it comes to that. So nothing is believed
-//! before two reports of each kind have come after the board took the request. Every servo sample since then is looked at,
-//! so no move is too short to be seen. Delays are measured by the reports' time stamps.
+//! A report may be older than the request: PMAC copies its registers into the DPRAM when it comes to that. So nothing is
+//! believed before two reports of each kind have come after the board took the request. Every servo sample since then is
+//! looked at, so no move is too short to be seen. Delays are measured by the reports' time stamps.
 
 mod motors;
 mod stops;

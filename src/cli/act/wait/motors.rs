@@ -95,8 +95,8 @@ impl Watch {
     }
 
     /// How many counts motor `number` stands from `start`, where it stood before it was sent to `target`. `None` where it
-    /// moves or
-    /// its loop is open, or where its positions may count from another place since: that of a home search, or of a reset.
+    /// moves or its loop is open, or where its positions may count from another place since: that of a home search, or of a
+    /// reset.
     pub fn away_from(&mut self, number: u8, start: f64, target: f64) -> Option<f64> {
         self.follow().ok()?;
         let subscriber = self.board.subscriber();
@@ -186,7 +186,7 @@ pub(super) fn stands(motor: &Motor<'_>) -> bool {
     is(STANDS_STILL) && is("in_position") && !MOVES.iter().any(|flag| is(flag))
 }
 
-/// What has ended its motion for good.
+/// The fault that has ended its motion for good.
 pub(super) fn fault(motor: &Motor<'_>) -> Option<&'static str> {
     let mut faults = MOTOR_FAULTS.iter();
     let why = faults.find(|(flag, _)| motor.has(flag) == Some(true)).map(|(_, why)| *why);
@@ -210,7 +210,7 @@ fn commanded(motor: &Motor<'_>) -> Option<f64> {
     }
 }
 
-/// What has become of a motor that stands in position.
+/// Whether a motor that stands in position has reached its goal.
 fn judge(motor: &Motor<'_>, goal: Goal, look: &Observed<'_>, stood: Duration) -> Progress {
     let number = motor.servo.motor;
     let seen = look.seen.get(number - 1).copied().unwrap_or_default();

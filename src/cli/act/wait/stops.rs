@@ -1,4 +1,4 @@
-//! What others send that ends a motion which is waited for: the daemon tells, the board's reports do not say who.
+//! Stops by other clients that end the awaited motion. The daemon tells of them; the board's reports name nobody.
 
 use std::time::{Duration, Instant};
 
@@ -43,20 +43,20 @@ impl Stops {
         self.since.extend(new);
     }
 
-    /// The last one that `concerns` what is waited for.
+    /// The last stop that `concerns` the awaited motion.
     pub fn last(&self, concerns: impl Fn(&SentStop) -> bool) -> Option<&SentStop> {
         self.since.iter().rev().find(|stop| concerns(stop))
     }
 }
 
-/// Whether what somebody has sent stops motor `number`, by itself or as its coordinate system's, or sends it elsewhere.
+/// Whether `stop` stops motor `number`, by itself or through its coordinate system, or sends the motor elsewhere.
 pub fn stops_motor(number: u8, stop: &SentStop, snapshot: &Snapshot) -> bool {
     let system = system_of(number.into(), snapshot);
     stop.motors.contains(&number.into())
         || stop.coordinate_systems.iter().any(|stopped| Some(*stopped as usize) == system)
 }
 
-/// Whether what somebody has sent ends the program of coordinate system `number`.
+/// Whether `stop` ends the program of coordinate system `number`.
 pub fn ends_program(number: u8, stop: &SentStop, _: &Snapshot) -> bool {
     stop.coordinate_systems.contains(&number.into())
 }

@@ -19,8 +19,7 @@ const TRACE: u16 = 14;
 
 impl Rooms {
     /// Shares `rows` out among parts that would like so many of them. The motors come first, of many rows they take less
-    /// than half;
-    /// then the watches, the health, the coordinate systems and the trace.
+    /// than half; then the watches, the health, the coordinate systems and the trace.
     pub fn share(rows: u16, like: Self) -> Self {
         let mut left = rows;
         let mut take = |wanted: u16, least: u16| {
