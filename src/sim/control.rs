@@ -5,7 +5,8 @@ use serde::Serialize;
 
 use crate::map::HostOffset;
 use crate::sim::board::motor::Inputs;
-use crate::sim::program::message::{Outlet, send_message};
+use crate::sim::program::item::Message;
+use crate::sim::program::message::{Outlet, send};
 use crate::sim::world::World;
 
 /// The most cycles of one `step`.
@@ -141,7 +142,7 @@ pub static COMMANDS: &[Command] = &[
         form: "send TEXT",
         effect: "acts as SEND\"TEXT\" of a program",
         carry_out: |call| {
-            send_message(&mut call.world.board, call.rest, Outlet::Active);
+            send(&mut call.world.board, &Message::Text(call.rest.into()), Outlet::Active);
             done(Ok(()))
         },
     },

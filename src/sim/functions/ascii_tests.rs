@@ -2,7 +2,8 @@
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::turbo;
-use crate::sim::program::message::{Outlet, send_message};
+use crate::sim::program::item::Message;
+use crate::sim::program::message::{Outlet, send};
 use crate::sim::testing::Bench;
 
 fn ack() -> (u16, String) {
@@ -93,7 +94,7 @@ fn messages_that_no_host_fetches_are_lost_and_told() {
     bench.world.board.dpram_becomes_active();
     let kept = 4096;
     for _ in 0..3 * kept {
-        send_message(&mut bench.world.board, "hello", Outlet::Active);
+        send(&mut bench.world.board, &Message::Text("hello".into()), Outlet::Active);
     }
     bench.run(10);
     let output = &bench.world.board.output;

@@ -74,7 +74,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Takes the longest keyword of `tables` at this place.
-    pub fn keyword<T: Copy>(&mut self, tables: &[&[(&str, T)]]) -> Option<T> {
+    pub fn keyword<T: Clone>(&mut self, tables: &[&[(&str, T)]]) -> Option<T> {
         self.peek();
         let here = &self.text[self.at..];
         let (text, meaning) = tables
@@ -85,7 +85,7 @@ impl<'a> Scanner<'a> {
             })
             .max_by_key(|(text, _)| text.len())?;
         self.at += text.len();
-        Some(*meaning)
+        Some(meaning.clone())
     }
 
     /// The rest of the line, as typed; moves the scanner to the end.

@@ -4,11 +4,14 @@
 //! here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, axes at their bits in the
 //! first `??` word.
 
+use crate::map::Generation;
 use crate::map::readings::RotaryCode2;
 use crate::rotary::codes::{self, CODES, Code, Shape};
 use crate::sim::board::axes::AxisMode;
 use crate::sim::board::variables::VariableKind;
-use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, PlcSwitch, Time, Transform};
+use crate::sim::language::scanner::Scanner;
+use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator, PlcSwitch};
+use crate::sim::program::words::{self, Keyword};
 
 /// Two words that are no command, or a mark without an axis before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -79,19 +82,7 @@ fn item(code: &Code, word: u32, data: u32, home_motors: u16) -> Option<Item> {
             let value = Data::Constant(mantissa * 2f64.powi((word & 0x3F) as i32 - BIAS - 35));
             letter(code1, value)?
         }
-        Shape::Data { .. } => {
-            let value = Data::Constant(short(word, data));
-            match code.name {
-                "TA" => Item::Time(Time::Acceleration, value),
-                "TS" => Item::Time(Time::SCurve, value),
-                "TM" => Item::Time(Time::Move, value),
-                "PVT" => Item::Pvt(value),
-                "DWELL" => Item::Dwell(value),
-                "DELAY" => Item::Delay(value),
-                "CCR" => Item::CutterRadius(value),
-                _ => return None,
-            }
-        }
+        Shape::Data { .. } => statement(code.name, Some(Data::Constant(short(word, data))))?,
         Shape::Assignment { variable, operator, .. } => {
             let operator = match operator {
                 codes::Operator::Assign => Operator::Assign,
@@ -120,25 +111,10 @@ fn item(code: &Code, word: u32, data: u32, home_motors: u16) -> Option<Item> {
                 ("SPLINE", 1) => Item::Mode(Mode::Spline1),
                 ("SPLINE", 2) => Item::Mode(Mode::Spline2),
                 ("CC", 0..=2) => Item::CutterCompensation(count as u8),
-                ("TSELECT", _) => Item::Select(number),
-                ("ADIS", _) => Item::Transform(Transform::AbsoluteDisplacement, number),
-                ("AROT", _) => Item::Transform(Transform::AbsoluteRotation, number),
-                ("IDIS", _) => Item::Transform(Transform::IncrementalDisplacement, number),
-                ("IROT", _) => Item::Transform(Transform::IncrementalRotation, number),
-                _ => return None,
+                (name, _) => statement(name, Some(number))?,
             }
         }
-        Shape::Bare { .. } => match code.name {
-            "LINEAR" => Item::Mode(Mode::Linear),
-            "RAPID" => Item::Mode(Mode::Rapid),
-            "NORMAL" => Item::Normal,
-            "PSET" => Item::Pset,
-            "STOP" => Item::Stop,
-            "BLOCKSTART" => Item::BlockStart,
-            "BLOCKSTOP" => Item::BlockStop,
-            "TINIT" => Item::Identity,
-            _ => return None,
-        },
+        Shape::Bare { .. } => statement(code.name, None)?,
         Shape::Axes { code2, vectors } => {
             let (mode, lowest) = match code2 {
                 0 => (AxisMode::Absolute, 6),
@@ -172,19 +148,23 @@ fn item(code: &Code, word: u32, data: u32, home_motors: u16) -> Option<Item> {
     })
 }
 
+/// The statement of a word, with a number or alone.
+fn statement(name: &str, number: Option<Data>) -> Option<Item> {
+    match (Scanner::new(name.as_bytes()).keyword(words::tables(Generation::Pmac))?, number) {
+        (Keyword::Alone(item), None) => Some(item),
+        (Keyword::Number(item), Some(number)) => Some(item(number)),
+        _ => None,
+    }
+}
+
 fn letter(code1: u8, value: Data) -> Option<Item> {
     if code1 == codes::CALL {
         return Some(Item::Call(value));
     }
     let letter = b'A' + code1.checked_sub(1)?;
-    Some(match letter {
-        b'F' => Item::Feedrate(value),
-        b'I'..=b'K' => Item::Vector(usize::from(letter - b'I'), value),
-        b'G' | b'M' | b'T' | b'D' => Item::Code(letter, value),
-        _ => match AXES.iter().position(|&axis| axis == letter) {
-            Some(axis) => Item::Axis(axis, value, None),
-            None => Item::Letter(letter, value),
-        },
+    Some(match AXES.iter().position(|&axis| axis == letter) {
+        Some(axis) => Item::Axis(axis, value, None),
+        None => Item::Letter(letter, value),
     })
 }
 

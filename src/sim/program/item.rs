@@ -139,17 +139,6 @@ pub enum PlcSwitch {
 }
 
 impl PlcSwitch {
-    /// Its word, long and short.
-    #[must_use]
-    pub const fn words(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Enable => ("ENABLE", "ENA"),
-            Self::Disable => ("DISABLE", "DIS"),
-            Self::Pause => ("PAUSE", "PAU"),
-            Self::Resume => ("RESUME", "RES"),
-        }
-    }
-
     /// Whether PMAC has it, too.
     #[must_use]
     pub const fn is_of_every_board(self) -> bool {
@@ -166,15 +155,13 @@ pub enum Joint {
     Or,
 }
 
-impl Joint {
-    /// Its word.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::And => "AND",
-            Self::Or => "OR",
-        }
-    }
+/// The operand of `CMD` and `SEND`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Message {
+    /// `"text"`.
+    Text(Box<str>),
+    /// `^x`: the character's code.
+    Character(u8),
 }
 
 /// One command of a program.
@@ -186,12 +173,8 @@ pub enum Item {
     Pvt(Data),
     /// An axis (index into [`AXES`]) and its position or distance.
     Axis(usize, Data, Option<(Mark, Data)>),
-    /// `I`, `J`, `K` (0 to 2).
-    Vector(usize, Data),
-    /// Another letter with a number: `R S E H L P Q`.
+    /// Another letter with a number.
     Letter(u8, Data),
-    /// `F`.
-    Feedrate(Data),
     /// `TA`, `TS`, `TM`.
     Time(Time, Data),
     /// `DWELL`.
@@ -200,8 +183,6 @@ pub enum Item {
     Delay(Data),
     /// `CALL`.
     Call(Data),
-    /// `G`, `M`, `T`, `D`: a call to program 1000 and following.
-    Code(u8, Data),
     /// `GOTO`.
     Goto(Data),
     /// `GOSUB`.
@@ -261,14 +242,10 @@ pub enum Item {
     EndWhile,
     /// `READ` and its letters.
     Read(Box<[u8]>),
-    /// `CMD"text"`, and the letter of the port that its answer goes to.
-    Command(Option<u8>, Box<str>),
-    /// `CMD^x`: the letter of the port that its answer goes to, and the character's code.
-    CommandCharacter(Option<u8>, u8),
-    /// `SEND"text"`, and the letter of its port.
-    Send(Option<u8>, Box<str>),
-    /// `SEND^x`: the letter of its port, and the character's code.
-    SendCharacter(Option<u8>, u8),
+    /// `CMD`, and the letter of the port that its answer goes to.
+    Command(Option<u8>, Message),
+    /// `SEND`, and the letter of its port.
+    Send(Option<u8>, Message),
     /// `DISPLAY` and its text.
     Display(Box<str>),
     /// `ADDRESS#m&n`, 0-based.
@@ -289,26 +266,33 @@ impl Item {
             Self::Axis(_, position, mark) => {
                 position.words() + mark.as_ref().map_or(0, |(_, value)| 1 + value.words())
             }
-            Self::Pvt(data)
-            | Self::Vector(_, data)
-            | Self::Letter(_, data)
-            | Self::Feedrate(data)
-            | Self::Time(_, data)
-            | Self::Dwell(data)
-            | Self::Delay(data)
-            | Self::Call(data)
-            | Self::Code(_, data)
-            | Self::Goto(data)
-            | Self::Gosub(data)
-            | Self::CutterRadius(data)
-            | Self::Select(data)
-            | Self::Transform(_, data) => data.words(),
             Self::Assign(_, number, _, value) => number.words() + value.words(),
             Self::If(text) | Self::While(text) | Self::Also(_, text) => {
                 Data::Expression(text.clone()).words()
             }
-            Self::Command(_, text) | Self::Send(_, text) | Self::Display(text) => text.len().div_ceil(6),
-            _ => 0,
+            Self::Command(_, Message::Text(text))
+            | Self::Send(_, Message::Text(text))
+            | Self::Display(text) => text.len().div_ceil(6),
+            _ => self.number().map_or(0, Data::words),
+        }
+    }
+
+    /// The number of a statement that has one number and nothing else behind its word.
+    #[must_use]
+    pub fn number(&self) -> Option<&Data> {
+        match self {
+            Self::Pvt(data)
+            | Self::Letter(_, data)
+            | Self::Time(_, data)
+            | Self::Dwell(data)
+            | Self::Delay(data)
+            | Self::Call(data)
+            | Self::Goto(data)
+            | Self::Gosub(data)
+            | Self::CutterRadius(data)
+            | Self::Select(data)
+            | Self::Transform(_, data) => Some(data),
+            _ => None,
         }
     }
 }

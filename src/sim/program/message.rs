@@ -8,6 +8,7 @@ use crate::map::Generation;
 use crate::map::functions::response;
 use crate::sim::board::Board;
 use crate::sim::board::output::Port;
+use crate::sim::program::item::Message;
 
 /// The tag before an unsolicited line, and in place of the `<BELL>` of a program's error, with I64=1 (Turbo Software
 /// Reference p. 67).
@@ -58,24 +59,19 @@ impl Outlet {
     }
 }
 
-/// `SEND"text"`, from a program or the control socket.
-pub fn send_message(board: &mut Board, text: &str, outlet: Outlet) {
-    let line = unasked_line(board, text, board.variables.i(62) == 1.0);
-    send(board, text.as_bytes(), &line, outlet);
-}
-
-/// `SEND^x`: the bare character (Turbo Software Reference p. 471).
-pub fn send_character(board: &mut Board, code: u8, outlet: Outlet) {
-    send(board, &[code], &[code], outlet);
-}
-
-/// Sends `text` if the outlet is the DPRAM, `line` if it is another port.
-fn send(board: &mut Board, text: &[u8], line: &[u8], outlet: Outlet) {
+/// `SEND`, from a program or the control socket. A control character goes bare (Turbo Software Reference p. 471).
+pub fn send(board: &mut Board, message: &Message, outlet: Outlet) {
+    let (text, line) = match message {
+        Message::Text(text) => {
+            (text.as_bytes().to_vec(), unasked_line(board, text, board.variables.i(62) == 1.0))
+        }
+        Message::Character(code) => (vec![*code], vec![*code]),
+    };
     match outlet.port(board) {
         None => {}
         Some(Port::Dpram) if !board.output.admits() => {}
         Some(Port::Dpram) => board.output.respond(response::MESSAGE, text),
-        Some(port) => board.output.send(port, line),
+        Some(port) => board.output.send(port, &line),
     }
 }
 

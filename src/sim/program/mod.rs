@@ -46,6 +46,7 @@ pub mod words;
 
 use std::collections::VecDeque;
 
+use item::Message;
 use message::Outlet;
 use place::Cursor;
 use plc::Plcs;
@@ -123,22 +124,20 @@ impl Programs {
         self.requests.pop_front()
     }
 
-    /// Queues `text` for the interpreter, with a 0-based motor and coordinate system addressed.
-    fn ask(&mut self, text: &str, motor: usize, cs: usize, outlet: Outlet) {
+    /// Queues the operand of a `CMD` for the interpreter, with a 0-based motor and coordinate system addressed.
+    fn ask(&mut self, message: &Message, (motor, cs): (usize, usize), outlet: Outlet) {
         /// Most waiting lines; a program that asks faster loses some.
         const MOST: usize = 64;
         if self.requests.len() < MOST {
-            self.requests.push_back(Request::Line { text: text.into(), motor, cs, outlet });
+            self.requests.push_back(match message {
+                Message::Text(text) => Request::Line { text: text.clone(), motor, cs, outlet },
+                Message::Character(code) => Request::Character(*code, outlet),
+            });
         }
     }
 
-    fn ask_character(&mut self, code: u8, outlet: Outlet) {
-        self.requests.push_back(Request::Character(code, outlet));
-        self.requests.truncate(64);
-    }
-
     /// Number of transformation matrices that `DEFINE TBUF` reserved.
-    fn transformations(&self, _cs: usize) -> usize {
+    fn transformations(&self) -> usize {
         let tables = self.store.tables.iter().filter(|table| table.kind == TableKind::Transformation);
         tables.map(|table| table.size).sum()
     }

@@ -12,9 +12,9 @@ use crate::sim::language::expression::{check, check_condition, check_number};
 use crate::sim::language::lock;
 use crate::sim::language::scanner::Scanner;
 use crate::sim::language::station;
-use crate::sim::program::item::{AXES, Data, Item, Mark, Mode, Operator};
+use crate::sim::program::item::{AXES, Data, Item, Mark, Message, Mode, Operator};
 use crate::sim::program::message::PORT_LETTERS;
-use crate::sim::program::words::{ENDED, Keyword, WORDS};
+use crate::sim::program::words::{ENDED, Keyword, tables};
 
 /// The kind of buffer that is open; each rejects some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,9 +61,7 @@ fn allowed(item: &Item, kind: Kind) -> bool {
             | Item::Station(_)
             | Item::Lock(_)
             | Item::Command(..)
-            | Item::CommandCharacter(..)
             | Item::Send(..)
-            | Item::SendCharacter(..)
             | Item::Display(_)
             | Item::Address(..)
             | Item::SetPhase(_)
@@ -87,7 +85,7 @@ struct Reader<'a, 'b> {
 
 impl Reader<'_, '_> {
     fn item(&mut self) -> Parsed<Option<Item>> {
-        if let Some(keyword) = self.scanner.keyword(&[WORDS]) {
+        if let Some(keyword) = self.scanner.keyword(tables(self.board.family().generation)) {
             return self.keyword(keyword);
         }
         if let Some(transfer) = station::transfer(&mut self.scanner, self.board)? {
@@ -118,10 +116,7 @@ impl Reader<'_, '_> {
         }
         let data = self.data()?;
         Ok(Some(match letter {
-            b'I' | b'J' | b'K' => Item::Vector(usize::from(letter - b'I'), data),
-            b'F' => Item::Feedrate(data),
-            b'G' | b'M' | b'T' | b'D' => Item::Code(letter, data),
-            b'R' | b'S' | b'E' | b'H' | b'L' | b'P' | b'Q' => Item::Letter(letter, data),
+            b'D'..=b'T' => Item::Letter(letter, data),
             _ => {
                 let axis = AXES.iter().position(|&a| a == letter).ok_or(CommandError::SYNTAX)?;
                 let mark = if self.scanner.take(b':') {
@@ -138,60 +133,22 @@ impl Reader<'_, '_> {
 
     fn keyword(&mut self, keyword: Keyword) -> Parsed<Option<Item>> {
         Ok(Some(match keyword {
-            Keyword::Mode(mode) => Item::Mode(mode),
+            Keyword::Alone(item) => item,
+            Keyword::Number(item) => item(self.data()?),
+            Keyword::Condition(item) => item(self.condition()?),
             Keyword::Circle => Item::Mode(self.one_of([Mode::Circle1, Mode::Circle2])?),
             Keyword::Spline => Item::Mode(self.one_of([Mode::Spline1, Mode::Spline2])?),
-            Keyword::Pvt => Item::Pvt(self.data()?),
-            Keyword::Normal => Item::Normal,
-            Keyword::Pset => Item::Pset,
-            Keyword::Stop => Item::Stop,
-            Keyword::BlockStart => Item::BlockStart,
-            Keyword::BlockStop => Item::BlockStop,
-            Keyword::Wait => Item::Wait,
             Keyword::CutterCompensation => match self.scanner.integer()? {
                 side @ 0..=2 => Item::CutterCompensation(side as u8),
                 _ => return Err(CommandError::SYNTAX),
             },
-            Keyword::CutterRadius => Item::CutterRadius(self.data()?),
-            Keyword::Select => Item::Select(self.data()?),
-            Keyword::Identity => Item::Identity,
-            Keyword::Transform(transform) => Item::Transform(transform, self.data()?),
-            Keyword::Time(time) => Item::Time(time, self.data()?),
-            Keyword::Dwell => Item::Dwell(self.data()?),
-            Keyword::Delay => Item::Delay(self.data()?),
-            Keyword::Call => Item::Call(self.data()?),
-            Keyword::Command => {
-                let port = self.port_letter();
-                match self.control_character()? {
-                    Some(code) => Item::CommandCharacter(port, code),
-                    None => Item::Command(port, self.quoted()?),
-                }
-            }
-            Keyword::Send => {
-                let port = self.port_letter();
-                // No page seen has `SEND^x` for PMAC.
-                match self.control_character()?.filter(|_| self.is_turbo()) {
-                    Some(code) => Item::SendCharacter(port, code),
-                    None => Item::Send(port, self.quoted()?),
-                }
-            }
+            Keyword::Command => Item::Command(self.port_letter(), self.message(true)?),
+            // No page seen has `SEND^x` for PMAC.
+            Keyword::Send => Item::Send(self.port_letter(), self.message(self.is_turbo())?),
             Keyword::Display => Item::Display(String::from_utf8_lossy(self.scanner.rest()).into()),
             Keyword::Address => self.address()?,
-            Keyword::If => Item::If(self.condition()?),
-            Keyword::While => Item::While(self.condition()?),
-            Keyword::Also(joint) => Item::Also(joint, self.condition()?),
             // `END GATHER` is an on-line command.
-            Keyword::End => match self.scanner.keyword(&[ENDED]) {
-                Some(Keyword::EndIf) => Item::EndIf,
-                Some(Keyword::EndWhile) => Item::EndWhile,
-                _ => return Ok(None),
-            },
-            Keyword::Else => Item::Else,
-            Keyword::EndIf => Item::EndIf,
-            Keyword::EndWhile => Item::EndWhile,
-            Keyword::Goto => Item::Goto(self.data()?),
-            Keyword::Gosub => Item::Gosub(self.data()?),
-            Keyword::Return => Item::Return,
+            Keyword::End => return Ok(self.scanner.keyword(&[ENDED])),
             Keyword::Read => self.read()?,
             Keyword::Axes(mode) => {
                 let list = parse_list(&mut self.scanner)?;
@@ -206,8 +163,7 @@ impl Reader<'_, '_> {
                 }
                 Item::Home { zero, motors: self.motors()? }
             }
-            Keyword::SetPhase if self.is_turbo() => Item::SetPhase(self.motors()?),
-            Keyword::SetPhase => return Ok(None),
+            Keyword::SetPhase => Item::SetPhase(self.motors()?),
             // On PMAC `R` and `P` are commands of their own, which no program takes.
             Keyword::Lock(lock) if self.is_turbo() => {
                 Item::Lock(lock::operands(&mut self.scanner, self.board, lock)?)
@@ -305,22 +261,16 @@ impl Reader<'_, '_> {
         self.board.family().generation == Generation::Turbo
     }
 
-    /// The code of `^K` and the like; `None` where no `^` follows. `^@` is NUL, and `^_` the last one (Turbo Software Reference
-    /// p. 471).
-    fn control_character(&mut self) -> Parsed<Option<u8>> {
-        if !self.scanner.take(b'^') {
-            return Ok(None);
+    /// A text in quotes, or `^K` and the like. `^@` is NUL, and `^_` the last one (Turbo Software Reference p. 471).
+    fn message(&mut self, takes_characters: bool) -> Parsed<Message> {
+        if self.scanner.take(b'^') {
+            let letter =
+                self.scanner.next_character().filter(|c| takes_characters && (b'@'..=b'_').contains(c));
+            return letter.map(|letter| Message::Character(letter & 0x1F)).ok_or(CommandError::SYNTAX);
         }
-        match self.scanner.next_character() {
-            Some(letter @ b'@'..=b'_') => Ok(Some(letter & 0x1F)),
-            _ => Err(CommandError::SYNTAX),
-        }
-    }
-
-    fn quoted(&mut self) -> Parsed<Box<str>> {
         self.scanner.expect(b'"')?;
         let text = self.scanner.until(b'"').ok_or(CommandError::SYNTAX)?;
-        Ok(String::from_utf8_lossy(text).into())
+        Ok(Message::Text(String::from_utf8_lossy(text).into()))
     }
 
     fn address(&mut self) -> Parsed<Item> {

@@ -7,11 +7,11 @@
 use std::sync::Arc;
 
 use super::Programs;
-use super::message::{Outlet, send_character, send_message};
+use super::message::{Outlet, send};
 use crate::sim::board::Board;
 use crate::sim::language::expression::{check_number, condition};
 use crate::sim::language::scanner::Scanner;
-use crate::sim::program::item::{Item, Line, PlcSwitch};
+use crate::sim::program::item::{Item, Joint, Line, PlcSwitch};
 use crate::sim::program::store::{Open, PLCS};
 use crate::sim::program::structure::{Effect, Tracker};
 
@@ -159,17 +159,11 @@ impl Scan<'_> {
                 Item::Station(transfer) => transfer.carry_out(self.board, cs),
                 Item::Lock(lock) => lock.carry_out(self.board),
                 Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),
-                Item::Command(letter, text) => {
-                    let State { motor, cs, .. } = self.state;
-                    self.programs.ask(text, motor, cs, Outlet::of_command(*letter, self.board));
+                Item::Command(letter, message) => {
+                    let addressed = (self.state.motor, self.state.cs);
+                    self.programs.ask(message, addressed, Outlet::of_command(*letter, self.board));
                 }
-                Item::CommandCharacter(letter, code) => {
-                    self.programs.ask_character(*code, Outlet::of_command(*letter, self.board));
-                }
-                Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
-                Item::SendCharacter(letter, code) => {
-                    send_character(self.board, *code, Outlet::of_message(*letter));
-                }
+                Item::Send(letter, message) => send(self.board, message, Outlet::of_message(*letter)),
                 Item::Address(motor, cs) => {
                     self.state.motor = motor.unwrap_or(self.state.motor);
                     self.state.cs = cs.unwrap_or(self.state.cs);
@@ -191,7 +185,9 @@ impl Scan<'_> {
         let mut whole = format!("({text})");
         for line in (self.at + 1..).map_while(|number| self.line(number).filter(|_| goes_on)) {
             let Some(Item::Also(joint, text)) = line.items.first() else { break };
-            whole += &format!("{}({text})", joint.word());
+            whole += if *joint == Joint::And { "AND(" } else { "OR(" };
+            whole += text;
+            whole.push(')');
         }
         condition(&mut Scanner::new(whole.as_bytes()), self.board, self.state.cs).unwrap_or(false)
     }

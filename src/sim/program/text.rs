@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::sim::board::axes::AxisMode;
 use crate::sim::board::number::decimal;
-use crate::sim::program::item::{AXES, Data, Item, Line, Mark, Mode, Operator, Time, Transform};
+use crate::sim::program::item::{AXES, Data, Item, Joint, Line, Mark, Message, Mode, Operator, PlcSwitch};
+use crate::sim::program::words::{Keyword, name, name_of};
 
 /// Most digits behind the point in a listing.
 const DECIMALS: usize = 9;
@@ -17,18 +17,11 @@ pub fn line(line: &Line, long: bool) -> String {
 }
 
 fn text(item: &Item, long: bool) -> String {
-    let word = |full: &str, short: &str| if long { full.to_owned() } else { short.to_owned() };
     match item {
-        Item::Mode(mode) => match mode {
-            Mode::Linear => word("LINEAR", "LIN"),
-            Mode::Rapid => word("RAPID", "RPD"),
-            Mode::Circle1 => word("CIRCLE1", "CIR1"),
-            Mode::Circle2 => word("CIRCLE2", "CIR2"),
-            Mode::Spline1 => "SPLINE1".into(),
-            Mode::Spline2 => "SPLINE2".into(),
-            Mode::Pvt => "PVT".into(),
-        },
-        Item::Pvt(time) => format!("PVT{}", data(time)),
+        Item::Mode(Mode::Circle1) => format!("{}1", name(long, |word| matches!(word, Keyword::Circle))),
+        Item::Mode(Mode::Circle2) => format!("{}2", name(long, |word| matches!(word, Keyword::Circle))),
+        Item::Mode(Mode::Spline1) => "SPLINE1".into(),
+        Item::Mode(Mode::Spline2) => "SPLINE2".into(),
         Item::Axis(axis, position, mark) => {
             let letter = char::from(AXES.get(*axis).copied().unwrap_or(b'?'));
             let mut text = format!("{letter}{}", data(position));
@@ -38,76 +31,26 @@ fn text(item: &Item, long: bool) -> String {
             }
             text
         }
-        Item::Vector(index, value) => {
-            format!("{}{}", ["I", "J", "K"].get(*index).unwrap_or(&"?"), data(value))
-        }
-        Item::Letter(letter, value) | Item::Code(letter, value) => {
-            format!("{}{}", char::from(*letter), data(value))
-        }
-        Item::Feedrate(value) => format!("F{}", data(value)),
-        Item::Time(time, value) => {
-            let name = match time {
-                Time::Acceleration => "TA",
-                Time::SCurve => "TS",
-                Time::Move => "TM",
-            };
-            format!("{name}{}", data(value))
-        }
-        Item::Dwell(time) => word("DWELL", "DWE") + &data(time),
-        Item::Delay(time) => word("DELAY", "DLY") + &data(time),
-        Item::Call(value) => format!("CALL{}", data(value)),
-        Item::Goto(value) => format!("GOTO{}", data(value)),
-        Item::Gosub(value) => format!("GOSUB{}", data(value)),
+        Item::Letter(letter, value) => format!("{}{}", char::from(*letter), data(value)),
         Item::Label(label) => format!("N{label}"),
-        Item::Return => word("RETURN", "RET"),
-        Item::Normal => word("NORMAL", "NRM"),
-        Item::Pset => "PSET".into(),
         Item::Axes(mode, list) => {
-            let name = match mode {
-                AxisMode::Absolute => "ABS",
-                AxisMode::Incremental => "INC",
-                AxisMode::Feedrate => "FRAX",
-            };
+            let word = name(long, |word| matches!(word, Keyword::Axes(own) if own == mode));
             match list {
-                Some(list) => {
-                    let letters: Vec<String> = list.iter().map(char::to_string).collect();
-                    format!("{name}({})", letters.join(","))
-                }
-                None => name.into(),
+                Some(list) => format!("{word}({})", comma_separated(list.iter().copied())),
+                None => word.into(),
             }
         }
         Item::Home { zero, motors } => {
-            let name = if *zero { word("HOMEZ", "HMZ") } else { word("HOME", "HM") };
-            name + &list(u64::from(*motors) << 1)
+            let word = name(long, |word| matches!(word, Keyword::Home(own) if own == zero));
+            format!("{word}{}", list(u64::from(*motors) << 1))
         }
-        Item::Plc(switch, plcs) => {
-            let (long, short) = switch.words();
-            format!("{} PLC{}", word(long, short), list((*plcs).into()))
-        }
+        Item::Plc(switch, plcs) => format!("{} PLC{}", plc_switch(*switch, long), list((*plcs).into())),
         Item::Compiled(switch, plcs) => {
-            let (long, short) = switch.words();
-            format!("{} PLCC{}", word(long, short), list((*plcs).into()))
+            format!("{} PLCC{}", plc_switch(*switch, long), list((*plcs).into()))
         }
         Item::Lock(lock) => lock.text(),
-        Item::Stop => "STOP".into(),
-        Item::BlockStart => word("BLOCKSTART", "BSTART"),
-        Item::BlockStop => word("BLOCKSTOP", "BSTOP"),
-        Item::Wait => "WAIT".into(),
         Item::CutterCompensation(side) => format!("CC{side}"),
-        Item::CutterRadius(value) => format!("CCR{}", data(value)),
-        Item::Select(value) => word("TSELECT", "TSEL") + &data(value),
-        Item::Identity => "TINIT".into(),
-        Item::Transform(transform, value) => {
-            let name = match transform {
-                Transform::AbsoluteDisplacement => "ADIS",
-                Transform::AbsoluteRotation => "AROT",
-                Transform::IncrementalDisplacement => "IDIS",
-                Transform::IncrementalRotation => "IROT",
-            };
-            format!("{name}{}", data(value))
-        }
         Item::Assign(kind, number, operator, value) => {
-            let letter = kind.letter();
             let sign = match operator {
                 Operator::Assign => "=",
                 Operator::AssignLater => "==",
@@ -119,50 +62,48 @@ fn text(item: &Item, long: bool) -> String {
                 Data::Constant(value) => decimal(*value, DECIMALS),
                 Data::Expression(text) => text.to_string(),
             };
-            format!("{letter}{}{sign}{value}", data(number))
+            format!("{}{}{sign}{value}", kind.letter(), data(number))
         }
         Item::If(condition) => format!("IF({condition})"),
-        Item::Also(joint, condition) => format!("{}({condition})", joint.word()),
-        Item::Else => "ELSE".into(),
-        Item::EndIf => word("ENDIF", "ENDI"),
+        Item::Also(Joint::And, condition) => format!("AND({condition})"),
+        Item::Also(Joint::Or, condition) => format!("OR({condition})"),
         Item::While(condition) => format!("WHILE({condition})"),
-        Item::EndWhile => word("ENDWHILE", "ENDW"),
-        Item::Read(letters) => {
-            let letters: Vec<String> = letters.iter().map(|&c| char::from(c).to_string()).collect();
-            format!("READ({})", letters.join(","))
+        Item::Read(letters) => format!("READ({})", comma_separated(letters.iter().map(|&c| c.into()))),
+        Item::Command(port, text) => {
+            message(name(long, |word| matches!(word, Keyword::Command)), *port, text)
         }
-        Item::Command(port, text) => word("COMMAND", "CMD") + &quoted(*port, text),
-        Item::CommandCharacter(port, code) => word("COMMAND", "CMD") + &character(*port, *code),
-        Item::Send(port, text) => format!("SEND{}", quoted(*port, text)),
-        Item::SendCharacter(port, code) => format!("SEND{}", character(*port, *code)),
-        Item::Display(text) => word("DISPLAY", "DISP") + text,
+        Item::Send(port, text) => message("SEND", *port, text),
+        Item::Display(text) => name(long, |word| matches!(word, Keyword::Display)).to_owned() + text,
         Item::Address(motor, cs) => {
-            let mut text = word("ADDRESS", "ADR");
-            if let Some(motor) = motor {
-                let _ = write!(text, "#{}", motor + 1);
-            }
-            if let Some(cs) = cs {
-                let _ = write!(text, "&{}", cs + 1);
+            let mut text = name(long, |word| matches!(word, Keyword::Address)).to_owned();
+            for (mark, number) in [('#', motor), ('&', cs)] {
+                if let Some(number) = number {
+                    let _ = write!(text, "{mark}{}", number + 1);
+                }
             }
             text
         }
         Item::Station(transfer) => transfer.text(),
         Item::SetPhase(motors) => format!("SETPHASE{}", list(u64::from(*motors) << 1)),
+        _ => format!("{}{}", name_of(item, long), item.number().map_or_else(String::new, data)),
     }
 }
 
-/// A text behind the letter of its port.
-fn quoted(port: Option<u8>, text: &str) -> String {
-    format!("{}\"{text}\"", port_letter(port))
+fn plc_switch(switch: PlcSwitch, long: bool) -> &'static str {
+    name(long, |word| matches!(word, Keyword::Plc(own) if *own == switch))
 }
 
-/// A control character behind the letter of its port.
-fn character(port: Option<u8>, code: u8) -> String {
-    format!("{}^{}", port_letter(port), char::from(code | 0x40))
+fn comma_separated(letters: impl Iterator<Item = char>) -> String {
+    letters.map(String::from).collect::<Vec<_>>().join(",")
 }
 
-fn port_letter(port: Option<u8>) -> String {
-    port.map_or(String::new(), |letter| char::from(letter).to_string())
+/// `word`, the letter of a port, and a text or a control character.
+fn message(word: &str, port: Option<u8>, message: &Message) -> String {
+    let port = port.map_or_else(String::new, |letter| char::from(letter).to_string());
+    match message {
+        Message::Text(text) => format!("{word}{port}\"{text}\""),
+        Message::Character(code) => format!("{word}{port}^{}", char::from(code | 0x40)),
+    }
 }
 
 fn data(data: &Data) -> String {

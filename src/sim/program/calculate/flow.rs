@@ -3,11 +3,11 @@
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::condition;
 use crate::sim::language::scanner::Scanner;
-use crate::sim::program::calculate::{Calculator, Flow};
+use crate::sim::program::calculate::{CALLS, Calculator, Flow};
 use crate::sim::program::item::{AXES, Data, Item, Line};
 use crate::sim::program::place::Cursor;
 use crate::sim::program::structure::{Effect, Tracker};
-use crate::sim::program::system::{Failure, Frame};
+use crate::sim::program::system::{Ending, Failure, Frame};
 
 /// Deepest nesting of calls.
 const MOST_FRAMES: usize = 15;
@@ -15,11 +15,80 @@ const MOST_FRAMES: usize = 15;
 const READ_MASK: usize = 100;
 
 impl Calculator<'_> {
-    pub(super) fn holds(&self, text: &str) -> bool {
+    /// Carries out a statement of the program's flow; `None` for another one.
+    pub(super) fn branch(&mut self, item: &Item, line: &Line, cursor: Cursor) -> Option<Flow> {
+        let is_last = cursor.item + 1 == line.items.len();
+        let number = item.number().map_or(0.0, |number| self.value(number));
+        let next_line = Cursor::at(cursor.program, cursor.line + 1);
+        Some(match item {
+            Item::Stop => {
+                let next = Cursor { item: cursor.item + 1, ..cursor };
+                self.system.cursor = Some(if is_last { next_line } else { next });
+                self.end(Ending::Here);
+                Flow::Wait
+            }
+            Item::BlockStart => {
+                self.system.in_block = true;
+                Flow::On
+            }
+            Item::BlockStop => {
+                self.system.in_block = false;
+                // In step mode the whole block is one step, which ends here.
+                self.system.moved = !self.system.continuous;
+                Flow::On
+            }
+            Item::Call(_) => self.call(number, cursor, true),
+            Item::Letter(letter, _) if CALLS.contains(letter) => {
+                let kind = match letter {
+                    b'M' => 1.0,
+                    b'T' => 2.0,
+                    b'D' => 3.0,
+                    _ => 0.0,
+                };
+                let program = 1000.0 + 10.0 * (number / 100.0).floor() + kind;
+                // A five-digit label: two digits of the number, three behind its point.
+                self.call(program + (number % 100.0) / 100.0, cursor, false)
+            }
+            Item::Gosub(_) if !self.push_frame(cursor) => self.fail(Failure::RunTime),
+            Item::Gosub(_) | Item::Goto(_) => self.jump(cursor.program, number),
+            Item::Return if self.system.frames.is_empty() => {
+                self.end(Ending::Program);
+                Flow::Wait
+            }
+            Item::Return => {
+                self.give_back();
+                Flow::On
+            }
+            Item::Read(letters) => {
+                self.read(letters);
+                Flow::On
+            }
+            Item::If(text) if self.holds(text) => Flow::On,
+            Item::If(_) if is_last => self.skip_block(cursor, Tracker::in_if(), true),
+            Item::If(_) => self.skip_line(cursor),
+            // Reached at the end of the branch above it.
+            Item::Else if is_last => self.skip_block(cursor, Tracker::in_if(), false),
+            Item::Else => {
+                self.system.cursor = Some(next_line);
+                Flow::On
+            }
+            Item::While(text) => self.begin_loop(text, line, cursor),
+            Item::EndWhile => match self.system.loops.pop() {
+                Some(begin) => {
+                    self.system.cursor = Some(begin);
+                    Flow::Back
+                }
+                None => self.fail(Failure::RunTime),
+            },
+            _ => return None,
+        })
+    }
+
+    fn holds(&self, text: &str) -> bool {
         condition(&mut Scanner::new(text.as_bytes()), self.board, self.cs).unwrap_or(false)
     }
 
-    pub(super) fn begin_loop(&mut self, text: &str, line: &Line, cursor: Cursor) -> Flow {
+    fn begin_loop(&mut self, text: &str, line: &Line, cursor: Cursor) -> Flow {
         let short = cursor.item + 1 < line.items.len();
         match (self.holds(text), short) {
             (true, true) => Flow::On,
@@ -39,7 +108,7 @@ impl Calculator<'_> {
     }
 
     /// Skips a short IF whose condition is false; continues in an `ELSE` on the next line.
-    pub(super) fn skip_line(&mut self, cursor: Cursor) -> Flow {
+    fn skip_line(&mut self, cursor: Cursor) -> Flow {
         let mut next = Cursor::at(cursor.program, cursor.line + 1);
         if self.line(next).is_some_and(|line| line.items.first() == Some(&Item::Else)) {
             next.item = 1;
@@ -49,7 +118,7 @@ impl Calculator<'_> {
     }
 
     /// Skips to the end of the block that begins after `cursor`, or into its `ELSE`.
-    pub(super) fn skip_block(&mut self, cursor: Cursor, mut tracker: Tracker, stop_at_else: bool) -> Flow {
+    fn skip_block(&mut self, cursor: Cursor, mut tracker: Tracker, stop_at_else: bool) -> Flow {
         let depth = tracker.depth();
         let mut at = Cursor::at(cursor.program, cursor.line + 1);
         while let Some(line) = self.line(at) {
@@ -71,7 +140,7 @@ impl Calculator<'_> {
         self.fail(Failure::RunTime)
     }
 
-    pub(super) fn push_frame(&mut self, cursor: Cursor) -> bool {
+    fn push_frame(&mut self, cursor: Cursor) -> bool {
         let back = Cursor { item: cursor.item + 1, ..cursor };
         let loops = std::mem::take(&mut self.system.loops);
         self.system.frames.push(Frame { back, loops });
@@ -87,7 +156,7 @@ impl Calculator<'_> {
 
     /// Calls a program; five digits behind the point are the label. A missing target is ignored when a letter called
     /// it, and is a run-time error otherwise.
-    pub(super) fn call(&mut self, value: f64, cursor: Cursor, must_exist: bool) -> Flow {
+    fn call(&mut self, value: f64, cursor: Cursor, must_exist: bool) -> Flow {
         let (program, label) = split(value);
         match self.program(program).and_then(|program| program.label(label)) {
             Some(line) if self.push_frame(cursor) => {
@@ -99,7 +168,7 @@ impl Calculator<'_> {
         }
     }
 
-    pub(super) fn jump(&mut self, program: u32, label: f64) -> Flow {
+    fn jump(&mut self, program: u32, label: f64) -> Flow {
         let before = self.system.cursor;
         match self.program(program).and_then(|program| program.label(label.round().max(0.0) as u32)) {
             Some(line) => {
@@ -113,7 +182,7 @@ impl Calculator<'_> {
 
     /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first one not requested; Q100 reports which were
     /// found.
-    pub(super) fn read(&mut self, letters: &[u8]) {
+    fn read(&mut self, letters: &[u8]) {
         let Some(back) = self.system.frames.last().map(|frame| frame.back) else { return };
         let Some(line) = self.line(back) else { return };
         let (mut mask, mut taken) = (0u32, 0);
@@ -138,9 +207,7 @@ impl Calculator<'_> {
 fn lettered(item: &Item) -> Option<(u8, &Data)> {
     match item {
         Item::Axis(axis, data, None) => Some((*AXES.get(*axis)?, data)),
-        Item::Vector(index, data) => Some((b'I' + *index as u8, data)),
-        Item::Letter(letter, data) | Item::Code(letter, data) => Some((*letter, data)),
-        Item::Feedrate(data) => Some((b'F', data)),
+        Item::Letter(letter, data) => Some((*letter, data)),
         _ => None,
     }
 }

@@ -10,18 +10,20 @@ mod moves;
 use std::sync::Arc;
 
 use crate::sim::board::Board;
+use crate::sim::board::axes::with_mode;
 use crate::sim::board::variables::VariableKind;
 use crate::sim::language::expression::check_number;
 use crate::sim::program::Programs;
 use crate::sim::program::item::{Data, Item, Line, Mark, Mode, Operator, Time};
-use crate::sim::program::message::{Outlet, send_character, send_message};
+use crate::sim::program::message::{Outlet, send};
 use crate::sim::program::place::Cursor;
 use crate::sim::program::store::Program;
-use crate::sim::program::structure::Tracker;
 use crate::sim::program::system::{Ending, Failure, System};
 
 /// Most commands per interrupt.
 const MOST_ITEMS: usize = 1000;
+/// The letters that call program 1000 and following.
+pub(super) const CALLS: &[u8] = b"GMTD";
 /// `S` puts its value into this Q-variable.
 const SPINDLE: usize = 127;
 
@@ -176,219 +178,123 @@ impl Calculator<'_> {
         self.system.trajectory.is_idle()
     }
 
-    fn item(&mut self, item: &Item, line: &Arc<Line>, cursor: Cursor) -> Flow {
-        if !matches!(
-            item,
-            Item::Axis(..)
-                | Item::Vector(..)
-                | Item::Letter(..)
-                | Item::Mode(_)
-                | Item::Feedrate(_)
-                | Item::Time(..)
-                | Item::Axes(..)
-                | Item::Assign(..)
-        ) {
+    fn item(&mut self, item: &Item, line: &Line, cursor: Cursor) -> Flow {
+        let belongs_to_move = match item {
+            Item::Letter(letter, _) => !CALLS.contains(letter),
+            Item::Axis(..) | Item::Mode(_) | Item::Time(..) | Item::Axes(..) | Item::Assign(..) => true,
+            _ => false,
+        };
+        if !belongs_to_move {
             self.make_move();
         }
+        let branch = self.branch(item, line, cursor);
+        let flow = match branch {
+            Some(flow) => flow,
+            None => self.motion(item, line, cursor).unwrap_or_else(|| {
+                self.order(item);
+                Flow::On
+            }),
+        };
+        if flow == Flow::On && self.system.failure.is_some() { Flow::Wait } else { flow }
+    }
+
+    /// Carries out a statement that belongs to moves; `None` for another one.
+    fn motion(&mut self, item: &Item, line: &Line, cursor: Cursor) -> Option<Flow> {
+        let number = item.number().map_or(0.0, |number| self.value(number));
         match item {
             Item::Axis(axis, position, mark) => {
                 let value = self.value(position);
+                let mark = mark.as_ref().map(|(mark, data)| (*mark, self.value(data)));
                 let request = &mut self.system.request;
                 request.axes[*axis] = Some(value);
-                (request.velocities[*axis], request.triggers[*axis]) = (0.0, None);
-                if let Some((mark, data)) = mark {
-                    let value = self.value(data);
-                    match mark {
-                        Mark::Velocity => self.system.request.velocities[*axis] = value,
-                        Mark::Trigger => self.system.request.triggers[*axis] = Some(value),
-                    }
-                }
+                (request.velocities[*axis], request.triggers[*axis]) = match mark {
+                    Some((Mark::Velocity, velocity)) => (velocity, None),
+                    Some((Mark::Trigger, distance)) => (0.0, Some(distance)),
+                    None => (0.0, None),
+                };
             }
-            Item::Vector(index, value) => self.system.request.vectors[*index] = Some(self.value(value)),
-            Item::Letter(b'R', value) => self.system.request.radius = Some(self.value(value)),
-            Item::Letter(b'S', value) => {
-                let value = self.value(value);
-                self.board.assign(VariableKind::Q, self.cs, SPINDLE, value);
+            Item::Letter(letter @ b'I'..=b'K', _) => {
+                self.system.request.vectors[usize::from(letter - b'I')] = Some(number);
             }
-            // An argument that no `READ` took.
-            Item::Letter(..)
-            | Item::Label(_)
-            | Item::Wait
-            | Item::Address(..)
-            | Item::Also(..)
-            | Item::EndIf => {}
-            Item::Mode(mode) => self.set_mode(*mode),
-            Item::Pvt(time) => {
-                let time = self.value(time);
-                self.set_mode(Mode::Pvt);
-                self.set_time(Time::Acceleration, time);
-            }
-            Item::Feedrate(value) => {
-                let value = self.value(value);
-                self.set_ix(89, value);
+            Item::Letter(b'R', _) => self.system.request.radius = Some(number),
+            Item::Letter(b'S', _) => self.board.assign(VariableKind::Q, self.cs, SPINDLE, number),
+            Item::Letter(b'F', _) => {
+                self.set_ix(89, number);
                 self.board.coordinate_word(self.cs, 1 << 3, 0);
             }
-            Item::Time(time, value) => {
-                let value = self.value(value);
-                self.set_time(*time, value);
+            Item::Mode(mode) => self.set_mode(*mode),
+            Item::Pvt(_) => {
+                self.set_mode(Mode::Pvt);
+                self.set_time(Time::Acceleration, number);
             }
+            Item::Time(time, _) => self.set_time(*time, number),
             Item::Axes(mode, list) => {
                 let status = self.board.coordinate_status(self.cs)[0];
-                if let Ok(status) = crate::sim::board::axes::with_mode(status, *mode, list.as_deref()) {
+                if let Ok(status) = with_mode(status, *mode, list.as_deref()) {
                     self.board.coordinate_word(self.cs, 0xFF_FFFF, status);
                 }
             }
-            Item::Dwell(time) => {
-                let time = self.value(time);
-                self.dwell(time);
-            }
-            Item::Delay(time) => {
-                let time = self.value(time);
-                self.delay(time);
-            }
+            Item::Dwell(_) => self.dwell(number),
+            Item::Delay(_) => self.delay(number),
             Item::Home { zero: false, motors } => self.home(*motors),
-            Item::Home { zero: true, motors } => {
-                if !self.at_rest() {
-                    return Flow::Wait;
-                }
-                self.home_zero(*motors);
-            }
+            Item::Home { zero: true, .. } | Item::Pset if !self.at_rest() => return Some(Flow::Wait),
+            Item::Home { zero: true, motors } => self.home_zero(*motors),
             Item::Normal => {
-                let vector = following(line, cursor.item + 1, |item| match item {
-                    Item::Vector(index, data) => Some((*index, data)),
+                let mut normal = [0.0; 3];
+                let vectors = line.items.iter().skip(cursor.item + 1).map_while(|item| match item {
+                    Item::Letter(letter @ b'I'..=b'K', data) => Some((usize::from(letter - b'I'), data)),
                     _ => None,
                 });
-                let mut normal = [0.0; 3];
-                for (index, data) in &vector {
-                    normal[*index] = self.value(data);
-                }
+                let next = cursor.item + 1 + self.values(vectors, &mut normal);
                 self.system.normal = Some(normal);
-                self.system.cursor = Some(Cursor { item: cursor.item + 1 + vector.len(), ..cursor });
+                self.system.cursor = Some(Cursor { item: next, ..cursor });
             }
             Item::Pset => {
-                if !self.at_rest() {
-                    return Flow::Wait;
-                }
-                let axes = following(line, cursor.item + 1, |item| match item {
+                let mut target = self.system.axes;
+                let axes = line.items.iter().skip(cursor.item + 1).map_while(|item| match item {
                     Item::Axis(axis, data, _) => Some((*axis, data)),
                     _ => None,
                 });
-                let mut target = self.system.axes;
-                for (axis, data) in &axes {
-                    target[*axis] = self.value(data);
-                }
+                let next = cursor.item + 1 + self.values(axes, &mut target);
                 self.position_set(target);
-                self.system.cursor = Some(Cursor { item: cursor.item + 1 + axes.len(), ..cursor });
+                self.system.cursor = Some(Cursor { item: next, ..cursor });
             }
-            Item::Stop => {
-                self.system.cursor = Some(if cursor.item + 1 < line.items.len() {
-                    Cursor { item: cursor.item + 1, ..cursor }
-                } else {
-                    Cursor::at(cursor.program, cursor.line + 1)
-                });
-                self.end(Ending::Here);
-                return Flow::Wait;
-            }
-            Item::BlockStart => self.system.in_block = true,
-            Item::BlockStop => {
-                self.system.in_block = false;
-                // In step mode the whole block is one step, which ends here.
-                self.system.moved = !self.system.continuous;
-            }
-            // The compensation is off as it is.
-            Item::CutterCompensation(0) | Item::CutterRadius(_) => {}
-            // It is not played: the program ends rather than moves beside its path.
-            Item::CutterCompensation(_) => return self.fail(Failure::RunTime),
-            Item::Select(number) => {
-                let number = self.value(number).round().max(0.0) as usize;
-                let count = self.programs.transformations(self.cs);
-                self.system.transformations.select(number, count);
+            Item::Select(_) => {
+                let count = self.programs.transformations();
+                self.system.transformations.select(number.round().max(0.0) as usize, count);
             }
             Item::Identity => {
                 if let Some(matrix) = self.system.transformations.selected_mut() {
                     *matrix = Default::default();
                 }
             }
-            Item::Transform(transform, number) => {
-                let first = self.value(number).round().max(0.0) as usize;
-                self.transform(*transform, first);
-            }
+            Item::Transform(transform, _) => self.transform(*transform, number.round().max(0.0) as usize),
+            // The program ends rather than moves beside its path.
+            Item::CutterCompensation(1..) => return Some(self.fail(Failure::RunTime)),
+            _ => return None,
+        }
+        Some(Flow::On)
+    }
+
+    /// Puts the values of numbered data into their places; says how many they are.
+    fn values<'d>(&self, data: impl Iterator<Item = (usize, &'d Data)>, places: &mut [f64]) -> usize {
+        data.map(|(place, data)| places[place] = self.value(data)).count()
+    }
+
+    /// Carries out a statement that neither moves nor branches. This board has no display, no motor that it commutates and
+    /// no compiled PLC, so that what concerns those does nothing, as does a letter that no `READ` has taken.
+    fn order(&mut self, item: &Item) {
+        match item {
             Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),
-            // A compiler on the host makes compiled PLCs: this board has none.
-            Item::Compiled(..) => {}
             Item::Station(transfer) => transfer.carry_out(self.board, self.cs),
             Item::Lock(lock) => lock.carry_out(self.board),
-            // No motor here is commutated.
-            Item::SetPhase(_) => {}
             Item::Assign(kind, number, operator, value) => self.assign(*kind, number, *operator, value),
-            Item::Command(letter, text) => {
-                self.programs.ask(text, 0, 0, Outlet::of_command(*letter, self.board));
+            Item::Command(letter, message) => {
+                self.programs.ask(message, (0, 0), Outlet::of_command(*letter, self.board));
             }
-            Item::CommandCharacter(letter, code) => {
-                self.programs.ask_character(*code, Outlet::of_command(*letter, self.board));
-            }
-            Item::Send(letter, text) => send_message(self.board, text, Outlet::of_message(*letter)),
-            Item::SendCharacter(letter, code) => {
-                send_character(self.board, *code, Outlet::of_message(*letter));
-            }
-            // The simulator has no display.
-            Item::Display(_) => {}
-            Item::Call(value) => {
-                let value = self.value(value);
-                return self.call(value, cursor, true);
-            }
-            Item::Code(letter, value) => {
-                let value = self.value(value);
-                let kind = match letter {
-                    b'M' => 1,
-                    b'T' => 2,
-                    b'D' => 3,
-                    _ => 0,
-                };
-                let program = 1000.0 + 10.0 * (value / 100.0).floor() + f64::from(kind);
-                // A five-digit label: two digits of the number, three behind its point.
-                return self.call(program + (value % 100.0) / 100.0, cursor, false);
-            }
-            Item::Gosub(label) => {
-                let label = self.value(label);
-                if self.push_frame(cursor) {
-                    return self.jump(cursor.program, label);
-                }
-                return self.fail(Failure::RunTime);
-            }
-            Item::Goto(label) => {
-                let label = self.value(label);
-                return self.jump(cursor.program, label);
-            }
-            Item::Return if self.system.frames.is_empty() => {
-                self.end(Ending::Program);
-                return Flow::Wait;
-            }
-            Item::Return => self.give_back(),
-            Item::Read(letters) => self.read(letters),
-            Item::If(text) if !self.holds(text) => {
-                return if cursor.item + 1 < line.items.len() {
-                    self.skip_line(cursor)
-                } else {
-                    self.skip_block(cursor, Tracker::in_if(), true)
-                };
-            }
-            Item::If(_) => {}
-            // Reached at the end of the branch above it.
-            Item::Else if cursor.item + 1 < line.items.len() => {
-                self.system.cursor = Some(Cursor::at(cursor.program, cursor.line + 1));
-            }
-            Item::Else => return self.skip_block(cursor, Tracker::in_if(), false),
-            Item::While(text) => return self.begin_loop(text, line, cursor),
-            Item::EndWhile => match self.system.loops.pop() {
-                Some(begin) => {
-                    self.system.cursor = Some(begin);
-                    return Flow::Back;
-                }
-                None => return self.fail(Failure::RunTime),
-            },
+            Item::Send(letter, message) => send(self.board, message, Outlet::of_message(*letter)),
+            _ => {}
         }
-        if self.system.failure.is_some() { Flow::Wait } else { Flow::On }
     }
 
     fn assign(&mut self, kind: VariableKind, number: &Data, operator: Operator, value: &Data) {
@@ -400,13 +306,4 @@ impl Calculator<'_> {
             self.system.later.push((number, operator, value));
         }
     }
-}
-
-/// The items from `first` on that `pick` accepts, up to the first that it rejects.
-fn following(
-    line: &Line,
-    first: usize,
-    pick: impl Fn(&Item) -> Option<(usize, &Data)>,
-) -> Vec<(usize, &Data)> {
-    line.items.iter().skip(first).map_while(pick).collect()
 }
