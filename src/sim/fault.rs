@@ -24,63 +24,77 @@ impl Delay {
     }
 }
 
-/// The faults in force.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Faults {
-    /// The control panel. Torn: the mask is cleared before the second half of the requests is acted on.
-    pub panel: FunctionFault,
-    /// The background variable read. Torn: ready before the second half of the data is there.
-    pub variable_read: FunctionFault,
-    /// The background variable write. Torn: the count is cleared before the second half of the records is written.
-    pub variable_write: FunctionFault,
-    /// The binary rotary transfer. Torn: PMAC's index stops in the middle of a line for a pass.
-    pub rotary: FunctionFault,
-    /// The VME mailboxes. Torn: the response's interrupt comes before the second half of its characters.
-    pub mailbox: FunctionFault,
-    /// The interrupt controller of the host port takes no end of interrupt, and no clearing.
-    pub host_port_stuck: bool,
-    /// The servo report's PMAC-Busy bit is set and stays set; nothing more is written.
-    pub servo_busy_stuck: bool,
-    /// The servo report stands still.
-    pub servo_silent: bool,
-    /// The background report stands still.
-    pub background_stuck: bool,
-    /// Lines and control characters in the DPRAM are not taken.
-    pub ascii_deaf: bool,
-    /// Lines are taken and executed, but no response comes.
-    pub ascii_no_reply: bool,
-    /// Background passes that each line takes.
-    pub ascii_slow: u64,
-    /// Servo cycles by which the closing `<ACK>` comes late.
-    pub ascii_late_ack: u64,
-    /// Servo cycles by which each line of a reply comes late.
-    pub ascii_slow_lines: u64,
-    /// Passes by which `^X` clears the words of the port late.
-    pub ascii_late_cancel: u64,
-    /// `SIZE` is refused.
-    pub ascii_no_size: bool,
-    /// `OPEN BINARY ROTARY` is refused, as by a board that does not know it.
-    pub no_binary_rotary: bool,
-    /// `J/` is refused.
-    pub jog_stop_refused: bool,
-    /// Interrupts still to be swallowed; `u64::MAX` is all of them.
-    pub lost_interrupts: u64,
-    /// Interrupts to raise with nothing behind them.
-    pub spurious_interrupts: u64,
-    /// The control word of a response stands before the second half of its text does.
-    pub ascii_torn: bool,
-    /// Every response is given twice.
-    pub ascii_repeat: bool,
-    /// What the character count of a response says instead of the truth.
-    pub ascii_count: Option<u16>,
-    /// Every word reads zero.
-    pub all_zeros: bool,
-    /// Every word reads all ones, as with a board that has lost its power or its address.
-    pub all_ones: bool,
-    /// `CLOSE` of a Turbo board closes nothing, as where each port closes its own; `CLOSE ALL` does.
-    pub close_ignored: bool,
-    /// Without its page the DPRAM shows another one, which the host reads and writes as memory.
-    pub other_page: bool,
+/// Declares the faults: the fields of [`Faults`], and the table of their names.
+macro_rules! declare {
+    (
+        faults { $($name:ident: $kind:ident, $effect:literal;)* }
+        functions { $($function:ident, $title:literal, $torn:literal;)* }
+    ) => {
+        /// The faults in force.
+        #[derive(Debug, Clone, Default, PartialEq)]
+        pub struct Faults {
+            $(#[doc = $effect] pub $name: declare!($kind),)*
+            $(#[doc = $title] pub $function: FunctionFault,)*
+        }
+
+        static FAULTS: &[&[Fault]] = &[
+            &[$(Fault { name: stringify!($name), effect: $effect, place: Place::$kind(|f| &mut f.$name) },)*],
+            $(&[
+                Fault {
+                    name: concat!(stringify!($function), "_stuck"),
+                    effect: concat!($title, " does nothing"),
+                    place: Place::Switch(|f| &mut f.$function.stuck),
+                },
+                Fault {
+                    name: concat!(stringify!($function), "_late"),
+                    effect: concat!($title, " acts so many background passes late"),
+                    place: Place::Count(|f| &mut f.$function.late),
+                },
+                Fault {
+                    name: concat!(stringify!($function), "_torn"),
+                    effect: $torn,
+                    place: Place::Switch(|f| &mut f.$function.torn),
+                },
+            ],)*
+        ];
+    };
+    (Switch) => { bool };
+    (Instead) => { Option<u16> };
+    ($counted:ident) => { u64 };
+}
+
+declare! {
+    faults {
+        servo_busy_stuck: Switch, "PMAC-Busy of the servo report stays set, and nothing more is written";
+        servo_silent: Switch, "the servo report stands still";
+        background_stuck: Switch, "the background report stands still";
+        ascii_deaf: Switch, "lines and control characters in the DPRAM are not taken";
+        ascii_no_reply: Switch, "lines are taken and executed, but no response comes";
+        ascii_slow: Cycles, "each line takes so long";
+        ascii_late_ack: Cycles, "the closing <ACK> comes so late";
+        ascii_slow_lines: Cycles, "each line of a reply comes so late";
+        ascii_late_cancel: Cycles, "^X clears the words of the port so late, with whatever the host has put there by then";
+        ascii_no_size: Switch, "SIZE is answered with an error";
+        no_binary_rotary: Switch, "OPEN BINARY ROTARY is answered with an error";
+        jog_stop_refused: Switch, "J/ is answered with an error";
+        ascii_torn: Switch, "a response's control word comes before the second half of its text";
+        ascii_repeat: Switch, "every response comes twice";
+        ascii_count: Instead, "the character count of a response says this number";
+        lost_interrupt: Count, "so many interrupts are not raised";
+        spurious_interrupt: Once, "so many interrupts come with nothing behind them";
+        close_ignored: Switch, "CLOSE of a Turbo board is acknowledged and closes nothing; CLOSE ALL does";
+        all_ones: Switch, "every word of the DPRAM reads all ones";
+        all_zeros: Switch, "every word of the DPRAM reads zero";
+        other_page: Switch, "while its page is not selected, the DPRAM shows another one";
+        host_port_stuck: Switch, "the interrupt controller takes no end of interrupt and no clearing";
+    }
+    functions {
+        panel, "the control panel", "the panel's mask is cleared before the second half of the requests is acted on";
+        variable_read, "the background variable read", "variables are ready before the second half of the data is there";
+        variable_write, "the background variable write", "the count is cleared before the second half of the records is written";
+        rotary, "the binary rotary transfer", "PMAC's rotary index stops in the middle of a line for a pass";
+        mailbox, "the mailbox port", "the response's interrupt comes before the second half of its characters";
+    }
 }
 
 impl Faults {
@@ -111,7 +125,8 @@ impl Faults {
                 _ => None,
             }
             .map(|on| *place(self) = on),
-            Place::Count { place, on } => count(on).map(|count| *place(self) = count),
+            Place::Count(place) => count(u64::MAX).map(|count| *place(self) = count),
+            Place::Once(place) => count(1).map(|count| *place(self) = count),
             Place::Cycles(place) => match value.strip_suffix("ms") {
                 Some(ms) => {
                     let ms = ms.parse().ok().filter(|ms: &f64| *ms >= 0.0);
@@ -134,11 +149,10 @@ impl Faults {
 #[derive(Clone, Copy)]
 enum Place {
     Switch(fn(&mut Faults) -> &mut bool),
-    /// So many times; `on` is so many.
-    Count {
-        place: fn(&mut Faults) -> &mut u64,
-        on: u64,
-    },
+    /// So many times; `on` is always.
+    Count(fn(&mut Faults) -> &mut u64),
+    /// So many times; `on` is one time.
+    Once(fn(&mut Faults) -> &mut u64),
     /// So many cycles, or milliseconds.
     Cycles(fn(&mut Faults) -> &mut u64),
     /// A number in place of the true one.
@@ -160,7 +174,7 @@ impl Fault {
     pub const fn values(&self) -> &'static str {
         match self.place {
             Place::Switch(_) => "on or off",
-            Place::Count { .. } => "on, off or a number",
+            Place::Count(_) | Place::Once(_) => "on, off or a number",
             Place::Cycles(_) => "on, off, a number of cycles or Nms",
             Place::Instead(_) => "off or a number",
         }
@@ -171,133 +185,6 @@ impl Fault {
 pub fn faults() -> impl Iterator<Item = &'static Fault> {
     FAULTS.iter().copied().flatten()
 }
-
-const fn switch(name: &'static str, effect: &'static str, place: fn(&mut Faults) -> &mut bool) -> Fault {
-    Fault { name, effect, place: Place::Switch(place) }
-}
-
-const fn count(
-    name: &'static str,
-    effect: &'static str,
-    on: u64,
-    place: fn(&mut Faults) -> &mut u64,
-) -> Fault {
-    Fault { name, effect, place: Place::Count { place, on } }
-}
-
-/// The three faults of a function that works by a flag in the background pass.
-macro_rules! function {
-    ($function:ident, $title:literal, $torn:literal) => {
-        &[
-            switch(concat!(stringify!($function), "_stuck"), concat!($title, " does nothing"), |faults| {
-                &mut faults.$function.stuck
-            }),
-            count(
-                concat!(stringify!($function), "_late"),
-                concat!($title, " acts so many background passes late"),
-                u64::MAX,
-                |faults| &mut faults.$function.late,
-            ),
-            switch(concat!(stringify!($function), "_torn"), $torn, |faults| &mut faults.$function.torn),
-        ]
-    };
-}
-
-static FAULTS: &[&[Fault]] = &[
-    &[
-        switch(
-            "servo_busy_stuck",
-            "PMAC-Busy of the servo report stays set, and nothing more is written",
-            |f| &mut f.servo_busy_stuck,
-        ),
-        switch("servo_silent", "the servo report stands still", |f| &mut f.servo_silent),
-        switch("background_stuck", "the background report stands still", |f| &mut f.background_stuck),
-        switch("ascii_deaf", "lines and control characters in the DPRAM are not taken", |f| {
-            &mut f.ascii_deaf
-        }),
-        switch("ascii_no_reply", "lines are taken and executed, but no response comes", |f| {
-            &mut f.ascii_no_reply
-        }),
-        Fault {
-            name: "ascii_slow",
-            effect: "each line takes so long",
-            place: Place::Cycles(|f| &mut f.ascii_slow),
-        },
-        Fault {
-            name: "ascii_late_ack",
-            effect: "the closing <ACK> comes so late",
-            place: Place::Cycles(|f| &mut f.ascii_late_ack),
-        },
-        Fault {
-            name: "ascii_slow_lines",
-            effect: "each line of a reply comes so late",
-            place: Place::Cycles(|f| &mut f.ascii_slow_lines),
-        },
-        Fault {
-            name: "ascii_late_cancel",
-            effect: "^X clears the words of the port so late, with whatever the host has put there by then",
-            place: Place::Cycles(|f| &mut f.ascii_late_cancel),
-        },
-        switch("ascii_no_size", "SIZE is answered with an error", |f| &mut f.ascii_no_size),
-        switch("no_binary_rotary", "OPEN BINARY ROTARY is answered with an error", |f| {
-            &mut f.no_binary_rotary
-        }),
-        switch("jog_stop_refused", "J/ is answered with an error", |f| &mut f.jog_stop_refused),
-        switch("ascii_torn", "a response's control word comes before the second half of its text", |f| {
-            &mut f.ascii_torn
-        }),
-        switch("ascii_repeat", "every response comes twice", |f| &mut f.ascii_repeat),
-        Fault {
-            name: "ascii_count",
-            effect: "the character count of a response says this number",
-            place: Place::Instead(|f| &mut f.ascii_count),
-        },
-        count("lost_interrupt", "so many interrupts are not raised", u64::MAX, |f| &mut f.lost_interrupts),
-        count("spurious_interrupt", "so many interrupts come with nothing behind them", 1, |f| {
-            &mut f.spurious_interrupts
-        }),
-        switch(
-            "close_ignored",
-            "CLOSE of a Turbo board is acknowledged and closes nothing; CLOSE ALL does",
-            |f| &mut f.close_ignored,
-        ),
-        switch("all_ones", "every word of the DPRAM reads all ones", |f| &mut f.all_ones),
-        switch("all_zeros", "every word of the DPRAM reads zero", |f| &mut f.all_zeros),
-        switch("other_page", "while its page is not selected, the DPRAM shows another one", |f| {
-            &mut f.other_page
-        }),
-        switch(
-            "host_port_stuck",
-            "the interrupt controller takes no end of interrupt and no clearing",
-            |f| &mut f.host_port_stuck,
-        ),
-    ],
-    function!(
-        panel,
-        "the control panel",
-        "the panel's mask is cleared before the second half of the requests is acted on"
-    ),
-    function!(
-        variable_read,
-        "the background variable read",
-        "variables are ready before the second half of the data is there"
-    ),
-    function!(
-        variable_write,
-        "the background variable write",
-        "the count is cleared before the second half of the records is written"
-    ),
-    function!(
-        rotary,
-        "the binary rotary transfer",
-        "PMAC's rotary index stops in the middle of a line for a pass"
-    ),
-    function!(
-        mailbox,
-        "the mailbox port",
-        "the response's interrupt comes before the second half of its characters"
-    ),
-];
 
 #[cfg(test)]
 mod tests {
@@ -319,7 +206,7 @@ mod tests {
         faults.set("all_ones", "on", 0.5).unwrap();
         assert_eq!(
             faults,
-            Faults { ascii_late_ack: 100, lost_interrupts: u64::MAX, all_ones: true, ..Faults::default() }
+            Faults { ascii_late_ack: 100, lost_interrupt: u64::MAX, all_ones: true, ..Faults::default() }
         );
         faults.set("all_ones", "off", 0.5).unwrap();
         assert!(!faults.all_ones);

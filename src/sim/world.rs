@@ -217,8 +217,8 @@ impl World {
             None => raised,
         };
         let faults = &mut self.board.faults;
-        let spurious = u64::from(faults.spurious_interrupts > 0);
-        faults.spurious_interrupts = faults.spurious_interrupts.saturating_sub(1);
+        let spurious = u64::from(faults.spurious_interrupt > 0);
+        faults.spurious_interrupt = faults.spurious_interrupt.saturating_sub(1);
         self.interrupts.response += lose(raised, faults) + spurious;
         if let Some(mailbox) = &mut self.mailbox {
             self.interrupts.mailbox_taken += lose(std::mem::take(&mut mailbox.taken), faults);
@@ -286,9 +286,9 @@ impl World {
 
 /// The interrupts that are left of `raised` when the fault `lost_interrupt` has taken its share.
 fn lose(raised: u64, faults: &mut Faults) -> u64 {
-    let lost = raised.min(faults.lost_interrupts);
-    if faults.lost_interrupts != u64::MAX {
-        faults.lost_interrupts -= lost;
+    let lost = raised.min(faults.lost_interrupt);
+    if faults.lost_interrupt != u64::MAX {
+        faults.lost_interrupt -= lost;
     }
     raised - lost
 }
