@@ -15,35 +15,22 @@ const SATURATED: f64 = (1u64 << 47) as f64;
 /// Fraction bits of the bitwise operators; more than a 48-bit float of any usual size has.
 const FRACTION_BITS: i32 = 60;
 
-#[derive(Debug, Clone, Copy)]
-enum Function {
-    Sin,
-    Cos,
-    Tan,
-    Asin,
-    Acos,
-    Atan,
-    Atan2,
-    Ln,
-    Exp,
-    Sqrt,
-    Abs,
-    Int,
-}
+/// A function of an argument, with the angles' unit in radians and Q0.
+type Function = fn(f64, f64, f64) -> f64;
 
 const FUNCTIONS: &[(&str, Function)] = &[
-    ("SIN", Function::Sin),
-    ("COS", Function::Cos),
-    ("TAN", Function::Tan),
-    ("ASIN", Function::Asin),
-    ("ACOS", Function::Acos),
-    ("ATAN", Function::Atan),
-    ("ATAN2", Function::Atan2),
-    ("LN", Function::Ln),
-    ("EXP", Function::Exp),
-    ("SQRT", Function::Sqrt),
-    ("ABS", Function::Abs),
-    ("INT", Function::Int),
+    ("SIN", |x, unit, _| (x * unit).sin()),
+    ("COS", |x, unit, _| (x * unit).cos()),
+    ("TAN", |x, unit, _| (x * unit).tan()),
+    ("ASIN", |x, unit, _| x.asin() / unit),
+    ("ACOS", |x, unit, _| x.acos() / unit),
+    ("ATAN", |x, unit, _| x.atan() / unit),
+    ("ATAN2", |x, unit, q0| x.atan2(q0) / unit),
+    ("LN", |x, _, _| x.ln()),
+    ("EXP", |x, _, _| x.exp()),
+    ("SQRT", |x, _, _| x.sqrt()),
+    ("ABS", |x, _, _| x.abs()),
+    ("INT", |x, _, _| x.floor()),
 ];
 
 /// Evaluates the expression at the scanner, with the Q-variables of the 0-based coordinate system `cs`.
@@ -104,25 +91,16 @@ pub fn variable_number(scanner: &mut Scanner, board: &Board, cs: usize) -> Resul
     Evaluator { board, cs, strict: true }.number(scanner)
 }
 
-/// A comparison, before a `!` negates it.
-#[derive(Debug, Clone, Copy)]
-enum Comparison {
-    Equal,
-    Greater,
-    Less,
-    /// Within one unit.
-    Near,
-}
-
-const COMPARATORS: &[(&str, (Comparison, bool))] = &[
-    ("=", (Comparison::Equal, true)),
-    ("!=", (Comparison::Equal, false)),
-    (">", (Comparison::Greater, true)),
-    ("!>", (Comparison::Greater, false)),
-    ("<", (Comparison::Less, true)),
-    ("!<", (Comparison::Less, false)),
-    ("~", (Comparison::Near, true)),
-    ("!~", (Comparison::Near, false)),
+const COMPARATORS: &[(&str, fn(f64, f64) -> bool)] = &[
+    ("=", |left, right| left == right),
+    ("!=", |left, right| left != right),
+    (">", |left, right| left > right),
+    ("!>", |left, right| left <= right),
+    ("<", |left, right| left < right),
+    ("!<", |left, right| left >= right),
+    // Within one unit.
+    ("~", |left, right| (left - right).abs() < 1.0),
+    ("!~", |left, right| (left - right).abs() >= 1.0),
 ];
 
 struct Evaluator<'a> {
@@ -150,17 +128,10 @@ impl Evaluator<'_> {
     fn comparison(&self, scanner: &mut Scanner) -> Result<bool, CommandError> {
         let mut ahead = scanner.clone();
         if let Ok(left) = self.sum(&mut ahead)
-            && let Some((comparison, wanted)) = ahead.keyword(&[COMPARATORS])
+            && let Some(holds) = ahead.keyword(&[COMPARATORS])
         {
             *scanner = ahead;
-            let right = self.sum(scanner)?;
-            let holds = match comparison {
-                Comparison::Equal => left == right,
-                Comparison::Greater => left > right,
-                Comparison::Less => left < right,
-                Comparison::Near => (left - right).abs() < 1.0,
-            };
-            return Ok(holds == wanted);
+            return Ok(holds(left, self.sum(scanner)?));
         }
         scanner.expect(b'(')?;
         let holds = self.condition(scanner)?;
@@ -246,20 +217,7 @@ impl Evaluator<'_> {
     fn apply(&self, function: Function, x: f64) -> f64 {
         // I15=0 means degrees.
         let unit = if self.board.variables.i(15) == 0.0 { std::f64::consts::PI / 180.0 } else { 1.0 };
-        let result = match function {
-            Function::Sin => (x * unit).sin(),
-            Function::Cos => (x * unit).cos(),
-            Function::Tan => (x * unit).tan(),
-            Function::Asin => x.asin() / unit,
-            Function::Acos => x.acos() / unit,
-            Function::Atan => x.atan() / unit,
-            Function::Atan2 => x.atan2(self.board.value(VariableKind::Q, self.cs, 0)) / unit,
-            Function::Ln => x.ln(),
-            Function::Exp => x.exp(),
-            Function::Sqrt => x.sqrt(),
-            Function::Abs => x.abs(),
-            Function::Int => x.floor(),
-        };
+        let result = function(x, unit, self.board.value(VariableKind::Q, self.cs, 0));
         if result.is_nan() { 0.0 } else { result }
     }
 }
