@@ -80,6 +80,15 @@ impl Programs {
         }
     }
 
+    /// What the deletion of a rotary buffer leaves: nothing points there, and no lines are ahead.
+    pub fn forget_rotary(&mut self, board: &mut Board, cs: usize) {
+        let system = &mut self.systems[cs];
+        if system.cursor.is_some_and(|cursor| cursor.program == 0) {
+            system.point(None);
+        }
+        self.note_rotary(board, cs);
+    }
+
     fn program_cycle(&mut self, board: &mut Board, cs: usize, ms: f64) {
         let slew = board.setting(board.settings().hold_slew, cs) / board.variables.i(10).max(1.0);
         let mut begun: Vec<Begun> = Vec::new();

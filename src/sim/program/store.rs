@@ -32,8 +32,9 @@ impl Program {
     }
 
     /// The lines, in order.
-    pub fn lines(&self) -> impl Iterator<Item = &Arc<Line>> {
-        self.lines.iter()
+    #[must_use]
+    pub fn all(&self) -> Vec<Arc<Line>> {
+        self.lines.clone()
     }
 
     /// Long words that it takes.

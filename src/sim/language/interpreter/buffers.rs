@@ -11,55 +11,58 @@ use crate::sim::program::item::{AXES, Data, Item, PlcSwitch};
 use crate::sim::program::parse::numbers;
 use crate::sim::program::store::{LAST_PROGRAM, Open, PLCS, PROTECTED, Table, TableKind};
 
+/// A buffer as `OPEN`, `LIST`, `DEFINE` and `DELETE` name it.
 #[derive(Debug, Clone, Copy)]
-enum Opened {
+pub(super) enum Buffer {
     Program,
+    Plc,
     Rotary,
     /// What follows is `ROTARY`.
     Binary,
-    Plc,
-    /// The inverse, else the forward one.
+    /// The inverse, else the forward, kinematic program of the addressed coordinate system.
     Kinematics(bool),
-}
-
-const OPENED: &[(&str, Opened)] = &[
-    ("PROG", Opened::Program),
-    ("PROGRAM", Opened::Program),
-    ("ROT", Opened::Rotary),
-    ("ROTARY", Opened::Rotary),
-    ("PLC", Opened::Plc),
-    ("BINARY", Opened::Binary),
-    ("BIN", Opened::Binary),
-];
-
-/// What Turbo opens besides: the kinematic programs of the addressed coordinate system.
-const OPENED_BY_TURBO: &[(&str, Opened)] =
-    &[("FORWARD", Opened::Kinematics(false)), ("INVERSE", Opened::Kinematics(true))];
-
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    Rotary,
     Table(TableKind),
+    Gather,
+    /// Every buffer but the fixed programs.
+    All,
+    /// The lines from the one to be calculated next.
+    Calculated,
+    /// The lines from the one in execution.
+    Executed,
+    /// The board has nothing to list.
+    Empty,
     /// In the manual, but without effect here.
     Nothing,
 }
 
-const KINDS: &[(&str, Kind)] = &[
-    ("ROT", Kind::Rotary),
-    ("ROTARY", Kind::Rotary),
-    ("UBUFFER", Kind::Table(TableKind::User)),
-    ("UBUF", Kind::Table(TableKind::User)),
-    ("TBUF", Kind::Table(TableKind::Transformation)),
-    ("COMP", Kind::Table(TableKind::Leadscrew)),
-    ("TCOMP", Kind::Table(TableKind::Torque)),
-    ("BLCOMP", Kind::Table(TableKind::Backlash)),
-    ("CCBUF", Kind::Table(TableKind::Cutter)),
-    ("TRACE", Kind::Nothing),
-    ("TEMPS", Kind::Nothing),
+const BUFFERS: &[(&str, Buffer)] = &[
+    ("PROG", Buffer::Program),
+    ("PROGRAM", Buffer::Program),
+    ("PLC", Buffer::Plc),
+    ("ROT", Buffer::Rotary),
+    ("ROTARY", Buffer::Rotary),
+    ("BINARY", Buffer::Binary),
+    ("BIN", Buffer::Binary),
+    ("FORWARD", Buffer::Kinematics(false)),
+    ("INVERSE", Buffer::Kinematics(true)),
+    ("UBUFFER", Buffer::Table(TableKind::User)),
+    ("UBUF", Buffer::Table(TableKind::User)),
+    ("TBUF", Buffer::Table(TableKind::Transformation)),
+    ("COMP", Buffer::Table(TableKind::Leadscrew)),
+    ("TCOMP", Buffer::Table(TableKind::Torque)),
+    ("BLCOMP", Buffer::Table(TableKind::Backlash)),
+    ("CCBUF", Buffer::Table(TableKind::Cutter)),
+    ("LOOKAHEAD", Buffer::Table(TableKind::Lookahead)),
+    ("GATHER", Buffer::Gather),
+    ("GAT", Buffer::Gather),
+    ("ALL", Buffer::All),
+    ("PC", Buffer::Calculated),
+    ("PE", Buffer::Executed),
+    ("LINK", Buffer::Empty),
+    ("LDS", Buffer::Empty),
+    ("TRACE", Buffer::Nothing),
+    ("TEMPS", Buffer::Nothing),
 ];
-
-/// Of Turbo alone: a PMAC needs Option 6L for lookahead, which no board here has.
-const KINDS_OF_TURBO: &[(&str, Kind)] = &[("LOOKAHEAD", Kind::Table(TableKind::Lookahead))];
 
 impl Line<'_, '_> {
     pub(super) fn buffer_command(&mut self, command: BufferCommand) -> Outcome {
@@ -114,31 +117,38 @@ impl Line<'_, '_> {
         }
     }
 
+    /// The buffer that the words at the scanner name; `None`, with the scanner unmoved, where they name none.
+    pub(super) fn buffer(&mut self) -> Option<Buffer> {
+        self.scanner.keyword(&[BUFFERS])
+    }
+
+    fn is_turbo(&self) -> bool {
+        self.board.family().generation == Generation::Turbo
+    }
+
     fn open(&mut self) -> Outcome {
-        let turbo = match self.board.family().generation {
-            Generation::Pmac => &[],
-            Generation::Turbo => OPENED_BY_TURBO,
-        };
-        let which = self.scanner.keyword(&[OPENED, turbo]).ok_or(CommandError::SYNTAX)?;
-        let open = match which {
-            Opened::Rotary => Open::Rotary,
-            Opened::Binary if self.board.faults.no_binary_rotary => return Err(CommandError::SYNTAX),
-            Opened::Binary => match self.scanner.keyword(&[&[("ROT", ()), ("ROTARY", ())]]) {
-                Some(()) => Open::BinaryRotary,
-                None => return Err(CommandError::SYNTAX),
-            },
-            Opened::Program => {
+        let open = match self.buffer() {
+            Some(Buffer::Rotary) => Open::Rotary,
+            Some(Buffer::Binary)
+                if !self.board.faults.no_binary_rotary && matches!(self.buffer(), Some(Buffer::Rotary)) =>
+            {
+                Open::BinaryRotary
+            }
+            Some(Buffer::Program) => {
                 self.scanner.take_text(b"RAM");
                 match self.scanner.integer()? {
                     number @ 1..=LAST_PROGRAM => Open::Program(number as u32),
                     _ => return Err(CommandError::SYNTAX),
                 }
             }
-            Opened::Plc => match self.scanner.integer()? {
+            Some(Buffer::Plc) => match self.scanner.integer()? {
                 number if number < PLCS => Open::Plc(number),
                 _ => return Err(CommandError::SYNTAX),
             },
-            Opened::Kinematics(inverse) => Open::Kinematics { inverse, cs: self.interpreter.cs },
+            Some(Buffer::Kinematics(inverse)) if self.is_turbo() => {
+                Open::Kinematics { inverse, cs: self.interpreter.cs }
+            }
+            _ => return Err(CommandError::SYNTAX),
         };
         if self.programs.store.open().is_some() {
             return Err(CommandError::BUFFER_IN_USE);
@@ -209,33 +219,23 @@ impl Line<'_, '_> {
         self.store_items()
     }
 
-    /// The word behind `DEFINE` or `DELETE`.
-    fn kind(&mut self) -> Result<Kind, CommandError> {
-        let turbo = match self.board.family().generation {
-            Generation::Pmac => &[],
-            Generation::Turbo => KINDS_OF_TURBO,
-        };
-        self.scanner.keyword(&[KINDS, turbo]).ok_or(CommandError::SYNTAX)
-    }
-
     /// A size. Sites give it in hex too. One beyond any board's memory need only stay so.
     fn size(&mut self) -> Result<usize, CommandError> {
         Ok(self.scanner.unsigned()?.min(1e8) as usize)
     }
 
     /// `DEFINE` of any buffer but the gather buffer: sizes in long words, entries or counts.
-    pub(super) fn define_buffer(&mut self) -> Outcome {
-        let kind = self.kind()?;
+    pub(super) fn define_buffer(&mut self, buffer: Buffer) -> Outcome {
         let size = self.size()?;
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
         let free = self.programs.free_memory(self.board);
         if self.board.gather_is_defined() {
             return Err(CommandError::SYNTAX);
         }
-        let kind = match kind {
-            Kind::Nothing => return Err(CommandError::SYNTAX),
-            Kind::Rotary => return self.programs.store.define_rotary(cs, size, free),
-            Kind::Table(kind) => kind,
+        let kind = match buffer {
+            Buffer::Rotary => return self.programs.store.define_rotary(cs, size, free),
+            Buffer::Table(kind) if self.has(kind) => kind,
+            _ => return Err(CommandError::SYNTAX),
         };
         let (mut motors, mut desired, mut outputs) = ([motor; 2], false, 0);
         let (owner, span) = match kind {
@@ -271,6 +271,11 @@ impl Line<'_, '_> {
         Ok(())
     }
 
+    /// A PMAC needs Option 6L for lookahead, which no board here has.
+    fn has(&self, kind: TableKind) -> bool {
+        kind != TableKind::Lookahead || self.is_turbo()
+    }
+
     /// `[#source[D],][#target,]` of `DEFINE COMP`; each defaults to the addressed motor.
     fn compensated_motors(&mut self) -> Result<([usize; 2], bool), CommandError> {
         let (mut motors, mut desired) = ([self.interpreter.motor; 2], false);
@@ -289,29 +294,23 @@ impl Line<'_, '_> {
     }
 
     /// `DELETE` of any buffer but the gather buffer.
-    pub(super) fn delete_buffer(&mut self) -> Outcome {
+    pub(super) fn delete_buffer(&mut self, buffer: Buffer) -> Outcome {
         let (cs, motor) = (self.interpreter.cs, self.interpreter.motor);
-        match self.kind()? {
-            Kind::Nothing => Ok(()),
-            Kind::Rotary => {
+        match buffer {
+            Buffer::Nothing => Ok(()),
+            Buffer::Rotary => {
                 if self.programs.systems.get(cs).is_some_and(|system| system.running) {
                     return Err(CommandError::RUNNING);
                 }
                 // A Turbo board deletes upwards (Turbo Software Reference p. 315). No page seen says so of PMAC.
-                if self.board.family().generation == Generation::Turbo
-                    && self.programs.store.has_rotary_before(cs)
-                {
+                if self.is_turbo() && self.programs.store.has_rotary_before(cs) {
                     return Err(CommandError::SYNTAX);
                 }
                 self.programs.store.delete_rotary(cs)?;
-                let system = &mut self.programs.systems[cs];
-                if system.cursor.is_some_and(|cursor| cursor.program == 0) {
-                    system.point(None);
-                }
-                self.programs.note_rotary(self.board, cs);
+                self.programs.forget_rotary(self.board, cs);
                 Ok(())
             }
-            Kind::Table(kind) => {
+            Buffer::Table(kind) if self.has(kind) => {
                 let store = &self.programs.store;
                 // These must be deleted before a lookahead buffer (Turbo Software Reference p. 315).
                 let has_others = store.has_lookahead_before(cs)
@@ -329,6 +328,7 @@ impl Line<'_, '_> {
                 self.programs.store.tables.retain(|table| table.kind != kind || table.owner != owner);
                 Ok(())
             }
+            _ => Err(CommandError::SYNTAX),
         }
     }
 
@@ -343,11 +343,7 @@ impl Line<'_, '_> {
         self.board.delete_gather()?;
         self.programs.store.delete_all();
         for cs in 0..self.board.family().coordinate_systems {
-            let system = &mut self.programs.systems[cs];
-            if system.cursor.is_some_and(|cursor| cursor.program == 0) {
-                system.point(None);
-            }
-            self.programs.note_rotary(self.board, cs);
+            self.programs.forget_rotary(self.board, cs);
         }
         Ok(())
     }

@@ -7,42 +7,10 @@ use crate::map::Generation;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::number::decimal;
 use crate::sim::language::interpreter::Line;
+use crate::sim::language::interpreter::buffers::Buffer;
 use crate::sim::language::reply::Outcome;
-use crate::sim::program::store::{Open, PLCS, PROTECTED, TableKind};
+use crate::sim::program::store::{Open, PLCS, PROTECTED, Program, TableKind};
 use crate::sim::program::{item, text};
-
-#[derive(Debug, Clone, Copy)]
-enum What {
-    Program,
-    Plc,
-    Rotary,
-    Calculated,
-    Executed,
-    Table(TableKind),
-    Gather,
-    Empty,
-    /// The inverse, else the forward, kinematic program of the addressed coordinate system.
-    Kinematics(bool),
-}
-
-const WHAT: &[(&str, What)] = &[
-    ("PROG", What::Program),
-    ("PROGRAM", What::Program),
-    ("PLC", What::Plc),
-    ("ROT", What::Rotary),
-    ("ROTARY", What::Rotary),
-    ("PC", What::Calculated),
-    ("PE", What::Executed),
-    ("COMP", What::Table(TableKind::Leadscrew)),
-    ("TCOMP", What::Table(TableKind::Torque)),
-    ("BLCOMP", What::Table(TableKind::Backlash)),
-    ("GATHER", What::Gather),
-    ("GAT", What::Gather),
-    ("LINK", What::Empty),
-    ("LDS", What::Empty),
-    ("FORWARD", What::Kinematics(false)),
-    ("INVERSE", What::Kinematics(true)),
-];
 
 /// Most values in one `LIST GATHER` line.
 const GATHERED_A_LINE: usize = 8;
@@ -54,54 +22,50 @@ type Lines = Vec<Arc<item::Line>>;
 
 impl Line<'_, '_> {
     pub(super) fn list(&mut self) -> Outcome {
-        let Some(what) = self.scanner.keyword(&[WHAT]) else { return self.list_open() };
+        let Some(buffer) = self.buffer() else { return self.list_open() };
         let cs = self.interpreter.cs;
-        let store = &self.programs.store;
-        match what {
-            What::Program => {
+        match buffer {
+            Buffer::Program => {
                 let number = self.scanner.integer()?;
                 self.accessible(number >= PROTECTED)?;
-                let program =
-                    u32::try_from(number).ok().and_then(|number| self.programs.store.program(number));
-                let lines: Lines = program.ok_or(CommandError::SYNTAX)?.lines().cloned().collect();
-                self.list_range(lines)
+                let number = u32::try_from(number).map_err(|_| CommandError::SYNTAX)?;
+                let lines = self.programs.store.program(number).map(Program::all);
+                self.list_range(lines.ok_or(CommandError::SYNTAX)?)
             }
-            What::Plc => {
+            Buffer::Plc => {
                 let number = self.scanner.integer()?;
                 if number >= PLCS {
                     return Err(CommandError::SYNTAX);
                 }
                 self.accessible(true)?;
-                let plc = self.programs.store.plc(number).ok_or(CommandError::SYNTAX)?;
-                let lines: Lines = plc.lines().cloned().collect();
-                if lines.is_empty() { Err(CommandError::SYNTAX) } else { self.list_range(lines) }
+                self.list_existing(self.programs.store.plc(number).map(Program::all))
             }
-            What::Rotary => {
-                let lines: Lines = store.rotary(cs).ok_or(CommandError::SYNTAX)?.lines().cloned().collect();
-                self.list_range(lines)
+            Buffer::Kinematics(inverse) => {
+                self.list_existing(self.programs.store.kinematics(cs, inverse).map(Program::all))
             }
-            What::Calculated => {
+            Buffer::Rotary => {
+                let lines = self.programs.store.rotary(cs).ok_or(CommandError::SYNTAX)?.lines().cloned();
+                self.list_range(lines.collect())
+            }
+            Buffer::Calculated => {
                 let cursor = self.programs.systems.get(cs).and_then(|system| system.cursor);
                 let cursor = cursor.ok_or(CommandError::SYNTAX)?;
                 self.list_from(cursor.program, cursor.line)
             }
-            What::Executed => {
+            Buffer::Executed => {
                 let (program, line, _) = self.executed().ok_or(CommandError::SYNTAX)?;
                 self.list_from(program, line)
             }
-            What::Table(kind) => self.list_table(kind),
-            What::Gather => self.list_gather(),
-            What::Empty => Ok(()),
-            What::Kinematics(inverse) => {
-                let lines: Lines = store
-                    .kinematics(cs, inverse)
-                    .into_iter()
-                    .flat_map(|program| program.lines().cloned())
-                    .collect();
-                // As `LIST PLC` of a PLC that there is not.
-                if lines.is_empty() { Err(CommandError::SYNTAX) } else { self.list_range(lines) }
-            }
+            Buffer::Table(kind) => self.list_table(kind),
+            Buffer::Gather => self.list_gather(),
+            Buffer::Empty => Ok(()),
+            Buffer::Binary | Buffer::All | Buffer::Nothing => Err(CommandError::SYNTAX),
         }
+    }
+
+    /// A program that the board lists only if there is one.
+    fn list_existing(&mut self, lines: Option<Lines>) -> Outcome {
+        self.list_range(lines.filter(|lines| !lines.is_empty()).ok_or(CommandError::SYNTAX)?)
     }
 
     fn list_open(&mut self) -> Outcome {
@@ -111,7 +75,7 @@ impl Line<'_, '_> {
                 let rotary = store.rotary(self.interpreter.cs).ok_or(CommandError::NO_OPEN_BUFFER)?;
                 rotary.lines().cloned().collect()
             }
-            _ => store.open_program().map(|program| program.lines().cloned().collect()).unwrap_or_default(),
+            _ => store.open_program().map(Program::all).unwrap_or_default(),
         };
         self.list_range(lines)
     }

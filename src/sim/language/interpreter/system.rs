@@ -3,6 +3,7 @@
 use crate::sim::board::calendar;
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
+use crate::sim::language::interpreter::buffers::Buffer;
 use crate::sim::language::reply::Outcome;
 use crate::sim::language::words::Word;
 
@@ -11,15 +12,6 @@ use crate::sim::language::words::Word;
 const SAVE_MS: f64 = 2000.0;
 /// How long it takes to make or take away a buffer, by the same experience.
 const BUFFER_MS: f64 = 20.0;
-
-#[derive(Debug, Clone, Copy)]
-enum Buffer {
-    Gather,
-    All,
-}
-
-const BUFFERS: &[(&str, Buffer)] =
-    &[("GATHER", Buffer::Gather), ("GAT", Buffer::Gather), ("ALL", Buffer::All)];
 
 impl Line<'_, '_> {
     pub(super) fn identity(&mut self, what: Word) -> Outcome {
@@ -107,24 +99,24 @@ impl Line<'_, '_> {
     /// `DEFINE GATHER [n]`, or another buffer.
     pub(super) fn define(&mut self) -> Outcome {
         self.board.take_time(BUFFER_MS);
-        match self.scanner.keyword(&[BUFFERS]) {
-            Some(Buffer::Gather) if self.scanner.at_unsigned() => {
+        match self.buffer().ok_or(CommandError::SYNTAX)? {
+            Buffer::Gather => {
                 // Some hosts send a size with decimals, as `47.0`.
-                let longs = self.scanner.unsigned()? as u32;
-                self.board.define_gather(Some(longs), self.programs.free_memory(self.board))
+                let is_sized = self.scanner.at_unsigned();
+                let longs = if is_sized { Some(self.scanner.unsigned()? as u32) } else { None };
+                self.board.define_gather(longs, self.programs.free_memory(self.board))
             }
-            Some(Buffer::Gather) => self.board.define_gather(None, self.programs.free_memory(self.board)),
-            _ => self.define_buffer(),
+            buffer => self.define_buffer(buffer),
         }
     }
 
     /// `DELETE GATHER`, `DELETE ALL`, or another buffer.
     pub(super) fn delete(&mut self) -> Outcome {
         self.board.take_time(BUFFER_MS);
-        match self.scanner.keyword(&[BUFFERS]) {
-            Some(Buffer::Gather) => self.board.delete_gather(),
-            Some(Buffer::All) => self.delete_all(),
-            None => self.delete_buffer(),
+        match self.buffer().ok_or(CommandError::SYNTAX)? {
+            Buffer::Gather => self.board.delete_gather(),
+            Buffer::All => self.delete_all(),
+            buffer => self.delete_buffer(buffer),
         }
     }
 
