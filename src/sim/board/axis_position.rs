@@ -4,9 +4,9 @@
 //! difference between that and the position that counts from home, to which limits refer (Software Reference pp. 179,
 //! 273).
 
+use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Motors, STILL};
-use crate::sim::board::{Board, coordinate};
 
 /// The order of the axis registers.
 const AXES: [char; 9] = ['A', 'B', 'C', 'U', 'V', 'W', 'X', 'Y', 'Z'];
@@ -43,7 +43,7 @@ impl Board {
     }
 
     fn at_rest(&self, cs: usize) -> Result<(), CommandError> {
-        if coordinate::running(cs, &self.memory) {
+        if self.runs_program(cs) {
             return Err(CommandError::RUNNING);
         }
         if self.motors_of(cs).into_iter().any(|motor| self.motors[motor].moving()) {

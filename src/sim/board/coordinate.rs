@@ -7,12 +7,8 @@ use crate::format::int24;
 use crate::sim::board::memory::Memory;
 use crate::sim::board::variables::Variables;
 
-/// Largest 24-bit positive value, where an override saturates.
-const FULL: f64 = 8_388_607.0;
 /// `??` word 1 after a reset: FRAX(X,Y,Z), axes absolute, circle vectors incremental, nothing running.
 const STATUS_AT_RESET: u32 = 0xA8_0020;
-/// `??` word 1, bit 0: a program runs.
-const RUNNING: u32 = 1;
 
 /// One coordinate system.
 #[derive(Debug, Clone, Default)]
@@ -77,29 +73,4 @@ impl CoordinateSystem {
         self.resuming |= self.held;
         self.held = false;
     }
-}
-
-/// `%{percent}`.
-pub fn set_override(index: usize, percent: f64, variables: &Variables, memory: &mut Memory) {
-    let value = (percent * variables.i(10) / 100.0).round().clamp(0.0, FULL);
-    memory.write(memory.registers().time_base_commanded.of(index), value as u32);
-}
-
-/// `%`.
-pub fn override_percent(index: usize, variables: &Variables, memory: &Memory) -> f64 {
-    let value = memory.read(memory.registers().time_base_commanded.of(index));
-    let full = variables.i(10);
-    if full > 0.0 { 100.0 * f64::from(int24::signed(value)) / full } else { 0.0 }
-}
-
-/// Whether a motion program runs in the coordinate system.
-pub fn running(index: usize, memory: &Memory) -> bool {
-    memory.read(memory.registers().coordinate_status.of(index)) & RUNNING != 0
-}
-
-/// Ends a program: `??` word 1 without "running", single step and continuous motion.
-pub fn stop_program(index: usize, memory: &mut Memory) {
-    let address = memory.registers().coordinate_status.of(index);
-    let status = memory.read(address);
-    memory.write(address, status & !0b1_0111);
 }

@@ -2,12 +2,12 @@
 //! pp. 171-300). Motors and coordinate systems are 0-based here.
 
 use super::Board;
-use super::coordinate;
 use super::error::CommandError;
 use super::firmware::DpramHandshake;
 use super::gather::{self, GatherSources};
 use super::motor::Loop;
 use super::output::Port;
+use crate::format::int24;
 
 type Result = std::result::Result<(), CommandError>;
 
@@ -49,13 +49,18 @@ impl Board {
 
     /// `%{percent}`. Negative is taken as zero, too much saturates.
     pub fn set_override(&mut self, cs: usize, percent: f64) {
-        coordinate::set_override(cs, percent, &self.variables, &mut self.memory);
+        // Largest 24-bit positive value.
+        const MOST: f64 = 8_388_607.0;
+        let value = (percent * self.variables.i(10) / 100.0).round().clamp(0.0, MOST);
+        self.memory.write(self.memory.registers().time_base_commanded.of(cs), value as u32);
     }
 
     /// `%`: the commanded override in percent.
     #[must_use]
     pub fn override_percent(&self, cs: usize) -> f64 {
-        coordinate::override_percent(cs, &self.variables, &self.memory)
+        let value = self.memory.read(self.memory.registers().time_base_commanded.of(cs));
+        let full = self.variables.i(10);
+        if full > 0.0 { 100.0 * f64::from(int24::signed(value)) / full } else { 0.0 }
     }
 
     /// `GATHER`, or `GATHER TRIGGER`.

@@ -139,10 +139,10 @@ impl Board {
     /// # Errors
     /// ERR001, ERR003; ERR003 also beyond 100%.
     pub fn open_loop(&mut self, motor: usize, percent: f64) -> Result {
-        self.may_move(motor)?;
         if !(-100.0..=100.0).contains(&percent) {
             return Err(CommandError::SYNTAX);
         }
+        self.may_move(motor)?;
         self.motors[motor].open(Loop::Open(percent));
         self.refresh(motor);
         Ok(())
@@ -193,9 +193,9 @@ impl Board {
     }
 
     fn may_move(&self, motor: usize) -> Result {
-        if !self.active(motor) {
-            return Err(CommandError::SYNTAX);
+        if self.program_runs(motor) {
+            return Err(CommandError::RUNNING);
         }
-        if self.program_runs(motor) { Err(CommandError::RUNNING) } else { Ok(()) }
+        if self.active(motor) { Ok(()) } else { Err(CommandError::SYNTAX) }
     }
 }

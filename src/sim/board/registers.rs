@@ -3,11 +3,11 @@
 //! Bits: Software Reference pp. 189-198.
 
 use crate::format::int24;
+use crate::sim::board::Board;
 use crate::sim::board::axes::AxisDefinition;
 use crate::sim::board::gather::Activity;
 use crate::sim::board::motor::{Loop, Motors};
 use crate::sim::board::output::Port;
-use crate::sim::board::{Board, coordinate};
 
 /// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
 const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
@@ -224,12 +224,6 @@ impl Board {
         [at.global_status, at.global_buffers].map(|register| self.memory.read(register))
     }
 
-    /// Whether Ix00 of the 0-based `motor` is set.
-    #[must_use]
-    pub fn activated(&self, motor: usize) -> bool {
-        self.ix(motor, 0) != 0.0
-    }
-
     /// Whether a motion program runs in the 0-based coordinate system `cs`: bit 0 of the first `??` word.
     #[must_use]
     pub fn runs_program(&self, cs: usize) -> bool {
@@ -238,7 +232,7 @@ impl Board {
 
     /// Whether a motion program runs in the coordinate system of the 0-based `motor`.
     pub fn program_runs(&self, motor: usize) -> bool {
-        self.axes.coordinate_system(motor).is_some_and(|cs| coordinate::running(cs, &self.memory))
+        self.axes.coordinate_system(motor).is_some_and(|cs| self.runs_program(cs))
     }
 
     /// The commanded positions of all motors in counts.

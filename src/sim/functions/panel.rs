@@ -17,8 +17,8 @@ use crate::map::functions::panel_request::{
     FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,
 };
 use crate::map::{HostOffset, PanelBlock};
+use crate::sim::board::Board;
 use crate::sim::board::jog::Jog;
-use crate::sim::board::{Board, coordinate};
 use crate::sim::fault::Delay;
 use crate::sim::program::Programs;
 
@@ -133,7 +133,7 @@ fn act(requests: &[Request], board: &mut Board, programs: &mut Programs) {
         if word & (STOP | FEED_HOLD) != 0 {
             continue;
         }
-        if word & STEP != 0 && coordinate::running(n, &board.memory) {
+        if word & STEP != 0 && board.runs_program(n) {
             programs.quit(board, n);
         } else if word & STEP != 0 {
             let _ = programs.step(board, n);

@@ -138,14 +138,6 @@ pub enum PlcSwitch {
     Resume,
 }
 
-impl PlcSwitch {
-    /// Whether PMAC has it, too.
-    #[must_use]
-    pub const fn is_of_every_board(self) -> bool {
-        matches!(self, Self::Enable | Self::Disable)
-    }
-}
-
 /// How a line with a condition of its own joins the condition above it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Joint {

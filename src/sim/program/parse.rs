@@ -164,14 +164,7 @@ impl Reader<'_, '_> {
                 Item::Home { zero, motors: self.motors()? }
             }
             Keyword::SetPhase => Item::SetPhase(self.motors()?),
-            // On PMAC `R` and `P` are commands of their own, which no program takes.
-            Keyword::Lock(lock) if self.is_turbo() => {
-                Item::Lock(lock::operands(&mut self.scanner, self.board, lock)?)
-            }
-            Keyword::Lock(_) => return Err(CommandError::SYNTAX),
-            Keyword::Plc(switch) if !switch.is_of_every_board() && !self.is_turbo() => {
-                return Err(CommandError::SYNTAX);
-            }
+            Keyword::Lock(lock) => Item::Lock(lock::operands(&mut self.scanner, self.board, lock)?),
             Keyword::Plc(switch) => {
                 if !self.scanner.take_text(b"PLC") {
                     return Err(CommandError::SYNTAX);

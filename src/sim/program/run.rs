@@ -2,8 +2,8 @@
 //! "On-line commands"; error codes p. 25). Coordinate systems are 0-based.
 
 use super::calculate::flow::split;
+use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
-use crate::sim::board::{Board, coordinate};
 use crate::sim::program::Programs;
 use crate::sim::program::place::Cursor;
 use crate::sim::program::store::Program;
@@ -19,6 +19,8 @@ const RUNNING: u32 = 1;
 const SINGLE_STEP: u32 = 1 << 1;
 pub(super) const BLENDING: u32 = 1 << 2;
 const CONTINUOUS: u32 = 1 << 4;
+/// What the end of a program clears: running, single step and continuous motion.
+const NOT_RUNNING: u32 = 0b1_0111;
 /// `??` word 2.
 pub(super) const HOLD_STOP: u32 = 1 << 23;
 pub(super) const RUN_TIME_ERROR: u32 = 1 << 22;
@@ -56,7 +58,7 @@ impl Programs {
     /// # Errors
     /// ERR001 while a program runs, ERR003 when there is no such program or label.
     pub fn begin(&mut self, board: &mut Board, cs: usize, number: f64) -> Result {
-        if coordinate::running(cs, &board.memory) {
+        if board.runs_program(cs) {
             return Err(CommandError::RUNNING);
         }
         let cursor = self.cursor(cs, number).ok_or(CommandError::SYNTAX)?;
@@ -139,14 +141,14 @@ impl Programs {
         if self.systems.get(cs).is_some_and(|system| system.running) {
             self.finish_calculation(board, cs);
         } else {
-            coordinate::stop_program(cs, &mut board.memory);
+            board.coordinate_word(cs, NOT_RUNNING, 0);
         }
     }
 
     /// `/`: stops after the move in progress; the pointer is at the one after it.
     pub fn stop_after_move(&mut self, board: &mut Board, cs: usize) {
         let Some(system) = self.systems.get_mut(cs).filter(|system| system.running) else {
-            coordinate::stop_program(cs, &mut board.memory);
+            board.coordinate_word(cs, NOT_RUNNING, 0);
             return;
         };
         let dropped = system.trajectory.drop_ahead();
@@ -180,7 +182,7 @@ impl Programs {
 
     /// Ends the program of `cs` at once: for aborts, limits and fatal errors, which stop the motors themselves.
     pub fn end_program(&mut self, board: &mut Board, cs: usize) {
-        coordinate::stop_program(cs, &mut board.memory);
+        board.coordinate_word(cs, NOT_RUNNING, 0);
         board.program_word(cs, SEGMENTED | SEGMENTED_RAMP | SEGMENTED_STOP | DWELL, 0);
         let system = &mut self.systems[cs];
         system.running = false;
@@ -204,7 +206,7 @@ impl Programs {
 
     /// The program has come to rest: ended by `ending`, or held in mid-path by `\`.
     pub(super) fn program_rests(&mut self, board: &mut Board, cs: usize, ending: Option<Ending>) {
-        coordinate::stop_program(cs, &mut board.memory);
+        board.coordinate_word(cs, NOT_RUNNING, 0);
         let commanded = board.commanded();
         let system = &mut self.systems[cs];
         system.running = false;
@@ -303,7 +305,7 @@ pub fn check_start(board: &Board, cs: usize, pointed: bool) -> Result {
     if motors.is_empty() {
         return Err(CommandError::NO_MOTOR);
     }
-    if motors.iter().any(|&motor| !board.activated(motor)) {
+    if motors.iter().any(|&motor| !board.active(motor)) {
         return Err(CommandError::NOT_ACTIVATED);
     }
     if motors.iter().any(|motor| bits_set(motor, 1 << 18)) {

@@ -40,7 +40,7 @@ pub enum Keyword {
     Home(bool),
     /// `ENABLE` and the like; `PLC` follows.
     Plc(PlcSwitch),
-    /// `LOCK`, or `UNLOCK` with `false`, of Turbo alone.
+    /// `LOCK`, or `UNLOCK` with `false`.
     Lock(bool),
     /// `SETPHASE`.
     SetPhase,
@@ -118,16 +118,18 @@ static WORDS: &[(&str, Keyword)] = &[
     ("ENA", K::Plc(PlcSwitch::Enable)),
     ("DISABLE", K::Plc(PlcSwitch::Disable)),
     ("DIS", K::Plc(PlcSwitch::Disable)),
+];
+
+/// The words that Turbo has on top.
+static TURBO: &[(&str, Keyword)] = &[
     ("PAUSE", K::Plc(PlcSwitch::Pause)),
     ("PAU", K::Plc(PlcSwitch::Pause)),
     ("RESUME", K::Plc(PlcSwitch::Resume)),
     ("RES", K::Plc(PlcSwitch::Resume)),
     ("LOCK", K::Lock(true)),
     ("UNLOCK", K::Lock(false)),
+    ("SETPHASE", K::SetPhase),
 ];
-
-/// The words that Turbo has on top.
-static TURBO: &[(&str, Keyword)] = &[("SETPHASE", K::SetPhase)];
 
 /// The tables of the boards of a generation.
 #[must_use]

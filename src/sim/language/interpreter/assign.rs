@@ -30,7 +30,10 @@ impl Line<'_, '_> {
         if !numbered {
             return match letter {
                 b'P' => self.report_position(),
-                b'Q' => self.quit(),
+                b'Q' => {
+                    self.programs.quit(self.board, self.interpreter.cs);
+                    Ok(())
+                }
                 _ => Err(CommandError::SYNTAX),
             };
         }

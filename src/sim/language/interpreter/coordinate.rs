@@ -32,34 +32,6 @@ impl Line<'_, '_> {
         })
     }
 
-    pub(super) fn quit(&mut self) -> Outcome {
-        self.programs.quit(self.board, self.interpreter.cs);
-        Ok(())
-    }
-
-    pub(super) fn feed_hold(&mut self) -> Outcome {
-        self.board.feed_hold(self.interpreter.cs);
-        Ok(())
-    }
-
-    pub(super) fn stop_after_move(&mut self) -> Outcome {
-        self.programs.stop_after_move(self.board, self.interpreter.cs);
-        Ok(())
-    }
-
-    pub(super) fn program_hold(&mut self) -> Outcome {
-        self.programs.program_hold(self.board, self.interpreter.cs);
-        Ok(())
-    }
-
-    pub(super) fn run_program(&mut self) -> Outcome {
-        self.programs.run(self.board, self.interpreter.cs)
-    }
-
-    pub(super) fn step_program(&mut self) -> Outcome {
-        self.programs.step(self.board, self.interpreter.cs)
-    }
-
     /// `B{c}` points to a program; `B={c}` redefines the position of the B axis.
     pub(super) fn point_to_program(&mut self) -> Outcome {
         if self.scanner.peek() == Some(b'=') {

@@ -15,6 +15,7 @@ mod station;
 mod system;
 mod turbo;
 
+use crate::map::Generation;
 use crate::sim::board::Board;
 use crate::sim::board::axes::{AxisMode, is_axis};
 use crate::sim::board::error::CommandError;
@@ -25,6 +26,7 @@ use crate::sim::language::words::{self, Word};
 use crate::sim::program::Programs;
 use crate::sim::program::item::Item;
 use crate::sim::program::parse::numbers;
+use crate::sim::program::words as statements;
 
 /// The addressed motor, coordinate system, group of motors and card.
 #[derive(Debug, Clone, Default)]
@@ -140,10 +142,10 @@ impl Line<'_, '_> {
     /// The error for a word that is no command, or needs a buffer, before any command of the line acts: the `R` of a misspelt word
     /// starts no program. What stands behind an assignment, a definition or a command with operands is looked at in its turn.
     fn check_words(&self) -> Outcome {
-        let tables = words::tables(self.board.family().generation);
+        let generation = self.board.family().generation;
         let mut ahead = self.scanner.clone();
         loop {
-            match ahead.keyword(tables) {
+            match word(&mut ahead, generation) {
                 Some(Word::Foreign) => return Err(CommandError::SYNTAX),
                 Some(Word::Program) => return Err(CommandError::NO_OPEN_BUFFER),
                 Some(word) if word.has_operands() => return Ok(()),
@@ -173,7 +175,7 @@ impl Line<'_, '_> {
         if self.scanner.at_constant() && self.scanner.peek() == Some(b'$') {
             return Err(CommandError::SYNTAX);
         }
-        if let Some(word) = self.scanner.keyword(words::tables(self.board.family().generation)) {
+        if let Some(word) = word(&mut self.scanner, self.board.family().generation) {
             return self.word(word);
         }
         match self.scanner.next_character() {
@@ -181,15 +183,24 @@ impl Line<'_, '_> {
             Some(b'&') => self.address_coordinate_system(),
             Some(b'@') => self.address_card(),
             Some(b'J') => self.jog(),
-            Some(b'K') => self.letter(Self::kill),
+            Some(b'K') => self.letter(|line| line.board.kill(line.interpreter.motor)),
             Some(b'O') => self.open_loop(),
             Some(b'F') => self.letter(Self::report_following_error),
-            Some(b'H') => self.letter(Self::feed_hold),
-            Some(b'R') => self.letter(Self::run_program),
-            Some(b'S') => self.letter(Self::step_program),
+            Some(b'H') => self.letter(|line| {
+                line.board.feed_hold(line.interpreter.cs);
+                Ok(())
+            }),
+            Some(b'R') => self.letter(|line| line.programs.run(line.board, line.interpreter.cs)),
+            Some(b'S') => self.letter(|line| line.programs.step(line.board, line.interpreter.cs)),
             Some(b'B') => self.point_to_program(),
-            Some(b'/') => self.stop_after_move(),
-            Some(b'\\') => self.program_hold(),
+            Some(b'/') => {
+                self.programs.stop_after_move(self.board, self.interpreter.cs);
+                Ok(())
+            }
+            Some(b'\\') => {
+                self.programs.program_hold(self.board, self.interpreter.cs);
+                Ok(())
+            }
             Some(b'%') => self.feedrate_override(),
             Some(letter @ (b'I' | b'P' | b'Q' | b'M')) => self.variable(letter),
             Some(axis) if is_axis(axis) => self.axis(axis),
@@ -202,10 +213,10 @@ impl Line<'_, '_> {
     fn word(&mut self, word: Word) -> Outcome {
         match word {
             Word::Status(which) => self.status(which),
-            Word::ResetMotor => self.reset_motor(),
-            Word::AbsolutePosition => self.absolute_position(),
-            Word::Home => self.letter(Self::home),
-            Word::HomeZero => self.letter(Self::home_zero),
+            Word::ResetMotor => self.board.reset_motor(self.interpreter.motor),
+            Word::AbsolutePosition => self.board.absolute_position(self.interpreter.motor),
+            Word::Home => self.letter(|line| line.board.home(line.interpreter.motor)),
+            Word::HomeZero => self.letter(|line| line.board.home_zero(line.interpreter.motor)),
             Word::Absolute => self.axis_mode(AxisMode::Absolute),
             Word::Incremental => self.axis_mode(AxisMode::Incremental),
             Word::FeedrateAxes => self.axis_mode(AxisMode::Feedrate),
@@ -325,4 +336,16 @@ impl Line<'_, '_> {
             _ => self.answer(format!("{:X}", self.interpreter.card)),
         }
     }
+}
+
+/// Takes the word at the scanner. Where the word of a statement is the longer one, that counts.
+fn word(scanner: &mut Scanner, generation: Generation) -> Option<Word> {
+    let mut statement = scanner.clone();
+    let is_statement = statement.keyword(statements::tables(generation)).is_some();
+    let word = scanner.keyword(words::tables(generation));
+    if is_statement && !scanner.up_to(&statement).is_empty() {
+        *scanner = statement;
+        return Some(Word::Program);
+    }
+    word
 }

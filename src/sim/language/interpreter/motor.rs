@@ -28,8 +28,7 @@ impl Line<'_, '_> {
             Some(b'^') => self.distance(Jog::ByActualVariable, Jog::ByActual, &mut until_trigger)?,
             _ => return Err(CommandError::SYNTAX),
         };
-        let motor = self.movable_motor()?;
-        self.board.jog(motor, jog, until_trigger)
+        self.board.jog(self.interpreter.motor, jog, until_trigger)
     }
 
     /// `{c}` or `*`, with an optional `^{c2}`: the move ends that far from the trigger.
@@ -46,38 +45,9 @@ impl Line<'_, '_> {
         Ok(jog)
     }
 
-    pub(super) fn home(&mut self) -> Outcome {
-        let motor = self.movable_motor()?;
-        self.board.home(motor)
-    }
-
-    pub(super) fn home_zero(&mut self) -> Outcome {
-        let motor = self.free_motor()?;
-        self.board.home_zero(motor)
-    }
-
-    pub(super) fn kill(&mut self) -> Outcome {
-        let motor = self.free_motor()?;
-        self.board.kill(motor)
-    }
-
     pub(super) fn open_loop(&mut self) -> Outcome {
         let percent = self.scanner.constant()?;
-        if percent.abs() > 100.0 {
-            return Err(CommandError::SYNTAX);
-        }
-        let motor = self.movable_motor()?;
-        self.board.open_loop(motor, percent)
-    }
-
-    pub(super) fn reset_motor(&mut self) -> Outcome {
-        let motor = self.free_motor()?;
-        self.board.reset_motor(motor)
-    }
-
-    pub(super) fn absolute_position(&mut self) -> Outcome {
-        let motor = self.free_motor()?;
-        self.board.absolute_position(motor)
+        self.board.open_loop(self.interpreter.motor, percent)
     }
 
     pub(super) fn report_position(&mut self) -> Outcome {
@@ -135,20 +105,5 @@ impl Line<'_, '_> {
         }
         self.board.axes.set(motor, definition);
         Ok(())
-    }
-
-    /// The addressed motor, unless a program runs in its coordinate system (ERR001).
-    fn free_motor(&self) -> Result<usize, CommandError> {
-        let motor = self.interpreter.motor;
-        match self.board.axes.coordinate_system(motor) {
-            Some(cs) if self.board.runs_program(cs) => Err(CommandError::RUNNING),
-            _ => Ok(motor),
-        }
-    }
-
-    /// As [`Line::free_motor`], but also requires an activated motor (else ERR003).
-    fn movable_motor(&self) -> Result<usize, CommandError> {
-        let motor = self.free_motor()?;
-        if self.board.activated(motor) { Ok(motor) } else { Err(CommandError::SYNTAX) }
     }
 }
