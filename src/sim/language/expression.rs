@@ -91,7 +91,10 @@ pub fn variable_number(scanner: &mut Scanner, board: &Board, cs: usize) -> Resul
     Evaluator { board, cs, strict: true }.number(scanner)
 }
 
-const COMPARATORS: &[(&str, fn(f64, f64) -> bool)] = &[
+/// Whether a comparison holds between what stands left and right of it.
+type Comparison = fn(f64, f64) -> bool;
+
+const COMPARATORS: &[(&str, Comparison)] = &[
     ("=", |left, right| left == right),
     ("!=", |left, right| left != right),
     (">", |left, right| left > right),
