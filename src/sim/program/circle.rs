@@ -36,21 +36,19 @@ pub struct RadiusError;
 const SMALLEST: f64 = 1e-6;
 
 impl Arc {
-    /// The arc from the start over `way`. `allowed` is Ix96, `smallest` I90 in semicircles.
+    /// The arc from the start over `way`, by the right-hand rule about `axis`, which has a length. `allowed` is Ix96,
+    /// `smallest` I90 in semicircles.
     ///
     /// # Errors
     /// [`RadiusError`].
     pub fn new(
         way: Vector,
         centre: Centre,
-        normal: Vector,
-        clockwise: bool,
+        axis: Vector,
         allowed: f64,
         smallest: f64,
     ) -> Result<Self, RadiusError> {
-        let length = dot(normal, normal).sqrt();
-        let sign = if clockwise { 1.0 } else { -1.0 };
-        let axis = if length > 0.0 { scale(normal, sign / length) } else { [0.0, 0.0, -sign] };
+        let axis = scale(axis, 1.0 / dot(axis, axis).sqrt());
         let flat = |v: Vector| minus(v, scale(axis, dot(v, axis)));
         let way = flat(way);
         let centre = match centre {
@@ -111,10 +109,12 @@ mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    const DOWN: Vector = [0.0, 0.0, -1.0];
+    fn axis(clockwise: bool) -> Vector {
+        [0.0, 0.0, if clockwise { -1.0 } else { 1.0 }]
+    }
 
     fn sweep(way: Vector, centre: Centre, clockwise: bool) -> Result<f64, RadiusError> {
-        Arc::new(way, centre, DOWN, clockwise, 0.0, 0.0).map(|arc| arc.sweep / PI)
+        Arc::new(way, centre, axis(clockwise), 0.0, 0.0).map(|arc| arc.sweep / PI)
     }
 
     #[test]
@@ -130,7 +130,7 @@ mod tests {
         assert!(close(sweep([0.0; 3], Centre::From([3.0, 4.0, 0.0]), true), 2.0));
         assert_eq!(sweep(quarter, Centre::Radius(5.0), true), Err(RadiusError));
         assert_eq!(sweep([0.0; 3], Centre::Radius(5.0), true), Err(RadiusError));
-        let spiral = Arc::new([20.0, 0.0, 0.0], Centre::From([8.0, 0.0, 0.0]), DOWN, true, 0.0, 0.0).unwrap();
+        let spiral = Arc::new([20.0, 0.0, 0.0], Centre::From([8.0, 0.0, 0.0]), axis(true), 0.0, 0.0).unwrap();
         assert_eq!(spiral.radius, [8.0, 12.0]);
     }
 
@@ -139,7 +139,7 @@ mod tests {
         let way = [3.0, -7.0, 0.0];
         for clockwise in [true, false] {
             for radius in [6.0, -6.0] {
-                let arc = Arc::new(way, Centre::Radius(radius), DOWN, clockwise, 0.0, 0.0).unwrap();
+                let arc = Arc::new(way, Centre::Radius(radius), axis(clockwise), 0.0, 0.0).unwrap();
                 let (sin, cos) = arc.sweep.sin_cos();
                 let end = |k: usize| {
                     arc.radius[1] * (cos * arc.e1[k] + sin * arc.e2[k]) - arc.radius[0] * arc.e1[k]

@@ -276,10 +276,11 @@ impl Calculator<'_> {
     /// Moves in an arc; if there is none, the program fails.
     fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
         let way = [X, X + 1, X + 2].map(|k| axes[k] - self.system.axes[k]);
-        let normal = self.system.normal.unwrap_or([0.0, 0.0, -1.0]);
-        let clockwise = self.system.mode == Mode::Circle1;
+        let normal = self.system.normal.filter(|normal| *normal != [0.0; 3]).unwrap_or([0.0, 0.0, -1.0]);
+        let direction = if self.system.mode == Mode::Circle1 { 1.0 } else { -1.0 };
+        let axis = normal.map(|k| k * direction);
         let smallest = self.board.setting(self.board.settings().minimum_arc, self.cs);
-        let Ok(arc) = circle::Arc::new(way, centre, normal, clockwise, self.ix(96), smallest) else {
+        let Ok(arc) = circle::Arc::new(way, centre, axis, self.ix(96), smallest) else {
             self.system.failure = Some(Failure::CircleRadius);
             return;
         };
