@@ -5,7 +5,7 @@ use std::cell::Cell;
 use pmac_dpram::map::HostOffset;
 use pmac_dpram::sim::board::Statistics;
 use pmac_dpram::sim::board::families::SIMULATED;
-use pmac_dpram::sim::control::{self, Answer};
+use pmac_dpram::sim::control::{self, ControlAnswer};
 use pmac_dpram::sim::judge::Judge;
 use pmac_dpram::sim::world::World;
 
@@ -36,11 +36,11 @@ pub fn body(data: &[u8]) {
                 lasts = true;
                 let text = String::from_utf8_lossy(tape.piece()).into_owned();
                 match control::execute(&mut world, &text, true) {
-                    Answer::Step(steps) => {
+                    ControlAnswer::Step(steps) => {
                         run(&mut world, u32::try_from(steps).unwrap_or(CYCLES), &mut cycles)
                     }
-                    Answer::Line(answer) => assert!(!answer.contains('\n')),
-                    Answer::Exit => return,
+                    ControlAnswer::Line(answer) => assert!(!answer.contains('\n')),
+                    ControlAnswer::Exit => return,
                 }
             }
             3 => {

@@ -14,7 +14,7 @@ const MOST_STEPS: u64 = 100_000_000;
 
 /// What a command asks of the process around the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answer {
+pub enum ControlAnswer {
     /// The line to send back.
     Line(String),
     /// Run so many cycles, then answer.
@@ -63,20 +63,21 @@ pub fn status(world: &World) -> String {
 /// Carries out one command line in virtual time, the cycles of a `step` included; gives the line that answers it.
 pub fn carry_out(world: &mut World, line: &str) -> String {
     match execute(world, line, true) {
-        Answer::Line(line) => line,
-        Answer::Step(cycles) => {
+        ControlAnswer::Line(line) => line,
+        ControlAnswer::Step(cycles) => {
             for _ in 0..cycles {
                 world.step();
             }
             "ok".into()
         }
-        Answer::Exit => "ok".into(),
+        ControlAnswer::Exit => "ok".into(),
     }
 }
 
 /// Carries out one command line. `virtual_time` says whether `step` is allowed.
-pub fn execute(world: &mut World, line: &str, virtual_time: bool) -> Answer {
-    answer(world, line.trim(), virtual_time).unwrap_or_else(|error| Answer::Line(format!("error: {error}")))
+pub fn execute(world: &mut World, line: &str, virtual_time: bool) -> ControlAnswer {
+    answer(world, line.trim(), virtual_time)
+        .unwrap_or_else(|error| ControlAnswer::Line(format!("error: {error}")))
 }
 
 /// A command line, taken apart.
@@ -95,7 +96,7 @@ pub struct Command {
     /// What it does.
     pub effect: &'static str,
     /// `None`: the arguments are not what the form says.
-    carry_out: fn(Call) -> Option<Result<Answer, String>>,
+    carry_out: fn(Call) -> Option<Result<ControlAnswer, String>>,
 }
 
 impl Command {
@@ -105,8 +106,8 @@ impl Command {
 }
 
 /// `ok`, or what went wrong.
-fn done(result: Result<(), String>) -> Option<Result<Answer, String>> {
-    Some(result.map(|()| Answer::Line("ok".into())))
+fn done(result: Result<(), String>) -> Option<Result<ControlAnswer, String>> {
+    Some(result.map(|()| ControlAnswer::Line("ok".into())))
 }
 
 /// Every command.
@@ -119,7 +120,7 @@ pub static COMMANDS: &[Command] = &[
     Command {
         form: "status",
         effect: "answers the counts as one line of JSON",
-        carry_out: |call| call.arguments.is_empty().then(|| Ok(Answer::Line(status(call.world)))),
+        carry_out: |call| call.arguments.is_empty().then(|| Ok(ControlAnswer::Line(status(call.world)))),
     },
     Command {
         form: "fault NAME on|off|N",
@@ -238,11 +239,11 @@ pub static COMMANDS: &[Command] = &[
     Command {
         form: "exit",
         effect: "ends the simulator",
-        carry_out: |call| call.arguments.is_empty().then_some(Ok(Answer::Exit)),
+        carry_out: |call| call.arguments.is_empty().then_some(Ok(ControlAnswer::Exit)),
     },
 ];
 
-fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, String> {
+fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<ControlAnswer, String> {
     let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
     let arguments: Vec<&str> = rest.split_whitespace().collect();
     let call = Call { world, arguments: &arguments, rest, virtual_time };
@@ -253,16 +254,16 @@ fn answer(world: &mut World, line: &str, virtual_time: bool) -> Result<Answer, S
     })
 }
 
-fn step(call: Call) -> Option<Result<Answer, String>> {
+fn step(call: Call) -> Option<Result<ControlAnswer, String>> {
     if !call.virtual_time {
         return Some(Err("step needs a simulator started with --virtual".into()));
     }
     let &[count] = call.arguments else { return None };
     let steps = count.parse().ok().filter(|steps| (0..=MOST_STEPS).contains(steps));
-    Some(steps.map(Answer::Step).ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}")))
+    Some(steps.map(ControlAnswer::Step).ok_or(format!("step takes 0 to {MOST_STEPS} cycles, not {count:?}")))
 }
 
-fn poke(call: Call) -> Option<Result<Answer, String>> {
+fn poke(call: Call) -> Option<Result<ControlAnswer, String>> {
     let &[offset, value] = call.arguments else { return None };
     let number = |text: &str| u16::from_str_radix(text.trim_start_matches("0x"), 16);
     let (Ok(offset), Ok(value)) = (number(offset), number(value)) else {
@@ -307,11 +308,13 @@ mod tests {
                 .replace("STEP", "-3")
                 .replace("COUNTS", "400")
                 .replace(" N", " 2");
-            let Answer::Line(answer) = execute(&mut bench.world, &line, true) else { continue };
+            let ControlAnswer::Line(answer) = execute(&mut bench.world, &line, true) else { continue };
             assert!(!answer.starts_with("error"), "{line}: {answer}");
             // Only texts may be empty.
             if command.form.contains(' ') && !command.form.ends_with("TEXT") {
-                let Answer::Line(answer) = execute(&mut bench.world, command.word(), true) else { panic!() };
+                let ControlAnswer::Line(answer) = execute(&mut bench.world, command.word(), true) else {
+                    panic!()
+                };
                 assert!(answer.contains(command.form), "{answer}");
             }
         }

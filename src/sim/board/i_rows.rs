@@ -19,7 +19,7 @@ pub enum Scope {
 
 /// The values a variable can take.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kind {
+pub enum Values {
     /// An integer register from the first to the second number; other values are rounded, then reduced modulo the span.
     Whole(i64, i64),
     /// A 48-bit floating-point register.
@@ -70,7 +70,7 @@ pub struct Row {
     /// The manual's name for it.
     pub name: &'static str,
     /// Range.
-    pub kind: Kind,
+    pub kind: Values,
     /// Factory default.
     pub default: Factory,
     /// Listed in hex when bit 1 of I9 is set: an address, or a word that holds one.
@@ -91,19 +91,19 @@ impl Row {
     }
 }
 
-const fn row(scope: Scope, number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+const fn row(scope: Scope, number: usize, name: &'static str, kind: Values, default: f64) -> Row {
     Row { scope, number, last: number, name, kind, default: Factory::Is(default), hex: false }
 }
 
-pub(super) const fn global(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn global(number: usize, name: &'static str, kind: Values, default: f64) -> Row {
     row(Scope::Global, number, name, kind, default)
 }
 
-pub(super) const fn motor(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn motor(number: usize, name: &'static str, kind: Values, default: f64) -> Row {
     row(Scope::Motor, number, name, kind, default)
 }
 
-pub(super) const fn coordinate(number: usize, name: &'static str, kind: Kind, default: f64) -> Row {
+pub(super) const fn coordinate(number: usize, name: &'static str, kind: Values, default: f64) -> Row {
     row(Scope::Coordinate, number, name, kind, default)
 }
 
@@ -111,18 +111,18 @@ pub(super) const fn servo_time(default: u32) -> Row {
     global(10, "servo interrupt time", POSITIVE, default as f64)
 }
 
-pub(super) const SWITCH: Kind = Kind::Whole(0, 1);
-pub(super) const MODE: Kind = Kind::Whole(0, 3);
-pub(super) const NIBBLE: Kind = Kind::Whole(0, 15);
-pub(super) const BYTE: Kind = Kind::Whole(0, 255);
-pub(super) const POSITIVE: Kind = Kind::Whole(0, 0x7F_FFFF);
-pub(super) const SIGNED: Kind = Kind::Whole(-0x80_0000, 0x7F_FFFF);
-const SIGNED16: Kind = Kind::Whole(-0x8000, 0x7FFF);
-const POSITIVE15: Kind = Kind::Whole(0, 0x7FFF);
-const ADDRESS: Kind = Kind::Whole(0, 0xFFFF);
-pub(super) const WORD: Kind = Kind::Whole(0, 0xFF_FFFF);
-const LONG: Kind = Kind::Whole(-(1 << 35), (1 << 35) - 1);
-pub(super) const FLOAT: Kind = Kind::Float;
+pub(super) const SWITCH: Values = Values::Whole(0, 1);
+pub(super) const MODE: Values = Values::Whole(0, 3);
+pub(super) const NIBBLE: Values = Values::Whole(0, 15);
+pub(super) const BYTE: Values = Values::Whole(0, 255);
+pub(super) const POSITIVE: Values = Values::Whole(0, 0x7F_FFFF);
+pub(super) const SIGNED: Values = Values::Whole(-0x80_0000, 0x7F_FFFF);
+const SIGNED16: Values = Values::Whole(-0x8000, 0x7FFF);
+const POSITIVE15: Values = Values::Whole(0, 0x7FFF);
+const ADDRESS: Values = Values::Whole(0, 0xFFFF);
+pub(super) const WORD: Values = Values::Whole(0, 0xFF_FFFF);
+const LONG: Values = Values::Whole(-(1 << 35), (1 << 35) - 1);
+pub(super) const FLOAT: Values = Values::Float;
 
 /// I0-I99, but for those that depend on the board.
 pub const GLOBAL: &[Row] = &[
@@ -161,7 +161,7 @@ pub const GLOBAL: &[Row] = &[
     global(56, "DPRAM ASCII interrupt", SWITCH, 0.0),
     global(57, "DPRAM binary rotary buffer", SWITCH, 0.0),
     global(58, "DPRAM ASCII", SWITCH, 0.0),
-    global(59, "DPRAM motors and coordinate systems", Kind::Whole(0, 8), 0.0),
+    global(59, "DPRAM motors and coordinate systems", Values::Whole(0, 8), 0.0),
     global(60, "A/D conversion address", ADDRESS, 0.0).hex(),
     global(61, "A/D conversion count", BYTE, 0.0),
     global(62, "SEND carriage return", SWITCH, 0.0),
@@ -230,7 +230,7 @@ pub const MOTOR: &[Row] = &[
     motor(70, "commutation cycles", BYTE, 0.0),
     motor(71, "commutation counts", POSITIVE, 0.0),
     motor(72, "commutation phase angle", BYTE, 85.0),
-    motor(80, "power-up mode", Kind::Whole(0, 7), 0.0),
+    motor(80, "power-up mode", Values::Whole(0, 7), 0.0),
     motor(85, "backlash take-up rate", POSITIVE, 0.0),
     motor(86, "backlash size", SIGNED, 0.0),
 ];

@@ -37,7 +37,7 @@ impl Ramp {
 
 /// One change of velocity, or a stretch at constant velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Phase {
+pub struct Stretch {
     /// Velocity at its start.
     pub from: f64,
     /// Velocity at its end.
@@ -48,7 +48,7 @@ pub struct Phase {
     pub s_time: f64,
 }
 
-impl Phase {
+impl Stretch {
     fn change(from: f64, to: f64, ramp: &Ramp) -> Self {
         let (time, s_time) = ramp.times(to - from);
         Self { from, to, time, s_time }
@@ -92,7 +92,7 @@ impl Phase {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     start: f64,
-    phases: [Phase; 3],
+    phases: [Stretch; 3],
     elapsed: f64,
     /// Where a definite move ends, exactly.
     target: Option<f64>,
@@ -113,9 +113,10 @@ impl Profile {
     /// From `start` at `velocity` to the speed `to` (counts/ms), and on for ever unless that is zero.
     #[must_use]
     pub fn to_velocity(start: f64, velocity: f64, to: f64, ramp: &Ramp) -> Self {
-        let change = if velocity == to { Phase::cruise(to, 0.0) } else { Phase::change(velocity, to, ramp) };
+        let change =
+            if velocity == to { Stretch::cruise(to, 0.0) } else { Stretch::change(velocity, to, ramp) };
         let on = if to == 0.0 { 0.0 } else { f64::INFINITY };
-        let phases = [change, Phase::cruise(to, on), Phase::cruise(0.0, 0.0)];
+        let phases = [change, Stretch::cruise(to, on), Stretch::cruise(0.0, 0.0)];
         Self { start, phases, elapsed: 0.0, target: None }
     }
 
@@ -130,10 +131,10 @@ impl Profile {
         }
         let distance = target - start;
         if distance == 0.0 && velocity == 0.0 {
-            let rest = Phase::cruise(0.0, 0.0);
+            let rest = Stretch::cruise(0.0, 0.0);
             return Self { start, phases: [rest; 3], elapsed: 0.0, target: Some(target) };
         }
-        let legs = |peak: f64| (Phase::change(velocity, peak, ramp), Phase::change(peak, 0.0, ramp));
+        let legs = |peak: f64| (Stretch::change(velocity, peak, ramp), Stretch::change(peak, 0.0, ramp));
         let reach = |peak: f64| {
             let (first, last) = legs(peak);
             first.distance() + last.distance()
@@ -152,14 +153,19 @@ impl Profile {
             ((low + high) / 2.0, 0.0)
         };
         let (first, last) = legs(peak);
-        Self { start, phases: [first, Phase::cruise(peak, cruise), last], elapsed: 0.0, target: Some(target) }
+        Self {
+            start,
+            phases: [first, Stretch::cruise(peak, cruise), last],
+            elapsed: 0.0,
+            target: Some(target),
+        }
     }
 
     /// Where the move will end, when it has an end.
     #[must_use]
     pub fn end(&self) -> Option<f64> {
         self.target.or_else(|| {
-            let length: f64 = self.phases.iter().map(Phase::distance).sum();
+            let length: f64 = self.phases.iter().map(Stretch::distance).sum();
             length.is_finite().then_some(self.start + length)
         })
     }

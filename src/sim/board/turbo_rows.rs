@@ -5,8 +5,8 @@
 //! (pp. 37-39, 67).
 
 use super::i_rows::{
-    BYTE, FLOAT, Factory, Kind, MODE, NIBBLE, POSITIVE, Row, SIGNED, SWITCH, WORD, coordinate, global, motor,
-    servo_time,
+    BYTE, FLOAT, Factory, MODE, NIBBLE, POSITIVE, Row, SIGNED, SWITCH, Values, WORD, coordinate, global,
+    motor, servo_time,
 };
 use crate::map;
 
@@ -85,7 +85,7 @@ pub const MOTOR: &[Row] = &[
     motor(65, "deadband size", POSITIVE, 16.0),
     motor(70, "commutation cycles", BYTE, 1.0),
     motor(71, "commutation counts", POSITIVE, 1000.0),
-    motor(72, "commutation phase angle", Kind::Whole(0, 2047), 1365.0),
+    motor(72, "commutation phase angle", Values::Whole(0, 2047), 1365.0),
     motor(87, "backlash hysteresis", POSITIVE, 64.0),
     motor(88, "in-position scans", BYTE, 0.0),
     motor(90, "rapid speed select", SWITCH, 0.0),

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use crate::map::{IVariables, PmacAddress, Space};
 use crate::sim::board::firmware::{DpramHandshake, FirmwareTables};
-use crate::sim::board::i_rows::{Kind, Scope};
+use crate::sim::board::i_rows::{Scope, Values};
 use crate::sim::board::m_definition::MDefinition;
 use crate::sim::board::memory::Memory;
 use crate::sim::board::number::{decimal, quantised};
@@ -54,7 +54,7 @@ impl VariableKind {
 
 #[derive(Debug, Clone, Copy)]
 struct Rule {
-    kind: Kind,
+    kind: Values,
     default: f64,
     hex: bool,
 }
@@ -82,7 +82,7 @@ impl Variables {
     /// Factory defaults of the firmware of `tables`.
     #[must_use]
     pub fn new(tables: &'static FirmwareTables) -> Self {
-        let unlisted = Rule { kind: Kind::Float, default: 0.0, hex: false };
+        let unlisted = Rule { kind: Values::Float, default: 0.0, hex: false };
         let mut rules = vec![unlisted; tables.variables];
         for row in tables.i_rows.iter().copied().flatten() {
             let count = match row.scope {
@@ -159,8 +159,8 @@ impl Variables {
     pub fn set_i(&mut self, number: usize, value: f64) {
         let (Some(rule), Some(slot)) = (self.rules.get(number), self.i.get_mut(number)) else { return };
         *slot = match rule.kind {
-            Kind::Float => quantised(value),
-            Kind::Whole(low, high) => {
+            Values::Float => quantised(value),
+            Values::Whole(low, high) => {
                 // Far beyond every range, and far inside i128.
                 let most = 2f64.powi(100);
                 let whole = quantised(value).round_ties_even().clamp(-most, most) as i128;

@@ -212,16 +212,16 @@ fn faults_of_the_port() {
 
 #[test]
 fn unsolicited_messages_have_words_of_their_own() {
-    use crate::sim::control::{Answer, execute};
+    use crate::sim::control::{ControlAnswer, execute};
     let mut bench = Bench::started();
     bench.send("");
-    assert_eq!(execute(&mut bench.world, "send AT HOME", true), Answer::Line("ok".into()));
-    assert_eq!(execute(&mut bench.world, "cmd I19 I59", true), Answer::Line("ok".into()));
+    assert_eq!(execute(&mut bench.world, "send AT HOME", true), ControlAnswer::Line("ok".into()));
+    assert_eq!(execute(&mut bench.world, "cmd I19 I59", true), ControlAnswer::Line("ok".into()));
     assert_eq!(bench.response(), (0x020D, "AT HOME".into()));
     assert_eq!(bench.response(), (0x010D, "1".into()));
     assert_eq!(bench.response(), (0x010D, "8".into()));
     bench.world.board.serial_becomes_active();
-    assert_eq!(execute(&mut bench.world, "send DONE", true), Answer::Line("ok".into()));
+    assert_eq!(execute(&mut bench.world, "send DONE", true), ControlAnswer::Line("ok".into()));
     assert_eq!(bench.world.board.output.serial, b"DONE\r");
 }
 

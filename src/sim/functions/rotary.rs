@@ -61,12 +61,12 @@ pub struct RotaryTransfer {
     name: String,
     /// Where its header begins.
     header: HostOffset,
-    state: State,
+    state: Progress,
 }
 
 /// What a buffer's transfer remembers.
 #[derive(Debug, Clone, Default)]
-struct State {
+struct Progress {
     /// I57 was set and the header in use at the last pass.
     running: bool,
     span: Option<Range<u32>>,
@@ -83,7 +83,7 @@ impl RotaryTransfer {
     /// The transfer out of buffer `number`, from 1, whose header is at `header`.
     #[must_use]
     pub fn new(number: usize, header: HostOffset) -> Self {
-        Self { name: format!("rotary buffer {number}"), header, state: State::default() }
+        Self { name: format!("rotary buffer {number}"), header, state: Progress::default() }
     }
 
     /// What the judge calls the buffer.
@@ -107,7 +107,7 @@ impl RotaryTransfer {
             None => programs.store.open() == Some(Open::BinaryRotary),
         };
         if !enabled || header.size == 0 {
-            self.state = State::default();
+            self.state = Progress::default();
             return;
         }
         let cycle = board.stats.servo_cycles;

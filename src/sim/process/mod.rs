@@ -23,7 +23,7 @@ use crate::sim::board::Board;
 use crate::sim::board::dpram::{Dpram, DpramError};
 use crate::sim::board::memory::Memory;
 use crate::sim::board::random::Random;
-use crate::sim::control::{self, Answer};
+use crate::sim::control::{self, ControlAnswer};
 use crate::sim::functions::host_port::HostPort;
 use crate::sim::functions::mailbox::Mailbox;
 use crate::sim::process::clock::Clock;
@@ -311,8 +311,8 @@ impl Simulator {
     /// The answer to a line of the control socket, see [`control`].
     pub fn control_line(&mut self, line: &str) -> String {
         match control::execute(&mut self.world, line, self.virtual_time) {
-            Answer::Line(line) => line,
-            Answer::Step(count) => {
+            ControlAnswer::Line(line) => line,
+            ControlAnswer::Step(count) => {
                 for done in 0..count {
                     if done % STEP_CHUNK == 0 && self.stop.load(Ordering::Relaxed) {
                         return format!("error: stopped after {done} cycles");
@@ -321,7 +321,7 @@ impl Simulator {
                 }
                 "ok".into()
             }
-            Answer::Exit => {
+            ControlAnswer::Exit => {
                 self.stop.store(true, Ordering::Relaxed);
                 "ok".into()
             }

@@ -18,7 +18,7 @@ use crate::sim::program::words::{ENDED, Keyword, tables};
 
 /// The kind of buffer that is open; each rejects some statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum BufferKind {
     /// A fixed motion program.
     Motion,
     /// A rotary motion program: no branch, loop or label.
@@ -36,7 +36,7 @@ const LAST_LABEL: usize = 262_143;
 ///
 /// # Errors
 /// ERR003 for a statement that is wrong or not allowed in this kind of buffer.
-pub fn item(scanner: &mut Scanner, board: &Board, kind: Kind) -> Parsed<Option<Item>> {
+pub fn item(scanner: &mut Scanner, board: &Board, kind: BufferKind) -> Parsed<Option<Item>> {
     let mut reader = Reader { scanner: scanner.clone(), board };
     let item = reader.item()?;
     if let Some(item) = &item {
@@ -48,7 +48,7 @@ pub fn item(scanner: &mut Scanner, board: &Board, kind: Kind) -> Parsed<Option<I
     Ok(item)
 }
 
-fn allowed(item: &Item, kind: Kind) -> bool {
+fn allowed(item: &Item, kind: BufferKind) -> bool {
     let flow = matches!(item, Item::If(_) | Item::Else | Item::EndIf | Item::While(_) | Item::EndWhile);
     // All files seen have conditions on lines of their own in PLCs only. What a board lists of a PLC may end with RETURN.
     let only_plcs = matches!(item, Item::Also(..));
@@ -72,9 +72,9 @@ fn allowed(item: &Item, kind: Kind) -> bool {
         Item::Goto(_) | Item::Gosub(_) | Item::Label(_) | Item::Return | Item::Read(_) | Item::Wait
     );
     match kind {
-        Kind::Motion => !only_plcs && !matches!(item, Item::Address(..)),
-        Kind::Rotary => !flow && !branch && !only_plcs && !matches!(item, Item::Address(..)),
-        Kind::Plc => flow || only_plcs || ends || general && !later,
+        BufferKind::Motion => !only_plcs && !matches!(item, Item::Address(..)),
+        BufferKind::Rotary => !flow && !branch && !only_plcs && !matches!(item, Item::Address(..)),
+        BufferKind::Plc => flow || only_plcs || ends || general && !later,
     }
 }
 

@@ -96,8 +96,8 @@ impl Ramp {
         Self { time, s_time: self.s_time * factor }
     }
 
-    fn phase(self, from: f64, to: f64) -> crate::sim::board::profile::Phase {
-        crate::sim::board::profile::Phase { from, to, time: self.time, s_time: self.s_time }
+    fn phase(self, from: f64, to: f64) -> crate::sim::board::profile::Stretch {
+        crate::sim::board::profile::Stretch { from, to, time: self.time, s_time: self.s_time }
     }
 }
 

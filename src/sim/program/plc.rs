@@ -20,7 +20,7 @@ const MOST_LINES: usize = 10_000;
 
 /// Where a PLC's next scan begins, and what the PLC has addressed.
 #[derive(Debug, Clone, Copy, Default)]
-struct State {
+struct PlcState {
     line: usize,
     motor: usize,
     cs: usize,
@@ -33,12 +33,12 @@ pub struct Plcs {
     enabled: u32,
     /// Those of them that stand still where `PAUSE` has stopped them.
     paused: u32,
-    states: [State; PLCS],
+    states: [PlcState; PLCS],
 }
 
 impl Default for Plcs {
     fn default() -> Self {
-        Self { enabled: u32::MAX, paused: 0, states: [State::default(); PLCS] }
+        Self { enabled: u32::MAX, paused: 0, states: [PlcState::default(); PLCS] }
     }
 }
 
@@ -50,7 +50,7 @@ impl Programs {
             PlcSwitch::Enable => {
                 let fresh = plcs & (!all.enabled | all.paused);
                 for number in (0..PLCS).filter(|number| fresh >> number & 1 == 1) {
-                    all.states[number] = State::default();
+                    all.states[number] = PlcState::default();
                 }
                 all.enabled |= plcs;
                 all.paused &= !plcs;
@@ -87,7 +87,7 @@ impl Programs {
         let paused = |programs: &Self| programs.plcs.paused >> number & 1 == 1;
         let begin = self.plcs.states[number];
         let mut scan =
-            Scan { programs: self, board, number, state: State { line: 0, ..begin }, at: begin.line };
+            Scan { programs: self, board, number, state: PlcState { line: 0, ..begin }, at: begin.line };
         for _ in 0..MOST_LINES {
             if !begun(scan.programs) || paused(scan.programs) {
                 break;
@@ -97,11 +97,11 @@ impl Programs {
                 break;
             }
         }
-        let State { line, motor, cs } = scan.state;
+        let PlcState { line, motor, cs } = scan.state;
         let at = scan.at;
         if begun(self) {
             let line = if paused(self) { at } else { line };
-            self.plcs.states[number] = State { line, motor, cs };
+            self.plcs.states[number] = PlcState { line, motor, cs };
         }
     }
 }
@@ -116,7 +116,7 @@ struct Scan<'a> {
     programs: &'a mut Programs,
     board: &'a mut Board,
     number: usize,
-    state: State,
+    state: PlcState,
     at: usize,
 }
 

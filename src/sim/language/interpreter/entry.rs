@@ -6,7 +6,7 @@ use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
 use crate::sim::language::reply::Outcome;
 use crate::sim::program::item::Item;
-use crate::sim::program::parse::{self, Kind};
+use crate::sim::program::parse::{self, BufferKind};
 use crate::sim::program::store::{Open, TableKind};
 
 impl Line<'_, '_> {
@@ -15,12 +15,12 @@ impl Line<'_, '_> {
         let kind = match self.programs.store.open() {
             // While binary lines come in, no text enters (Software Reference p. 271).
             None | Some(Open::BinaryRotary) => return Ok(false),
-            Some(Open::Program(_)) => Kind::Motion,
-            Some(Open::Rotary) => Kind::Rotary,
-            Some(Open::Plc(_) | Open::Kinematics { .. }) => Kind::Plc,
+            Some(Open::Program(_)) => BufferKind::Motion,
+            Some(Open::Rotary) => BufferKind::Rotary,
+            Some(Open::Plc(_) | Open::Kinematics { .. }) => BufferKind::Plc,
         };
         let Some(item) = parse::item(&mut self.scanner, self.board, kind)? else { return Ok(false) };
-        if kind == Kind::Rotary && self.programs.store.rotary(self.interpreter.cs).is_none() {
+        if kind == BufferKind::Rotary && self.programs.store.rotary(self.interpreter.cs).is_none() {
             return Err(CommandError::NO_OPEN_BUFFER);
         }
         self.items.push(item);
