@@ -37,6 +37,7 @@ struct Status<'a> {
     violations_total: u64,
     resets: u64,
     watchdog: bool,
+    notes: &'a [String],
 }
 
 /// The answer to `status`: a JSON object on one line.
@@ -56,6 +57,7 @@ pub fn status(world: &World) -> String {
         violations_total: board.judge.total(),
         resets: board.stats.resets,
         watchdog: board.watchdog,
+        notes: &board.notes,
     };
     serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
 }

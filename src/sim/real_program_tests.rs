@@ -119,3 +119,88 @@ fn each_definition_comes_back_from_its_word_and_after_a_reset() {
         );
     }
 }
+
+#[test]
+fn a_killed_motor_is_where_a_driver_writes_its_position_registers() {
+    // The registers of motor 2: commanded and actual position.
+    let boards = TURBO.map(|tables| (tables, "M261->D:$108 M262->D:$10B"));
+    let boards = boards.into_iter().chain(CLASSIC.map(|tables| (tables, "M261->D:$64 M262->D:$67")));
+    for (tables, definitions) in boards {
+        let mut bench = board(tables);
+        load(&mut bench, &format!("I200=1 {definitions}\n#2J=1000"));
+        bench.run(20_000);
+        assert_eq!(number(&mut bench, "#2P"), 1000.0);
+        load(&mut bench, "#2K\nM261=5000*32*I208 M262=5000*32*I208");
+        // The next line comes before a servo cycle has passed.
+        load(&mut bench, "#2J/");
+        bench.run(500);
+        assert_eq!((number(&mut bench, "#2P"), number(&mut bench, "#2F")), (5000.0, 0.0));
+        load(&mut bench, "#2J=5100");
+        bench.run(20_000);
+        assert_eq!(number(&mut bench, "#2P"), 5100.0);
+        assert_eq!(bench.world.board.notes, [""; 0]);
+    }
+}
+
+#[test]
+fn a_closed_loop_goes_to_the_commanded_position_that_is_written_and_makes_good_a_written_actual_one() {
+    let mut bench = board(&firmware::PMAC);
+    load(&mut bench, "I111=0 M161->D:$28 M162->D:$2B\n#1J/\nM161=300*I108*32");
+    bench.run(2000);
+    assert_eq!(send(&mut bench, "#1P"), ["300"]);
+    load(&mut bench, "M162=1000*I108*32");
+    assert_eq!(send(&mut bench, "#1F"), ["-700"]);
+    bench.run(2000);
+    assert_eq!(send(&mut bench, "#1P #1F"), ["300", "0"], "the shaft has gone back by 700 counts");
+    // A jog goes on by what is left of its way.
+    load(&mut bench, "#1J=10300");
+    bench.run(100);
+    load(&mut bench, "M161=M161+100*I108*32");
+    bench.run(20_000);
+    assert_eq!(send(&mut bench, "#1P"), ["10400"]);
+}
+
+#[test]
+fn a_plc_clears_home_complete_as_generated_homing_programs_do() {
+    let mut bench = board(&turbo::TURBO2);
+    load(&mut bench, "M145->Y:$C0,10\n#1J/HMZ");
+    bench.run(3);
+    assert_eq!(send(&mut bench, "M145"), ["1"]);
+    load(&mut bench, "M145=0");
+    bench.run(3);
+    assert_eq!(send(&mut bench, "M145"), ["0"]);
+}
+
+#[test]
+fn a_write_that_the_board_does_not_obey_is_named_once() {
+    let mut bench = board(&firmware::PMAC);
+    load(&mut bench, "M1->X:$5C,24\nM2->Y:$C003,8,16,S\nM3->D:$0813\nM1=5\nM1=6\nM2=100\nM3=3072");
+    let ignored = ["$005C, the time left in the move of motor 2", "$C003, an output, encoder or flag"]
+        .map(|what| format!("{what}, has been written: the board keeps the value and does nothing"));
+    assert_eq!(bench.world.board.notes, ignored);
+    assert_eq!(send(&mut bench, "#1P"), ["1"], "the position bias counts");
+    assert!(crate::sim::control::status(&bench.world).contains("the time left in the move of motor 2"));
+}
+
+#[test]
+fn a_circle_without_segmentation_goes_along_its_chord_and_the_board_says_so() {
+    for (tables, variable) in [(&turbo::TURBO2, "I5213"), (&firmware::PMAC, "I13")] {
+        let mut bench = board(tables);
+        load(&mut bench, "I300=1 I400=1\n&2\n#3->100X\n#4->100Y\n#3J/ #4J/");
+        load(&mut bench, "OPEN PROG 2 CLEAR\nINC\nCIRCLE1\nF5\nX0Y0I0J-5\nX2Y2I2J0\nCLOSE\nB2R");
+        bench.run(20_000);
+        assert_eq!((number(&mut bench, "#3P"), number(&mut bench, "#4P")), (200.0, 200.0));
+        let note = format!("coordinate system 2 moves along the chord, not the circle: {variable} is 0");
+        assert_eq!(bench.world.board.notes, [note]);
+        // G2 of a machine tool, as PROG 1000 makes it.
+        load(&mut bench, &format!("{variable}=5\nOPEN PROG 1000 CLEAR\nN2000 CIRCLE1 RETURN\nCLOSE"));
+        load(&mut bench, "OPEN PROG 3 CLEAR\nINC\nF5\nG2 X0Y0I0J-5\nCLOSE\nB3R");
+        let mut lowest = f64::INFINITY;
+        for _ in 0..20_000 {
+            bench.run(1);
+            lowest = lowest.min(bench.world.board.position(3));
+        }
+        assert!((lowest + 800.0).abs() < 20.0, "half way round the circle: {lowest}");
+        assert_eq!(bench.world.board.notes.len(), 1);
+    }
+}

@@ -9,11 +9,17 @@ impl Board {
     /// The value of a setting; `index` is the 0-based motor or coordinate system, whichever has its own.
     #[must_use]
     pub fn setting(&self, setting: Setting, index: usize) -> f64 {
-        self.variables.i(match setting {
+        self.variables.i(self.variable_of(setting, index))
+    }
+
+    /// The number of the I-variable that holds it.
+    #[must_use]
+    pub const fn variable_of(&self, setting: Setting, index: usize) -> usize {
+        match setting {
             Setting::Board(number) => number,
             Setting::Motor(n) => IVariables::motor(index + 1, n),
             Setting::System(n) => self.identity.tables.coordinate_i(index, n),
-        })
+        }
     }
 
     /// Where this board's firmware keeps its settings.
@@ -43,7 +49,11 @@ impl Board {
             }
             VariableKind::P => variables.set_p(memory, number, value),
             VariableKind::Q => variables.set_q(memory, cs, number, value),
-            VariableKind::M => variables.set_m(memory, number, value),
+            VariableKind::M => {
+                if let Some(address) = variables.set_m(memory, number, value) {
+                    self.register_written(address);
+                }
+            }
         }
     }
 

@@ -133,6 +133,19 @@ impl MDefinition {
         Self::Field { half, address, offset, width, format }
     }
 
+    /// The address it points to.
+    #[must_use]
+    pub const fn address(&self) -> Option<u32> {
+        match *self {
+            Self::Field { address, .. }
+            | Self::Fixed(address)
+            | Self::Long(address)
+            | Self::Single(address)
+            | Self::Dual(address) => Some(address),
+            Self::None | Self::Thumbwheel { .. } => None,
+        }
+    }
+
     /// The value it points to; `None` when it points nowhere.
     #[must_use]
     pub fn read(&self, memory: &Memory) -> Option<f64> {

@@ -52,12 +52,14 @@ impl Variables {
         self.m_definition(memory, number).read(memory).unwrap_or_else(own)
     }
 
-    /// Sets M-variable `number`. An integer register takes the rounded value modulo its width.
-    pub fn set_m(&self, memory: &mut Memory, number: usize, value: f64) {
+    /// Sets M-variable `number`, and says where it points. An integer register takes the rounded value modulo its width.
+    pub fn set_m(&self, memory: &mut Memory, number: usize, value: f64) -> Option<u32> {
         let value = quantised(value);
-        if !self.m_definition(memory, number).write(memory, value) {
+        let definition = self.m_definition(memory, number);
+        if !definition.write(memory, value) {
             memory.write_y(self.m_register(number), value.round_ties_even() as i64 as u32 & OWN_VALUE);
         }
+        definition.address()
     }
 
     fn m_register(&self, number: usize) -> u32 {

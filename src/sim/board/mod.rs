@@ -12,7 +12,7 @@
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | `absolute_sensor` | the position at power-on and `$*` |
 //! | [`coordinate`], `timers`, [`axes`], `axis_position` | time base; countdown timers; axis definitions; positions of axes |
-//! | [`jog`], `coordinate_commands`, `registers` | what commands do; registers and status words |
+//! | [`jog`], `coordinate_commands`, `registers`, `written` | what commands do; registers and status words; registers that others write |
 //! | [`gather`], [`output`], [`bus_setup`] | data gathering; what waits at the ports; set-up that SAVE keeps |
 
 mod absolute_sensor;
@@ -50,6 +50,7 @@ mod timers;
 pub mod turbo;
 mod turbo_rows;
 pub mod variables;
+mod written;
 
 use crate::map::functions::rotary_header;
 use crate::map::{Family, Firmware, IVariables};
@@ -130,6 +131,8 @@ pub struct Board {
     pub slow: f64,
     /// Date and time.
     pub clock: Clock,
+    /// Where programs and hosts get less than they may expect, each case once.
+    pub notes: Vec<String>,
     /// The servo cycle of the last reset.
     reset_at: u64,
     /// Servo cycles for which the background loop is taken up by a command.
@@ -169,6 +172,7 @@ impl Board {
             out_of_reach: false,
             slow: 0.0,
             clock: Clock::default(),
+            notes: Vec::new(),
             reset_at: 0,
             taken_up: 0,
             fixed_i10,

@@ -4,6 +4,8 @@
 //! motors and coordinate systems every `system_source_stride` (DPRAM manual pp. 14-21, Software Reference p. 399,
 //! suggested M-variables).
 
+use std::ops::Range;
+
 use crate::map::{Family, PmacAddress, Space};
 
 /// A register that each motor or coordinate system has.
@@ -26,6 +28,14 @@ impl Each {
     #[must_use]
     pub const fn of(self, index: usize) -> PmacAddress {
         PmacAddress::new(self.first.space, self.first.number + self.stride * index as u32)
+    }
+
+    /// The 0-based motor or coordinate system, of `count`, whose register is at `address`.
+    #[must_use]
+    pub const fn index_of(self, address: u32, count: usize) -> Option<usize> {
+        let Some(behind) = address.checked_sub(self.first.number) else { return None };
+        let index = (behind / self.stride) as usize;
+        if behind % self.stride == 0 && index < count { Some(index) } else { None }
     }
 
     /// The register `words` behind that of `index`.
@@ -59,6 +69,8 @@ pub struct RegisterTable {
     pub bus_active: PmacAddress,
     /// Where the board notes the first address behind its DPRAM; `None` where nowhere.
     pub dpram_end: Option<PmacAddress>,
+    /// The gate arrays: outputs, encoders and flags, which this board does not have.
+    pub hardware: Range<u32>,
     /// The first address behind the registers that a reset clears; variables and buffers lie above.
     pub end: u32,
 
@@ -134,6 +146,7 @@ pub const fn pmac(family: &Family) -> RegisterTable {
         bus_setup: Some(x(0x0783)),
         bus_active: x(0xE006),
         dpram_end: None,
+        hardware: 0xC000..0xC040,
         end: 0x1000,
 
         time_left: Each::new(motor, x(0x0020)),

@@ -14,7 +14,7 @@ const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
 
 impl Board {
     /// Units of a position register per count.
-    fn scale(&self, motor: usize) -> f64 {
+    pub(super) fn scale(&self, motor: usize) -> f64 {
         self.ix(motor, 8) * 32.0
     }
 
@@ -25,11 +25,13 @@ impl Board {
         let cycles = self.ix(motor, 60) + 1.0;
         let status = self.servo_status(motor);
         let addresses = [self.ix(motor, 3) as u32, self.ix(motor, 5) as u32];
-        let state = &self.motors[motor];
+        let state = &mut self.motors[motor];
         let memory = &mut self.memory;
         let at = memory.registers();
-        memory.write_d(at.commanded.of(motor), (state.commanded() * scale).round() as i64);
-        memory.write_d(at.actual.of(motor), (state.actual() * scale).round() as i64);
+        state.shown.commanded = (state.commanded() * scale).round() as i64;
+        state.shown.actual = (state.actual() * scale).round() as i64;
+        memory.write_d(at.commanded.of(motor), state.shown.commanded);
+        memory.write_d(at.actual.of(motor), state.shown.actual);
         if let Some(register) = at.following_error {
             let [commanded, actual, compensation] =
                 [at.commanded, at.actual, at.compensation].map(|register| memory.read_d(register.of(motor)));
@@ -48,7 +50,8 @@ impl Board {
     pub fn write_background_registers(&mut self, motor: usize) {
         let scale = self.scale(motor);
         let status = self.background_status(motor);
-        let state = &self.motors[motor];
+        let state = &mut self.motors[motor];
+        state.shown.status = status;
         let target = (state.target() * scale).round() as i64;
         let captured = word(state.captured);
         let memory = &mut self.memory;

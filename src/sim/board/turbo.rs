@@ -44,6 +44,7 @@ const fn registers(family: &'static Family) -> RegisterTable {
         bus_active: PmacAddress::new(Space::X, 0x7_0006),
         // Turbo User Manual p. 402.
         dpram_end: Some(PmacAddress::new(Space::Y, 0x3F)),
+        hardware: 0x7_8000..0x7_9000,
         end: 0x4000,
 
         time_left: motor(Space::X, 0xA0),

@@ -219,6 +219,9 @@ fn write(record: Record, board: &mut Board) {
         }
         _ => return,
     }
+    if matches!(kind, Y | X | LONG) {
+        board.register_written(address);
+    }
     if address == registers.servo_counter.number && matches!(kind, Y | X | LONG) {
         let cycle = board.stats.servo_cycles;
         board.judge.record(cycle, "a variable write went to address 0, the servo clock: the watchdog trips");

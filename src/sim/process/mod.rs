@@ -148,6 +148,8 @@ pub struct Simulator {
     control: Option<Listener>,
     control_clients: Vec<ControlClient>,
     virtual_time: bool,
+    /// How many of the board's notes have been told.
+    told: usize,
     stop: Arc<AtomicBool>,
     // Last, so that the sockets are gone from the directory.
     _leave: Option<LeaveNothing>,
@@ -217,6 +219,7 @@ impl Simulator {
             control: listen(options.control.as_ref())?,
             control_clients: Vec::new(),
             virtual_time: options.virtual_time,
+            told: 0,
             stop,
             _leave: leave,
         })
@@ -270,6 +273,7 @@ impl Simulator {
             serial.serve(&mut self.world);
         }
         self.transmit();
+        self.tell_notes();
         let Some(listener) = &self.control else { return };
         let mut fresh = Vec::new();
         listener.accept(&mut fresh);
@@ -280,6 +284,15 @@ impl Simulator {
         }
         clients.retain(|client| !client.client.gone());
         self.control_clients = clients;
+    }
+
+    /// Tells the board's new notes.
+    fn tell_notes(&mut self) {
+        let notes = &self.world.board.notes;
+        for note in &notes[self.told.min(notes.len())..] {
+            eprintln!("pmac-sim: {note}");
+        }
+        self.told = notes.len();
     }
 
     /// Sends what the board has to say on its serial port.

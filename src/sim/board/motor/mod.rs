@@ -13,6 +13,7 @@ mod following_error;
 use crate::sim::board::motor::backlash::Backlash;
 use crate::sim::board::profile::{Profile, Ramp};
 use crate::sim::board::variables::Variables;
+use crate::sim::board::written::Shown;
 
 /// The most motors that a board of any family has.
 pub const MOST_MOTORS: usize = 32;
@@ -136,6 +137,7 @@ pub struct Motor {
     pub(super) compensation: f64,
     /// Take-up of backlash.
     pub(super) backlash: Backlash,
+    pub(super) shown: Shown,
 }
 
 impl Motor {
@@ -168,6 +170,7 @@ impl Motor {
             data_error: false,
             compensation: 0.0,
             backlash: Backlash::default(),
+            shown: Shown::default(),
         }
     }
 
@@ -376,6 +379,30 @@ impl Motor {
         self.backlash.shift(-shift);
         if let Some(motion) = &mut self.motion {
             motion.profile.shift(-shift);
+        }
+    }
+
+    /// The shaft stays, and its position is `actual` counts from now on. A closed loop then turns the shaft to the commanded
+    /// position, which is where it was.
+    pub fn set_actual(&mut self, actual: f64) {
+        let shift = actual - self.actual;
+        self.reference -= shift;
+        self.actual = actual;
+        if self.servo != Loop::Closed {
+            self.commanded = self.corrected();
+            self.backlash.shift(shift);
+        }
+    }
+
+    /// A closed loop goes to `commanded` counts, and a move goes on from there. An open loop has its own: the actual position.
+    pub fn set_commanded(&mut self, commanded: f64) {
+        if self.servo == Loop::Closed {
+            let shift = commanded - self.commanded;
+            self.commanded = commanded;
+            self.backlash.shift(shift);
+            if let Some(motion) = &mut self.motion {
+                motion.profile.shift(shift);
+            }
         }
     }
 

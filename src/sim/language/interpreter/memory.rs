@@ -33,8 +33,8 @@ impl Line<'_, '_> {
             return Err(CommandError::SYNTAX);
         }
         let addresses = self.addresses(address, values.len())?;
-        let memory = &mut self.board.memory;
         for (address, value) in addresses.zip(values) {
+            let memory = &mut self.board.memory;
             let [y, x] = fixed48::encode(value).map(|word| word & int24::MASK);
             match space {
                 Space::X => memory.write_x(address, y),
@@ -43,8 +43,9 @@ impl Line<'_, '_> {
                     memory.write_y(address, y);
                     memory.write_x(address, x);
                 }
-                Space::Program => {}
+                Space::Program => continue,
             }
+            self.board.register_written(address);
         }
         Ok(())
     }

@@ -157,6 +157,13 @@ impl Calculator<'_> {
             && (request.radius.is_some() || request.vectors.iter().any(Option::is_some));
         match self.system.mode {
             Mode::Circle1 | Mode::Circle2 if arc && self.segmented() => {
+        if arc && !self.segmented() {
+            let variable = self.board.variable_of(self.board.settings().segmentation, self.cs);
+            let cs = self.cs + 1;
+            self.board.note(format!(
+                "coordinate system {cs} moves along the chord, not the circle: I{variable} is 0"
+            ));
+        }
                 let centre = match request.radius {
                     Some(radius) => Centre::Radius(radius),
                     None => Centre::From(self.centre(&request.vectors)),
