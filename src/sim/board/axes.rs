@@ -42,7 +42,7 @@ pub struct AxisDefinition {
 pub const INVERSE_KINEMATIC: char = 'I';
 
 impl AxisDefinition {
-    /// Whether the inverse kinematic program says where the motor goes. This board never runs that program: the motor stays.
+    /// Whether the inverse kinematic program says where the motor goes.
     #[must_use]
     pub fn is_kinematic(&self) -> bool {
         self.terms.iter().any(|&(_, axis)| axis == INVERSE_KINEMATIC)

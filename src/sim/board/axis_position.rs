@@ -21,6 +21,7 @@ impl Board {
     /// ERR001 while a program runs, ERR011 while one of its motors moves.
     pub fn zero_axes(&mut self, cs: usize) -> Result<(), CommandError> {
         self.at_rest(cs)?;
+        self.keeps_origin(cs)?;
         self.set_axes(cs, &[0.0; AXES.len()]);
         Ok(())
     }
@@ -32,6 +33,7 @@ impl Board {
     /// of its motors moves.
     pub fn rename_axis(&mut self, cs: usize, axis: char, position: f64) -> Result<(), CommandError> {
         let index = AXES.iter().position(|&letter| letter == axis).ok_or(CommandError::SYNTAX)?;
+        self.keeps_origin(cs)?;
         if !self.equations(cs).iter().any(|(_, row)| row[index] != 0.0) {
             return Err(CommandError::SYNTAX);
         }
@@ -133,7 +135,7 @@ impl Board {
     }
 
     /// The position bias of a motor in counts.
-    fn bias(&self, motor: usize) -> f64 {
+    pub fn bias(&self, motor: usize) -> f64 {
         let scale = self.ix(motor, 8) * 32.0;
         let bias = self.memory.read_d(self.memory.registers().bias.of(motor)) as f64;
         if scale == 0.0 { 0.0 } else { bias / scale }

@@ -97,6 +97,7 @@ pub const MOTOR: &[Row] = &[
 pub const COORDINATE: &[Row] = &[
     coordinate(11, "countdown timers", SIGNED, 0.0).to(12),
     coordinate(13, "segmentation time", BYTE, 0.0),
+    coordinate(50, "kinematics", SWITCH, 0.0),
     coordinate(52, "program hold slew rate", POSITIVE, 37137.0),
     coordinate(53, "step mode", SWITCH, 0.0),
     coordinate(86, "alternate feedrate", FLOAT, 0.0),

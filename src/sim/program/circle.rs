@@ -70,6 +70,22 @@ impl Arc {
         Ok(Self { e1, e2, radius, sweep })
     }
 
+    /// The axes at `u` (0 to 1) of the arc from `start` to `end`: X, Y and Z on the arc, the others straight.
+    #[must_use]
+    pub fn axes_at(&self, u: f64, start: &[f64; 9], end: &[f64; 9]) -> [f64; 9] {
+        let turned = |u: f64| {
+            let (sin, cos) = (self.sweep * u).sin_cos();
+            let radius = self.radius[0] + (self.radius[1] - self.radius[0]) * u;
+            [0, 1, 2].map(|k| radius * (cos * self.e1[k] + sin * self.e2[k]) - self.radius[0] * self.e1[k])
+        };
+        let (now, whole) = (turned(u), turned(1.0));
+        std::array::from_fn(|axis| {
+            let arc = axis.checked_sub(6);
+            let (now, whole) = arc.map_or((0.0, 0.0), |k| (now[k], whole[k]));
+            start[axis] + now + (end[axis] - start[axis] - whole) * u
+        })
+    }
+
     /// Its length at the mean radius.
     #[must_use]
     pub fn length(&self) -> f64 {

@@ -11,7 +11,7 @@
 //! | [`system`], [`place`], `calculate` | the program of one coordinate system, its lines and moves |
 //! | [`path`], [`circle`], [`spline`], [`transform`], [`trajectory`] | geometry and time of moves |
 //! | `run`, `cycle`, `servo` | run, stop, abort; servo and real-time interrupts |
-//! | [`plc`], [`message`] | PLC programs; SEND |
+//! | [`plc`], `kinematics`, [`message`] | PLC programs; kinematic programs; SEND |
 //!
 //! Not played: cutter radius compensation. A program that holds `CC1` or `CC2` is stored and listed, and ends with a run-time error when it
 //! gets there.
@@ -21,6 +21,9 @@ mod calculate;
 pub mod circle;
 mod cycle;
 pub mod item;
+#[cfg(test)]
+mod kinematic_tests;
+mod kinematics;
 #[cfg(test)]
 mod list_tests;
 pub mod message;

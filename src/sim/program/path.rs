@@ -12,6 +12,8 @@ pub enum Path {
     Line(Box<Motors>),
     /// An arc.
     Arc(Box<Arc>),
+    /// A smooth curve through displacements at equal steps of `u`, the first one zero; two at least.
+    Points(Box<[Motors]>),
 }
 
 /// An arc.
@@ -39,6 +41,7 @@ impl Path {
                     velocity[motor] += way[motor] * rate;
                 }
             }
+            Self::Points(points) => Self::add_curve(points, u, rate, position, velocity),
             Self::Arc(arc) => {
                 let grown = arc.radius[1] - arc.radius[0];
                 let radius = arc.radius[0] + grown * u;
@@ -52,6 +55,25 @@ impl Path {
                         (grown * outward + radius * arc.sweep * along + arc.straight[motor]) * rate;
                 }
             }
+        }
+    }
+
+    /// Adds the displacement at `u` on the curve through `points`: a cubic between two of them.
+    fn add_curve(points: &[Motors], u: f64, rate: f64, position: &mut Motors, velocity: &mut Motors) {
+        let Some(last) = points.len().checked_sub(1).filter(|&last| last > 0) else { return };
+        let place = u.clamp(0.0, 1.0) * last as f64;
+        let index = (place as usize).min(last - 1);
+        let t = place - index as f64;
+        let slope = |at: usize, motor: usize| {
+            let (before, after) = (at.saturating_sub(1), (at + 1).min(last));
+            (points[after][motor] - points[before][motor]) / (after - before) as f64
+        };
+        for motor in 0..position.len() {
+            let (from, way) = (points[index][motor], points[index + 1][motor] - points[index][motor]);
+            let (first, second) = (slope(index, motor), slope(index + 1, motor));
+            let (square, cube) = (3.0 * way - 2.0 * first - second, first + second - 2.0 * way);
+            position[motor] += from + t * (first + t * (square + t * cube));
+            velocity[motor] += (first + t * (2.0 * square + 3.0 * t * cube)) * last as f64 * rate;
         }
     }
 

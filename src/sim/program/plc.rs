@@ -15,8 +15,8 @@ use crate::sim::program::item::{Item, Joint, Line, PlcSwitch};
 use crate::sim::program::store::{Open, PLCS};
 use crate::sim::program::structure::{Effect, Tracker};
 
-/// Most lines of one scan.
-const MOST_LINES: usize = 10_000;
+/// Most lines of one scan, or of a kinematic program.
+pub(super) const MOST_LINES: usize = 10_000;
 
 /// Where a PLC's next scan begins, and what the PLC has addressed.
 #[derive(Debug, Clone, Copy, Default)]
@@ -86,8 +86,8 @@ impl Programs {
         };
         let paused = |programs: &Self| programs.plcs.paused >> number & 1 == 1;
         let begin = self.plcs.states[number];
-        let mut scan =
-            Scan { programs: self, board, number, state: PlcState { line: 0, ..begin }, at: begin.line };
+        let state = PlcState { line: 0, ..begin };
+        let mut scan = Scan { programs: self, board, program: Open::Plc(number), state, at: begin.line };
         for _ in 0..MOST_LINES {
             if !begun(scan.programs) || paused(scan.programs) {
                 break;
@@ -112,17 +112,32 @@ enum Next {
     Scan,
 }
 
-struct Scan<'a> {
+/// A PLC or a kinematic program on its way.
+pub(super) struct Scan<'a> {
     programs: &'a mut Programs,
     board: &'a mut Board,
-    number: usize,
+    program: Open,
     state: PlcState,
     at: usize,
 }
 
-impl Scan<'_> {
+impl<'a> Scan<'a> {
+    /// From the top of `program`, with the 0-based coordinate system `cs` addressed.
+    pub(super) fn new(programs: &'a mut Programs, board: &'a mut Board, program: Open, cs: usize) -> Self {
+        Self { programs, board, program, state: PlcState { cs, ..PlcState::default() }, at: 0 }
+    }
+
+    /// Executes a line of a program that goes through its loops to its end without a pause; whether there was none left.
+    pub(super) fn is_over_after_a_line(&mut self) -> bool {
+        let Some(line) = self.line(self.at) else { return true };
+        if self.carry_out(&line, 0) == Next::Scan {
+            self.at = self.state.line;
+        }
+        false
+    }
+
     fn line(&self, number: usize) -> Option<Arc<Line>> {
-        self.programs.store.plc(self.number)?.line(number as u64).cloned()
+        self.programs.store.fixed(self.program)?.line(number as u64).cloned()
     }
 
     /// Executes the line at `at` from item `first` on, and advances `at`.
@@ -155,7 +170,10 @@ impl Scan<'_> {
                         self.board.assign(*kind, cs, number, value);
                     }
                 }
-                Item::Return => return Next::Scan,
+                Item::Return => {
+                    self.at = usize::MAX;
+                    return Next::Line;
+                }
                 Item::Station(transfer) => transfer.carry_out(self.board, cs),
                 Item::Lock(lock) => lock.carry_out(self.board),
                 Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),

@@ -104,11 +104,14 @@ impl Programs {
         if !self.store.program(number).is_none_or(Program::is_structured) {
             return Err(CommandError::BAD_STRUCTURE);
         }
+        self.check_kinematics(board, cs)?;
+        let system = &self.systems[cs];
         let resumes = matches!(system.hold, Hold::Stopping(_));
-        let matching = board.variables.i(14) == 1.0 || system.rematch;
+        let matching =
+            board.variables.i(14) == 1.0 || system.rematch || !board.kinematic_motors(cs).is_empty();
         let mut axes = system.axes;
-        if !resumes && matching {
-            board.axis_positions(cs, &mut axes);
+        if !resumes && matching && !self.axis_positions(board, cs, &mut axes) {
+            return Err(CommandError::BAD_STRUCTURE);
         }
         let system = &mut self.systems[cs];
         if resumes {

@@ -182,7 +182,7 @@ fn setphase_takes_motors_of_a_turbo_board() {
 }
 
 #[test]
-fn kinematic_programs_are_kept_by_coordinate_system_and_not_run() {
+fn kinematic_programs_are_kept_by_coordinate_system_and_do_not_run_while_isx50_is_0() {
     let mut bench = board(&turbo::TURBO2);
     load(
         &mut bench,

@@ -69,7 +69,7 @@ pub enum Open {
     BinaryRotary,
     /// A PLC program.
     Plc(usize),
-    /// The kinematic program of the 0-based coordinate system; the board keeps it, and never runs it.
+    /// The kinematic program of the 0-based coordinate system.
     Kinematics {
         /// `OPEN INVERSE`, else `OPEN FORWARD`.
         inverse: bool,
@@ -234,7 +234,13 @@ impl Store {
     /// The fixed program that is open.
     #[must_use]
     pub fn open_program(&self) -> Option<&Program> {
-        match self.open? {
+        self.fixed(self.open?)
+    }
+
+    /// The fixed program `which`.
+    #[must_use]
+    pub fn fixed(&self, which: Open) -> Option<&Program> {
+        match which {
             Open::Program(number) => self.programs.get(&number),
             Open::Plc(number) => self.plcs.get(number),
             Open::Kinematics { inverse, cs } => self.kinematics(cs, inverse),

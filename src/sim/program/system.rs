@@ -99,8 +99,8 @@ pub struct System {
     pub normal: Option<[f64; 3]>,
     /// Axis positions at the end of the last calculated move, in user units.
     pub axes: [f64; 9],
-    /// Axis velocities there in PVT mode, user units per ms.
-    pub velocities: [f64; 9],
+    /// The motors' velocities there in PVT mode, counts/ms.
+    pub velocities: Motors,
     /// The spline in progress.
     pub spline: Option<Spline>,
     /// Assignments that wait for the next move.

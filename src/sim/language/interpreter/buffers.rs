@@ -108,12 +108,7 @@ impl Line<'_, '_> {
                 self.programs.switch_plcs(plcs as u32, switch);
                 Ok(())
             }
-            BufferCommand::Match => {
-                if let Some(system) = self.programs.systems.get_mut(cs).filter(|system| !system.running) {
-                    system.rematch = true;
-                }
-                Ok(())
-            }
+            BufferCommand::Match => self.programs.match_positions(self.board, cs),
         }
     }
 
@@ -165,6 +160,8 @@ impl Line<'_, '_> {
                 self.accessible(true)?;
                 self.programs.switch_plcs(1 << number, PlcSwitch::Disable);
             }
+            // Turbo Software Reference p. 379.
+            Open::Kinematics { .. } if self.programs.any_runs() => return Err(CommandError::RUNNING),
             Open::Kinematics { .. } => self.accessible(true)?,
             Open::Rotary | Open::BinaryRotary => {}
         }

@@ -250,6 +250,9 @@ impl Calculator<'_> {
                 self.system.cursor = Some(Cursor { item: next, ..cursor });
             }
             Item::Pset => {
+                if self.board.keeps_origin(self.cs).is_err() {
+                    return Some(self.fail(Failure::RunTime));
+                }
                 let mut target = self.system.axes;
                 let axes = line.items.iter().skip(cursor.item + 1).map_while(|item| match item {
                     Item::Axis(axis, data, _) => Some((*axis, data)),

@@ -124,7 +124,9 @@ impl Calculator<'_> {
     pub(super) fn match_positions(&mut self) {
         if std::mem::take(&mut self.system.rematch) {
             let mut axes = self.system.axes;
-            self.board.axis_positions(self.cs, &mut axes);
+            if !self.programs.axis_positions(self.board, self.cs, &mut axes) {
+                self.system.failure = Some(Failure::RunTime);
+            }
             self.system.axes = axes;
             self.system.trajectory.reset(self.board.commanded());
         }
@@ -155,8 +157,6 @@ impl Calculator<'_> {
         let axes = self.target(&request.axes);
         let arc = matches!(self.system.mode, Mode::Circle1 | Mode::Circle2)
             && (request.radius.is_some() || request.vectors.iter().any(Option::is_some));
-        match self.system.mode {
-            Mode::Circle1 | Mode::Circle2 if arc && self.segmented() => {
         if arc && !self.segmented() {
             let variable = self.board.variable_of(self.board.settings().segmentation, self.cs);
             let cs = self.cs + 1;
@@ -164,6 +164,8 @@ impl Calculator<'_> {
                 "coordinate system {cs} moves along the chord, not the circle: I{variable} is 0"
             ));
         }
+        match self.system.mode {
+            Mode::Circle1 | Mode::Circle2 if arc && self.segmented() => {
                 let centre = match request.radius {
                     Some(radius) => Centre::Radius(radius),
                     None => Centre::From(self.centre(&request.vectors)),
@@ -178,37 +180,36 @@ impl Calculator<'_> {
                 if self.system.spline.is_none() {
                     self.system.trajectory.close();
                 }
-                let point = self.board.motor_targets(self.cs, &axes, &from);
+                let point = self.targets(&axes, &from);
                 let spline = self.system.spline.get_or_insert_with(|| Spline::new(from, time));
                 let (segment, end) = spline.next(point, time);
                 self.append(segment, end, axes);
             }
             Mode::Pvt => {
                 let from = self.system.trajectory.target();
-                let target = self.board.motor_targets(self.cs, &axes, &from);
                 let time = self.ix(87).max(SHORTEST);
+                let given =
+                    std::array::from_fn(|axis| request.axes[axis].map_or(0.0, |_| request.velocities[axis]));
+                let [target, after] = self.targets_and_velocities(&axes, Some(&given), &from);
                 let per_ms = 1.0 / self.ix(90).max(f64::MIN_POSITIVE);
-                let velocities: [f64; 9] = std::array::from_fn(|axis| {
-                    request.axes[axis].map_or(0.0, |_| request.velocities[axis] * per_ms)
-                });
-                let before = self.board.motor_vector(self.cs, &self.system.velocities);
-                let after = self.board.motor_vector(self.cs, &velocities);
+                let after = after.map(|velocity| velocity * per_ms);
+                let before = self.system.velocities;
                 if self.system.trajectory.entries().last().is_none_or(|last| last.mode != Mode::Pvt) {
                     self.system.trajectory.close();
                 }
                 self.append(cubic(time, &from, &target, &before, &after), target, axes);
-                self.system.velocities = velocities;
+                self.system.velocities = after;
             }
         }
     }
 
     /// Ends a spline in progress: its last point counts twice more. PVT ends where it is.
     pub(super) fn end_spline(&mut self) {
-        self.system.velocities = [0.0; 9];
+        self.system.velocities = STILL;
         let Some(mut spline) = self.system.spline.take() else { return };
         let axes = self.system.axes;
         let from = self.system.trajectory.target();
-        let point = self.board.motor_targets(self.cs, &axes, &from);
+        let point = self.targets(&axes, &from);
         for _ in 0..2 {
             let (segment, end) = spline.next(point, spline.time());
             self.append(segment, end, axes);
@@ -274,9 +275,13 @@ impl Calculator<'_> {
         if let Some(centre) = centre {
             return self.arc(centre, axes);
         }
-        let from = self.system.trajectory.target();
-        let target = self.board.motor_targets(self.cs, &axes, &from);
         let time = self.move_time(self.distance(&axes));
+        if self.follows_curve() {
+            let start = self.system.axes;
+            return self.curve(|u| std::array::from_fn(|k| start[k] + (axes[k] - start[k]) * u), time, axes);
+        }
+        let from = self.system.trajectory.target();
+        let target = self.targets(&axes, &from);
         self.blend(Path::Line(Box::new(difference(&target, &from))), time, target, axes);
     }
 
@@ -291,8 +296,13 @@ impl Calculator<'_> {
             self.system.failure = Some(Failure::CircleRadius);
             return;
         };
+        let time = self.move_time(arc.length());
+        if self.follows_curve() {
+            let start = self.system.axes;
+            return self.curve(|u| arc.axes_at(u, &start, &axes), time, axes);
+        }
         let from = self.system.trajectory.target();
-        let target = self.board.motor_targets(self.cs, &axes, &from);
+        let target = self.targets(&axes, &from);
         let vector = |v: Vector| {
             let mut axes = [0.0; 9];
             axes[X..].copy_from_slice(&v);
@@ -305,9 +315,47 @@ impl Calculator<'_> {
             let turned = arc.radius[1] * (cos * e1[m] + sin * e2[m]) - arc.radius[0] * e1[m];
             target[m] - from[m] - turned
         });
-        let time = self.move_time(arc.length());
         let path = Path::Arc(Box::new(Arc { e1, e2, radius: arc.radius, sweep: arc.sweep, straight }));
         self.blend(path, time, target, axes);
+    }
+
+    /// Whether the motors' way is another than the axes', so that the inverse kinematic program makes the motors' segment by segment.
+    fn follows_curve(&self) -> bool {
+        self.segmented() && !self.board.kinematic_motors(self.cs).is_empty()
+    }
+
+    /// A blended move of `time` ms to `axes`, which are at `at(u)` on the way, for `u` from 0 to 1. Where it blends with another move,
+    /// the motors' ways are blended.
+    fn curve(&mut self, at: impl Fn(f64) -> [f64; 9], time: f64, axes: [f64; 9]) {
+        /// The most segments; those of a longer move take longer than Isx13.
+        const MOST: f64 = 4096.0;
+        let from = self.system.trajectory.target();
+        let segment = self.board.setting(self.board.settings().segmentation, self.cs);
+        let count = (time.max(self.ramp().time) / segment).ceil().clamp(1.0, MOST);
+        let (mut target, mut points) = (from, vec![STILL]);
+        for index in 1..=count as usize {
+            target = self.targets(&at(index as f64 / count), &from);
+            points.push(difference(&target, &from));
+        }
+        self.blend(Path::Points(points.into()), time, target, axes);
+    }
+
+    /// Where the motors are when the axes are at `axes`; those of others stay at `from`. Without an answer the program fails.
+    fn targets(&mut self, axes: &[f64; 9], from: &Motors) -> Motors {
+        self.targets_and_velocities(axes, None, from)[0]
+    }
+
+    fn targets_and_velocities(
+        &mut self,
+        axes: &[f64; 9],
+        velocities: Option<&[f64; 9]>,
+        from: &Motors,
+    ) -> [Motors; 2] {
+        let found = self.programs.motor_targets(self.board, self.cs, axes, velocities, from);
+        found.unwrap_or_else(|| {
+            self.system.failure = Some(Failure::RunTime);
+            [*from, STILL]
+        })
     }
 
     /// A blended move of `time` ms, longer if ramps or limits require it.
@@ -347,7 +395,7 @@ impl Calculator<'_> {
     fn rapid(&mut self, triggers: &[Option<f64>; 9], axes: [f64; 9]) {
         self.system.trajectory.close();
         let from = self.system.trajectory.target();
-        let target = self.board.motor_targets(self.cs, &axes, &from);
+        let target = self.targets(&axes, &from);
         let mut slowest = 0.0f64;
         let way = difference(&target, &from);
         let speed = |motor: usize| {
@@ -370,6 +418,13 @@ impl Calculator<'_> {
                     let jog = jogs[motor].get_or_insert(jog);
                     jog.after_trigger = jog.after_trigger.or(after);
                 }
+            }
+        }
+        // No axis definition names these motors.
+        for motor in self.board.kinematic_motors(self.cs) {
+            if slowest > 0.0 && way[motor] != 0.0 {
+                let speed = way[motor].abs() / slowest;
+                jogs[motor] = Some(Jog { target: target[motor], speed, after_trigger: None });
             }
         }
         self.system.rematch |= triggers.iter().any(Option::is_some);
