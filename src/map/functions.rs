@@ -563,4 +563,11 @@ impl IVariables {
     pub fn segmentation(&self, number: usize) -> usize {
         self.segmentation.map_or_else(|| self.time_base(number) - 93 + 13, usize::from)
     }
+
+    /// Whether I-variable `number` is a countdown timer, Isx11 or Isx12, which a board changes each servo cycle (Turbo Software
+    /// Reference p. 176). PMAC has no variables of these numbers.
+    #[must_use]
+    pub const fn is_timer(number: u16) -> bool {
+        5100 <= number && number < 6700 && matches!(number % 100, 11 | 12)
+    }
 }

@@ -20,6 +20,7 @@ use crate::cli::files::settings_file::{Entry, Item, keep_address, parse};
 use crate::client::Connection;
 use crate::format::file_text;
 use crate::language::Meaning;
+use crate::map::IVariables;
 use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::rotary::same_line;
 
@@ -369,5 +370,8 @@ fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
     let file = shown(path);
     let bytes = read(path, LARGEST_FILE).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
     let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
-    parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))
+    let mut entries = parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))?;
+    // A file of another program may set timers. They have gone on before anybody can compare them.
+    entries.retain(|entry| !matches!(entry.item, Item::I(number) if IVariables::is_timer(number)));
+    Ok(entries)
 }

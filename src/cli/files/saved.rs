@@ -13,7 +13,7 @@ use crate::cli::files::sequence::{ask, begin};
 use crate::cli::files::settings_file::Item;
 use crate::client::Connection;
 use crate::client::command::lines::LineSequence;
-use crate::map::{DEFAULT_FAMILY, Family, Generation};
+use crate::map::{DEFAULT_FAMILY, Family, Generation, IVariables};
 use crate::protocol::BoardInfo;
 
 /// PLC programs of any board (Software Reference, `OPEN`).
@@ -117,7 +117,8 @@ fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
     let is_wanted = |kind| wanted.contains(&kind);
     let mut items: Vec<Item> = Vec::new();
     if is_wanted(What::I) {
-        items.extend((0..count).map(Item::I));
+        // A timer has gone on before anybody can compare it or put it back.
+        items.extend((0..count).filter(|&number| !IVariables::is_timer(number)).map(Item::I));
     }
     if is_wanted(What::P) {
         items.extend((0..count).map(Item::P));
