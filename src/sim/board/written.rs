@@ -8,9 +8,12 @@ use crate::sim::board::register_table::{Each, RegisterTable};
 /// `?` word 2, bit 10.
 const HOME_COMPLETE: u32 = 1 << 10;
 
+/// Where a register of motors lies.
+type Place = fn(&RegisterTable) -> Each;
+
 /// The registers of a motor that this board computes anew and never reads: a real board acts on some of them when a program writes
-/// there. `docs/guide.md` has the same table.
-const IGNORED: [(&str, fn(&RegisterTable) -> Each); 12] = [
+/// there. `docs/simulator.md` has the same table.
+const IGNORED: [(&str, Place); 12] = [
     ("the time left in the move", |at| at.time_left),
     ("the desired velocity", |at| at.desired_velocity),
     ("the actual velocity", |at| at.velocity),
