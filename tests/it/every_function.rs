@@ -11,7 +11,7 @@ struct Board {
     free: &'static str,
 }
 
-const PMAC: Board = Board { family: "pmac", has_panel: true, free: "070" };
+const PMAC: Board = Board { family: "pmac", has_panel: true, free: "077" };
 const TURBO: Board = Board { family: "turbo2", has_panel: false, free: "670" };
 
 impl Board {

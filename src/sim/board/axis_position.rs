@@ -8,6 +8,8 @@ use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Motors, STILL};
 
+/// Isx50.
+const KINEMATICS: usize = 50;
 /// The order of the axis registers.
 const AXES: [char; 9] = ['A', 'B', 'C', 'U', 'V', 'W', 'X', 'Y', 'Z'];
 
@@ -132,6 +134,33 @@ impl Board {
             })
         };
         self.motors_of(cs).into_iter().filter(moves).collect()
+    }
+
+    /// The motors of the coordinate system whose position the inverse kinematic program makes; none while Isx50 is 0.
+    #[must_use]
+    pub fn kinematic_motors(&self, cs: usize) -> Vec<usize> {
+        let kinematic = |motor: &usize| self.axes.definition(*motor).is_some_and(|axis| axis.is_kinematic());
+        let mut motors = self.motors_of(cs);
+        motors.retain(kinematic);
+        if !motors.is_empty() && self.variables.i(self.identity.tables.coordinate_i(cs, KINEMATICS)) == 0.0 {
+            motors.clear();
+        }
+        motors
+    }
+
+    /// Refuses to move the origin of axes that motors follow by a kinematic program: this board does not play it.
+    ///
+    /// # Errors
+    /// ERR003.
+    pub fn keeps_origin(&mut self, cs: usize) -> Result<(), CommandError> {
+        if self.kinematic_motors(cs).is_empty() {
+            return Ok(());
+        }
+        self.note(format!(
+            "coordinate system {}: the simulator does not move the origin of kinematic axes",
+            cs + 1
+        ));
+        Err(CommandError::SYNTAX)
     }
 
     /// The position bias of a motor in counts.

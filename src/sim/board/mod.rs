@@ -8,7 +8,7 @@
 //! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
 //! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | what differs between families |
 //! | [`i_rows`], `turbo_rows`, [`identity`], [`calendar`] | factory values; how the board answers when asked; date and time |
-//! | [`variables`], [`m_definition`], `m_registers`, [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
+//! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | `absolute_sensor` | the position at power-on and `$*` |
 //! | [`coordinate`], `timers`, [`axes`], `axis_position` | time base; countdown timers; axis definitions; positions of axes |
@@ -33,7 +33,6 @@ pub mod i_rows;
 pub mod identity;
 pub mod jog;
 pub mod m_definition;
-mod m_registers;
 pub mod macro_stations;
 pub mod memory;
 pub mod motor;

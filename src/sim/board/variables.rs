@@ -2,7 +2,9 @@
 //!
 //! I-variables are a table of their own. P- and Q-variables are 48-bit floats in memory (P0 at `L:$1000`), so that
 //! memory commands, M-variables and the DPRAM's variable copying see them. M-variables are definitions that point
-//! into memory, and lie there themselves ([`super::m_registers`]).
+//! into memory, and lie there themselves (`definitions`).
+
+mod definitions;
 
 use std::collections::BTreeMap;
 
@@ -66,7 +68,7 @@ pub struct Variables {
     rules: Vec<Rule>,
     i: Vec<f64>,
     /// The definitions that are more than a word of memory holds, by the number of the M-variable.
-    pub(super) thumbwheels: BTreeMap<usize, MDefinition>,
+    thumbwheels: BTreeMap<usize, MDefinition>,
     /// The password for programs from 1000 on.
     pub password: Password,
 }

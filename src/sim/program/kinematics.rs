@@ -13,40 +13,9 @@ use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Motors, STILL};
 use crate::sim::board::variables::VariableKind::{P, Q};
 
-/// Isx50.
-const ENABLE: usize = 50;
 /// Q10 tells the inverse program whether it has to make velocities, too: from Q11 to Q19, into P101 to P132.
 const WITH_VELOCITIES: usize = 10;
 const MOTOR_VELOCITIES: usize = 100;
-
-impl Board {
-    /// The motors of the coordinate system whose position the inverse kinematic program makes; none while Isx50 is 0.
-    #[must_use]
-    pub fn kinematic_motors(&self, cs: usize) -> Vec<usize> {
-        let kinematic = |motor: &usize| self.axes.definition(*motor).is_some_and(|axis| axis.is_kinematic());
-        let mut motors = self.motors_of(cs);
-        motors.retain(kinematic);
-        if !motors.is_empty() && self.variables.i(self.identity.tables.coordinate_i(cs, ENABLE)) == 0.0 {
-            motors.clear();
-        }
-        motors
-    }
-
-    /// Refuses to move the origin of axes that motors follow by a kinematic program: this board does not play it.
-    ///
-    /// # Errors
-    /// ERR003.
-    pub fn keeps_origin(&mut self, cs: usize) -> Result<(), CommandError> {
-        if self.kinematic_motors(cs).is_empty() {
-            return Ok(());
-        }
-        self.note(format!(
-            "coordinate system {}: the simulator does not move the origin of kinematic axes",
-            cs + 1
-        ));
-        Err(CommandError::SYNTAX)
-    }
-}
 
 impl Programs {
     /// Whether the kinematic programs that the coordinate system needs are there and whole.
