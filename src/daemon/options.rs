@@ -17,7 +17,7 @@ pub struct Options {
     #[arg(
         long,
         value_name = "SPEC",
-        help = "The board: sim[,family=NAME][,dpram=8k|32k][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, \
+        help = "The board: sim[,family=NAME][,dpram=8k|32k][,cpu=OPTION][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, \
                 uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] or vme:NODE, each but sim and replay with [,irq=uio:/dev/uioN] or \
                 [,irq=unix:PATH], each but sim, replay and vme with [,access=32]"
     )]

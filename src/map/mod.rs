@@ -36,8 +36,8 @@ pub use buffer_layout::{BufferLayout, BufferLayoutError, BufferSettings, NotUser
 pub use family::pmac;
 pub use family::pmac_table::PANEL_REQUEST_BITS;
 pub use family::{
-    DEFAULT_FAMILY, DPRAM_SIZES, FAMILIES, Family, Generation, LACKS_DPRAM, OtherFamily, PMAC, PMAC2, TURBO,
-    TURBO_32K, TURBO2, TURBO2_8K, UnknownFamily, lacks_dpram,
+    CPU_OPTIONS, DEFAULT_FAMILY, DPRAM_SIZES, FAMILIES, Family, Generation, LACKS_DPRAM, OtherFamily, PMAC,
+    PMAC2, TURBO, TURBO_32K, TURBO2, TURBO2_8K, UnknownFamily, lacks_dpram,
 };
 pub use field::{BitField, Field, FieldError};
 pub use firmware::{BadFirmware, Firmware};

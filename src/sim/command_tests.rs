@@ -2,6 +2,7 @@
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::firmware::{self, FirmwareTables};
+use crate::sim::board::processor::PROCESSORS;
 use crate::sim::board::turbo;
 use crate::sim::testing::Bench;
 
@@ -166,4 +167,35 @@ fn an_absolute_position_comes_from_the_registers_that_are_named() {
     let mut bench = board(&firmware::PMAC);
     send(&mut bench, "WY$D210,$8001\nI110=$90D210\n#1$*");
     assert_eq!(send(&mut bench, "#1P"), ["-32767"]);
+}
+
+#[test]
+fn the_processor_and_the_end_of_memory_are_those_of_the_option() {
+    let answers = |option: &str, firmware: &str| {
+        let mut bench = turbo2();
+        let identity = &mut bench.world.board.identity;
+        identity.processor = *PROCESSORS.iter().find(|processor| processor.option == option).unwrap();
+        identity.firmware = firmware.into();
+        send(&mut bench, "$$$***\nI4=0");
+        bench.run(2);
+        send(&mut bench, "CPU I4908 ???")
+    };
+    assert_eq!(answers("5C0", "1.947")[..2], ["DSP56303", "$10800"]);
+    assert_eq!(answers("5F3", "1.947")[..2], ["DSP56321", "$30000"]);
+    assert_eq!(answers("5F3", "1.936")[1], "$40000", "no user buffer from the factory yet");
+    let bits =
+        |words: &str| [&words[..6], &words[6..]].map(|word| u32::from_str_radix(word, 16).unwrap() >> 21 & 1);
+    assert_eq!(bits(&answers("5E0", "1.947")[2]), [1, 0]);
+    let mut bench = turbo2();
+    assert_eq!(send(&mut bench, "DEF UBUF 512\nI4908"), ["$10600"]);
+    assert_eq!(send(&mut bench, "DELETE UBUF\nI4908"), ["$10800"]);
+}
+
+#[test]
+fn variables_of_stations_are_hexadecimal_where_i9_says() {
+    let mut bench = turbo2();
+    bench.world.board.identity.stations = true;
+    send(&mut bench, "MS1,I912=2 MS0,MI910=$FFFFFF000000");
+    assert_eq!(send(&mut bench, "ms1,i912 ms1,i913 ms0,mi910"), ["$2", "$0", "$FFFFFF000000"]);
+    assert_eq!(send(&mut bench, "I9=0 MS1,I912"), ["2"]);
 }

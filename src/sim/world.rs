@@ -202,6 +202,7 @@ impl World {
         self.functions = Functions::new(self.board.family());
         self.report.reset();
         self.programs.point_at_power_up(&mut self.board);
+        self.programs.note_end_of_memory(&mut self.board);
         self.housekeeping();
     }
 

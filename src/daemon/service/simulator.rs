@@ -58,6 +58,9 @@ impl Simulator {
         if let Some(firmware) = firmware.filter(|_| spec.from.is_none()) {
             command.arg("--firmware").arg(firmware);
         }
+        if let Some(option) = spec.cpu {
+            command.args(["--cpu", option]);
+        }
         command.stdin(Stdio::null()).stdout(Stdio::null());
         // The simulator makes the directory. It ends with this process, even a killed one, and removes the directory.
         command.arg("--with-parent").arg(std::process::id().to_string());

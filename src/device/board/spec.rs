@@ -7,7 +7,7 @@ use std::str::FromStr;
 use crate::device::board::pci::PciAddress;
 use crate::device::system::number;
 use crate::device::{Access, InterruptSource};
-use crate::map::{DPRAM_SIZES, Family};
+use crate::map::{CPU_OPTIONS, DPRAM_SIZES, Family};
 
 /// The longest window to map: no DPRAM is longer.
 const LONGEST_WINDOW: u64 = 0x10_0000;
@@ -16,7 +16,7 @@ const LONGEST_WINDOW: u64 = 0x10_0000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BoardSpec {
-    /// `sim[,family=NAME][,dpram=SIZE][,from=DIR]`: start a simulator and use its memory.
+    /// `sim[,family=NAME][,dpram=SIZE][,cpu=OPTION][,from=DIR]`: start a simulator and use its memory.
     Simulator(SimulatorSpec),
     /// `file:PATH[,irq=SOURCE][,access=32]`: a file that another process uses as its DPRAM.
     File {
@@ -45,6 +45,8 @@ pub struct SimulatorSpec {
     pub family: Option<&'static str>,
     /// The size of its DPRAM by name ([`crate::map::DPRAM_SIZES`]); `None`: what boards of the family come with.
     pub dpram: Option<&'static str>,
+    /// The option of its processor and memory ([`crate::map::CPU_OPTIONS`]); `None`: the smallest.
+    pub cpu: Option<&'static str>,
     /// The recording of the board that it shall be.
     pub from: Option<PathBuf>,
 }
@@ -151,7 +153,7 @@ impl fmt::Display for Place {
 /// Why a board specification was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
+    "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,cpu=OPTION][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
     or vme:NODE, each but sim and replay with [,irq=SOURCE], each but sim, replay and vme with [,access=32]"
 )]
 pub struct SpecError {
@@ -235,7 +237,7 @@ fn parse(spec: &str) -> Result<BoardSpec, String> {
 fn simulator(options: &str) -> Result<SimulatorSpec, String> {
     let mut parts = options.split(',');
     if parts.next() != Some("") {
-        return Err("sim takes only ,family=NAME, ,dpram=SIZE and ,from=DIR after it".to_owned());
+        return Err("sim takes only ,family=NAME, ,dpram=SIZE, ,cpu=OPTION and ,from=DIR after it".to_owned());
     }
     let mut simulator = SimulatorSpec::default();
     for option in parts {
@@ -249,6 +251,12 @@ fn simulator(options: &str) -> Result<SimulatorSpec, String> {
                 let known = DPRAM_SIZES.iter().find(|(name, _)| *name == value);
                 let (name, _) = known.ok_or_else(|| format!("{option}: write dpram=8k or dpram=32k"))?;
                 simulator.dpram.replace(name).is_some()
+            }
+            "cpu" => {
+                let known = CPU_OPTIONS.iter().find(|name| **name == value);
+                let name =
+                    known.ok_or_else(|| format!("{option}: write cpu={}", CPU_OPTIONS.join(" or cpu=")))?;
+                simulator.cpu.replace(name).is_some()
             }
             "from" if value.is_empty() => return Err("the directory after from= is missing".to_owned()),
             "from" => simulator.from.replace(value.into()).is_some(),
@@ -403,10 +411,11 @@ mod tests {
         for (text, spec) in [
             ("sim", BoardSpec::Simulator(SimulatorSpec::default())),
             (
-                "sim,family=TURBO2,dpram=8k",
+                "sim,family=TURBO2,dpram=8k,cpu=5F3",
                 BoardSpec::Simulator(SimulatorSpec {
                     family: Some("turbo2"),
                     dpram: Some("8k"),
+                    cpu: Some("5F3"),
                     ..SimulatorSpec::default()
                 }),
             ),

@@ -234,6 +234,9 @@ pub static TURBO2_8K: Family = turbo2_of(turbo::LENGTH_8K);
 /// The names of the sizes of a DPRAM, in thousands of 16-bit words, and the bytes.
 pub const DPRAM_SIZES: [(&str, u32); 2] = [("8k", turbo::LENGTH_8K), ("32k", turbo::LENGTH_32K)];
 
+/// The options of a Turbo board that choose its processor (C to F: 80 to 240 MHz) and its memory (0 standard, 3 extended).
+pub const CPU_OPTIONS: [&str; 8] = ["5C0", "5C3", "5D0", "5D3", "5E0", "5E3", "5F0", "5F3"];
+
 /// The family of a board without a configured one.
 pub static DEFAULT_FAMILY: &Family = &PMAC;
 

@@ -54,8 +54,6 @@ pub struct Card {
     pub part: &'static str,
     /// `VID`: the vendor.
     pub vendor: &'static str,
-    /// `CPU`: the processor.
-    pub processor: &'static str,
 }
 
 /// A family's firmware as the simulator plays it.

@@ -2,6 +2,7 @@
 
 use crate::map::Readings;
 use crate::sim::board::firmware::FirmwareTables;
+use crate::sim::board::processor::Processor;
 
 /// A kind of board.
 #[derive(Debug, Clone)]
@@ -14,6 +15,8 @@ pub struct Identity {
     pub date_text: &'static str,
     /// How many motors there are, from 1 to those of the family.
     pub motors: usize,
+    /// Its processor and memory, which a Turbo board tells.
+    pub processor: Processor,
     /// Whether MACRO stations are on its ring.
     pub stations: bool,
     /// What it makes of the sentences that can be read two ways.
@@ -29,6 +32,7 @@ impl Identity {
             firmware: firmware.into(),
             date_text: "07/17/1999",
             motors: tables.family.motors,
+            processor: Processor::default(),
             stations: false,
             readings: Readings::default(),
         }

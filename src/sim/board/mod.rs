@@ -7,7 +7,7 @@
 //! |---|---|
 //! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
 //! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | what differs between families |
-//! | [`i_rows`], `turbo_rows`, [`identity`], [`calendar`] | factory values; how the board answers when asked; date and time |
+//! | [`i_rows`], `turbo_rows`, [`identity`], [`processor`], [`calendar`] | factory values; how the board answers when asked; date and time |
 //! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | `absolute_sensor` | the position at power-on and `$*` |
@@ -39,6 +39,7 @@ pub mod motor;
 pub mod number;
 pub mod output;
 pub mod password;
+pub mod processor;
 pub mod profile;
 pub mod random;
 pub mod register_table;

@@ -105,9 +105,12 @@ impl Board {
         let at = self.memory.registers();
         let y = self.memory.read(at.global_buffers) & !own | buffers;
         let others = self.memory.read(at.global_status) & !(1 << 19 | 1 << 17);
-        self.memory.write(at.global_status, others | x);
+        // Bit 21 of both words (Turbo Software Reference p. 289). A PMAC is of kind 0.
+        let processor = self.identity.processor.kind;
+        self.memory.write(at.global_status, others | x | bit(21, processor & 2 != 0));
         let vme = mask(bits.vme_board, self.saved.vme);
-        self.memory.write(at.global_buffers, y | mask(bits.host_port, host) | vme);
+        let y = y | mask(bits.host_port, host) | vme | bit(21, processor & 1 != 0);
+        self.memory.write(at.global_buffers, y);
     }
 
     fn servo_status(&self, motor: usize) -> u32 {

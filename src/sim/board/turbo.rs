@@ -118,8 +118,7 @@ const fn turbo(
         controller,
         type_text,
         // 602413 is a UMAC's, and is seen as "Turbo PMAC2-VME" too; of a Turbo PMAC of the first generation no text tells.
-        // With the processor, bits 21 of both words of `???` are 0 (Turbo Software Reference p. 289).
-        card: Some(Card { part: "602413", vendor: "1", processor: "DSP56303" }),
+        card: Some(Card { part: "602413", vendor: "1" }),
         startup: include_str!("../dpram-startup-turbo.pmc"),
     }
 }

@@ -67,7 +67,7 @@ pub const GLOBAL: &[Row] = &[
     global(99, "VME address width", BYTE, 0x30 as f64).hex(),
     global(4902, "memory found", WORD, 1.0).to(4903).hex(),
     global(4904, "DPRAM found", WORD, 0x8006 as f64).hex(),
-    global(4908, "end of open memory", WORD, 0x1_C000 as f64).hex(),
+    global(4908, "end of open memory", WORD, 0.0).hex(),
     global(5000, "gather location and mode", MODE, 0.0),
     global(5001, "gather source", WORD, 0.0).to(5048).hex(),
     // The Turbo Software Reference (p. 171) says 1.

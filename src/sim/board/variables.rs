@@ -194,7 +194,9 @@ impl Variables {
         self.i_integer(9) & 1 != 0
     }
 
-    fn hex_listing(&self) -> bool {
+    /// Bit 1 of I9: addresses in hex.
+    #[must_use]
+    pub fn hex_listing(&self) -> bool {
         self.i_integer(9) & 2 != 0
     }
 

@@ -6,11 +6,12 @@ use clap::Parser;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::map::readings::RotaryCode2;
-use crate::map::{DPRAM_SIZES, Family, Firmware, Readings};
+use crate::map::{DPRAM_SIZES, Family, Firmware, Generation, Readings};
 use crate::recording::{About, RecordingError};
 use crate::sim::board::families::{SIMULATED, with_length};
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::identity::Identity;
+use crate::sim::board::processor::{PROCESSORS, Processor};
 
 /// A simulated PMAC: the board's side of a DPRAM, in its own process.
 ///
@@ -64,6 +65,9 @@ pub struct Options {
     /// Firmware that VERSION answers; it also decides where the gather buffer is. Without it 1.16D, of a Turbo board 1.947
     #[arg(long)]
     pub firmware: Option<Firmware>,
+    /// Processor and memory of a Turbo board by its option: 5C, 5D, 5E or 5F (80 to 240 MHz), with 0 for standard or 3 for extended memory
+    #[arg(long, value_name = "OPTION", default_value = "5C0", value_parser = processor())]
+    pub cpu: Processor,
     /// Put MACRO stations on the ring of a Turbo board: they keep what MS and MSW write, and do nothing else
     #[arg(long = "macro")]
     pub stations: bool,
@@ -109,6 +113,9 @@ pub enum NoSuchBoard {
     /// A DPRAM of a size that the family does not have.
     #[error("--dpram: {0}")]
     Dpram(String),
+    /// A processor that only Turbo boards have.
+    #[error("--cpu {}: a {} has no such option; leave --cpu out or give --family turbo or turbo2", .0.option, .1.title)]
+    Processor(Processor, &'static Family),
     /// More motors than the family has.
     #[error("a {} has at most {} motors; give --motors 1 to {}", .0.title, .0.motors, .0.motors)]
     Motors(&'static Family),
@@ -165,7 +172,10 @@ impl Options {
         if motors > tables.family.motors {
             return Err(NoSuchBoard::Motors(tables.family));
         }
-        Ok(Identity { motors, readings, stations: self.stations, ..identity })
+        if self.cpu != Processor::default() && tables.family.generation != Generation::Turbo {
+            return Err(NoSuchBoard::Processor(self.cpu, tables.family));
+        }
+        Ok(Identity { motors, readings, processor: self.cpu, stations: self.stations, ..identity })
     }
 
     /// The I10 that the asked rate means.
@@ -181,6 +191,13 @@ fn family() -> impl TypedValueParser<Value = &'static FirmwareTables> {
     PossibleValuesParser::new(SIMULATED.iter().map(name)).map(|name| {
         SIMULATED.iter().copied().find(|tables| tables.family.name == name).unwrap_or(SIMULATED[0])
     })
+}
+
+/// The processors by their options.
+fn processor() -> impl TypedValueParser<Value = Processor> {
+    let name = |processor: Processor| PossibleValue::new(processor.option).help(processor.text);
+    PossibleValuesParser::new(PROCESSORS.map(name))
+        .map(|name| PROCESSORS.into_iter().find(|processor| processor.option == name).unwrap_or_default())
 }
 
 /// The most motors that a simulated board has.

@@ -106,6 +106,12 @@ impl Programs {
         FREE_LONG_WORDS - i64::from(board.gather.memory_used(&board.variables)) - buffers
     }
 
+    /// Tells the board's memory how much of it the user buffer takes.
+    pub fn note_end_of_memory(&self, board: &mut Board) {
+        let user = self.store.tables.iter().find(|table| table.kind == TableKind::User);
+        board.note_end_of_memory(user.map(|table| table.size));
+    }
+
     /// `SIZE`: free long words, negative while a buffer is open.
     #[must_use]
     pub fn size(&self, board: &Board) -> i64 {

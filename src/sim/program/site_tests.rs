@@ -215,7 +215,10 @@ fn macro_stations_keep_their_variables() {
         assert_eq!(refusal(&mut bench, line), Some(CommandError::MACRO), "{line}");
     }
     bench.world.board.identity.stations = true;
-    load(&mut bench, "ms0,i996=$0FB333\nMS 24,I992=2457\nMS0,I71=$10C0A0208800\nmsclrf24\nMS8,MI910=-7");
+    load(
+        &mut bench,
+        "I9=0\nms0,i996=$0FB333\nMS 24,I992=2457\nMS0,I71=$10C0A0208800\nmsclrf24\nMS8,MI910=-7",
+    );
     assert_eq!(
         send(&mut bench, "MS0,MI996 MS24,I992 MS0,I71 MS8,I910 MS9,I910"),
         ["1028915", "2457", "18419506251776", "-7", "0"]
@@ -226,7 +229,7 @@ fn macro_stations_keep_their_variables() {
     bench.run(5);
     assert_eq!(send(&mut bench, "MS16,MI125"), ["5"]);
     send(&mut bench, "$$$");
-    assert_eq!(send(&mut bench, "MS16,MI125"), ["5"], "the stations are not the board's");
+    assert_eq!(send(&mut bench, "MS16,MI125"), ["$5"], "the stations are not the board's");
     for line in ["MS64,I1", "MS0,P1", "MS0", "MSW0,MI1", "MSW0,MI1,7"] {
         assert_eq!(refusal(&mut bench, line), Some(CommandError::SYNTAX), "{line}");
     }
@@ -239,7 +242,7 @@ fn macro_stations_are_saved_and_reset_one_by_one() {
         assert_eq!(refusal(&mut bench, line), Some(CommandError::MACRO), "{line}");
     }
     bench.world.board.identity.stations = true;
-    send(&mut bench, "MS0,I10=1 MS4,I10=1");
+    send(&mut bench, "I9=0 MS0,I10=1 MS4,I10=1");
     for (line, kept) in [
         ("ms save 0 MS0,I10=2 MS4,I10=2", ["2", "2"]),
         ("MSCLRF0 MACROSLVCLRF4", ["2", "2"]),

@@ -19,7 +19,13 @@ impl Line<'_, '_> {
             return self.board.set_station_variable(variable, value as f64);
         }
         let value = self.board.station_variable(variable)?;
-        let text = decimal(value, self.board.variables.tables().decimals);
+        // The board does not know a station's variables one by one: as I9 has addresses, it has them all. A driver in use
+        // (DiamondLightSource/pmac) takes `$` before each.
+        let text = if self.board.variables.hex_listing() {
+            format!("${:X}", value as i64 & 0xFFFF_FFFF_FFFF)
+        } else {
+            decimal(value, self.board.variables.tables().decimals)
+        };
         self.answer(text)
     }
 

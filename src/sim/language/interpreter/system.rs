@@ -28,11 +28,12 @@ impl Line<'_, '_> {
 
     /// `CID`, `VID`, `CPU`.
     pub(super) fn card(&mut self, what: Word) -> Outcome {
-        let card = self.board.identity.tables.card.ok_or(CommandError::SYNTAX)?;
+        let identity = &self.board.identity;
+        let card = identity.tables.card.ok_or(CommandError::SYNTAX)?;
         self.answer(match what {
             Word::Part => card.part,
             Word::Vendor => card.vendor,
-            _ => card.processor,
+            _ => identity.processor.text,
         })
     }
 
@@ -106,7 +107,11 @@ impl Line<'_, '_> {
                 let longs = if is_sized { Some(self.scanner.unsigned()? as u32) } else { None };
                 self.board.define_gather(longs, self.programs.free_memory(self.board))
             }
-            buffer => self.define_buffer(buffer),
+            buffer => {
+                self.define_buffer(buffer)?;
+                self.programs.note_end_of_memory(self.board);
+                Ok(())
+            }
         }
     }
 
@@ -117,7 +122,9 @@ impl Line<'_, '_> {
             Buffer::Gather => self.board.delete_gather(),
             Buffer::All => self.delete_all(),
             buffer => self.delete_buffer(buffer),
-        }
+        }?;
+        self.programs.note_end_of_memory(self.board);
+        Ok(())
     }
 
     /// `GATHER`, at once or from a trigger on.
