@@ -61,6 +61,40 @@ fn a_daemon_killed_while_its_simulator_starts_leaves_no_directory() {
 }
 
 #[test]
+fn what_a_daemon_and_its_simulator_leave_that_are_killed_together_the_next_one_removes() {
+    let start = |site: &Site| {
+        let daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))
+            .args(["--board", "sim", "--name", &site.name, "--socket"])
+            .arg(site.socket())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        wait_until("live servo data", || {
+            Subscriber::attach(&site.segment()).is_ok_and(|seen| is_live(&seen, RegionId::Servo))
+        });
+        daemon
+    };
+    let site = Site::new();
+    let mut daemon = start(&site);
+    let children = format!("/proc/{0}/task/{0}/children", daemon.id());
+    let simulator: i32 = std::fs::read_to_string(children).unwrap().trim().parse().unwrap();
+    // Stopped, the simulator cannot follow the daemon's end.
+    let simulator = nix::unistd::Pid::from_raw(simulator);
+    nix::sys::signal::kill(simulator, nix::sys::signal::Signal::SIGSTOP).unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    nix::sys::signal::kill(simulator, nix::sys::signal::Signal::SIGKILL).unwrap();
+    wait_until("the simulator's end", || nix::sys::signal::kill(simulator, None).is_err());
+    assert!(left(daemon.id()).is_some(), "nobody was there to remove it");
+    let other = Site::new();
+    let next = start(&other);
+    assert_eq!(left(daemon.id()), None);
+    drop(other.adopt(next));
+    let _ = std::fs::remove_file(format!("/dev/shm/{}", site.name));
+    let _ = std::fs::remove_file(format!("/dev/shm/{}.lock", site.name));
+}
+
+#[test]
 fn a_killed_daemon_leaves_no_simulator_and_a_killed_demo_no_daemon() {
     let site = Site::new();
     let mut daemon = std::process::Command::new(env!("CARGO_BIN_EXE_pmacd"))

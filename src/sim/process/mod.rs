@@ -5,12 +5,12 @@
 mod clock;
 mod from_recording;
 mod interrupt;
+mod leftovers;
 pub mod options;
 mod serial;
 mod socket;
 
 use std::io;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -165,7 +165,7 @@ impl LeaveNothing {
     fn with(parent: u32, memory: &Path) -> Result<Self, SimError> {
         end_with_parent(parent)?;
         if let Some(directory) = memory.parent() {
-            std::fs::DirBuilder::new().mode(0o700).create(directory)?;
+            leftovers::make(directory)?;
         }
         Ok(Self { memory: memory.to_owned() })
     }
