@@ -249,3 +249,22 @@ fn registers_and_variables_are_watched_side_by_side() {
     site.ask("CLOSE");
     assert!(!site.ask("LIST PROG 7").concat().contains('P'));
 }
+
+#[test]
+fn an_absolute_position_is_worked_out_of_what_the_board_holds() {
+    let site = VirtualSite::running(&[], &[]);
+    site.ask("WY$D210,$8001");
+    let ran = site.run(&["board", "absolute", "--ix10", "$90D210", "--json"]);
+    assert_eq!((&ran.json()["position"], ran.code), (&serde_json::json!(-32767), Some(0)), "{ran:?}");
+    assert!(ran.stderr.contains("Y:$D210=$008001"), "{ran:?}");
+    // As the board itself does.
+    site.ask("I110=$90D210");
+    site.ask("#1$*");
+    assert_eq!(site.ask("#1P"), ["-32767"]);
+    // What is given counts; and it is no Turbo board.
+    let given = site.run(&["board", "absolute", "--ix10", "$90D210", "--word", "Y:$D210=5", "--json"]);
+    assert_eq!(given.json()["position"], 5);
+    let turbo = site.run(&["board", "absolute", "--ixx10", "$78D00", "--ixx95", "$200000", "--json"]);
+    assert_eq!(turbo.json().get("position"), None);
+    site.assert_no_violations();
+}

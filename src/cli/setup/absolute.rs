@@ -27,7 +27,8 @@ pub struct Absolute {
     /// Turbo: the value of Ixx95, a format
     #[arg(long, value_name = "VALUE", value_parser = parse, requires = "ixx10")]
     pub ixx95: Option<u32>,
-    /// The content of a register, such as Y:$078D00=$123456; prints the position in the registers
+    /// The content of a register, such as Y:$078D00=$123456; prints the position in the registers. Without it, those of the board
+    /// that a daemon has, if it is of that family
     #[arg(long = "word", value_name = "ADDRESS=VALUE", num_args = 1..)]
     pub words: Vec<Word>,
 }
@@ -41,22 +42,25 @@ struct Document<'a> {
     position: Option<i64>,
 }
 
-/// Answers `absolute …`.
+/// Answers `absolute …`, with the content of the registers as far as it is known.
 ///
 /// # Errors
-/// Why the setting or the words are invalid; exit status 2.
-pub fn answer(options: &Absolute) -> Result<Explanation, String> {
-    let format = format(options)?;
-    let position = match options.words.as_slice() {
+/// Why the words are invalid; exit status 2.
+pub fn answer(options: &Absolute, format: &AbsoluteFormat, words: &[Word]) -> Result<Explanation, String> {
+    let position = match words {
         [] => None,
         words => Some(format.position(words).map_err(|error| error.to_string())?),
     };
     // The variable that holds the home position, as the family's manual writes it.
     let offset = if options.ix10.is_some() { "Ix26" } else { "Ixx26" };
-    Explanation::of(&Document { format: &format, position }, text(&format, position, offset))
+    Explanation::of(&Document { format, position }, text(format, position, offset))
 }
 
-fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
+/// The format that the options name.
+///
+/// # Errors
+/// Why they name none; exit status 2.
+pub fn format(options: &Absolute) -> Result<AbsoluteFormat, String> {
     let format = match (options.ix10, options.ixx10.zip(options.ixx95), options.family) {
         (Some(_), _, Some(Generation::Turbo)) => {
             return Err("a Turbo board has Ixx10 and Ixx95; give --ixx10 and --ixx95".to_owned());
@@ -127,8 +131,13 @@ mod tests {
         Line::try_parse_from(line.split(' ')).unwrap_or_else(|error| panic!("{error}")).absolute
     }
 
+    fn told(line: &str) -> Result<Explanation, String> {
+        let options = parsed(line);
+        answer(&options, &format(&options)?, &options.words)
+    }
+
     fn answered(line: &str) -> Explanation {
-        answer(&parsed(line)).unwrap_or_else(|reason| panic!("{line}: {reason}"))
+        told(line).unwrap_or_else(|reason| panic!("{line}: {reason}"))
     }
 
     #[test]
@@ -171,7 +180,7 @@ mod tests {
             "{}",
             pmac.text
         );
-        let reason = answer(&parsed(&format!("{format} --word Y:$078D00=0"))).unwrap_err();
+        let reason = told(&format!("{format} --word Y:$078D00=0")).unwrap_err();
         assert!(reason.contains("Y:$078D01 is missing"), "{reason}");
     }
 
@@ -195,7 +204,7 @@ mod tests {
 
     #[test]
     fn what_means_nothing_is_refused_with_the_reason() {
-        let refused = |line: &str| answer(&parsed(line)).unwrap_err();
+        let refused = |line: &str| told(line).unwrap_err();
         assert!(refused("absolute --ixx10 0x78D00 --ixx95 0x330000").contains("format code $33"));
         assert!(refused("absolute --family turbo --ix10 0x16FFD1").contains("--ixx95"));
         assert!(refused("absolute --family pmac2 --ixx10 1 --ixx95 1").contains("--ix10"));

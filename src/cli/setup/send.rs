@@ -18,6 +18,8 @@ use crate::language::Meaning;
 use crate::map::Family;
 use crate::protocol::board::BoardInfo;
 use crate::protocol::program_words::ProgramWords;
+use crate::setup::absolute::AbsoluteFormat;
+use crate::setup::position::Word;
 
 /// Time limit of a plain line.
 const LINE_WITHIN: Duration = Duration::from_secs(5);
@@ -139,7 +141,41 @@ fn servo_runs(context: &Context) -> bool {
 }
 
 pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Failure> {
-    print(context, &absolute::answer(options).map_err(Failure::Request)?)
+    let format = absolute::format(options).map_err(Failure::Request)?;
+    let given = options.words.clone();
+    let words = if given.is_empty() { words_on_board(context, &format) } else { given };
+    print(context, &absolute::answer(options, &format, &words).map_err(Failure::Request)?)
+}
+
+/// What the registers of `format` hold on the board; nothing where no daemon has a board of that generation.
+fn words_on_board(context: &Context, format: &AbsoluteFormat) -> Vec<Word> {
+    let Some(mut connection) = context.connection().ok().filter(|_| !format.registers.is_empty()) else {
+        return Vec::new();
+    };
+    let family = connection.info().ok().and_then(|info| Family::by_name(&info.family).ok());
+    let mut words = Vec::new();
+    for part in &format.registers {
+        let address = part.address;
+        if family.is_none_or(|family| family.generation != address.generation) {
+            return Vec::new();
+        }
+        let line = format!("RH{}${:X}", address.space, address.number);
+        let lines = match connection.question(&line, LINE_WITHIN) {
+            Ok(lines) => lines,
+            Err(error) => {
+                note(&format!("{address} was not read: {error}"));
+                return Vec::new();
+            }
+        };
+        let Some(value) = lines.first().and_then(|line| u32::from_str_radix(line.trim(), 16).ok()) else {
+            note(&format!("{address} was not read: {lines:?} is no word"));
+            return Vec::new();
+        };
+        words.push(Word { space: address.space, number: address.number, value });
+    }
+    let read: Vec<String> = words.iter().map(Word::to_string).collect();
+    note(&format!("on the board: {}", read.join(" ")));
+    words
 }
 
 fn print(context: &mut Context, answer: &Explanation) -> Result<Verdict, Failure> {
