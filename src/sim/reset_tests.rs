@@ -239,3 +239,45 @@ fn gathering_can_wait_for_a_machine_input() {
     bench.run(1);
     assert_eq!(state(&bench), 0b100);
 }
+
+#[test]
+fn a_wrong_set_up_line_takes_the_dpram_from_its_host_once_it_acts() {
+    for (line, is_found) in
+        [("WX$786,$0E,$C5", false), ("WX$787,$44", false), ("WX$787,$45", true), ("WX$786,$FD,$41", true)]
+    {
+        let mut bench = Bench::bare("1.16D");
+        let send =
+            |bench: &mut Bench, line: &str| assert_eq!(bench.world.execute(line.as_bytes()).error, None);
+        send(&mut bench, "M1->Y:$D200,0,16 M1=$1234");
+        send(&mut bench, line);
+        bench.run(5);
+        assert_eq!(bench.read(0x0800), 0x1234, "{line}: it is not in force yet");
+        send(&mut bench, "SAVE");
+        send(&mut bench, "$$$");
+        bench.run(5);
+        assert_eq!(bench.read(0x0800), if is_found { 0x1234 } else { 0xFFFF }, "{line}");
+        send(&mut bench, "$$$***");
+        bench.run(5);
+        assert_ne!(bench.read(0x0800), 0xFFFF, "{line}: the factory's place is the host's");
+    }
+}
+
+#[test]
+fn a_vme_host_finds_what_the_set_up_has_left_where_it_was() {
+    use crate::sim::board::bus_setup::Found;
+    let found = |line: &str| {
+        let mut bench = Bench::bare("1.16D");
+        bench.world.board.fit_vme();
+        for line in [line, "SAVE", "$$$"] {
+            assert_eq!(bench.world.execute(line.as_bytes()).error, None, "{line}");
+        }
+        let Found { dpram, mailboxes, interrupts } = bench.world.board.found;
+        [dpram, mailboxes, interrupts]
+    };
+    assert_eq!(found("WX$783,$39,$04,$00,$7F,$A0"), [true, true, true], "the factory's own");
+    assert_eq!(found("WX$786,$7F,$B0"), [false, false, true], "other mailboxes, and the page goes there");
+    assert_eq!(found("WX$788,$02,$B1"), [true, true, false], "other vectors");
+    assert_eq!(found("WX$78A,$20"), [false, true, true], "another DPRAM");
+    assert_eq!(found("WX$78B,$E0"), [true, true, true], "enabled");
+    assert_eq!(found("WX$78B,$00"), [false, true, true], "switched off");
+}

@@ -221,9 +221,11 @@ impl World {
         let spurious = u64::from(faults.spurious_interrupt > 0);
         faults.spurious_interrupt = faults.spurious_interrupt.saturating_sub(1);
         self.interrupts.response += lose(raised, faults) + spurious;
+        // Interrupts of another level or vector reach nobody who waits for these.
+        let reach = u64::from(self.board.found.interrupts);
         if let Some(mailbox) = &mut self.mailbox {
-            self.interrupts.mailbox_taken += lose(std::mem::take(&mut mailbox.taken), faults);
-            self.interrupts.mailbox_response += lose(std::mem::take(&mut mailbox.responses), faults);
+            self.interrupts.mailbox_taken += reach * lose(std::mem::take(&mut mailbox.taken), faults);
+            self.interrupts.mailbox_response += reach * lose(std::mem::take(&mut mailbox.responses), faults);
         }
     }
 
@@ -234,12 +236,13 @@ impl World {
             return;
         }
         let hidden = self.board.faults.hides_memory();
-        if let Some(mailbox) = self.mailbox.as_mut().filter(|_| !hidden) {
+        let found = self.board.found;
+        if let Some(mailbox) = self.mailbox.as_mut().filter(|_| !hidden && found.mailboxes) {
             mailbox.poll(&mut self.board, &mut self.programs, self.ports.at(Port::Mailbox));
             self.follow_reset();
         }
         let page_selected = self.mailbox.as_ref().is_none_or(Mailbox::reaches_dpram);
-        self.reach.poll(&mut self.board, page_selected, &mut self.report);
+        self.reach.poll(&mut self.board, page_selected && found.dpram, &mut self.report);
         if self.reaches_dpram() {
             self.ascii.poll(&mut self.board, &mut self.programs, self.ports.at(Port::Dpram));
             self.follow_reset();

@@ -58,7 +58,7 @@ use crate::sim::fault::Faults;
 use crate::sim::judge::Judge;
 
 use axes::AxisDefinitions;
-use bus_setup::BusSetup;
+use bus_setup::{BusSetup, Found};
 use calendar::Clock;
 use coordinate::CoordinateSystem;
 use gather::Gather;
@@ -127,6 +127,8 @@ pub struct Board {
     pub watchdog: bool,
     /// The host cannot reach the DPRAM, by a fault or for want of its page.
     pub out_of_reach: bool,
+    /// What its host finds with the bus set-up in force.
+    pub found: Found,
     /// How many times as long as a board's a command takes; 0: no time at all.
     pub slow: f64,
     /// Date and time.
@@ -170,6 +172,7 @@ impl Board {
             rotary_cs_base: 1,
             watchdog: false,
             out_of_reach: false,
+            found: Found { dpram: true, mailboxes: true, interrupts: true },
             slow: 0.0,
             clock: Clock::default(),
             notes: Vec::new(),
@@ -198,6 +201,7 @@ impl Board {
         self.saved.vme = true;
         self.saved.bus_setup = BusSetup::factory(true);
         self.saved.bus_setup.put(&mut self.memory, &self.variables);
+        self.found = Found::with(&self.memory, true);
     }
 
     /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
@@ -250,6 +254,7 @@ impl Board {
     fn power_on(&mut self) {
         self.memory.clear_registers();
         self.saved.bus_setup.put(&mut self.memory, &self.variables);
+        self.found = Found::with(&self.memory, self.saved.vme);
         let Family { base, length, .. } = *self.family();
         if let Some(dpram_end) = self.memory.registers().dpram_end {
             self.memory.write(dpram_end, base + length / 4);
