@@ -199,3 +199,19 @@ fn variables_of_stations_are_hexadecimal_where_i9_says() {
     assert_eq!(send(&mut bench, "ms1,i912 ms1,i913 ms0,mi910"), ["$2", "$0", "$FFFFFF000000"]);
     assert_eq!(send(&mut bench, "I9=0 MS1,I912"), ["2"]);
 }
+
+#[test]
+fn a_listing_ends_by_return_whether_it_was_entered_or_not() {
+    let mut bench = turbo2();
+    send(&mut bench, "OPEN PROG 1 CLEAR\nX1 Y2\nCLOSE");
+    assert_eq!(send(&mut bench, "LIST PROG 1"), ["X1 Y2", "RET"]);
+    assert_eq!(send(&mut bench, "LIST PROG 1,0,80 I9=3 LIST PROG 1,2"), ["0:X1 Y2", "2:RET", "2:RETURN"]);
+    assert_eq!(refusal(&mut bench, "LIST PROG 1,3"), Some(CommandError::SYNTAX));
+    let size = send(&mut bench, "SIZE");
+    send(&mut bench, "OPEN PROG 1 CLEAR\nX1 Y2\nRETURN\nCLOSE");
+    assert_eq!(send(&mut bench, "LIST PROG 1"), ["X1 Y2", "RETURN"]);
+    assert_eq!(send(&mut bench, "SIZE"), size, "it takes the same room");
+    for line in ["LIST PLC 5", "LIST PROG 2"] {
+        assert_eq!(refusal(&mut bench, line), Some(CommandError::SYNTAX), "there is none");
+    }
+}

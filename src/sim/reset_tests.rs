@@ -56,7 +56,7 @@ fn factory_values_last_until_the_next_reset_unless_they_are_saved() {
             ("$$$***", &[]),
             ("$$$", &[]),
             (asked, &saved),
-            ("LIST PROG 1", &["DWE1"]),
+            ("LIST PROG 1", &["DWE1", "RET"]),
             ("$$$***", &[]),
             ("SAVE", &[]),
             ("$$$", &[]),

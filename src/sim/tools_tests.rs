@@ -60,7 +60,7 @@ const ASKED: &[(&str, &str, Answer)] = &[
     ("dls-pmacanalyse", "list forward,0,80", Error("ERR003")),
     ("dls-pmacanalyse", "list inverse", Error("ERR003")),
     ("dls-pmacanalyse", "list plc31,0,80", Error("ERR003")),
-    ("dls-pmacanalyse", "list prog1,0,80", Lines(&["0:DWE1"])),
+    ("dls-pmacanalyse", "list prog1,0,80", Lines(&["0:DWE1", "1:RET"])),
     ("dls-pmacanalyse", "list prog1,80,80", Error("ERR003")),
     ("dls-pmacanalyse", "i6841..6850", Count(10)),
     ("symetrie", "VERSION CID CPU TYPE VID DATE TIME TODAY", Count(8)),

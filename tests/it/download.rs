@@ -31,8 +31,8 @@ fn what_is_downloaded_is_what_the_board_lists() {
     for _ in 0..2 {
         let ran = site.run(&["download", &path]);
         assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
-        assert_eq!(sent(&site, "LIST PROG 20"), program);
-        assert_eq!(sent(&site, "LIST PLC 3"), plc);
+        assert_eq!(sent(&site, "LIST PROG 20"), format!("{program}RET\n"));
+        assert_eq!(sent(&site, "LIST PLC 3"), format!("{plc}RET\n"));
     }
     for (question, answer) in [
         ("I9", "2"),
@@ -50,7 +50,7 @@ fn what_is_downloaded_is_what_the_board_lists() {
     let listed = sent(&site, "LIST PROG 20");
     let again = site.file("again.pmc", &format!("OPEN PROG 21 CLEAR\n{listed}CLOSE\n"));
     assert_eq!(site.run(&["download", &again]).code, Some(0));
-    assert_eq!(sent(&site, "LIST PROG 21"), program);
+    assert_eq!(sent(&site, "LIST PROG 21"), listed);
     site.assert_no_violations();
 }
 
@@ -64,7 +64,7 @@ fn a_program_of_hundreds_of_lines_comes_back_whole() {
     let path = site.file("long.pmc", &format!("OPEN PROG 500 CLEAR\n{program}CLOSE\n"));
     let ran = site.run(&["download", &path, "--json"]);
     assert_eq!(ran.json(), json!({ "lines": 302, "taken": 302, "errors": [] }));
-    assert_eq!(sent(&site, "LIST PROG 500"), program);
+    assert_eq!(sent(&site, "LIST PROG 500"), format!("{program}RET\n"));
     site.assert_no_violations();
 }
 
@@ -81,14 +81,14 @@ fn a_wrong_line_ends_a_download_and_leaves_no_buffer_open() {
     assert_eq!(site.ask("P6=4"), Vec::<String>::new());
     assert_eq!(sent(&site, "I58"), "1\n");
     assert_eq!((site.ask("P5"), site.ask("P6")), (vec!["7".to_owned()], vec!["4".to_owned()]));
-    assert_eq!(sent(&site, "LIST PROG 9"), "X1\nX2\n");
+    assert_eq!(sent(&site, "LIST PROG 9"), "X1\nX2\nRET\n");
     let ran = site.run(&["send", "LIST"]);
     assert!(ran.code == Some(1) && ran.stderr.contains("ERR"), "no buffer is open: {ran:?}");
     // Told to go on, it leaves out that line alone.
     let ran = site.run(&["download", &path, "--keep-going"]);
     let told = format!("{error}the board took 7 of 8 lines\n");
     assert_eq!((ran.stderr.as_str(), ran.code), (told.as_str(), Some(1)));
-    assert_eq!((sent(&site, "LIST PROG 9"), sent(&site, "P5")), ("X1\nX2\nX3\n".into(), "8\n".into()));
+    assert_eq!((sent(&site, "LIST PROG 9"), sent(&site, "P5")), ("X1\nX2\nX3\nRET\n".into(), "8\n".into()));
     site.assert_no_violations();
 }
 
@@ -100,7 +100,7 @@ fn a_refused_line_that_ends_in_close_leaves_no_buffer_open() {
     assert_eq!(ran.code, Some(1), "{}", ran.stderr);
     assert_eq!(sent(&site, "P1=5"), "");
     assert_eq!(sent(&site, "P1"), "5\n", "no program line");
-    assert_eq!(sent(&site, "LIST PROG 9"), "X1\n");
+    assert_eq!(sent(&site, "LIST PROG 9"), "X1\nRET\n");
 }
 
 #[test]
@@ -237,7 +237,7 @@ fn text_as_other_systems_write_it_is_the_same_text() {
         assert_eq!((ran.stderr.as_str(), ran.code), ("", Some(0)), "{name}");
         assert_eq!(
             (sent(&site, "LIST PROG 9"), sent(&site, "P5")),
-            ("X1\nX2\n".into(), "7\n".into()),
+            ("X1\nX2\nRET\n".into(), "7\n".into()),
             "{name}"
         );
         for command in [&["diff", &path][..], &["restore", &path, "--yes"]] {
@@ -268,7 +268,7 @@ fn a_file_of_a_turbo_site_downloads_as_it_is_written() {
     let ran = site.run(&["download", &path]);
     assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
     let listed = sent(&site, "LIST PLC 5");
-    assert_eq!(listed, "IF(P1=1)\nAND(P2=1)\nP3=240 MSW16,MI124,P3\nENDI\nWHILE(I5413>0)\nENDW\n");
+    assert_eq!(listed, "IF(P1=1)\nAND(P2=1)\nP3=240 MSW16,MI124,P3\nENDI\nWHILE(I5413>0)\nENDW\nRET\n");
     let again = site.file("again.pmc", &format!("OPEN PLC 5 CLEAR\n{listed}CLOSE\n"));
     assert_eq!(site.run(&["download", &again]).code, Some(0));
     assert_eq!(sent(&site, "LIST PLC 5"), listed);

@@ -259,5 +259,5 @@ fn i19_is_put_back_when_a_buffer_that_was_open_over_the_end_is_closed() {
     site.ask("CLOSE");
     assert_as_before(&site);
     assert!(!site.run(&["status"]).stdout.contains("unfinished"));
-    assert_eq!(site.ask("LIST PROG 7"), ["X1"], "nothing entered the program");
+    assert_eq!(site.ask("LIST PROG 7"), ["X1", "RET"], "nothing entered the program");
 }

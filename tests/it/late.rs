@@ -48,8 +48,8 @@ fn a_board_that_opens_a_buffer_slowly_keeps_its_owner() {
     let file = site.file("file.pmc", "OPEN PROG 8 CLEAR\nX1\nX2\nCLOSE\n");
     let ran = site.run(&["download", &file]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    assert_eq!(site.ask("LIST PROG 7"), ["X1"]);
-    assert_eq!(site.ask("LIST PROG 8"), ["X1", "X2"]);
+    assert_eq!(site.ask("LIST PROG 7"), ["X1", "RET"]);
+    assert_eq!(site.ask("LIST PROG 8"), ["X1", "X2", "RET"]);
     site.assert_no_violations();
 }
 

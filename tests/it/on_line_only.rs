@@ -56,7 +56,7 @@ fn a_command_that_the_board_carries_out_is_not_told_as_a_program_line() {
         "{told}"
     );
     said("CLOSE");
-    assert_eq!(site.ask("LIST PROG 41"), ["X100", "P1=5"]);
+    assert_eq!(site.ask("LIST PROG 41"), ["X100", "P1=5", "RET"]);
     site.assert_no_violations();
 }
 
@@ -94,7 +94,7 @@ fn what_is_on_line_only_passes_while_somebody_else_has_a_buffer_open() {
         );
     }
     sent(&mut other, "CLOSE");
-    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "RET"]);
     site.assert_no_violations();
 }
 
@@ -181,6 +181,9 @@ fn a_computed_number_of_an_i_variable_ends_no_command_lines_unless_confirmed() {
     // A program has such lines, and sets nothing at once.
     let file = site.file("program.pmc", "OPEN PROG 7 CLEAR\nI(P1)=0\nCLOSE\n");
     assert_eq!(site.run(&["download", &file]).code, Some(0));
-    assert_eq!((site.ask("LIST PROG 7"), site.ask("I122")), (vec!["I(P1)=0".into()], vec!["33".into()]));
+    assert_eq!(
+        (site.ask("LIST PROG 7"), site.ask("I122")),
+        (vec!["I(P1)=0".into(), "RET".into()], vec!["33".into()])
+    );
     site.assert_no_violations();
 }

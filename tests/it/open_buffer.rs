@@ -62,7 +62,7 @@ fn no_sequence_enters_an_open_program_buffer() {
     // His own line by hand enters.
     assert_eq!(site.run(&["send", "Y2"]).code, Some(0));
     assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
-    assert_eq!(site.ask("LIST PROG 77"), ["X1", "Y2"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "Y2", "RET"]);
     assert_eq!(site.run(&["download", &file]).code, Some(0));
     site.assert_no_violations();
 }
@@ -81,7 +81,7 @@ fn no_other_users_line_enters_but_close_and_what_stops_pass() {
     }
     site.ask("X2");
     assert_eq!(call(&mut client, "Send", json!({"line": "CLOSE"})).get("error"), None);
-    assert_eq!(site.ask("LIST PROG 77"), ["X2"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X2", "RET"]);
     // Now it is the other user's.
     assert_eq!(call(&mut client, "Send", json!({"line": "OPEN PROG 78 CLEAR"})).get("error"), None);
     assert_refused(&site, &["send", "X3"], "uid 4711 (pid 99) has had PROG 78 open for");
@@ -95,7 +95,7 @@ fn a_question_by_the_way_does_not_even_enter_ones_own_buffer() {
     site.ask("X1");
     assert!(site.connection().question("I57", Duration::from_secs(5)).is_err());
     site.ask("CLOSE");
-    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "RET"]);
     site.assert_no_violations();
 }
 
@@ -114,7 +114,7 @@ fn a_line_beside_every_buffer_enters_not_even_ones_own_and_opens_none() {
         assert!(told.contains("has had PROG 77 open for"), "{line}: {told}");
     }
     assert!(beside("#1P").is_ok() && beside("#1J/").is_ok() && beside("CLOSE").is_ok());
-    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "RET"]);
     assert_eq!(beside("P1").unwrap(), ["5"]);
     site.assert_no_violations();
 }
@@ -136,11 +136,11 @@ fn a_programs_lines_enter_its_own_buffer_and_no_other() {
         );
     }
     assert!(send("#1P").is_ok() && send("#1J/").is_ok() && send("CLOSE").is_ok());
-    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "RET"]);
     for line in ["OPEN PROG 7 CLEAR", "X1", "P1=3", "CLOSE", "P2=4"] {
         assert_eq!(send(line), Ok(vec![]), "{line}");
     }
-    assert_eq!(site.ask("LIST PROG 7"), ["X1", "P1=3"]);
+    assert_eq!(site.ask("LIST PROG 7"), ["X1", "P1=3", "RET"]);
     assert_eq!(site.ask("P1 P2"), ["1", "4"]);
     // Somebody closes it.
     assert_eq!((send("OPEN PROG 7 CLEAR"), send("X5")), (Ok(vec![]), Ok(vec![])));
@@ -159,8 +159,8 @@ fn a_programs_lines_enter_its_own_buffer_and_no_other() {
     site.ask("CLOSE");
     assert!(send("X7").is_err());
     assert_eq!((send("OPEN PROG 8 CLEAR"), send("X8"), send("CLOSE")), (Ok(vec![]), Ok(vec![]), Ok(vec![])));
-    assert_eq!(site.ask("LIST PROG 7"), ["X5", "X6"]);
-    assert_eq!(site.ask("LIST PROG 8"), ["X8"]);
+    assert_eq!(site.ask("LIST PROG 7"), ["X5", "X6", "RET"]);
+    assert_eq!(site.ask("LIST PROG 8"), ["X8", "RET"]);
     // The characters do so, too.
     assert!(own.control(&mut connection, control::OPEN_ROTARY).is_err(), "there is no rotary buffer");
     assert_eq!(own.send(&mut connection, "P1", PATIENCE).unwrap(), ["1"]);
@@ -226,7 +226,7 @@ fn a_terminal_enters_no_buffer_that_another_process_of_its_user_has_open() {
     assert_eq!((ran.code, &*ran.stderr), (Some(0), ""), "{ran:?}");
     assert_eq!(
         (site.ask("P20"), site.ask("LIST PROG 5")),
-        (vec!["7".into()], vec!["X5".into(), "X6".into()])
+        (vec!["7".into()], vec!["X5".into(), "X6".into(), "RET".into()])
     );
     site.assert_no_violations();
 }
@@ -245,7 +245,7 @@ fn a_buffer_that_the_serial_port_opened_counts() {
         assert_refused(&site, arguments, "opened by somebody else (the serial port");
     }
     assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
-    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 88"), ["X1", "RET"]);
     site.assert_no_violations();
 }
 
@@ -264,7 +264,7 @@ fn a_close_that_closes_nothing_lets_no_line_enter() {
     assert!(refused.contains("opened by somebody else (the serial port"), "{refused}");
     board.send("CLOSE ALL", PATIENCE).unwrap();
     assert_eq!(board.send("P5", PATIENCE).unwrap(), ["0"]);
-    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 88"), ["X1", "RET"]);
     site.assert_no_violations();
 }
 
@@ -285,14 +285,14 @@ fn without_servo_data_the_board_is_asked_for_open_buffers() {
     }
     assert_eq!(site.run(&["send", "CLOSE"]).code, Some(0));
     site.wait_for_identity();
-    assert_eq!(site.ask("LIST PROG 88"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 88"), ["X1", "RET"]);
     // Nobody has told the daemon of this one, and no report does.
     serial.write_all(b"OPEN PROG 89 CLEAR\rX1\r").unwrap();
     site.run_for(Duration::from_secs(1));
     assert_refused(&site, &["send", "X9"], "opened by somebody else");
     serial.write_all(b"X2\rCLOSE\r").unwrap();
     site.run_for(Duration::from_secs(1));
-    assert_eq!(site.ask("LIST PROG 89"), ["X1", "X2"]);
+    assert_eq!(site.ask("LIST PROG 89"), ["X1", "X2", "RET"]);
     // A refused OPEN opens nothing.
     assert_eq!(site.run(&["send", "OPEN PROG 99999"]).code, Some(1));
     assert_eq!(call(&mut stranger(&site), "Send", json!({"line": "P5=1"})).get("error"), None);
@@ -364,7 +364,7 @@ fn the_characters_that_open_and_close_the_rotary_buffers_follow_the_rules_of_lin
     assert!(reason.contains("what is open is PROG 77") && reason.contains("nothing was sent"), "{told}");
     site.ask("X1");
     site.ask("CLOSE");
-    assert_eq!(site.ask("LIST PROG 77"), ["X1"]);
+    assert_eq!(site.ask("LIST PROG 77"), ["X1", "RET"]);
     // Who opens the rotary buffers is their owner.
     site.connection().control(control::OPEN_ROTARY).unwrap();
     let open = site.connection().info().unwrap().open_buffer.unwrap();

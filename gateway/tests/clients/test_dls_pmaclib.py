@@ -87,7 +87,7 @@ def test_it_loads_a_file_line_by_line_and_saves(site, pmac, tmp_path):
     refused = [(line.strip(), reply) for done, _, line, reply in pmac.sendSeries(lines) if not done]
     assert refused == [("nonsense", "\x07ERR003\r")]
     assert site.send("P10") == ["30"]
-    assert site.send("LIST PROG7") == ["LIN", "IF(P10>10)", "X(P10) Y-5", "ENDI"]
+    assert site.send("LIST PROG7") == ["LIN", "IF(P10>10)", "X(P10) Y-5", "ENDI", "RET"]
     assert pmac.sendCommand("SAVE") == ("\x06", True)
 
 

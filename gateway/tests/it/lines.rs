@@ -184,7 +184,7 @@ fn a_program_buffer_is_its_openers_and_is_closed_with_him() {
     assert_eq!(one.line("UUU"), "\x07ERR003\r");
     assert_eq!(one.line("CLOSE"), "\x06");
     assert_eq!(two.line("P1"), "5\r\x06");
-    assert_eq!(two.line("LIST PROG 7"), "P1=9\rX10\r\x06");
+    assert_eq!(two.line("LIST PROG 7"), "P1=9\rX10\rRET\r\x06");
     assert_eq!(one.line("OPEN PROG 8 CLEAR"), "\x06");
     drop(one);
     wait_until("the buffer to be closed", || two.line("P1") == "5\r\x06");
@@ -211,7 +211,7 @@ fn no_clients_line_enters_a_buffer_that_was_opened_beside_the_gateway() {
     assert_eq!(reader.line("#1P"), "0\r\x06", "it stores nothing");
     assert_eq!(client.line("#1J/"), "\x06");
     site.ask("CLOSE");
-    assert_eq!(site.ask("LIST PROG 9"), ["X5"]);
+    assert_eq!(site.ask("LIST PROG 9"), ["X5", "RET"]);
     assert_eq!(reader.line("P1"), "5\r\x06");
     reading.kill().unwrap();
     reading.wait().unwrap();
@@ -230,7 +230,7 @@ fn lines_are_written_together_until_one_is_refused() {
     assert_eq!(write(&"P5=4\0".repeat(250)), [0, 0, 6, 0x80]);
     assert_eq!(client.request(0xC0, 0xC7, 0, 4), [0, 0, 6, 0x80]);
     assert_eq!(client.line("P5"), "2\r\x06");
-    assert_eq!(client.line("LIST PROG 7"), "X1\rY2\r\x06");
+    assert_eq!(client.line("LIST PROG 7"), "X1\rY2\rRET\r\x06");
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn a_datagram_means_whom_its_sender_addressed_and_nobody_else() {
         site.ask(line);
     }
     // These are nobody's.
-    assert_eq!(datagram(&one, "LIST PLC 5"), "P1=0\r\x06");
+    assert_eq!(datagram(&one, "LIST PLC 5"), "P1=0\rRET\r\x06");
     assert_eq!(datagram(&one, "LIST"), "\x07ERR003\r");
     // Nothing is known of him: whom he means neither.
     assert_eq!(datagram(&one, "J/"), "\x07ERR003\r");
@@ -158,7 +158,7 @@ fn who_has_lost_his_buffer_to_another_hears_it_and_stays() {
     }
     assert_eq!(client.line("CLOSE"), "\x06");
     assert_eq!(client.line("P1"), "0\r\x06");
-    assert_eq!(client.line("LIST PROG 7"), "P1=9\r\x06");
+    assert_eq!(client.line("LIST PROG 7"), "P1=9\rRET\r\x06");
     assert_eq!(client.line("OPEN PROG 7 CLEAR"), "\x06");
     site.ask("CLOSE");
     std::thread::sleep(std::time::Duration::from_millis(2500));

@@ -62,7 +62,7 @@ fn a_reply_is_whole_however_many_lines_it_has() {
     let mut benches = [turbo, pmac];
     for (bench, question, lines, last) in [
         (0, "I0..8191", 8192, None),
-        (1, "LIST PROG 1", 5000, Some("X4999")),
+        (1, "LIST PROG 1", 5001, Some("RET")),
         (1, "I0..1023 I0..1023 I0..1023 I0..1023 I10", 4097, Some("3713707")),
     ] {
         let bench = &mut benches[bench];

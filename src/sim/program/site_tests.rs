@@ -80,7 +80,10 @@ fn end_may_stand_apart() {
             &mut bench,
             "END GATHER\nOPEN PLC 1 CLEAR\nWHILE (P1<2)\nIF (P1=0)\nP1=1\nEnd If\nend  while\nEND GATHER\nCLOSE",
         );
-        assert_eq!(send(&mut bench, "LIST PLC 1"), ["WHILE(P1<2)", "IF(P1=0)", "P1=1", "ENDI", "ENDW"]);
+        assert_eq!(
+            send(&mut bench, "LIST PLC 1"),
+            ["WHILE(P1<2)", "IF(P1=0)", "P1=1", "ENDI", "ENDW", "RET"]
+        );
         assert_eq!(refusal(&mut bench, "END"), Some(CommandError::SYNTAX));
         assert_eq!(refusal(&mut bench, "END IF"), Some(CommandError::SYNTAX));
     }
@@ -94,7 +97,7 @@ fn a_loop_on_one_line_waits_and_comes_back_as_two() {
             &mut bench,
             "OPEN PLC 1 CLEAR\nP2=P2+1 WHILE (P1=0) END WHILE P3=P3+1\nCLOSE\nI5=2 ENABLE PLC 1",
         );
-        assert_eq!(send(&mut bench, "LIST PLC 1"), ["P2=P2+1 WHILE(P1=0)", "ENDW P3=P3+1"]);
+        assert_eq!(send(&mut bench, "LIST PLC 1"), ["P2=P2+1 WHILE(P1=0)", "ENDW P3=P3+1", "RET"]);
         bench.run(20);
         assert_eq!(send(&mut bench, "P3"), ["0"]);
         load(&mut bench, "OPEN PROG 1 CLEAR\nWHILE (Q1=0) ENDWHILE\nDWELL 1\nQ2=7\nCLOSE\n#1->X #1J/");
@@ -188,8 +191,8 @@ fn kinematic_programs_are_kept_by_coordinate_system_and_do_not_run_while_isx50_i
         &mut bench,
         "&3\n#3->I\n#4->1000X\nOPEN FORWARD\nCLEAR\nQ7=P3*2\nCLOSE\nOPEN INVERSE CLEAR\nP3=Q7/2\nCLOSE",
     );
-    assert_eq!(send(&mut bench, "LIST FORWARD LIST INVERSE"), ["Q7=P3*2", "P3=Q7/2"]);
-    assert_eq!(send(&mut bench, "LIST INVERSE,0,80"), ["0:P3=Q7/2"]);
+    assert_eq!(send(&mut bench, "LIST FORWARD LIST INVERSE"), ["Q7=P3*2", "RET", "P3=Q7/2", "RET"]);
+    assert_eq!(send(&mut bench, "LIST INVERSE,0,80"), ["0:P3=Q7/2", "3:RET"]);
     assert_eq!(send(&mut bench, "#3->"), ["I"]);
     assert_eq!(refusal(&mut bench, "&2 LIST FORWARD"), Some(CommandError::SYNTAX), "each system has its own");
     // A move of the other axes leaves the motor where it is.

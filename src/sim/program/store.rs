@@ -37,10 +37,24 @@ impl Program {
         self.lines.clone()
     }
 
+    /// The lines as a board lists them: `RETURN` ends them, whether it was entered or not. Two tools in use build on that:
+    /// dls-pmacanalyse adds it to files before it compares them with listings, and dPMAC makes it the `CLOSE` of the files that
+    /// it writes. A program that is just cleared stays empty.
+    #[must_use]
+    pub fn listed(&self) -> Vec<Arc<Line>> {
+        self.lines.iter().cloned().chain(self.end()).collect()
+    }
+
+    /// The `RETURN` that the board adds.
+    fn end(&self) -> Option<Arc<Line>> {
+        let last = self.lines.last().filter(|line| line.items.last() != Some(&Item::Return))?;
+        Some(Arc::new(Line { items: vec![Item::Return], offset: last.offset + last.words() }))
+    }
+
     /// Long words that it takes.
     #[must_use]
     pub fn words(&self) -> usize {
-        self.words
+        self.words + self.end().map_or(0, |line| line.words())
     }
 
     /// The number of the line with label `label`; line 0 for label 0 if no line has it.

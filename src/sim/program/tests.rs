@@ -556,7 +556,7 @@ fn programs_outlive_a_reset_only_when_saved() {
     let mut bench = bench();
     load(&mut bench, "X10\nX20");
     lines(&mut bench, "SAVE\nOPEN PROG 2 X5\nCLOSE\nDEFINE ROT 50\n$$$");
-    assert_eq!(lines(&mut bench, "LIST PROG 1"), ["X10", "X20"]);
+    assert_eq!(lines(&mut bench, "LIST PROG 1"), ["X10", "X20", "RET"]);
     assert_eq!(error(&mut bench, "LIST PROG 2"), 3);
     assert_eq!(error(&mut bench, "PR"), 3);
     lines(&mut bench, "$$$***");

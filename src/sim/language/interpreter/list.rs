@@ -29,7 +29,7 @@ impl Line<'_, '_> {
                 let number = self.scanner.integer()?;
                 self.accessible(number >= PROTECTED)?;
                 let number = u32::try_from(number).map_err(|_| CommandError::SYNTAX)?;
-                let lines = self.programs.store.program(number).map(Program::all);
+                let lines = self.programs.store.program(number).map(Program::listed);
                 self.list_range(lines.ok_or(CommandError::SYNTAX)?)
             }
             Buffer::Plc => {
@@ -38,10 +38,10 @@ impl Line<'_, '_> {
                     return Err(CommandError::SYNTAX);
                 }
                 self.accessible(true)?;
-                self.list_existing(self.programs.store.plc(number).map(Program::all))
+                self.list_existing(self.programs.store.plc(number).map(Program::listed))
             }
             Buffer::Kinematics(inverse) => {
-                self.list_existing(self.programs.store.kinematics(cs, inverse).map(Program::all))
+                self.list_existing(self.programs.store.kinematics(cs, inverse).map(Program::listed))
             }
             Buffer::Rotary => {
                 let lines = self.programs.store.rotary(cs).ok_or(CommandError::SYNTAX)?.lines().cloned();
