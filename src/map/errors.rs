@@ -8,11 +8,14 @@ use super::functions::response;
 /// [`ERRORS`]: a program runs, which bars the command.
 pub const PROGRAM_RUNS: u16 = 1;
 
+/// [`ERRORS`]: the board takes the command for none of its own, or not at this place.
+pub const UNRECOGNIZED: u16 = 3;
+
 /// Every documented error number with its meaning, ascending. 18 and above are Turbo's.
 pub const ERRORS: &[(u16, &str)] = &[
     (PROGRAM_RUNS, "command not allowed while a program is running"),
     (2, "password error"),
-    (3, "data error or unrecognized command"),
+    (UNRECOGNIZED, "data error or unrecognized command"),
     (4, "illegal character, or serial parity or framing error"),
     (5, "command not allowed unless a buffer is open"),
     (6, "no room in the buffer for the command"),

@@ -93,3 +93,18 @@ fn a_command_of_a_program_that_the_board_refuses_is_told() {
     child.wait().unwrap();
     site.assert_no_violations();
 }
+
+#[test]
+fn what_has_to_come_first_is_told_with_the_error() {
+    let site = VirtualSite::configured(&["--family", "turbo2"], "family = \"turbo2\"\n");
+    site.wait_for_identity();
+    for (line, told) in [
+        ("OPEN ROT", "DEFINE ROT comes before"),
+        ("&1 define lookahead 100,10", "DELETE GATHER comes before"),
+    ] {
+        site.ask("DEFINE GATHER 100");
+        let ran = site.run(&["send", line]);
+        assert!(ran.code == Some(1) && ran.stderr.contains(told), "{ran:?}");
+    }
+    site.assert_no_violations();
+}

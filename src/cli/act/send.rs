@@ -91,6 +91,9 @@ pub fn run(context: &mut Context, options: &Send) -> Result<Verdict, Failure> {
             if let Some(what_runs) = board_runs(context, code) {
                 note(what_runs);
             }
+            if let Some(first) = comes_first(code, line) {
+                note(first);
+            }
             return Err(error.into());
         }
     }
@@ -120,6 +123,17 @@ fn one_line(options: &Send) -> Result<&str, Failure> {
 /// Which programs run, if the board refused the line because of one.
 fn board_runs(context: &Context, code: Option<u16>) -> Option<String> {
     (code == Some(errors::PROGRAM_RUNS)).then(|| what_runs(&mut context.board().ok()?)).flatten()
+}
+
+/// What has to come first, of commands that a board refuses without telling so (Software Reference pp. 215, 273).
+fn comes_first(code: Option<u16>, line: &str) -> Option<&'static str> {
+    const FIRST: &[(&str, &str)] = &[
+        ("OPENROT", "no rotary buffer is defined: DEFINE ROT comes before OPEN ROT"),
+        ("LOOKAHEAD", "a gather buffer bars a lookahead buffer: DELETE GATHER comes before DEFINE LOOKAHEAD"),
+    ];
+    let plain: String = line.split_ascii_whitespace().collect::<String>().to_ascii_uppercase();
+    let known = FIRST.iter().filter(|_| code == Some(errors::UNRECOGNIZED));
+    known.into_iter().find(|(command, _)| plain.contains(command)).map(|(_, first)| *first)
 }
 
 /// The board's error number, if the board refused the line; the message; the reply lines that arrived.
