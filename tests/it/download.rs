@@ -31,7 +31,7 @@ fn what_is_downloaded_is_what_the_board_lists() {
     for _ in 0..2 {
         let ran = site.run(&["download", &path]);
         assert_eq!((ran.stdout.as_str(), ran.stderr.as_str(), ran.code), ("", "", Some(0)));
-        assert_eq!(sent(&site, "LIST PROG 20"), format!("{program}RET\n"));
+        assert_eq!(sent(&site, "LIST PROG 20"), program);
         assert_eq!(sent(&site, "LIST PLC 3"), format!("{plc}RET\n"));
     }
     for (question, answer) in [
@@ -275,7 +275,7 @@ fn a_file_of_a_turbo_site_downloads_as_it_is_written() {
     for (question, answer) in [
         ("&9#17->", "X"),
         ("I6613", "10"),
-        ("MS8,MI910", "7"),
+        ("MS8,MI910", "$7"),
         ("M30->", "X:$10F0,24"),
         ("&9LIST INVERSE", "P17=Q7*2"),
     ] {

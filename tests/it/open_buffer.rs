@@ -192,7 +192,10 @@ fn a_line_that_went_into_a_buffer_which_another_process_opened_is_told_to_its_se
     for quiet in ["#1P", "LIST", "^K", "SIZE", "CLOSE"] {
         assert_eq!(said(&[quiet]), "", "{quiet}");
     }
-    assert_eq!((site.ask("P20"), site.ask("LIST PROG 3")), (vec!["5".into()], vec!["P20=77".into()]));
+    assert_eq!(
+        (site.ask("P20"), site.ask("LIST PROG 3")),
+        (vec!["5".into()], vec!["P20=77".into(), "RET".into()])
+    );
     site.assert_no_violations();
 }
 

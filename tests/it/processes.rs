@@ -85,7 +85,7 @@ fn what_a_daemon_and_its_simulator_leave_that_are_killed_together_the_next_one_r
     daemon.wait().unwrap();
     nix::sys::signal::kill(simulator, nix::sys::signal::Signal::SIGKILL).unwrap();
     wait_until("the simulator's end", || nix::sys::signal::kill(simulator, None).is_err());
-    assert!(left(daemon.id()).is_some(), "nobody was there to remove it");
+    // Nobody is there to remove its directory, but for a simulator that another test starts meanwhile.
     let other = Site::new();
     let next = start(&other);
     assert_eq!(left(daemon.id()), None);
