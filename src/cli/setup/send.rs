@@ -163,18 +163,18 @@ fn words_on_board(context: &Context, format: &AbsoluteFormat) -> Vec<Word> {
         let lines = match connection.question(&line, LINE_WITHIN) {
             Ok(lines) => lines,
             Err(error) => {
-                note(&format!("{address} was not read: {error}"));
+                note(format!("{address} was not read: {error}"));
                 return Vec::new();
             }
         };
         let Some(value) = lines.first().and_then(|line| u32::from_str_radix(line.trim(), 16).ok()) else {
-            note(&format!("{address} was not read: {lines:?} is no word"));
+            note(format!("{address} was not read: {lines:?} is no word"));
             return Vec::new();
         };
         words.push(Word { space: address.space, number: address.number, value });
     }
     let read: Vec<String> = words.iter().map(Word::to_string).collect();
-    note(&format!("on the board: {}", read.join(" ")));
+    note(format!("on the board: {}", read.join(" ")));
     words
 }
 
