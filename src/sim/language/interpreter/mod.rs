@@ -1,7 +1,7 @@
 //! Executes one command line, command by command, with the addressed motor and coordinate system.
 //!
 //! Executes the commands of a line from left to right as it parses them. The first error ends the line: commands to its
-//! left are done, the rest is not parsed. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such
+//! left are done, the rest is not parsed. But a word that is no command is looked for before the first command acts. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such
 //! pair for all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
 
 mod assign;
