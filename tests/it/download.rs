@@ -277,7 +277,7 @@ fn a_file_of_a_turbo_site_downloads_as_it_is_written() {
         ("I6613", "10"),
         ("MS8,MI910", "$7"),
         ("M30->", "X:$10F0,24"),
-        ("&9LIST INVERSE", "P17=Q7*2"),
+        ("&9LIST INVERSE", "P17=Q7*2\nRET"),
     ] {
         assert_eq!(sent(&site, question).trim_end(), answer, "{question}");
     }

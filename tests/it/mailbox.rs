@@ -76,7 +76,7 @@ fn all_command_lines_go_through_the_mailboxes() {
     ] {
         assert_eq!(connection.send(line, PATIENCE).unwrap(), reply, "{line}");
     }
-    match connection.send("P1 UUU", PATIENCE) {
+    match connection.send("P1 #99", PATIENCE) {
         Err(CommandError::Refused(CallError::Board { code: 3, lines, .. })) => assert_eq!(lines, ["99"]),
         other => panic!("{other:?}"),
     }

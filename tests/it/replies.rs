@@ -428,7 +428,7 @@ fn buffers_take_and_give_back_memory() {
         ("X5", "\x07ERR003\r"),
         ("P1=P1+1 ADR#2&3 SEND\"hi\"", "\x06"),
         ("M1==1", "\x07ERR003\r"),
-        ("CLOSE LIST PLC 3", "P1=P1+1 ADR#2&3 SEND\"hi\"\r\x06"),
+        ("CLOSE LIST PLC 3", "P1=P1+1 ADR#2&3 SEND\"hi\"\rRET\r\x06"),
         ("ENABLE PLC 3,5..7", "\x06"),
         ("ENABLE PLC 32", "\x07ERR003\r"),
         ("DEFINE COMP 3,100", "\x06"),
