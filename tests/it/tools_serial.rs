@@ -74,7 +74,7 @@ fn every_form_of_handshake_is_understood() {
         let taken = line.send("P1=25 P2=50", PATIENCE);
         assert_eq!(taken.unwrap_or_else(|error| panic!("{form}: {error}")), [""; 0], "{form}");
         assert_eq!(line.send("P1..2", PATIENCE).unwrap(), ["25", "50"], "{form}");
-        let refused = line.send("P1 UUU", PATIENCE).unwrap_err();
+        let refused = line.send("P1 #99", PATIENCE).unwrap_err();
         let number = (i6 & 1 == 1).then_some(3);
         assert!(
             matches!(&refused, SerialError::Board { code, lines } if *code == number && *lines == ["25"]),

@@ -129,7 +129,7 @@ fn commands_replies_and_errors_pass_through() {
     assert_eq!(line.len(), 159);
     assert_eq!(connection.send(&line, PATIENCE).unwrap(), [] as [&str; 0]);
     assert_eq!(connection.send("P2", PATIENCE).unwrap(), ["92"]);
-    match connection.send("P1 UUU", PATIENCE) {
+    match connection.send("P1 #99", PATIENCE) {
         Err(CommandError::Refused(CallError::Board { code: 3, lines, .. })) => assert_eq!(lines, ["99"]),
         other => panic!("{other:?}"),
     }
@@ -138,7 +138,7 @@ fn commands_replies_and_errors_pass_through() {
     assert_eq!(connection.control(16).unwrap().len(), 1, "^P answers with one line");
     assert_eq!(connection.control(11).unwrap(), [] as [&str; 0]);
     assert_eq!(connection.send("P1", PATIENCE).unwrap(), ["99"]);
-    let (status, stdout, stderr) = site.pmacctl(&["send", "P1 UUU"]);
+    let (status, stdout, stderr) = site.pmacctl(&["send", "P1 #99"]);
     assert_eq!((status, stdout.as_str()), (1, "99\n"));
     assert!(stderr.starts_with("ERR003: "), "{stderr}");
     assert_eq!(site.pmacctl(&["send", "^K"]).0, 0);

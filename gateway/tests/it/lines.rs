@@ -13,7 +13,7 @@ fn a_reply_has_the_modules_form_and_comes_in_one_piece() {
     assert_eq!(client.line("P1..2"), "25\r50\r\x06");
     assert_eq!(client.line("P1\r\n"), "25\r\x06");
     assert_eq!(client.line(""), "\x06");
-    assert_eq!(client.line("P1 UUU"), "25\r\x07ERR003\r", "an error has no ACK behind it");
+    assert_eq!(client.line("P1 #99"), "25\r\x07ERR003\r", "an error has no ACK behind it");
     assert_eq!(client.line("VER"), "1.16D\r\x06");
     assert_eq!(site.ask("P2"), ["50"], "it is the same board");
 }
