@@ -143,7 +143,7 @@ fn commands_replies_and_errors_pass_through() {
     assert!(stderr.starts_with("ERR003: "), "{stderr}");
     assert_eq!(site.pmacctl(&["send", "^K"]).0, 0);
     let log = site.log();
-    assert!(log.contains("UUU") && log.contains(&format!("pid {}", std::process::id())), "{log}");
+    assert!(log.contains("#99") && log.contains(&format!("pid {}", std::process::id())), "{log}");
     site.assert_no_violations();
 }
 
