@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::format::{Float48Layout, fixed48, float32, join32};
-use crate::map::Space;
+use crate::map::{BitField, Space};
 
 /// What a location holds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -33,6 +33,22 @@ pub fn value(space: Space, words: &[u16], float48: Float48Layout) -> Option<Valu
     }
 }
 
+/// The value of some bits of a location, which has one word or two; the highest bit is the sign if they are `signed`.
+#[must_use]
+pub fn bits(field: BitField, signed: bool, words: &[u16]) -> Option<Value> {
+    let word = match *words {
+        [word] => word.into(),
+        [low, high] => join32(low, high),
+        _ => return None,
+    };
+    let value = field.of(word);
+    if signed {
+        let unused = 32 - field.width;
+        return Some(Value::Fixed((value << unused).cast_signed().wrapping_shr(unused).into()));
+    }
+    Some(u16::try_from(value).map_or(Value::Fixed(value.into()), Value::Word))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -48,5 +64,15 @@ mod tests {
         for space in Space::ALL {
             assert_eq!(read(space, &[0; 4][..space.words() - 1]), None);
         }
+    }
+
+    #[test]
+    fn bits_are_signed_where_that_is_said() {
+        let field = |offset, width| BitField { offset, width };
+        assert_eq!(bits(field(8, 4), false, &[0x0F00]), Some(Value::Word(15)));
+        assert_eq!(bits(field(8, 4), true, &[0x0F00]), Some(Value::Fixed(-1)));
+        assert_eq!(bits(field(0, 32), true, &[0, 0x8000]), Some(Value::Fixed(i32::MIN.into())));
+        assert_eq!(bits(field(0, 32), false, &[0, 0x8000]), Some(Value::Fixed(0x8000_0000)));
+        assert_eq!(bits(field(0, 4), false, &[0; 4]), None);
     }
 }

@@ -8,8 +8,7 @@ use crate::cli::console::Table;
 use crate::cli::context::{Context, Failure, GIVE_FAMILY, Verdict};
 use crate::client::Connection;
 use crate::client::number::{float32, short};
-use crate::decode::{Value, value};
-use crate::format::join32;
+use crate::decode::{self, Value, value};
 use crate::map::{BitField, Family, Field, Space, TURBO2, TypedAddress};
 use crate::protocol::function::NO_FAMILY;
 
@@ -67,7 +66,7 @@ pub fn run(context: &mut Context, options: &Read) -> Result<Verdict, Failure> {
             space: location.space,
             value: match bits {
                 None => value(location.space, &words, options.float48.into()),
-                Some(bits) => part(bits, &words),
+                Some(field) => decode::value::bits(field, false, &words),
             },
             words,
         });
@@ -89,17 +88,6 @@ fn board_family(options: &Read, connection: &mut Connection) -> Result<Option<&'
 
 fn fields(options: &Read, family: &Family) -> Result<Vec<Field>, Failure> {
     options.addresses.iter().map(|text| Field::parse(text, family).map_err(Failure::request)).collect()
-}
-
-/// The value of a bit field.
-fn part(bits: BitField, words: &[u16]) -> Option<Value> {
-    let word = match *words {
-        [word] => word.into(),
-        [low, high] => join32(low, high),
-        _ => return None,
-    };
-    let value = bits.of(word);
-    Some(u16::try_from(value).map_or(Value::Fixed(value.into()), Value::Word))
 }
 
 fn table(found: &[WordsRead]) -> Table {
