@@ -7,6 +7,8 @@ use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::time::Duration;
 
 use pmac_dpram::client::{Board, GatherChunk, VariableTable};
+use pmac_dpram::map::user_word::USER_WORDS;
+use pmac_dpram::segment::payload::user;
 use pmac_dpram::segment::{
     BlockPlace, CreateOptions, Identity, Publisher, RegionId, RegionSpec, Sample, SegmentName, Stamp, State,
     Subscriber, layout, monotonic_ns,
@@ -258,6 +260,12 @@ fn decode(region: RegionId, sample: &Sample) {
                     chunk.longs.len() * 2 <= words.len()
                         && chunk.longs.len().is_multiple_of(chunk.sample_longs)
                 );
+            }
+        }
+        RegionId::UserTable => {
+            if let Some(table) = user::decode_table(sample.bytes()) {
+                assert!(table.len() <= USER_WORDS);
+                let _ = user::split(&table, words);
             }
         }
         RegionId::Variable => {

@@ -4,16 +4,19 @@
 //! segment; meanwhile the last data stay readable and say that they are old.
 
 pub mod gather;
+pub mod user;
 pub mod variables;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use self::user::UserData;
 use super::command::{CommandError, Connection};
 use super::decoder::Decoder;
 use super::own_buffer::OwnBuffer;
 use super::view::{Moment, Reading, Staleness, View};
 use crate::decode::{BackgroundData, ServoData, TooShort};
+use crate::map::user_word::UserWord;
 use crate::protocol::socket_place;
 use crate::segment::{
     Condition, DIRECTORY, Identity, RegionId, RegionInfo, Sample, SegmentError, SegmentName, Subscriber,
@@ -57,6 +60,8 @@ pub struct Snapshot {
     pub servo: Option<View<ServoData>>,
     /// Background data; `None` before the first.
     pub background: Option<View<BackgroundData>>,
+    /// The site's own words; `None` before the first, and where the configuration names none.
+    pub user: Option<View<UserData>>,
     /// Why nothing here is live, whatever the regions say.
     pub stale: Option<Staleness>,
 }
@@ -90,6 +95,8 @@ pub struct Board {
     subscriber: Subscriber,
     sample: Sample,
     identified: Option<Identified>,
+    /// The names of the site's own words, and the generation of their segment.
+    user_words: Option<(u64, Vec<UserWord>)>,
     connection: Option<Connection>,
     own_buffer: OwnBuffer,
 }
@@ -117,6 +124,7 @@ impl Board {
             subscriber,
             sample: Sample::new(),
             identified: None,
+            user_words: None,
             connection: None,
             own_buffer: OwnBuffer::default(),
         })
@@ -230,11 +238,13 @@ impl Board {
         let servo = self.read(RegionId::Servo, |region, words| Ok(decoder.servo(region, words)?))?;
         let background =
             self.read(RegionId::Background, |region, words| Ok(decoder.background(region, words)?))?;
+        let user = self.read_user()?;
         let moment = Moment::now(&self.subscriber, condition);
         Ok(Snapshot {
             identity,
             servo: self.judged(&moment, RegionId::Servo, servo)?,
             background: self.judged(&moment, RegionId::Background, background)?,
+            user: self.judged(&moment, RegionId::User, user)?,
             stale: moment.stale,
         })
     }

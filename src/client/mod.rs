@@ -34,6 +34,7 @@ pub mod shown_flags;
 pub mod view;
 
 pub use board::gather::{GatherChunk, GatherFollower, GatherPhase, GatherRun, Taken};
+pub use board::user::{UserData, UserValues};
 pub use board::variables::{Variable, VariableTable};
 pub use board::{Board, ClientError, History, Snapshot, socket_path};
 pub use command::rotary::RotaryPlace;

@@ -9,6 +9,7 @@ pub mod image;
 pub mod quantity;
 pub mod servo;
 pub mod turbo_system;
+pub mod user;
 pub mod value;
 
 pub use background::{

@@ -25,6 +25,7 @@ pub mod selection;
 pub mod status;
 pub mod table;
 pub mod typed;
+pub mod user_word;
 pub mod variable_name;
 pub mod word_use;
 

@@ -9,7 +9,7 @@ pub const MAGIC: u64 = u64::from_le_bytes(*b"PMACDPRM");
 /// Major version of this page.
 pub const ABI_MAJOR: u64 = 1;
 /// Minor version: additions since.
-pub const ABI_MINOR: u64 = 3;
+pub const ABI_MINOR: u64 = 4;
 /// The value of `byte_order`.
 pub const BYTE_ORDER: u64 = 0x0102_0304_0506_0708;
 /// Bytes of a word, the unit of every access.
@@ -223,12 +223,24 @@ pub enum RegionId {
     Variable = 5,
     /// Gathered samples: [`super::payload::gather`].
     Gather = 6,
+    /// Words of the site's own: [`super::payload::user`].
+    User = 7,
+    /// Their names, formats and units: [`super::payload::user`].
+    UserTable = 8,
 }
 
 impl RegionId {
     /// All regions this version knows.
-    pub const ALL: [Self; 6] =
-        [Self::Servo, Self::Background, Self::Board, Self::Panel, Self::Variable, Self::Gather];
+    pub const ALL: [Self; 8] = [
+        Self::Servo,
+        Self::Background,
+        Self::Board,
+        Self::Panel,
+        Self::Variable,
+        Self::Gather,
+        Self::User,
+        Self::UserTable,
+    ];
 
     /// The region with this number; `None` for a number of a later version.
     #[must_use]
@@ -246,6 +258,8 @@ impl RegionId {
             Self::Panel => "panel",
             Self::Variable => "variables",
             Self::Gather => "gather",
+            Self::User => "user",
+            Self::UserTable => "user table",
         }
     }
 }

@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Command;
 
-use pmac_dpram::map::{HostOffset, PMAC, Region, TURBO2, VariableKind};
+use pmac_dpram::map::user_word::UserWord;
+use pmac_dpram::map::{BitField, HostOffset, PMAC, Region, Space, TURBO2, TypedAddress, VariableKind};
 use pmac_dpram::segment::payload::gather::{GatherChunk, GatherPhase};
+use pmac_dpram::segment::payload::user;
 use pmac_dpram::segment::payload::variable::{self, Variable};
 use pmac_dpram::segment::{Counter, Identity, RegionId, UserUnit, identity, layout};
 use serde_json::Value;
@@ -42,9 +44,10 @@ fn name(cell: &str) -> Option<String> {
 }
 
 fn number(text: &str) -> usize {
+    let text = text.split(' ').next().unwrap();
     match text.strip_prefix("0x") {
         Some(digits) => usize::from_str_radix(digits, 16).unwrap(),
-        None => text.split(' ').next().unwrap().parse().unwrap(),
+        None => text.parse().unwrap(),
     }
 }
 
@@ -282,6 +285,36 @@ fn variables_and_gathered_samples_lie_as_their_tables_say() {
     let longs: Vec<u32> = payload[32..].chunks_exact(4).map(|long| u32_at(long, 0)).collect();
     assert_eq!(longs, chunk.longs);
     assert_eq!(rows("Gather").last().unwrap()[0], "32");
+}
+
+#[test]
+fn the_sites_own_words_lie_as_their_tables_say() {
+    let word = |name: &str, unit: &str, space, bits, guard| UserWord {
+        name: name.into(),
+        unit: unit.into(),
+        location: TypedAddress { space, offset: HostOffset::new(0x2840) },
+        bits,
+        signed: bits.is_some(),
+        count: 3,
+        guard,
+    };
+    let bits = BitField { offset: 8, width: 4 };
+    let words = [
+        word("count", "", Space::Dp, None, None),
+        word("mode", "deg", Space::X, Some(bits), Some(HostOffset::new(0x283C))),
+    ];
+    let (bytes, at) = (user::encode_table(&words), offsets("User"));
+    let entry = u32::from_ne_bytes(bytes[at["entry"]..][..4].try_into().unwrap()) as usize;
+    assert_eq!((bytes[at["names"]], entry, at.len()), (2, 64, 13));
+    let field = |name: &str, entries: usize, length: usize| &bytes[at[name] + entries * entry..][..length];
+    assert_eq!((field("name", 1, 5), field("unit", 1, 4)), (&b"mode\0"[..], &b"deg\0"[..]));
+    assert_eq!(field("host_offset", 1, 4), 0x2840_u32.to_ne_bytes());
+    assert_eq!([0, 1].map(|index| field("guard", index, 4)), [u32::MAX, 0x283C].map(u32::to_ne_bytes));
+    assert_eq!([0, 1].map(|index| field("place", index, 2)), [8_u16, 20].map(u16::to_ne_bytes));
+    assert_eq!(field("count", 1, 2), 3_u16.to_ne_bytes());
+    assert_eq!((field("format", 0, 4), field("format", 1, 4)), (&[2, 0, 0, 0][..], &[1, 8, 4, 1][..]));
+    let single = ["format", "bit", "width", "signed"].map(|name| at[name] - at["format"]);
+    assert_eq!((single, at["whole"]), ([0, 1, 2, 3], 0));
 }
 
 /// The example of the page, against a segment whose contents are known.

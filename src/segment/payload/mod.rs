@@ -6,8 +6,10 @@
 //! | board | [`identity`] | the board's identity |
 //! | variable | [`variable`] | registers of the user's choice |
 //! | gather | [`gather`] | gathered samples |
+//! | user, user table | [`user`] | the site's own words, and their names |
 
 pub mod blocks;
 pub mod gather;
 pub mod identity;
+pub mod user;
 pub mod variable;

@@ -94,7 +94,7 @@ impl Board {
         let mut state = ScreenState::new(Vec::new());
         state.saw((1..=motors).collect(), systems, true);
         let (servo, background) = (Some(view(servo)), Some(view(background)));
-        let snapshot = Snapshot { identity, servo, background, stale: None };
+        let snapshot = Snapshot { identity, servo, background, user: None, stale: None };
         let watched = Watched { values: vec![("P1".to_owned(), "5".to_owned())], fault: None };
         let answer = DaemonAnswer {
             at: now,

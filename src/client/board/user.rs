@@ -1,0 +1,70 @@
+//! The site's own words: what its programs write into the DPRAM, by the names of the daemon's configuration.
+//!
+//! Names, formats and units come from the segment, so a reader needs neither the configuration nor the socket.
+
+use super::{Board, ClientError, Reading};
+use crate::client::view::View;
+use crate::decode::{Value, user::values};
+pub use crate::map::user_word::UserWord;
+use crate::segment::payload::user;
+use crate::segment::{RegionId, SegmentError};
+
+/// The words of one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UserData {
+    /// All of them, in the order of the configuration.
+    pub words: Vec<UserValues>,
+}
+
+/// One name and its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UserValues {
+    /// The name, its place and its format.
+    pub word: UserWord,
+    /// As many as the configuration says; `None` where the board was writing them whenever the daemon read.
+    pub values: Option<Vec<Value>>,
+}
+
+impl UserData {
+    /// The word of this name.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<&UserValues> {
+        self.words.iter().find(|values| *values.word.name == *name)
+    }
+}
+
+impl Board {
+    /// The site's own words; `None` before the first, and where the configuration names none.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn user(&mut self) -> Result<Option<View<UserData>>, ClientError> {
+        let condition = self.refresh()?;
+        let reading = self.read_user()?;
+        self.judged(&super::Moment::now(&self.subscriber, condition), RegionId::User, reading)
+    }
+
+    /// Copies and decodes the latest sample.
+    pub(super) fn read_user(&mut self) -> Result<Option<Reading<UserData>>, ClientError> {
+        let generation = self.subscriber.generation();
+        let words = match self.user_words.take().filter(|(known, _)| *known == generation) {
+            Some((_, words)) => words,
+            None => match self.latest(RegionId::UserTable)? {
+                Some(sequence) => user::decode_table(self.sample.bytes())
+                    .ok_or(SegmentError::Corrupt { region: RegionId::UserTable, sequence })?,
+                None => return Ok(None),
+            },
+        };
+        let reading = self.read(RegionId::User, |region, payload| {
+            let corrupt = SegmentError::Corrupt { region: region.id, sequence: region.published };
+            let split = user::split(&words, payload).ok_or(corrupt)?;
+            let words = words.iter().zip(split).map(|(word, words)| UserValues {
+                word: *word,
+                values: words.map(|words| values(word, words)),
+            });
+            Ok(UserData { words: words.collect() })
+        });
+        self.user_words = Some((generation, words));
+        reading
+    }
+}
