@@ -9,7 +9,7 @@ use std::time::Duration;
 use pmac_dpram::clock::{Clock, ManualTime};
 use pmac_dpram::daemon::bus::board_function::Context;
 use pmac_dpram::daemon::bus::command_intake::CommandIntake;
-use pmac_dpram::daemon::bus::function_table::{FunctionTable, Mirrors};
+use pmac_dpram::daemon::bus::function_table::{FunctionTable, Mirrors, Work};
 use pmac_dpram::daemon::bus::identify::Identifier;
 use pmac_dpram::daemon::bus::memory_scan::MemoryScan;
 use pmac_dpram::daemon::bus::ports::command_port::CommandPorts;
@@ -29,7 +29,9 @@ use pmac_dpram::map::{
     BufferLayout, BufferSettings, BusyRule, Family, HostOffset, Layout, Motors, PMAC, Space, TURBO2_8K,
     VariableKind,
 };
-use pmac_dpram::mirror::{BackgroundMirror, GatherClock, ServoMirror, VariableMirror, gather, variable};
+use pmac_dpram::mirror::{
+    BackgroundMirror, GatherClock, ServoMirror, UserMirror, UserRate, VariableMirror, gather, variable,
+};
 use pmac_dpram::protocol::{BoardSettings, Function};
 use pmac_dpram::segment::{CreateOptions, Identity, Publisher, RegionId, RegionSpec, SegmentName};
 
@@ -117,6 +119,7 @@ pub fn body(data: &[u8]) {
         let port = CommandPorts::new(family, order, None);
         let identifier = Identifier::new(family, Identity::default(), way & 32 != 0, now);
         let scan = MemoryScan::new(family, way & 64 != 0, Arc::default(), now);
+        let user = UserMirror::new(&[], UserRate::Servo, &mut shared.publisher, clock.ns());
         let mut bench = Bench {
             shared,
             family,
@@ -135,6 +138,7 @@ pub fn body(data: &[u8]) {
                         pmac_dpram::map::Selection::ALL,
                     ),
                     variables: VariableMirror::new(&plan, mode, clock.clone()),
+                    user,
                 },
                 CommandLines::new(AsciiQueue::new(port, identifier, scan, clock.clone()), None, None),
                 plan,
@@ -318,7 +322,10 @@ impl Bench<'_> {
             0 => Some(Function::Ascii),
             1 => {
                 let next = self.functions.next::<RamBus>(false);
-                next.filter(|(due_ns, _)| *due_ns <= now_ns).map(|(_, function)| function)
+                match next.filter(|(due_ns, _)| *due_ns <= now_ns) {
+                    Some((_, Work::Function(function))) => Some(function),
+                    _ => None,
+                }
             }
             2 => Some(Function::Servo),
             _ => Some(Function::Background),

@@ -31,7 +31,7 @@ use crate::daemon::bus::work::ascii::AsciiQueue;
 use crate::daemon::bus::work::command_lines::CommandLines;
 use crate::device::{Counted, Trace, Traced};
 use crate::map::word_use::m_variables;
-use crate::mirror::{self, BackgroundMirror, ServoMirror, VariableMirror};
+use crate::mirror::{self, BackgroundMirror, ServoMirror, UserMirror, VariableMirror};
 use crate::protocol::function::NO_FAMILY;
 use crate::protocol::{BoardInfo, Function, HostPortInfo};
 use crate::segment::identity::{self, first_motors};
@@ -63,7 +63,7 @@ impl Parts {
     pub fn new(
         settings: &Settings,
         machine: Machine,
-        publisher: Publisher,
+        mut publisher: Publisher,
         clock: Clock,
         blocks: Arc<DefinitionBlocks>,
     ) -> Result<Self, Failure> {
@@ -125,6 +125,7 @@ impl Parts {
                 reading.background.selection(settings.family),
             ),
             variables: VariableMirror::new(&layout, mode, clock.clone()),
+            user: UserMirror::new(&settings.user.words, settings.user.rate, &mut publisher, clock.ns()),
         };
         let lines = CommandLines::new(queue, interrupt, host_port);
         let functions = FunctionTable::new(mirrors, lines, layout, reading, clock.clone());
@@ -160,13 +161,14 @@ impl Parts {
 /// # Errors
 /// A group does not exist.
 pub fn segment_options(settings: &Settings, clock: &Clock) -> Result<CreateOptions, Failure> {
-    let regions = vec![
+    let mut regions = vec![
         mirror::servo::region(&settings.family.servo),
         mirror::background::region(&settings.family.background, settings.background_period_ns),
         identity_region(),
         mirror::variable::region(),
         mirror::gather::region(settings.family),
     ];
+    regions.extend(mirror::user_words::regions(&settings.user.words, settings.user.rate));
     let group = settings.segment_group.as_deref().map(group_id).transpose();
     let reading = settings.board_settings.settings();
     let selections = vec![

@@ -117,5 +117,6 @@ pub mod servo;
 pub mod servo_timer;
 #[cfg(test)]
 mod testing;
+pub mod user_words;
 pub mod variable_read;
 pub mod variable_write;

@@ -10,10 +10,12 @@ pub mod freshness;
 pub mod gaps;
 pub mod gather;
 pub mod servo;
+pub mod user_words;
 pub mod variable;
 
 pub use background::BackgroundMirror;
 pub use freshness::Transition;
 pub use gather::{GatherClock, GatherMirror, NotFollowed};
 pub use servo::ServoMirror;
+pub use user_words::{UserMirror, UserRate};
 pub use variable::VariableMirror;

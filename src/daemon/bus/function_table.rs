@@ -11,12 +11,13 @@ use crate::daemon::bus::board_function::{BoardFunction, Context, Polled};
 use crate::daemon::bus::memory_scan::Outcome as ScanOutcome;
 use crate::daemon::bus::servo_sign::ServoSign;
 use crate::daemon::bus::work::command_lines::CommandLines;
+use crate::daemon::bus::work::open_words::write;
 use crate::daemon::bus::work::panel::PanelQueue;
 use crate::daemon::bus::work::rotary::{Batch, RotaryQueue};
 use crate::daemon::bus::work::variables::Variables;
 use crate::daemon::bus::work::write::WriteQueue;
 use crate::daemon::shared::function_use::{FunctionState, FunctionUse, Pointers};
-use crate::daemon::shared::job::{Job, MaskedWord};
+use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::{ANSWER_AGE, ASKED_REPORT};
 use crate::daemon::shared::queue::{Event, Outcome, Text, Ticket};
 use crate::daemon::shared::status::{BoardStatus, MotorsStatus};
@@ -25,8 +26,8 @@ use crate::function::line_port::PortError;
 use crate::function::rotary::RotarySetup;
 use crate::function::variable_read::VariableReadBusError;
 use crate::map::word_use::function_of;
-use crate::map::{BufferLayout, HostOffset, Motors, WholeBoard};
-use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, VariableMirror};
+use crate::map::{BufferLayout, Motors, WholeBoard};
+use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, UserMirror, VariableMirror};
 use crate::protocol::{BoardSettings, CommandState, Enabled, Function, Functions, control};
 use crate::segment::Counter;
 
@@ -54,6 +55,17 @@ pub struct FunctionTable {
     gather: GatherMirror,
     variables: Variables,
     rotary: RotaryQueue,
+    /// No function of the board.
+    user: UserMirror,
+}
+
+/// Work on the board beside the servo data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Work {
+    /// One of the board's functions.
+    Function(Function),
+    /// The site's own words.
+    UserWords,
 }
 
 /// The mirrors that the configuration has a say in.
@@ -64,6 +76,8 @@ pub struct Mirrors {
     pub background: BackgroundMirror,
     /// Of variables that clients choose.
     pub variables: VariableMirror,
+    /// Of the site's own words.
+    pub user: UserMirror,
 }
 
 impl FunctionTable {
@@ -77,7 +91,7 @@ impl FunctionTable {
         settings: &BoardSettings,
         clock: Clock,
     ) -> Self {
-        let Mirrors { servo, background, variables } = mirrors;
+        let Mirrors { servo, background, variables, user } = mirrors;
         let now = clock.now();
         let asks = ascii.queue.scan.is_wanted();
         let mut table = Self {
@@ -91,6 +105,7 @@ impl FunctionTable {
             gather: GatherMirror::new(layout.family(), clock.clone()),
             variables: Variables { read: variables, write: WriteQueue::new(&layout, now) },
             rotary: RotaryQueue::new(layout.family(), now),
+            user,
             layout,
             clock,
         };
@@ -148,9 +163,9 @@ impl FunctionTable {
 
     /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
     #[must_use]
-    pub fn next<B: Bus>(&self, only_watching: bool) -> Option<(u64, Function)> {
+    pub fn next<B: Bus>(&self, only_watching: bool) -> Option<(u64, Work)> {
         let first = self.others::<B>(only_watching).min_by_key(|(due_ns, ..)| *due_ns);
-        first.map(|(due_ns, _, function)| (due_ns, function))
+        first.map(|(due_ns, _, work)| (due_ns, work))
     }
 
     /// When the first of those is due, and until when each of them can wait; never where nothing is to be done.
@@ -162,15 +177,19 @@ impl FunctionTable {
     }
 
     /// The others that are used and have something to do: when, for how long it can wait, and which.
-    fn others<'a, B: Bus + 'a>(
-        &'a self,
-        only_watching: bool,
-    ) -> impl Iterator<Item = (u64, u64, Function)> + 'a {
-        self.rows::<B>().into_iter().filter_map(move |(function, row)| {
+    fn others<'a, B: Bus + 'a>(&'a self, only_watching: bool) -> impl Iterator<Item = (u64, u64, Work)> + 'a {
+        let user = self.user.due_ns().filter(|_| !only_watching);
+        let user = user.map(|due_ns| (due_ns, self.user.spare_ns(), Work::UserWords));
+        let functions = self.rows::<B>().into_iter().filter_map(move |(function, row)| {
             let is_asked =
                 function != Function::Servo && self.uses(function) && (row.watches() || !only_watching);
-            if is_asked { Some((row.due_ns(&self.clock)?, row.spare_ns(), function)) } else { None }
-        })
+            if is_asked {
+                Some((row.due_ns(&self.clock)?, row.spare_ns(), Work::Function(function)))
+            } else {
+                None
+            }
+        });
+        functions.chain(user)
     }
 
     /// Does one bounded piece of a function's work, and counts its accesses of the board.
@@ -197,7 +216,20 @@ impl FunctionTable {
             panel.loops_mut().see_servo(self.servo.open_loops(), self.servo.updates());
             panel.loops_mut().see_background(off, self.background.reports());
         }
+        if function == Function::Servo {
+            let Context { bus, publisher, clock, .. } = context;
+            self.user.follow_servo(self.servo.updates(), *bus, publisher, clock.ns())?;
+        }
         Ok(polled)
+    }
+
+    /// Reads the site's own words.
+    ///
+    /// # Errors
+    /// When the board cannot be reached.
+    pub fn read_user_words<B: Bus>(&mut self, context: &mut Context<'_, B>) -> Result<(), BusError> {
+        let Context { bus, publisher, clock, .. } = context;
+        self.user.poll(*bus, publisher, clock.ns())
     }
 
     /// What a function's accesses are counted as.
@@ -542,50 +574,4 @@ impl FunctionTable {
 
 fn no_panel() -> Outcome {
     Outcome::Refused(Text::of(&"boards of this family have no control panel in their DPRAM"))
-}
-
-/// Writes words, ascending, of each only the bits of its mask.
-fn write(bus: &mut impl Bus, first: HostOffset, words: &[MaskedWord]) -> Result<Outcome, BusError> {
-    // Nothing is written unless all of it can be.
-    let end = first.plus_words(words.len()).bytes() as usize;
-    if end > bus.length() {
-        return Ok(Outcome::OutOfRange);
-    }
-    for (index, word) in words.iter().enumerate() {
-        // A word of which nothing is to change is not touched: it may be PMAC's.
-        if word.mask == 0 {
-            continue;
-        }
-        let offset = first.plus_words(index);
-        let value = if word.mask == u16::MAX {
-            word.value
-        } else {
-            bus.read16(offset)? & !word.mask | word.value & word.mask
-        };
-        bus.write16(offset, value)?;
-    }
-    bus.order_writes();
-    Ok(Outcome::Done)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::device::{Counted, FileBoard};
-
-    /// The rows of [`crate::function`]'s table of costs about open words.
-    #[test]
-    fn open_words_cost_what_the_table_says() {
-        for n in [1, 8, 100] {
-            for (mask, cost) in [(u16::MAX, (0, n)), (0x00F0, (n, n)), (0, (0, 0))] {
-                let file = tempfile::tempfile().unwrap();
-                file.set_len(0x4000).unwrap();
-                let mut bus = Counted::new(FileBoard::from_file(&file, 0x4000).unwrap());
-                let words = vec![MaskedWord { value: 0xABCD, mask }; n as usize];
-                assert_eq!(write(&mut bus, HostOffset::new(0x3000), &words).unwrap(), Outcome::Done);
-                assert_eq!((bus.reads(), bus.writes()), cost, "{n} {mask:04x}");
-                assert_eq!(bus.read16(HostOffset::new(0x3000)).unwrap(), 0xABCD & mask);
-            }
-        }
-    }
 }

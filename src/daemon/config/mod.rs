@@ -9,3 +9,4 @@ pub mod ports;
 mod replay;
 pub mod settings;
 pub mod span;
+pub mod user;

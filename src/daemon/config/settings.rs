@@ -20,6 +20,7 @@ use super::mirrored::{BackgroundTable, ServoTable};
 use super::motors::{self, MotorNames, MotorTable};
 use super::ports::{HostPortConfig, HostPortTable, MailboxConfig, MailboxTable, MailboxUse};
 use super::span::{Refusal, position};
+use super::user::{self, UserArea, UserTable};
 use crate::daemon::options::Options;
 use crate::daemon::socket::policy::{Characters, Roles};
 use crate::device::board::spec::SpecError;
@@ -89,6 +90,9 @@ pub struct ConfigFile {
     /// Names and units of motors.
     #[serde(default)]
     motor: Vec<MotorTable>,
+    /// Words that the site's own programs write.
+    #[serde(default)]
+    user: Vec<UserTable>,
     /// Choices that no manual decides: see [`super::board_settings`].
     #[serde(default)]
     plan: BufferSettings,
@@ -158,6 +162,8 @@ pub struct Settings {
     pub motors: Option<u32>,
     /// Names and units of motors.
     pub motor_names: Vec<MotorNames>,
+    /// Words that the site's own programs write.
+    pub user: UserArea,
     /// I10, where the board cannot be asked.
     pub i10: Option<u32>,
     /// I19, where the board cannot be asked.
@@ -326,6 +332,7 @@ impl Settings {
             firmware: file.firmware,
             motors: limited("motors", file.motors, 1, family.motors as u32)?,
             motor_names: motors::decide(&file.motor, family)?,
+            user: user::decide(if unknown { &[] } else { &file.user }, family)?,
             i10: limited("i10", file.i10, 1, 8_388_607)?,
             i19: limited("i19", file.i19, 1, 8_388_607)?,
             servo_reading: file.servo_reading.unwrap_or_default(),

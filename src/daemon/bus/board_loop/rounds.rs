@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::{BOARD_CHECK_NS, BoardLoop, HEARTBEAT_NS};
 use crate::daemon::bus::board::BoardBus;
 use crate::daemon::bus::board_function::Polled;
+use crate::daemon::bus::function_table::Work;
 use crate::daemon::bus::guard_time::Turn;
 use crate::daemon::bus::readable::Readable;
 use crate::daemon::shared::info::WatchedThread;
@@ -124,13 +125,19 @@ impl BoardLoop {
         let intake = &self.connections.intake;
         match (self.guard.turn(servo_due, near, work.is_some(), || intake.has_waiting()), work) {
             (Turn::Servo, _) => self.poll_function(Function::Servo)?,
-            (Turn::Others, Some((_, function))) => {
-                if function == Function::Ascii && self.presence.is_out_of_reach {
+            (Turn::Others, Some((_, work))) => {
+                if work == Work::Function(Function::Ascii) && self.presence.is_out_of_reach {
                     // Nothing is begun in words that are still to be put in order.
                     self.check_page()?;
                 }
                 let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
-                self.poll_function(function)?;
+                match work {
+                    Work::Function(function) => self.poll_function(function)?,
+                    Work::UserWords => {
+                        let (functions, mut context) = self.functions_in_context();
+                        functions.read_user_words(&mut context)?;
+                    }
+                }
                 let took = Duration::from_nanos(self.clock.ns().saturating_sub(began_ns));
                 self.guard.took(self.bus.accesses() - accesses, took);
             }
@@ -155,7 +162,7 @@ impl BoardLoop {
     }
 
     /// Of the work that can wait for the servo, that which is due first, and when.
-    fn next_work(&self) -> Option<(u64, Function)> {
+    fn next_work(&self) -> Option<(u64, Work)> {
         self.functions.next::<BoardBus>(self.only_watches())
     }
 

@@ -5,6 +5,7 @@ pub mod command_lines;
 pub mod kill;
 pub(in crate::daemon) mod mirrored;
 pub mod open_loops;
+pub mod open_words;
 pub mod panel;
 pub mod rotary;
 pub(in crate::daemon) mod variables;

@@ -1,0 +1,113 @@
+//! The site's own words, which its PLCs and motion programs write whenever they like.
+//!
+//! No handshake says when they are whole. Words under a guard are taken only if the guard is even, and the same before and behind.
+//! Without one, a value of several words is read twice and taken only if both readings are equal: two halves of different values never
+//! make a third.
+
+use crate::device::{Bus, BusError};
+use crate::map::HostOffset;
+use crate::map::user_word::UserWord;
+
+/// So many times the words are read at once if the board writes them meanwhile.
+const TRIES: usize = 4;
+/// Words of the longest value.
+const LONGEST_VALUE: usize = 4;
+
+/// Words that are whole together.
+struct Group {
+    guard: Option<HostOffset>,
+    /// Each with its number and its place in the image.
+    members: Vec<(usize, usize)>,
+}
+
+/// Reads the words.
+pub struct UserWordsReader {
+    words: Box<[UserWord]>,
+    groups: Box<[Group]>,
+    image: Box<[u16]>,
+}
+
+impl UserWordsReader {
+    /// A reader of `words`.
+    #[must_use]
+    pub fn new(words: &[UserWord]) -> Self {
+        let mut groups: Vec<Group> = Vec::new();
+        let mut at = 0;
+        for (index, word) in words.iter().enumerate() {
+            let guarded = groups.iter_mut().find(|group| word.guard.is_some() && group.guard == word.guard);
+            match guarded {
+                Some(group) => group.members.push((index, at)),
+                None => groups.push(Group { guard: word.guard, members: vec![(index, at)] }),
+            }
+            at += word.words();
+        }
+        Self { words: words.into(), groups: groups.into(), image: vec![0; at].into() }
+    }
+
+    /// The words' names and places.
+    #[must_use]
+    pub fn words(&self) -> &[UserWord] {
+        &self.words
+    }
+
+    /// The words as they were read last.
+    #[must_use]
+    pub fn image(&self) -> &[u16] {
+        &self.image
+    }
+
+    /// Reads all words; gives those that are whole, bit 0 being the first.
+    ///
+    /// # Errors
+    /// When the bus cannot be reached.
+    pub fn poll(&mut self, bus: &mut impl Bus) -> Result<u64, BusError> {
+        let Self { words, groups, image } = self;
+        let mut whole = 0;
+        for group in groups {
+            for _ in 0..TRIES {
+                if group.read(bus, words, image)? {
+                    whole |= group.members.iter().fold(0, |mask, (index, _)| mask | 1 << index);
+                    break;
+                }
+            }
+        }
+        Ok(whole)
+    }
+}
+
+impl Group {
+    /// Reads the group once; whether it is whole.
+    fn read(&self, bus: &mut impl Bus, words: &[UserWord], image: &mut [u16]) -> Result<bool, BusError> {
+        let before = self.guard.map(|guard| bus.read16(guard)).transpose()?;
+        if before.is_some_and(|guard| !guard.is_multiple_of(2)) {
+            return Ok(false);
+        }
+        bus.order_reads();
+        for (index, at) in &self.members {
+            let Some(word) = words.get(*index) else { continue };
+            let Some(image) = image.get_mut(*at..at + word.words()) else { continue };
+            if !read_values(bus, word, image)? {
+                return Ok(false);
+            }
+        }
+        bus.order_reads();
+        Ok(before == self.guard.map(|guard| bus.read16(guard)).transpose()?)
+    }
+}
+
+/// Reads the values of `word`; whether each is one value.
+fn read_values(bus: &mut impl Bus, word: &UserWord, image: &mut [u16]) -> Result<bool, BusError> {
+    let length = word.location.space.words();
+    for (index, value) in image.chunks_exact_mut(length).enumerate() {
+        bus.read_block(word.place(index), value)?;
+        if length > 1 && word.guard.is_none() {
+            let mut again = [0; LONGEST_VALUE];
+            bus.order_reads();
+            bus.read_block(word.place(index), &mut again[..length])?;
+            if again[..length] != *value {
+                return Ok(false);
+            }
+        }
+    }
+    Ok(true)
+}
