@@ -77,5 +77,6 @@ mod turbo;
 mod turbo_rotary;
 mod two_hosts;
 mod uncertain;
+mod user_words;
 mod variables;
 mod whole;

@@ -3,19 +3,12 @@
 //! Sites keep data of their own in the DPRAM: M-variables that point into it. Where one points into the words of a function,
 //! what the one writes the other takes for its own.
 
-use std::time::Duration;
-
 use super::report::Report;
 use crate::cli::context::{Context, Failure};
-use crate::client::{CommandError, Connection};
-use crate::map::word_use::{self, m_variables};
-use crate::map::{Family, Region, TypedAddress};
+use crate::cli::setup::pointers::{Pointer, Pointers};
+use crate::map::{Region, TypedAddress};
 use crate::protocol::{BoardInfo, BoardSettings, Function};
 
-/// So many definitions are asked for in one line: a longer reply would hold up other callers' lines.
-const A_QUESTION: u16 = 50;
-/// Time limit of one question.
-const QUESTION_WITHIN: Duration = Duration::from_secs(10);
 /// So many definitions of a stretch are shown.
 const SHOWN: usize = 8;
 /// What to do where both use the same words.
@@ -40,8 +33,10 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     let mut connection = context.connection()?;
     let family = Context::family(None, &mut connection)?;
     let (settings, info) = (connection.settings()?, connection.info()?);
-    let (found, unclear) = definitions(&mut connection, family)
-        .map_err(|error| Failure::request(format!("the board's M-variables: {error}")))?;
+    let Pointers { found, unclear } = Pointers::asked(&mut connection, family)?;
+    let definition =
+        |found: Pointer| Definition { text: format!("M{}->{}", found.number, found.text), at: found.at };
+    let found: Vec<Definition> = found.into_iter().map(definition).collect();
     if !unclear.is_empty() {
         report.warn("memory", not_told(&unclear));
     }
@@ -50,35 +45,6 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
         tell(report, region, &uses(region, &settings, &info), &here.collect::<Vec<_>>());
     }
     Ok(())
-}
-
-/// The M-variables that point into the DPRAM, and of those that the board does not tell of, each with what it says instead.
-/// Nothing is changed.
-fn definitions(
-    connection: &mut Connection,
-    family: &Family,
-) -> Result<(Vec<Definition>, Vec<String>), CommandError> {
-    let count = m_variables(family);
-    let (mut found, mut unclear) = (Vec::new(), Vec::new());
-    for first in (0..count).step_by(A_QUESTION.into()) {
-        let last = (first + A_QUESTION).min(count) - 1;
-        let question = format!("M{first}..{last}->");
-        let reply = connection.question(&question, QUESTION_WITHIN)?;
-        if reply.len() != usize::from(last - first + 1) {
-            unclear.push(format!("{} lines to {question}", reply.len()));
-        }
-        for (number, text) in (first..=last).zip(reply) {
-            match word_use::definition(&text, number, family) {
-                Some(word_use::Definition::Dpram(at)) => {
-                    let text = text.split_once("->").map_or(text.as_str(), |(_, text)| text).trim();
-                    found.push(Definition { text: format!("M{number}->{text}"), at });
-                }
-                Some(word_use::Definition::Elsewhere) => {}
-                None => unclear.push(format!("M{number}: {text:?}")),
-            }
-        }
-    }
-    Ok((found, unclear))
 }
 
 /// What is told of answers that are no definitions.

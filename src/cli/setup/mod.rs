@@ -3,4 +3,6 @@
 pub mod absolute;
 mod answer;
 mod lines;
+pub mod pointers;
 pub mod send;
+mod user;

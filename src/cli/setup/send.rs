@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::lines::{self as setup, SetupCommand};
+use super::user;
 use crate::cli::act::lines::LineError;
 use crate::cli::console::{board_of, confirm, note, sending as question};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -30,9 +31,18 @@ const AWAY: Duration = Duration::from_secs(20);
 #[derive(Debug, Args)]
 pub struct Setup {
     #[command(subcommand)]
-    pub command: SetupCommand,
+    pub part: Part,
     #[command(flatten)]
     pub sending: Sending,
+}
+
+/// What is set up: the board, or pmacd.
+#[derive(Debug, Subcommand)]
+pub enum Part {
+    #[command(flatten)]
+    Board(SetupCommand),
+    /// Print [[user]] tables for pmacd's configuration, from the M-variables that point into the DPRAM's user area
+    User,
 }
 
 /// Whether and how to send the lines.
@@ -54,8 +64,16 @@ pub struct Sending {
 
 pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     let sending = &options.sending;
+    let Part::Board(command) = &options.part else {
+        if sending.send {
+            return Err(Failure::Request(
+                "setup user prints tables for pmacd and sends nothing: leave --send out".to_owned(),
+            ));
+        }
+        return user::run(context);
+    };
     let servo_runs = sending.send && sending.port.is_none() && servo_runs(context);
-    let mut command = options.command.clone();
+    let mut command = command.clone();
     let mut serial = match &sending.port {
         Some(port) => Some(SerialLine::open(port, sending.baud).map_err(Failure::request)?),
         None => None,

@@ -13,4 +13,5 @@ pub mod read;
 pub mod screen;
 mod stage;
 pub mod status;
+pub mod user;
 pub mod watch;

@@ -11,6 +11,7 @@ use crate::cli::context::{Context, Failure, Verdict};
 use crate::cli::show::coordinates::Systems;
 use crate::cli::show::motors::{Motors, reason};
 use crate::cli::show::screen::{Live, Screen};
+use crate::cli::show::user::Words;
 use crate::client::Snapshot;
 use crate::segment::RegionId;
 
@@ -19,13 +20,27 @@ use crate::segment::RegionId;
 pub enum Part {
     Motors,
     Coordinates,
+    /// The words of [[user]] tables in pmacd's configuration
+    User,
 }
 
+/// There is nothing to watch.
+pub const NO_WORDS: &str = "pmacd publishes no words of the site's own: its configuration has no [[user]]; pmacctl setup user prints such tables";
+
 impl Part {
+    const fn region(self) -> RegionId {
+        match self {
+            Self::Motors => RegionId::Servo,
+            Self::Coordinates => RegionId::Background,
+            Self::User => RegionId::User,
+        }
+    }
+
     fn of<'a>(self, context: &Context, snapshot: &'a Snapshot) -> Box<dyn Live + 'a> {
         match self {
             Self::Motors => Box::new(Motors(snapshot)),
             Self::Coordinates => Box::new(Systems::new(context, snapshot)),
+            Self::User => Box::new(Words(snapshot)),
         }
     }
 }
@@ -65,6 +80,10 @@ pub fn once(context: &mut Context, what: Part) -> Result<Verdict, Failure> {
 pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut board = context.board()?;
     let interactive = context.output.is_terminal();
+    let region = options.what.region();
+    if options.what == Part::User && board.subscriber().region(region).is_err() {
+        return Err(Failure::Request(NO_WORDS.to_owned()));
+    }
     let mut screen = Screen::new(interactive);
     let keys = Keys::listen(interactive && !context.output.is_json());
     // Catch signals only where the terminal must be restored at the end.
@@ -77,7 +96,6 @@ pub fn run(context: &mut Context, options: &Watch) -> Result<Verdict, Failure> {
     let mut after = 0;
     while end.is_none_or(|end| Instant::now() < end) {
         let began = Instant::now();
-        let region = if options.what == Part::Motors { RegionId::Servo } else { RegionId::Background };
         board.wait_for(region, after, left(end).min(NO_NEWS))?;
         let snapshot = board.snapshot()?;
         let live = options.what.of(context, &snapshot);

@@ -1,0 +1,176 @@
+//! `[[user]]`: words that the site's own programs write into the DPRAM, read by anybody from the segment.
+
+use std::time::Duration;
+
+use pmac_dpram::client::{Board, UserData, View};
+use pmac_dpram::decode::Value;
+
+use crate::support::VirtualSite;
+
+/// Where nobody listens: a reader of the segment needs no socket.
+const NO_SOCKET: &str = "/nonexistent/pmac.sock";
+
+fn words(board: &mut Board) -> View<UserData> {
+    board.user().unwrap().unwrap()
+}
+
+fn values(board: &mut Board, name: &str) -> Option<Vec<Value>> {
+    words(board).data.get(name).unwrap().values.clone()
+}
+
+/// The site's board without its socket.
+fn reader(site: &VirtualSite) -> Board {
+    Board::attach(&site.name).unwrap().with_socket(NO_SOCKET.as_ref())
+}
+
+/// DPRAM manual p. 6: a PLC writes motor 1's position.
+#[test]
+fn the_position_of_the_manuals_first_example_is_read_without_the_socket() {
+    let config =
+        "[[user]]\nname = 'position'\naddress = '$D000'\nformat = 'DP'\nunit = 'count'\nrate_hz = 100\n";
+    let site = VirtualSite::configured(&[], config);
+    site.wait_for_live_servo();
+    for line in [
+        "M130->D:$28",
+        "M131->DP:$D000",
+        "OPEN PLC 1 CLEAR",
+        "M131=M130/(I108*32)",
+        "CLOSE",
+        "I5=2",
+        "ENABLE PLC 1",
+        "#1J=-70000",
+    ] {
+        site.ask(line);
+    }
+    let mut board = reader(&site);
+    let at_end = |value: &Value| matches!(value, Value::Long(at) if (at + 70_000).abs() <= 1);
+    site.wait_until("the position", || values(&mut board, "position").is_some_and(|all| at_end(&all[0])));
+    let shown = site.run(&["watch", "user", "--count", "1", "--json"]).json();
+    assert_eq!((&shown["user"]["fresh"], &shown["user"]["stale"]), (&true.into(), &serde_json::Value::Null));
+    let word = &shown["words"][0];
+    assert_eq!(
+        (&word["name"], &word["unit"], &word["address"]),
+        (&"position".into(), &"count".into(), &"DP:$D000".into())
+    );
+    assert!((word["value"].as_i64().unwrap() + 70_000).abs() <= 1, "{word}");
+    // Nothing is shown as live where the board has stopped.
+    site.board_stands_still(true);
+    site.wait_until("old words", || words(&mut board).stale.is_some());
+    let ran = site.run(&["watch", "user", "--count", "1"]);
+    assert!(ran.code == Some(1) && ran.stdout.contains("stale="), "{ran:?}");
+}
+
+/// DPRAM manual p. 8: a host gives positions; flags say when they are taken. The PLC is the motion program's other end.
+#[test]
+fn the_flags_and_positions_of_the_manuals_second_example_are_words_with_names() {
+    let config = "[[user]]\nname = 'go'\naddress = '$D600'\nformat = 'Y:0,1'\nrate_hz = 100\n\
+                  [[user]]\nname = 'taken'\naddress = '$D600'\nformat = 'Y:1,1'\n\
+                  [[user]]\nname = 'target'\naddress = '$D601'\nformat = 'DP'\ncount = 3\n";
+    let site = VirtualSite::configured(&[], config);
+    site.wait_for_live_servo();
+    for line in [
+        "M100->Y:$D600,0",
+        "M104->Y:$D600,1",
+        "M101->DP:$D601",
+        "M102->DP:$D602",
+        "M103->DP:$D603",
+        "M100=1",
+        "M104=0",
+        "OPEN PLC 1 CLEAR",
+        "IF (M100=1)",
+        "M101=100000",
+        "M102=-1",
+        "M103=65536",
+        "M104=1",
+        "M100=0",
+        "ENDIF",
+        "CLOSE",
+    ] {
+        site.ask(line);
+    }
+    let mut board = reader(&site);
+    site.wait_until("the flag", || values(&mut board, "go") == Some(vec![Value::Word(1)]));
+    assert_eq!(values(&mut board, "taken"), Some(vec![Value::Word(0)]));
+    site.ask("I5=2");
+    site.ask("ENABLE PLC 1");
+    site.wait_until("the other flag", || values(&mut board, "taken") == Some(vec![Value::Word(1)]));
+    assert_eq!(values(&mut board, "go"), Some(vec![Value::Word(0)]));
+    assert_eq!(values(&mut board, "target"), Some([100_000, -1, 65_536].map(Value::Long).to_vec()));
+    let line = site.run(&["watch", "user", "--count", "1"]).stdout;
+    assert!(line.contains(" go=0 taken=1 target=100000,-1,65536"), "{line}");
+}
+
+/// The two words change together, and the guard before and behind.
+#[test]
+fn words_under_a_guard_are_of_one_pass_of_the_plc_and_a_guard_that_stays_odd_tells_none() {
+    let word = |name: &str, address: &str, more: &str| {
+        format!("[[user]]\nname = '{name}'\naddress = '{address}'\nformat = 'DP'\n{more}\n")
+    };
+    let guard = "guard = 'Y:$D60F'\nrate_hz = 'servo'";
+    let config = word("one", "$D610", guard) + &word("two", "$D611", guard) + &word("other", "$D612", "");
+    let site = VirtualSite::configured(&[], &config);
+    site.wait_for_live_servo();
+    for line in [
+        "M10->Y:$D60F,0,16",
+        "M11->DP:$D610",
+        "M12->DP:$D611",
+        "M13->DP:$D612",
+        "M10=0",
+        "M11=0",
+        "M12=0",
+        "M13=7",
+        "P1=0",
+        "OPEN PLC 1 CLEAR",
+        "P1=P1+1",
+        "M10=M10+1",
+        "M11=P1*65535",
+        "M12=P1*65535",
+        "M10=M10+1",
+        "CLOSE",
+        "I5=2",
+        "ENABLE PLC 1",
+    ] {
+        site.ask(line);
+    }
+    let mut board = reader(&site);
+    site.hold();
+    let (mut whole, mut sequence) = (0, 0);
+    for _ in 0..300 {
+        site.step(1);
+        let view = words(&mut board);
+        let [one, two] = ["one", "two"].map(|name| view.data.get(name).unwrap().values.clone());
+        assert_eq!(one, two, "of two passes");
+        whole += usize::from(one.is_some());
+        assert!(view.sequence > sequence, "a sample with each update");
+        sequence = view.sequence;
+    }
+    assert!(whole > 200, "{whole}");
+    site.go_on();
+    site.ask("DISABLE PLC 1");
+    site.ask("M10=1");
+    site.run_for(Duration::from_millis(50));
+    let view = words(&mut board);
+    let of = |name: &str| view.data.get(name).unwrap().values.clone();
+    assert_eq!((of("one"), of("other"), view.stale), (None, Some(vec![Value::Long(7)]), None));
+    let line = site.run(&["watch", "user", "--count", "1"]).stdout;
+    assert!(line.contains(" one=not_whole two=not_whole other=7"), "{line}");
+}
+
+#[test]
+fn a_daemon_without_user_tables_says_how_to_write_them() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    let ran = site.run(&["watch", "user", "--count", "1"]);
+    assert!(ran.code == Some(2) && ran.stderr.contains("no [[user]]; pmacctl setup user"), "{ran:?}");
+    let ran = site.run(&["motors", "--json"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+}
+
+#[test]
+fn a_table_that_cannot_be_is_refused_with_its_place_and_a_cure() {
+    let site = VirtualSite::new();
+    site.start_simulator(&[]);
+    let config = site.file("bad.toml", "[[user]]\nname = 'one'\naddress = '$DA10'\nformat = 'Y:8,9'\n");
+    let said = site.refusal(&config);
+    assert!(said.contains("bad.toml:4:10: format = \"Y:8,9\": ") && said.contains("16 bits of Y:"), "{said}");
+}
