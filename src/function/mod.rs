@@ -56,6 +56,8 @@
 //! | feed override set; the first one 1 more | 2 | 2 | 2 |
 //! | feed override ended | 1 | 1 | 1 |
 //! | open words, n whole | n | n | n = 8: 8 |
+//! | the site's own words under g guards, w words | w + 2g | w + 2g | w = 8, g = 1: 10 |
+//! | the site's own words without a guard, y of X and Y, v values of w words | y + vw | y + 2vw | y = 2, v = 4, w = 2: 18 |
 //! | open words, n of which some bits | 2n | 2n | n = 8: 16 |
 //! | gather, s samples of l longs, s l up to 64 | 2sl + 2 | 2sl + 3 | s = 8, l = 8: 131 |
 //! | gather by 32 bits | sl + 2 | sl + 3 | s = 8, l = 8: 67 |
@@ -77,7 +79,8 @@
 //!
 //! Halves of n and m, and quarters, are rounded down. A poll of the variable reader meets as many entries of a table as
 //! [`variable_read::POLL_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
-//! same in however many polls it is read. Open words are written by the daemon itself.
+//! same in however many polls it is read. Open words are written by the daemon itself. The site's own words are read up to four
+//! times if the board writes them meanwhile.
 //!
 //! # What a command line costs
 //! Bus accesses of a line of n characters that is answered by one line of m characters, counted by a test. The DPRAM's are

@@ -111,3 +111,49 @@ fn read_values(bus: &mut impl Bus, word: &UserWord, image: &mut [u16]) -> Result
     }
     Ok(true)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::function::cost_tests::{Rig, documented};
+    use crate::map::{Space, TypedAddress};
+
+    fn word(space: Space, offset: u32, count: usize, guard: Option<u32>) -> UserWord {
+        UserWord {
+            name: "word".into(),
+            unit: "".into(),
+            location: TypedAddress { space, offset: HostOffset::new(offset) },
+            bits: None,
+            signed: false,
+            count,
+            guard: guard.map(HostOffset::new),
+        }
+    }
+
+    #[test]
+    fn words_cost_what_the_table_says() {
+        let guarded = [word(Space::Dp, 0x2840, 3, Some(0x283C)), word(Space::X, 0x2852, 2, Some(0x283C))];
+        let plain = [word(Space::Dp, 0x2840, 4, None), word(Space::Y, 0x2880, 2, None)];
+        for (words, row) in [(guarded, "the site's own words under"), (plain, "the site's own words without")]
+        {
+            let (mut rig, mut reader) = (Rig::new(), UserWordsReader::new(&words));
+            rig.put(HostOffset::new(0x2842), 7);
+            let (whole, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
+            assert_eq!((whole, cost, reader.image()[1]), (0b11, documented(row), 7), "{row}");
+        }
+    }
+
+    #[test]
+    fn an_odd_guard_takes_its_words_away_and_no_others() {
+        let words = [
+            word(Space::L, 0x2840, 1, Some(0x283C)),
+            word(Space::Y, 0x2850, 1, None),
+            word(Space::X, 0x2852, 1, Some(0x283C)),
+        ];
+        let (mut rig, mut reader) = (Rig::new(), UserWordsReader::new(&words));
+        rig.put(HostOffset::new(0x283C), 3);
+        assert_eq!(reader.poll(&mut rig.host).unwrap(), 0b010);
+        rig.put(HostOffset::new(0x283C), 4);
+        assert_eq!(reader.poll(&mut rig.host).unwrap(), 0b111);
+    }
+}
