@@ -68,6 +68,8 @@ pub struct Meaning {
     pub has_address: bool,
     /// It asks for variables, and does nothing else.
     pub only_asks_for_variables: bool,
+    /// It asks for so many values of I-, P- and Q-variables by their numbers, and does nothing else; 0 where it does more.
+    pub asks_for_values: u32,
     /// It sets or gives the password.
     pub has_password: bool,
     /// It goes to the motor or coordinate system that is addressed, and does not name it before.
@@ -176,6 +178,8 @@ impl Meaning {
         meaning.moves.add(moves_without_blanks(line));
         meaning.is_close = reading.count == 1 && meaning.buffer == Some(Effect::Closes);
         meaning.only_asks_for_variables = reading.count > 0 && reading.variables == reading.count;
+        let are_values = meaning.only_asks_for_variables && reading.value_questions == reading.count;
+        meaning.asks_for_values = if are_values { reading.values } else { 0 };
         meaning.has_address = line.contains(&b'$');
         meaning.has_password = password_at(line).is_some();
         if meaning.resets {
@@ -242,6 +246,10 @@ struct Reading<'a> {
     /// How many commands it has had, and how many of them ask for variables.
     count: usize,
     variables: usize,
+    /// How many ask for values, not of M-variables.
+    value_questions: usize,
+    /// How many values the questions are about.
+    values: u32,
     /// The motor that is addressed by its number, and all that may be.
     motor: Option<u32>,
     motors: Motors,
@@ -323,7 +331,11 @@ impl Reading<'_> {
         let meaning = &mut self.meaning;
         meaning.values = meaning.values.saturating_add(numbers.in_range());
         match does {
-            Does::Asks | Does::AsksPlace => self.variables += usize::from(numbers != Numbers::Unknown),
+            Does::Asks | Does::AsksPlace => {
+                self.variables += usize::from(numbers != Numbers::Unknown);
+                self.value_questions += usize::from(does == Does::Asks && letter != b'M');
+                self.values = self.values.saturating_add(numbers.in_range().max(1));
+            }
             Does::Defines => meaning.defines_m = true,
             Does::Sets { value, .. } => {
                 if letter == b'I' {

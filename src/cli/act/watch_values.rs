@@ -34,7 +34,7 @@ const AT_ONCE: usize = 8;
 pub struct Watch {
     /// Y:$0003, X:$0028, D:$002B, L:$1005, or a name such as 1.actual_position; a 24-bit word is signed unless ,u follows.
     /// PLCC:7 is function block 7 of the compiled PLCs, PLCC:X:7 and PLCC:Y:7 are its words (firmware 1.16). P1, Q1 (of the
-    /// coordinate system that is addressed), M102 and I122 are asked for by command line (role engineer)
+    /// coordinate system that is addressed), I122 and M102 are asked for by command line (M: role engineer)
     #[arg(required = true, value_name = "REGISTER")]
     registers: Vec<String>,
     /// Stop after this many prints

@@ -191,6 +191,9 @@ const fn method(
     Method { name, role, function, parse }
 }
 
+/// So many values of variables one line of an observer asks for: a longer reply would hold up other callers' lines.
+const OBSERVER_VALUES: u32 = 50;
+
 /// Every method, in the order of the interface's definition.
 const METHODS: [Method; 26] = {
     use Function::{Ascii, Gather, Panel, Rotary, Variables};
@@ -204,7 +207,7 @@ const METHODS: [Method; 26] = {
             let calls::NoParameters {} = parameters(call)?;
             Reply::with(info.settings()).map(Action::Reply)
         }),
-        method("Send", Engineer, Some(Ascii), |call, _| send(parameters(call)?)),
+        method("Send", Observe, Some(Ascii), |call, _| send(parameters(call)?)),
         method("RunLines", Engineer, Some(Ascii), |call, _| {
             let batch = Batch::of(parameters(call)?)?;
             streams(call, Action::Sequence(SequenceCall::Lines(batch)))
@@ -365,7 +368,8 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
 }
 
 /// The role that an action needs by what it is about: to stop a machine takes less than to move it; the texts between an
-/// engineer and the board may be passwords, and to read a register of the hardware can have an effect.
+/// engineer and the board may be passwords, and to read a register of the hardware can have an effect. An M-variable may be such a
+/// register.
 fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
         Action::Ask(Ask::Control { character, .. }) => return characters.role_for(*character),
@@ -374,6 +378,7 @@ fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
             stops,
             ..
         })) => return if *stops { Role::Stop } else { Role::Operate },
+        Action::Ask(Ask::Send { line, .. }) => !(1..=OBSERVER_VALUES).contains(&line.meaning.asks_for_values),
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
         Action::Watch(entries) => {
             // Where a function block lies, the board alone knows.

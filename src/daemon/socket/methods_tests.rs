@@ -42,6 +42,20 @@ fn each_method_needs_its_role() {
         ("FeedOverride", json!({"coordinate_system": 1, "raw": 1}), Role::Operate),
         ("FeedOverride", json!({"coordinate_system": 1, "raw": null}), Role::Operate),
         ("Send", json!({"line": "#1J+"}), Role::Engineer),
+        ("Send", json!({"line": "P1 Q2 I122,5,100"}), Role::Observe),
+        ("Send", json!({"line": "P0..49"}), Role::Observe),
+        ("Send", json!({"line": "P0..50"}), Role::Engineer),
+        ("Send", json!({"line": "P0..49 Q1"}), Role::Engineer),
+        ("Send", json!({"line": "M1"}), Role::Engineer),
+        ("Send", json!({"line": "M1->"}), Role::Engineer),
+        ("Send", json!({"line": "P(M1)"}), Role::Engineer),
+        ("Send", json!({"line": "P1 P2=3"}), Role::Engineer),
+        ("Send", json!({"line": "P1=P2"}), Role::Engineer),
+        ("Send", json!({"line": "I100..120=0"}), Role::Engineer),
+        ("Send", json!({"line": "&2Q1"}), Role::Engineer),
+        ("Send", json!({"line": "#1P"}), Role::Engineer),
+        ("Send", json!({"line": "RX$0028"}), Role::Engineer),
+        ("Send", json!({"line": "P1 K"}), Role::Engineer),
     ] {
         for role in Role::ALL {
             let found = board(role, method, parameters.clone());

@@ -171,6 +171,9 @@ impl Service {
                 let audit = audit::entry(caller.peer, sends, is_question);
                 let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
                 let account = caller.peer.account();
+                // Who may only ask enters nothing into a program buffer.
+                let role = self.clients.get(caller.client).map(Client::role);
+                let question = question || role.is_some_and(|role| role < Role::Engineer);
                 let writer = match (question, into_buffer) {
                     (true, _) => Writer::Question,
                     (false, Some(true)) => Writer::IntoBuffer(account),
