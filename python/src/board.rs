@@ -232,6 +232,12 @@ impl Board {
         self.send_line(py, confirmed, |connection, own| own.send(connection, line, timeout))
     }
 
+    /// Asks for values of variables by a line that enters no program buffer.
+    fn _question(&self, py: Python<'_>, line: &str, timeout: f64) -> PyResult<Vec<String>> {
+        let timeout = duration(timeout)?;
+        self.send(py, |connection| connection.question(line, timeout))
+    }
+
     /// Sends a control character (`^K`, or the character itself), as `pmacctl send` does, and returns the lines of its reply. Which
     /// ones you may send, `pmacd` knows by your role. `confirmed`: also `^Z`, which ends command lines for everybody, and `^R` and `^S`
     /// where they run lines that a rotary stream has left.

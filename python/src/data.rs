@@ -2,14 +2,15 @@
 
 use std::sync::Arc;
 
-use pmac_dpram::client::{Gap, Snapshot as Found, View};
+use pmac_dpram::client::{Gap, Snapshot as Found, UserData, UserValues, View};
 use pmac_dpram::decode::{
-    BackgroundData, BackgroundMotor, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor,
+    BackgroundData, BackgroundMotor, CoordinateSystem, Flags, Quantity, ServoData, ServoMotor, Value,
 };
 use pmac_dpram::map::FAMILIES;
 use pmac_dpram::map::status::StatusTable;
 use pyo3::exceptions::{PyAttributeError, PyKeyError};
 use pyo3::prelude::*;
+use pyo3::IntoPyObjectExt;
 use pyo3::types::PyDict;
 
 /// What the board reported by one moment. `servo` is there; without a background report what it adds is `None`.
@@ -17,6 +18,7 @@ use pyo3::types::PyDict;
 struct Moment {
     servo: View<ServoData>,
     background: Option<View<BackgroundData>>,
+    user: Option<View<UserData>>,
     /// What is missing between the update before and this one.
     gap: Option<Gap>,
 }
@@ -45,14 +47,15 @@ pub struct Snapshot(Arc<Moment>);
 impl Snapshot {
     /// What `found` has; `None` before the first servo update. Background data that are old are left out, unless `stale_ok`.
     pub fn of(found: Found, stale_ok: bool) -> Option<Self> {
-        let Found { servo, background, .. } = found;
+        let Found { servo, background, user, .. } = found;
         let background = background.filter(|view| stale_ok || view.stale.is_none());
-        Some(Self(Arc::new(Moment { servo: servo?, background, gap: None })))
+        let user = user.filter(|view| stale_ok || view.stale.is_none());
+        Some(Self(Arc::new(Moment { servo: servo?, background, user, gap: None })))
     }
 
     /// One servo update, behind `gap`.
     pub fn of_update(servo: View<ServoData>, gap: Option<Gap>) -> Self {
-        Self(Arc::new(Moment { servo, background: None, gap }))
+        Self(Arc::new(Moment { servo, background: None, user: None, gap }))
     }
 
     /// The servo report, and how many updates are lost before it.
@@ -121,6 +124,27 @@ impl Snapshot {
     #[getter]
     fn system(&self) -> Systems {
         Systems(Arc::clone(&self.0))
+    }
+
+    /// The words of the site's own programs by name, each a number, or a list of numbers; `None` where it was not whole. Empty
+    /// where the configuration names none, and where they are old.
+    #[getter]
+    fn user<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let words = PyDict::new(py);
+        for UserValues { word, values } in self.0.user.iter().flat_map(|view| &view.data.words) {
+            let number = |value: &Value| match *value {
+                Value::Word(value) => i64::from(value).into_bound_py_any(py),
+                Value::Long(value) => i64::from(value).into_bound_py_any(py),
+                Value::Fixed(value) => value.into_bound_py_any(py),
+                Value::Float(value) => value.into_bound_py_any(py),
+            };
+            let values = values.as_ref().map(|all| all.iter().map(number).collect::<PyResult<Vec<_>>>());
+            match values.transpose()? {
+                Some(mut all) if word.count == 1 => words.set_item(&word.name[..], all.pop())?,
+                values => words.set_item(&word.name[..], values)?,
+            }
+        }
+        Ok(words)
     }
 
     fn __repr__(&self) -> String {

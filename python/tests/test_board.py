@@ -443,3 +443,14 @@ def test_at_9_khz_none_is_lost(new_site):
     print(f"{count} updates in {taken:.1f} s, {count / taken:.0f}/s: lost {updates.lost}, missed by pmacd {updates.missed}, "
           f"{100 * cpu / taken:.0f} % of a processor")
     assert updates.lost == 0
+
+
+def test_variables_are_read_and_watched(site):
+    board = site.connect()
+    board.command("P1=1.5 P2=-3")
+    assert board.read("P1", "P2", "I122") == [1.5, -3, 32]
+    values = board.watch("P2", period=0.01)
+    assert [next(values) for _ in range(3)] == [[-3]] * 3
+    with pytest.raises(pmac_dpram.PmacError):
+        board.read("NONSENSE")
+    assert board.snapshot().user == {}

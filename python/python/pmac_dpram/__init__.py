@@ -105,12 +105,46 @@ class Updates:
         return self._native.missed
 
 
+_AT_ONCE = 8
+"""So many variables one line asks for: its replies have room in every port."""
+
+
+def _number(text: str) -> float:
+    """A value as the board writes it; addresses have a ``$``."""
+    if text.startswith("$"):
+        return int(text[1:], 16)
+    value = float(text)
+    return int(value) if value.is_integer() else value
+
+
 class Board(_native.Board):
     """A board of a running ``pmacd``; see :func:`connect`."""
 
     def updates(self, timeout: float = 2.0) -> Updates:
         """Every servo update from now on. After ``timeout`` seconds without one, StaleData or DaemonGone is raised."""
         return Updates(self._updates(timeout))
+
+    def read(self, *names: str, timeout: float = 5.0) -> list[float]:
+        """The values of variables, as ``board.read("P1", "Q2", "I122")``: anybody may ask for these, engineers for M-variables.
+
+        Q-variables are those of the coordinate system that is addressed.
+        """
+        values: list[float] = []
+        for start in range(0, len(names), _AT_ONCE):
+            line = " ".join(names[start : start + _AT_ONCE])
+            reply = self._question(line, timeout)
+            if len(reply) != len(names[start : start + _AT_ONCE]):
+                raise PmacError(f"{line}: the board answers {' '.join(reply)}")
+            values.extend(_number(text.strip()) for text in reply)
+        return values
+
+    def watch(self, *names: str, period: float = 0.2) -> Iterator[list[float]]:
+        """The values of variables (see :meth:`read`), each ``period`` seconds, for ever."""
+        due = time.monotonic()
+        while True:
+            yield self.read(*names)
+            due = max(due + period, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
 
     def rotary(
         self,
