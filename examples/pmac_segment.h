@@ -12,7 +12,8 @@
 typedef const _Atomic uint64_t pmac_word;
 
 enum pmac_region_id {
-    PMAC_SERVO = 1, PMAC_BACKGROUND = 2, PMAC_BOARD = 3, PMAC_PANEL = 4, PMAC_VARIABLES = 5, PMAC_GATHER = 6
+    PMAC_SERVO = 1, PMAC_BACKGROUND = 2, PMAC_BOARD = 3, PMAC_PANEL = 4, PMAC_VARIABLES = 5, PMAC_GATHER = 6,
+    PMAC_USER = 7, PMAC_USER_TABLE = 8
 };
 enum pmac_state { PMAC_INIT = 0, PMAC_LIVE = 1, PMAC_STALE = 2, PMAC_DEAD = 3 };
 enum pmac_clock { PMAC_MONOTONIC = 1, PMAC_OWN_CLOCK = 2 };
@@ -142,5 +143,21 @@ PMAC_AT(pmac_board, counts_per_unit, 0x290);
 PMAC_AT(pmac_board, names, 0x390);
 PMAC_AT(pmac_board, units, 0x590);
 static_assert(sizeof(struct pmac_board) <= 1936, "the payload has 1936 bytes");
+
+/* An entry of the user table, from byte 0x10 on: the next is the table's `entry` bytes further on. */
+struct pmac_user_word {
+    char name[32], unit[16];
+    uint32_t host_offset;
+    uint16_t place, count;
+    uint8_t format, bit, width, is_signed;
+    uint32_t guard;
+};
+PMAC_AT(pmac_user_word, unit, 0x20);
+PMAC_AT(pmac_user_word, host_offset, 0x30);
+PMAC_AT(pmac_user_word, place, 0x34);
+PMAC_AT(pmac_user_word, count, 0x36);
+PMAC_AT(pmac_user_word, format, 0x38);
+PMAC_AT(pmac_user_word, guard, 0x3C);
+static_assert(sizeof(struct pmac_user_word) == 64, "an entry has at least 64 bytes");
 
 #endif

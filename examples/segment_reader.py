@@ -18,7 +18,8 @@ import sys
 import time
 
 MAGIC = int.from_bytes(b"PMACDPRM", "little")
-REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variables", 6: "gather"}
+REGIONS = {1: "servo", 2: "background", 3: "board", 4: "panel", 5: "variables", 6: "gather", 7: "user",
+           8: "user table"}
 # Where in a motor's servo block its actual position is (pmacctl board map).
 ACTUAL_POSITION = 4
 # How long to wait for a sample, in seconds.

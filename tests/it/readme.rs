@@ -324,11 +324,11 @@ fn the_readme_is_short_and_names_the_test_command() {
     }
 }
 
-/// Words of a page without its tables of registers and counters, which `tests/it/segment_page.rs` compares with the code.
+/// Words of a page without its tables of registers, counters and the site's own words, which `tests/it/segment_page.rs` compares with the code.
 fn words(page: &str) -> usize {
     let generated = |section: &str| {
         page == "docs/segment.md"
-            && ["Counters\n", "Servo and background"].iter().any(|name| section.starts_with(name))
+            && ["Counters\n", "Servo and background", "User\n"].iter().any(|name| section.starts_with(name))
     };
     let counted = |section: &str| {
         let lines = section.lines().filter(|line| !(generated(section) && line.starts_with('|')));

@@ -174,3 +174,26 @@ fn a_table_that_cannot_be_is_refused_with_its_place_and_a_cure() {
     let said = site.refusal(&config);
     assert!(said.contains("bad.toml:4:10: format = \"Y:8,9\": ") && said.contains("16 bits of Y:"), "{said}");
 }
+
+#[test]
+fn m_variables_that_point_into_the_user_area_become_tables_that_the_daemon_takes() {
+    let site = VirtualSite::running(&[], &[]);
+    site.wait_for_live_servo();
+    for line in ["M200->DP:$DA10", "M201->Y:$DA11,8,4", "M202->X:$DA12,0,16,S", "M203->X:$C003,0,24"] {
+        site.ask(line);
+    }
+    let ran = site.hurried(|| site.run(&["setup", "user"]));
+    let table = |name: &str, address: &str, format: &str| {
+        format!("[[user]]\nname = \"{name}\"\naddress = \"{address}\"\nformat = \"{format}\"\n\n")
+    };
+    let tables =
+        table("M200", "$DA10", "DP") + &table("M201", "$DA11", "Y:8,4") + &table("M202", "$DA12", "X:0,16,S");
+    assert_eq!((ran.code, ran.stdout.ends_with(&tables)), (Some(0), true), "{}", ran.stdout);
+    let site = VirtualSite::configured(&[], &tables);
+    site.wait_for_live_servo();
+    for line in ["M202->X:$DA12,0,16,S", "M202=-5"] {
+        site.ask(line);
+    }
+    let mut board = reader(&site);
+    site.wait_until("the value", || values(&mut board, "M202") == Some(vec![Value::Fixed(-5)]));
+}
