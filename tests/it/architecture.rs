@@ -181,7 +181,8 @@ fn layer_breach(layers: &BTreeMap<String, (u32, usize)>, module: &str, line: &st
 /// The rooms of `src/device` in the order of the table in its `mod.rs`, and the room of each name that it gives out itself.
 fn device_rooms(text: &str) -> (Vec<String>, BTreeMap<String, String>) {
     let rows = text.lines().filter_map(|line| line.strip_prefix("//! | ")?.split_once(" | "));
-    let names = rows.filter_map(|(name, _)| name.contains('`').then(|| name.replace(['[', '`', ']'], "")));
+    let names = rows.map(|(name, _)| name).filter(|name| name.contains('`'));
+    let names = names.map(|name| name.replace(['[', '`', ']'], ""));
     let given = text.lines().filter_map(|line| line.strip_prefix("pub use ")?.split_once("::"));
     let given = given.flat_map(|(room, names)| {
         let names = names.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
