@@ -53,7 +53,7 @@ fn a_jog_by_line_ends_with_its_connection_where_that_was_asked_for() {
 fn of_a_refused_line_every_jog_ends_with_its_connection_whatever_stands_behind_it() {
     let site = running();
     let mut board = site.connection();
-    for line in ["#1J+K5", "#1J-O200", "#1J+J^X", "#1J-J:X"] {
+    for line in ["#1J+K5", "#1J-O200", "#1J+#99J/", "#1J-#99K"] {
         let mut other = site.connection();
         other.send_while_connected(line, PATIENCE).unwrap_err();
         until(&mut board, "#1V", line, |speed| speed.abs() > 1.0);

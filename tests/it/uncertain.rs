@@ -16,8 +16,9 @@ fn the_example_shows_the_defaults() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd/pmacd.toml.example");
     let text = std::fs::read_to_string(path).unwrap();
     let (_, tables) = text.split_once("# Settings for what no document decides").unwrap();
-    // What users call a motor is no such setting, and rotary_code2 has no default.
-    let has_default = |part: &&str| !part.contains("[[motor]]") && !part.contains("[readings]");
+    // A site's own names are no such settings, and rotary_code2 has no default.
+    let has_default =
+        |part: &&str| ["[[motor]]", "[readings]", "[[user]]"].iter().all(|table| !part.contains(table));
     let tables: String = tables.split_inclusive("\n\n").filter(has_default).collect();
     let lines = tables.lines().filter_map(|line| line.strip_prefix("# "));
     let written = lines.filter(|line| line.starts_with('[') || line.contains(" = ") && !line.contains(','));
