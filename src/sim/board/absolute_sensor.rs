@@ -1,8 +1,9 @@
-//! The position that a motor takes from its absolute sensor at power-on and `$*`: what Ix10 names, on Turbo Ixx10 with Ixx95,
-//! less Ix26 (Software Reference, Ix10; Turbo Software Reference p. 154, which prints Ixx81 where Ixx10 is meant).
+//! The position that a motor takes from its absolute sensor at power-on and `$*`: the value of the sensor that Ix10
+//! names (on Turbo Ixx10 with Ixx95), less Ix26 (Software Reference, Ix10; Turbo Software Reference p. 154, which
+//! prints Ixx81 for Ixx10).
 //!
-//! Parallel words and the A/D converters of Acc-28 are read from the registers. Sensors at the multiplexer port and at MACRO
-//! stations are not in the memory: they stand at the motor's shaft.
+//! The board reads parallel words and the A/D converters of Acc-28 from the registers. Sensors at the multiplexer port
+//! and at MACRO stations are not in the memory: the simulator takes the position of the motor's shaft for them.
 
 use super::Board;
 use crate::map::Generation;
@@ -31,7 +32,7 @@ impl Board {
         Some(sensed - self.ix(motor, 26) / 16.0)
     }
 
-    /// What the registers from `address` on say in the form of Ixx95.
+    /// The value of the registers from `address` on, in the form of Ixx95.
     fn sensor(&self, address: u32, form: u32) -> Option<i64> {
         let format = form >> 16 & 0xFF;
         let read = |offset: u32| {

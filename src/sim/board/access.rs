@@ -12,7 +12,7 @@ impl Board {
         self.variables.i(self.variable_of(setting, index))
     }
 
-    /// The number of the I-variable that holds it.
+    /// The number of the I-variable that holds the setting.
     #[must_use]
     pub const fn variable_of(&self, setting: Setting, index: usize) -> usize {
         match setting {
@@ -28,7 +28,7 @@ impl Board {
         &self.identity.tables.settings
     }
 
-    /// The value of a variable; a Q-variable is one of the 0-based coordinate system `cs`.
+    /// The value of a variable; a Q-variable belongs to the 0-based coordinate system `cs`.
     #[must_use]
     pub fn value(&self, kind: VariableKind, cs: usize, number: usize) -> f64 {
         match kind {
@@ -39,7 +39,7 @@ impl Board {
         }
     }
 
-    /// Assigns a variable, with what follows from it.
+    /// Assigns a variable and carries out the effects of that assignment.
     pub fn assign(&mut self, kind: VariableKind, cs: usize, number: usize, value: f64) {
         let Self { variables, memory, .. } = self;
         match kind {
@@ -57,8 +57,8 @@ impl Board {
         }
     }
 
-    /// What has to follow the assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. All other variables are
-    /// read where they are used.
+    /// The effect of an assignment of I-variable `number`: I58=1 forces I3, I4 and I6, once. The board reads all other
+    /// variables where it uses them.
     pub fn i_assigned(&mut self, number: usize) {
         let i = &self.family().i;
         // Turbo User Manual p. 403: the two ways of reporting motors exclude each other.

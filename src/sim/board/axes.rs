@@ -1,8 +1,9 @@
-//! Axis definitions and axis modes: which motor moves which axis of which coordinate system, and how axes are read.
+//! Axis definitions and axis modes: the motors that move the axes of the coordinate systems, and the reading of
+//! positions.
 //!
 //! `#1->8660X-5000Y+100` makes motor 1 follow that combination of axes in the addressed coordinate system (Software
-//! Reference p. 179). `ABS`, `INC` and `FRAX` set modes of a coordinate system's axes: bits of its first `??` word, which
-//! is where a board keeps them.
+//! Reference p. 179). `ABS`, `INC` and `FRAX` set modes of a coordinate system's axes. A board keeps the modes as bits
+//! of the coordinate system's first `??` word.
 
 use std::fmt::Write as _;
 
@@ -21,7 +22,7 @@ pub fn is_axis(character: u8) -> bool {
     AXES.contains(&char::from(character))
 }
 
-/// The "incremental" bit of `axis` in the first `??` word; the "used in feedrate" bit is the next higher one.
+/// The "incremental" bit of `axis` in the first `??` word; the "used in feedrate" bit is the next higher bit.
 fn incremental_bit(axis: char) -> Option<u32> {
     AXES.iter().position(|&letter| letter == axis).map(|index| 1 << (22 - 2 * index))
 }
@@ -31,14 +32,14 @@ fn incremental_bit(axis: char) -> Option<u32> {
 pub struct AxisDefinition {
     /// 0-based coordinate system that the motor belongs to.
     pub coordinate_system: usize,
-    /// Counts per axis unit, and the axis; one to three.
+    /// Counts per axis unit, and the axis; one term to three.
     pub terms: Vec<(f64, char)>,
     /// Motor position in counts at axis zero.
     pub offset: f64,
 }
 
-/// The letter of Turbo for a motor whose position the inverse kinematic program says (Turbo Software Reference p. 284: code 5
-/// in the second word of `?`).
+/// The letter of Turbo for a motor whose position comes from the inverse kinematic program (Turbo Software Reference p.
+/// 284: code 5 in the second word of `?`).
 pub const INVERSE_KINEMATIC: char = 'I';
 
 impl AxisDefinition {
@@ -48,7 +49,7 @@ impl AxisDefinition {
         self.terms.iter().any(|&(_, axis)| axis == INVERSE_KINEMATIC)
     }
 
-    /// The kind of axis as Turbo's second word of `?` tells it (Turbo Software Reference p. 284).
+    /// The kind of axis in Turbo's second word of `?` (Turbo Software Reference p. 284).
     #[must_use]
     pub fn code(&self) -> u32 {
         match self.terms.first() {
@@ -94,13 +95,13 @@ pub enum AxisMode {
     Feedrate,
 }
 
-/// The first `??` word after `ABS`, `INC` or `FRAX` with this list, when it was `status` before.
+/// The first `??` word after `ABS`, `INC` or `FRAX` with this list; `status` is the word before.
 ///
-/// Without a list all nine axes are meant, but not the circle vectors (`R` in a list). `FRAX` with a list takes all
-/// axes out that are not in it.
+/// Without a list the command is for all nine axes, but not for the circle vectors (`R` in a list). `FRAX` with a list
+/// takes out all axes that the list does not name.
 ///
 /// # Errors
-/// ERR003 for a letter that is no axis.
+/// ERR003 for a letter that names no axis.
 pub fn with_mode(status: u32, mode: AxisMode, list: Option<&[char]>) -> Result<u32, CommandError> {
     let mut mask = 0;
     for &axis in list.unwrap_or(&AXES) {
@@ -117,7 +118,7 @@ pub fn with_mode(status: u32, mode: AxisMode, list: Option<&[char]>) -> Result<u
     })
 }
 
-/// The axis definitions of all motors; none has one at first.
+/// The axis definitions of all motors; after power-up no motor has one.
 #[derive(Debug, Clone, Default)]
 pub struct AxisDefinitions {
     motors: Vec<Option<AxisDefinition>>,

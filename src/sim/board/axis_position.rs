@@ -13,11 +13,11 @@ const KINEMATICS: usize = 50;
 /// The order of the axis registers.
 const AXES: [char; 9] = ['A', 'B', 'C', 'U', 'V', 'W', 'X', 'Y', 'Z'];
 
-/// One motor's equation: a coefficient an axis, and what they add up to.
+/// One motor's equation: a coefficient an axis, and their sum.
 type Row = [f64; AXES.len() + 1];
 
 impl Board {
-    /// `Z`: all axis positions of the 0-based coordinate system become zero.
+    /// `Z`: makes all axis positions of the 0-based coordinate system zero.
     ///
     /// # Errors
     /// ERR001 while a program runs, ERR011 while one of its motors moves.
@@ -31,8 +31,8 @@ impl Board {
     /// `{axis}={position}`, in user units.
     ///
     /// # Errors
-    /// ERR003 when no motor of the coordinate system moves that axis, ERR001 while a program runs, ERR011 while one
-    /// of its motors moves.
+    /// ERR003 when no motor of the coordinate system moves the axis, ERR001 while a program runs, ERR011 while a motor
+    /// of the coordinate system moves.
     pub fn rename_axis(&mut self, cs: usize, axis: char, position: f64) -> Result<(), CommandError> {
         let index = AXES.iter().position(|&letter| letter == axis).ok_or(CommandError::SYNTAX)?;
         self.keeps_origin(cs)?;
@@ -73,7 +73,7 @@ impl Board {
         equations
     }
 
-    /// Makes the present position the one `axes` say, by the bias of each motor, and writes the axis registers.
+    /// Makes `axes` the present position, by the bias of each motor, and writes the axis registers.
     pub fn set_axes(&mut self, cs: usize, axes: &[f64; AXES.len()]) {
         for (motor, row) in self.equations(cs) {
             let counts: f64 = row.iter().zip(axes).map(|(k, axis)| k * axis).sum();
@@ -98,8 +98,8 @@ impl Board {
         }
     }
 
-    /// Where the motors of the coordinate system are, in counts from home, when its axes are at `axes`; those of others
-    /// stay at `otherwise`.
+    /// The motors' positions, in counts from home, with the coordinate system's axes at `axes`; motors of other
+    /// coordinate systems stay at `otherwise`.
     pub fn motor_targets(&self, cs: usize, axes: &[f64; AXES.len()], otherwise: &Motors) -> Motors {
         let vector = self.motor_vector(cs, axes);
         let mut targets = *otherwise;
@@ -136,7 +136,8 @@ impl Board {
         self.motors_of(cs).into_iter().filter(moves).collect()
     }
 
-    /// The motors of the coordinate system whose position the inverse kinematic program makes; none while Isx50 is 0.
+    /// The motors of the coordinate system whose position comes from the inverse kinematic program; none while Isx50 is
+    /// 0.
     #[must_use]
     pub fn kinematic_motors(&self, cs: usize) -> Vec<usize> {
         let kinematic = |motor: &usize| self.axes.definition(*motor).is_some_and(|axis| axis.is_kinematic());
@@ -148,7 +149,8 @@ impl Board {
         motors
     }
 
-    /// Refuses to move the origin of axes that motors follow by a kinematic program: this board does not play it.
+    /// Refuses to move the origin of axes that motors follow by a kinematic program: the simulator does not play such a
+    /// move.
     ///
     /// # Errors
     /// ERR003.

@@ -1,11 +1,11 @@
-//! The set-up registers outside the I-variables that `SAVE` keeps and a reset brings back (Software Reference
+//! The set-up registers outside the I-variables that `SAVE` keeps and a reset restores (Software Reference
 //! pp. 389-391; User Manual pp. 258-262).
 //!
 //! X:$0783-$078C set up the VME or ISA address of mailboxes and DPRAM. At a reset the board copies them to
-//! X:$E006-$E00F, where they act. The encoder conversion table Y:$0720-$073F is kept the same way; its entries are
-//! taken as they are and do nothing here, where motors have one encoder each.
+//! X:$E006-$E00F, where they act. `SAVE` and reset treat the encoder conversion table Y:$0720-$073F the same way; its
+//! entries have no effect here, where each motor has one encoder.
 //!
-//! On Turbo I90 to I99 set the addresses up, and the copies that act begin at X:$070006 (Turbo User Manual pp. 399-400).
+//! On Turbo, I90 to I99 set up the addresses, and the acting copies begin at X:$070006 (Turbo User Manual pp. 399-400).
 
 use crate::sim::board::memory::Memory;
 use crate::sim::board::variables::Variables;
@@ -20,17 +20,17 @@ const FIRST_VARIABLE: usize = 90;
 const VME: [u32; 10] = [0x39, 0x04, 0x00, 0x7F, 0xA0, 0x02, 0xA1, 0x10, 0x60, 0x10];
 /// In X:$078B: the DPRAM is enabled.
 const VME_DPRAM: u32 = 0x80;
-/// Those of X:$0786 and X:$0787 on an ISA board: DPRAM at $D4000, enabled.
+/// The values of X:$0786 and X:$0787 on an ISA board: DPRAM at $D4000, enabled.
 const ISA: [u32; 2] = [0x0D, 0x45];
 
-/// What the host of a PMAC finds with the set-up in force. It looks where the factory values put things, and takes the interrupts
-/// that they name: a real host would be told another place, this one is not. Turbo boards are not judged: those of the PCI
-/// bus use none of this.
+/// The ports and interrupts that a PMAC's host finds with the set-up in force. The simulated host looks at the
+/// addresses and takes the interrupts of the factory values: a user tells a real host other addresses, but not this
+/// host. The simulator does not judge Turbo boards: those on the PCI bus use none of this set-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Found {
     /// The DPRAM.
     pub dpram: bool,
-    /// The VME mailboxes, whose chip also takes the DPRAM's page.
+    /// The VME mailboxes; their chip also takes the DPRAM's page.
     pub mailboxes: bool,
     /// The VME interrupts, by their level and vectors.
     pub interrupts: bool,
@@ -55,7 +55,7 @@ impl Found {
                 interrupts: true,
             };
         }
-        // The register with the enable bits is as the factory left it, or says DPRAM.
+        // The register with the enable bits has the factory value, or enables the DPRAM.
         let enabled = active[8] == VME[8] || active[8] & VME_DPRAM != 0;
         let mailboxes = active[..5] == VME[..5] && active[9] == VME[9];
         Self {
@@ -66,7 +66,7 @@ impl Found {
     }
 }
 
-/// What the registers hold, or held when they were saved.
+/// The registers' values, present or saved.
 #[derive(Debug, Clone)]
 pub struct BusSetup {
     bus: Vec<u32>,
@@ -74,7 +74,7 @@ pub struct BusSetup {
 }
 
 impl BusSetup {
-    /// The factory values of an ISA board, or of one on the VME bus.
+    /// The factory values of an ISA board, or with `vme` of a VME board.
     pub fn factory(vme: bool) -> Self {
         let mut bus = VME.to_vec();
         if !vme {
@@ -97,7 +97,7 @@ impl BusSetup {
         }
     }
 
-    /// Puts them back, and the bus set-up into force.
+    /// Writes the values back to the registers, and puts the bus set-up into force.
     pub fn put(&self, memory: &mut Memory, variables: &Variables) {
         let at = memory.registers();
         let active = at.bus_active.number..;

@@ -1,6 +1,6 @@
-//! Date and time as `TODAY` and `TIME` report and set them. A board without the clock option takes the time of its reset for
-//! midnight of January 1, 2000, a Saturday; what a host has set is gone with the next reset (Turbo Software Reference
-//! pp. 397-398).
+//! Date and time as `TODAY` and `TIME` report and set them. A board without the clock option takes the time of its
+//! reset for midnight of January 1, 2000, a Saturday, and forgets at the next reset the time that a host has set (Turbo
+//! Software Reference pp. 397-398).
 
 const DAY: u64 = 24 * 60 * 60;
 const WEEK: [&str; 7] = ["SAT", "SUN", "MON", "TUE", "WED", "THU", "FRI"];
@@ -12,7 +12,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Seconds since the year 2000 began, so many seconds after the reset.
+    /// Seconds since the year 2000 began, `up` seconds after the reset.
     #[must_use]
     pub fn now(self, up: u64) -> u64 {
         up.saturating_add_signed(self.beyond)
@@ -33,13 +33,13 @@ impl Clock {
     }
 }
 
-/// The second of the day at this time; `None` if there is no such time.
+/// The second of the day at this time; `None` for a time that no clock shows.
 #[must_use]
 pub fn second([hours, minutes, seconds]: [u64; 3]) -> Option<u64> {
     (hours < 24 && minutes < 60 && seconds < 60).then_some(hours * 3600 + minutes * 60 + seconds)
 }
 
-/// Days from the beginning of the year 2000 to this date, up to the year 9999; `None` if there is no such date.
+/// Days from the beginning of the year 2000 to this date, up to the year 9999; `None` for a date that no calendar has.
 #[must_use]
 pub fn day([month, day, year]: [u64; 3]) -> Option<u64> {
     let exists = (2000..10_000).contains(&year) && (1..=12).contains(&month) && day >= 1;
@@ -51,7 +51,7 @@ pub fn day([month, day, year]: [u64; 3]) -> Option<u64> {
     Some(before.map(|(year, month)| length(year, month)).sum::<u64>() + day - 1)
 }
 
-/// `{day} {mm}/{dd}/{yyyy}`, so many seconds after the year 2000 began.
+/// `{day} {mm}/{dd}/{yyyy}`, `seconds` after the year 2000 began.
 #[must_use]
 pub fn date(seconds: u64) -> String {
     let days = seconds / DAY;

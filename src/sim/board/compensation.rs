@@ -1,14 +1,14 @@
-//! Leadscrew and backlash compensation: what the board adds to a motor's measured position (User Manual, "Leadscrew
-//! compensation" and "Backlash compensation"; I51, I99, Ix85, Ix86).
+//! Leadscrew and backlash compensation: counts that the board adds to a motor's measured position (User Manual,
+//! "Leadscrew compensation" and "Backlash compensation"; I51, I99, Ix85, Ix86).
 //!
 //! A register holds the sum in units of the actual position. The loop closes on both together, and `P` reports both.
 //!
 //! `DEFINE COMP` tables hold 1/16 counts and work while I51=1. Several tables may correct one motor.
 //!
 //! The board adds the backlash, Ix86 1/16 counts, when the commanded position has gone back by more than I99 1/16
-//! counts from its highest, and takes it away on the way up. It changes by Ix85 1/16 counts a background pass; with
-//! Ix85=0 there is none. A `BLCOMP` table is added to Ix86. (The status bit shows that the backlash belongs to the
-//! negative direction. The units are the manual's.)
+//! counts from its highest, and takes the backlash away on the way up. The added backlash changes by Ix85 1/16 counts a
+//! background pass; with Ix85=0 the board adds no backlash. The board adds the value of a `BLCOMP` table to Ix86. (The
+//! status bit shows that the backlash belongs to the negative direction. The units are the manual's.)
 
 use crate::sim::board::Board;
 use crate::sim::board::motor::backlash::Backlash;
@@ -17,8 +17,8 @@ use crate::sim::board::motor::backlash::Backlash;
 const UNITS: f64 = 16.0;
 
 impl Board {
-    /// Adds `leadscrew` 1/16 counts, what the leadscrew tables have for it, and the backlash taken up, to the actual
-    /// position of the 0-based `motor`.
+    /// Adds the 0-based `motor`'s compensation to its actual position: `leadscrew`, the 1/16 counts from the leadscrew
+    /// tables, and the backlash taken up.
     pub fn compensate(&mut self, motor: usize, leadscrew: f64) {
         let tables = if self.variables.i(51) == 1.0 { leadscrew / UNITS } else { 0.0 };
         let sum = tables + self.motors[motor].backlash.added;
@@ -29,7 +29,8 @@ impl Board {
         }
     }
 
-    /// Takes up backlash, once a background pass. `table` is what the motor's `BLCOMP` table adds to Ix86, 1/16 counts.
+    /// Takes up backlash, once a background pass. `table`: the 1/16 counts that the motor's `BLCOMP` table adds to
+    /// Ix86.
     pub fn take_up_backlash(&mut self, motor: usize, table: f64) {
         let rate = self.ix(motor, 85) / UNITS;
         if !self.active(motor) || rate == 0.0 {
@@ -63,7 +64,7 @@ mod tests {
         lines
     }
 
-    /// Goes to `position` and gives what is added there and where the encoder ends, in 1/16 counts.
+    /// Goes to `position` and gives the compensation there and the encoder's final position, in 1/16 counts.
     fn at(bench: &mut Bench, position: f64) -> (f64, f64) {
         send(bench, &format!("#1J={position}"));
         bench.run(20);

@@ -1,7 +1,7 @@
 //! The coordinate systems: time base and status words.
 //!
 //! The time base moves each servo cycle toward the word at Ix93's address (0 in feed hold) by at most Ix94, or Ix95 in
-//! and out of a hold (Software Reference pp. 122-125). Everything else of a coordinate system is a register in memory.
+//! and out of a hold (Software Reference pp. 122-125). All other state of a coordinate system is in memory registers.
 
 use crate::format::int24;
 use crate::sim::board::memory::Memory;
@@ -10,12 +10,12 @@ use crate::sim::board::variables::Variables;
 /// `??` word 1 after a reset: FRAX(X,Y,Z), axes absolute, circle vectors incremental, nothing running.
 const STATUS_AT_RESET: u32 = 0xA8_0020;
 
-/// One coordinate system.
+/// A coordinate system.
 #[derive(Debug, Clone, Default)]
 pub struct CoordinateSystem {
     /// Present time base in units of I10.
     present: f64,
-    /// The same in units of the full one.
+    /// The time base as a fraction of 100%.
     factor: f64,
     held: bool,
     resuming: bool,
@@ -57,7 +57,7 @@ impl CoordinateSystem {
         self.factor
     }
 
-    /// Whether it is in a feed hold.
+    /// Whether the coordinate system is in a feed hold.
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.held

@@ -1,4 +1,4 @@
-//! What commands do to coordinate systems, data gathering and ports (Software Reference, "On-line commands",
+//! Effects of commands on coordinate systems, data gathering and ports (Software Reference, "On-line commands",
 //! pp. 171-300). Motors and coordinate systems are 0-based here.
 
 use super::Board;
@@ -31,7 +31,7 @@ impl Board {
         (0..self.motors.len()).filter(|&motor| self.axes.coordinate_system(motor) == Some(cs)).collect()
     }
 
-    /// An active motor that is killed closes its loop where it is.
+    /// An active, killed motor closes its loop at its present position.
     pub fn enable_motor(&mut self, motor: usize) {
         if self.active(motor) && self.motors[motor].servo == Loop::Killed {
             let _ = self.reset_motor(motor);
@@ -47,7 +47,7 @@ impl Board {
         }
     }
 
-    /// `%{percent}`. Negative is taken as zero, too much saturates.
+    /// `%{percent}`. The board takes a negative value as zero and limits a value that is too large.
     pub fn set_override(&mut self, cs: usize, percent: f64) {
         // Largest 24-bit positive value.
         const MOST: f64 = 8_388_607.0;
@@ -71,7 +71,7 @@ impl Board {
         self.gather.start(triggered, &self.variables)
     }
 
-    /// What the gather sources hold now.
+    /// The present values of the gather sources.
     pub fn gather_sources(&self) -> GatherSources {
         gather::sources(&self.family().i, &self.variables, &self.memory)
     }

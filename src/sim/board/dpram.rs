@@ -1,7 +1,7 @@
 //! The DPRAM as PMAC sees it: 16-bit words in a file that a host maps too.
 //!
-//! Every store is one exact 16-bit access, so a host on the other side really races with it. A shadow of what PMAC
-//! wrote last lets the judge see when a host has written where only PMAC may.
+//! Every store is one exact 16-bit access, so a host on the other side really races with it. A shadow of PMAC's last
+//! writes shows the judge that a host has written where only PMAC may.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -26,7 +26,7 @@ pub enum DpramError {
     File {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The file exists with another length.
@@ -36,15 +36,15 @@ pub enum DpramError {
         path: PathBuf,
         /// Its length in bytes.
         length: u64,
-        /// The length it should have.
+        /// The expected length.
         expected: usize,
     },
-    /// What is there is not the simulator's to use.
+    /// The file at the path is not the simulator's to use.
     #[error("{path} cannot be the board's memory: {why}; give another path or remove it")]
     Stranger {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         why: String,
     },
     /// Another simulator runs on this file.
@@ -58,9 +58,9 @@ pub enum DpramError {
 /// The shared memory.
 pub struct Dpram {
     mapping: Mapping,
-    /// Word by word what PMAC wrote last.
+    /// PMAC's last write to each word.
     shadow: Box<[u16]>,
-    /// Held for life: one board a file.
+    /// The lock on the file, held for life: one board a file.
     _lock: Option<Flock<File>>,
 }
 
@@ -76,7 +76,7 @@ impl Dpram {
         Self::map(&file, path, length as usize).map(|dpram| Self { _lock: Some(file), ..dpram })
     }
 
-    /// Memory of `length` bytes that nobody else can map: a board on its own.
+    /// Memory of `length` bytes that no other process can map: a board on its own.
     ///
     /// # Errors
     /// [`DpramError::File`] when the system gives no memory.
@@ -133,7 +133,7 @@ impl Dpram {
         self.write16(offset.plus_words(1), high);
     }
 
-    /// What PMAC wrote last at `offset`, whatever a host did since.
+    /// PMAC's last write at `offset`, whatever a host has written since.
     #[must_use]
     pub fn shadow(&self, offset: HostOffset) -> u16 {
         self.shadow.get(offset.word()).copied().unwrap_or(0xFFFF)
@@ -146,7 +146,7 @@ impl Dpram {
         }
     }
 
-    /// Stores `value` without taking it as PMAC's own: what a fault puts on the bus.
+    /// Stores `value` but leaves the shadow: a fault's disturbance on the bus.
     pub fn disturb(&self, offset: HostOffset, value: u16) {
         let _ = self.mapping.write16(offset.bytes() as usize, value);
     }
@@ -157,14 +157,14 @@ impl Dpram {
         flag.is_set(self.read16(flag.word))
     }
 
-    /// Sets or clears `flag` and leaves the other bits as PMAC wrote them last.
+    /// Sets or clears `flag` and stores the other bits as in PMAC's last write.
     #[inline]
     pub fn set(&mut self, flag: Flag, set: bool) {
         let others = self.shadow(flag.word) & !flag.mask;
         self.write16(flag.word, if set { others | flag.mask } else { others });
     }
 
-    /// Stores as much of `count` as `timer` has bits, and leaves the other bits of its words as PMAC wrote them last.
+    /// Stores the low bits of `count` that fit `timer`, and the other bits of its words as in PMAC's last write.
     #[inline]
     pub fn store_timer(&mut self, timer: Timer, count: u32) {
         let mut store = |word, bits: u32, part: u32| {

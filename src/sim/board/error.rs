@@ -14,7 +14,7 @@ impl CommandError {
     pub const SYNTAX: Self = Self(3);
     /// ERR004: a character above 127.
     pub const CHARACTER: Self = Self(4);
-    /// ERR005: a program command with no buffer open to take it.
+    /// ERR005: a program command while no buffer is open.
     pub const NO_OPEN_BUFFER: Self = Self(5);
     /// ERR006: no room in the buffer.
     pub const NO_ROOM: Self = Self(6);
@@ -32,7 +32,7 @@ impl CommandError {
     pub const OPEN_LOOP: Self = Self(12);
     /// ERR013: a motor of the coordinate system is not activated.
     pub const NOT_ACTIVATED: Self = Self(13);
-    /// ERR014: there is no motor in the coordinate system.
+    /// ERR014: the coordinate system has no motor.
     pub const NO_MOTOR: Self = Self(14);
     /// ERR015: the coordinate system does not point to a program.
     pub const NO_PROGRAM: Self = Self(15);

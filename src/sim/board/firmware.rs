@@ -1,5 +1,5 @@
-//! What the simulated firmware of a board family knows beyond the family's DPRAM: I-variables, addresses of variables
-//! and registers, answers to commands.
+//! The simulated firmware of a board family, beyond the family's DPRAM: I-variables, addresses of variables and
+//! registers, answers to commands.
 //!
 //! Motors, coordinate systems, I-variable numbers and everything in the DPRAM come from [`crate::map::Family`]. Another
 //! family is another table here (Turbo's stands in [`super::turbo`]), not a branch in the interpreter.
@@ -16,7 +16,7 @@ use crate::sim::board::status_bits::{self, StatusBits};
 pub enum DpramHandshake {
     /// I4 becomes 0, I6 becomes 1; I3 loses its leading line feeds (firmware before 1.15: becomes 2). ^Z sets I58=0.
     Forced,
-    /// Nothing is forced, and ^Z leaves I58 as it is.
+    /// I58=1 forces nothing, and ^Z leaves I58 as it is.
     Untouched,
 }
 
@@ -29,25 +29,26 @@ pub enum Controller {
     Pmac2,
 }
 
-/// What becomes of a variable number that there is not, and whether a command can name numbers that lie apart.
+/// The board's treatment of a variable number beyond the last, and of commands that name several separate numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NumberRule {
-    /// ERR003; a command is for one number or a range.
+    /// ERR003; a command names one number or a range.
     Refused,
-    /// It is reduced modulo the number of variables (Turbo User Manual p. 243); `I130,4,100` are four, a hundred apart.
+    /// The board reduces the number modulo the number of variables (Turbo User Manual p. 243); `I130,4,100` names four
+    /// variables, a hundred apart.
     Wrapped,
 }
 
 /// Whether `#n`, `&n` and `##n` are in force for all ports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Addressing {
-    /// One motor and coordinate system for all ports.
+    /// All ports share one motor and one coordinate system.
     Shared,
     /// Each port has its own (Turbo Software Reference p. 270).
     EachPort,
 }
 
-/// How a board tells what card it is: commands that PMAC does not have.
+/// A board's answers about its card, to commands that PMAC does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Card {
     /// `CID`: the part number.
@@ -61,22 +62,22 @@ pub struct Card {
 pub struct FirmwareTables {
     /// The family.
     pub family: &'static Family,
-    /// The firmware that is played when nothing else is asked for.
+    /// The firmware that the simulator plays unless the user names another.
     pub firmware: &'static str,
-    /// How many I-, P-, Q- and M-variables there are of each kind.
+    /// The number of I-variables, and of P-, Q- and M-variables.
     pub variables: usize,
-    /// What becomes of another number.
+    /// The board's treatment of a number beyond the last.
     pub numbers: NumberRule,
     /// Address of P0; each P-variable is an `L:` register (User Manual p. 150).
     pub p_address: u32,
-    /// Where the definition of M0 lies: a Y word, or a long register whose Y word is the address.
+    /// The address of the definition of M0: a Y word, or a long register whose Y word is the address.
     pub m_address: PmacAddress,
-    /// Addresses of Q0, one a coordinate system. The sets overlap: all share `variables` registers from the first
-    /// on, cyclically (User Manual p. 151).
+    /// Addresses of Q0, one a coordinate system. The sets overlap: all share the `variables` registers from the first
+    /// address on, cyclically (User Manual p. 151).
     pub q_addresses: &'static [u32],
-    /// The I-variable tables. Where two have a row for a number, the later one counts.
+    /// The I-variable tables. Where two tables have a row for a number, the later row counts.
     pub i_rows: &'static [&'static [Row]],
-    /// Which I-variables hold the settings whose numbers differ.
+    /// The I-variables of the settings whose numbers differ between families.
     pub settings: Settings,
     /// The registers.
     pub registers: RegisterTable,
@@ -86,11 +87,11 @@ pub struct FirmwareTables {
     pub decimals: usize,
     /// How positions are printed.
     pub positions: Resolution,
-    /// How many motors ^B, ^F, ^P and ^V report, and coordinate systems ^C: a group of them.
+    /// The size of a group: the motors that ^B, ^F, ^P and ^V report, and the coordinate systems that ^C reports.
     pub group: usize,
-    /// What setting I58 does.
+    /// The effect of setting I58.
     pub dpram_handshake: DpramHandshake,
-    /// Whose `#n` and `&n` are.
+    /// Whether the ports share `#n` and `&n`.
     pub addressing: Addressing,
     /// The interrupt controller of its ISA boards.
     pub controller: Controller,
@@ -106,7 +107,7 @@ impl FirmwareTables {
     /// The number of coordinate-system I-variable `n` (0-99) of the 0-based `cs`: `Ix87` of `&2` is 287.
     #[must_use]
     pub const fn coordinate_i(&self, cs: usize, n: usize) -> usize {
-        // Ix93 is the one that the map has; the others stand beside it.
+        // The map has Ix93; the other variables are next to Ix93.
         self.family.i.time_base(cs + 1) - 93 + n
     }
 }

@@ -1,12 +1,13 @@
-//! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: what runs, and the storage of gathered data.
+//! `DEFINE GATHER`, `GATHER`, `ENDGATHER`: the gathering and the servo report under way, and the storage of gathered
+//! data.
 //!
-//! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops what the
-//! latest one started (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2 goes from 0 to 1. (No page at
-//! hand says which input it is.)
+//! With I48=1 the first `GATHER` starts the servo report and the second the gathering; `ENDGATHER` stops whichever
+//! started last (DPRAM manual p. 14). `GATHER TRIGGER` waits until machine input 2 goes from 0 to 1. (No manual seen
+//! names the input.)
 //!
-//! I20 selects the sources I21-I44 that are stored. I19 is the period. I45 says where: 2 in the DPRAM up to the buffer's
-//! end, 3 in the DPRAM round and round, 0 and 1 the same in PMAC's own memory. The firmware decides where the buffer and
-//! the two words before it are ([`crate::map::Layout`]). The numbers are PMAC's; the code takes the family's.
+//! I20 selects from the sources I21-I44. I19 is the period. I45 chooses the memory: 2 the DPRAM up to the buffer's end,
+//! 3 the DPRAM round and round, 0 and 1 the same in PMAC's own memory. The firmware decides on the place of the buffer
+//! and the two words before it ([`crate::map::Layout`]). The numbers are PMAC's; the code takes the family's.
 
 use std::ops::Range;
 
@@ -17,17 +18,17 @@ use crate::sim::board::identity::Identity;
 use crate::sim::board::memory::Memory;
 use crate::sim::board::variables::Variables;
 
-/// What the sources hold: two places a source, Y before X. There is room for the sources of any family.
+/// The values of the sources: two places a source, Y before X, with room for the sources of any family.
 pub type GatherSources = [Option<u32>; 2 * MOST_SOURCES];
 
 /// The most sources that any family can gather.
 const MOST_SOURCES: usize = 48;
-/// Sources whose bits one mask has.
+/// Sources in one mask.
 const SOURCES_A_MASK: usize = 24;
 /// The bit of the machine inputs that `GATHER TRIGGER` waits for.
 const TRIGGER_INPUT: u32 = 1;
 
-/// What a `GATHER` started.
+/// An activity that `GATHER` starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activity {
     /// The servo report.
@@ -41,18 +42,18 @@ pub enum Activity {
 /// The state of both.
 #[derive(Debug, Clone)]
 pub struct Gather {
-    /// What runs, in the order it was started.
+    /// The activities under way, in the order of their start.
     running: Vec<Activity>,
-    /// Size of the buffer in long words, when there is one.
+    /// Size of the defined buffer in long words.
     size: Option<u32>,
     index: u32,
     wait: u32,
-    /// The trigger input as it was last.
+    /// The trigger input in the last cycle.
     input: bool,
     /// Where the buffer and its words are in the DPRAM.
     place: GatherPlace,
     family: &'static Family,
-    /// Gathered words, when they are kept in PMAC's own memory.
+    /// Gathered words in PMAC's own memory.
     memory: Vec<u32>,
 }
 
@@ -86,7 +87,7 @@ impl Gather {
         if self.in_dpram(variables) { 0 } else { self.size.unwrap_or(0) }
     }
 
-    /// The bytes of the DPRAM that the buffer takes, if it lies there.
+    /// The bytes of a buffer in the DPRAM; `None` for a buffer elsewhere.
     #[must_use]
     pub fn span(&self, variables: &Variables) -> Option<Range<u32>> {
         let first = self.place.buffer.bytes();
@@ -106,7 +107,7 @@ impl Gather {
     /// `GATHER`, or `GATHER TRIGGER`.
     ///
     /// # Errors
-    /// ERR003 when gathering would start and there is no buffer, or it is full.
+    /// ERR003 when gathering would start without a buffer or with a full one.
     pub fn start(&mut self, triggered: bool, variables: &Variables) -> Result<(), CommandError> {
         let by_gather = self.family.servo.start == ReportStart::Gather;
         let enabled = variables.i(self.family.i.servo_enable.into()) == 1.0;
@@ -128,7 +129,7 @@ impl Gather {
         }
     }
 
-    /// `ENDGATHER`: stops what was started last. Nothing running is no error.
+    /// `ENDGATHER`: stops the activity that started last. With nothing under way it is no error.
     pub fn stop(&mut self) {
         self.running.pop();
     }
@@ -136,7 +137,7 @@ impl Gather {
     /// `DEFINE GATHER [longs]`.
     ///
     /// # Errors
-    /// ERR003 while gathering, or for a size of zero or more than there is room for.
+    /// ERR003 while gathering, or for a size that is zero or does not fit.
     pub fn define(
         &mut self,
         longs: Option<u32>,
@@ -211,8 +212,8 @@ impl Gather {
             self.put(word, variables, memory);
         }
         if self.family.generation == Generation::Turbo && !self.in_dpram(variables) {
-            // A long word of Turbo's own memory has 48 bits, and each sample begins one: a tool in use (dls-pmac-control) asks for
-            // that much, and would get half of its samples otherwise.
+            // A long word of Turbo's own memory has 48 bits, and each sample begins at a long word: a tool in use
+            // (dls-pmac-control) asks for that many long words, and would otherwise get half of its samples.
             self.index = start + (self.index - start).div_ceil(2);
         }
         // The size is rounded up to whole samples: only here, after a sample, is the end looked for.
@@ -240,7 +241,7 @@ impl Gather {
         self.index += 1;
     }
 
-    /// Writes size and index where a host finds them, after the data they speak of.
+    /// Writes size and index to the host's words, after the data that they count.
     fn note(&self, variables: &Variables, memory: &mut Memory) {
         if self.in_dpram(variables) {
             memory.dpram.order_writes();
@@ -254,7 +255,7 @@ impl Gather {
     }
 }
 
-/// What the sources that the masks select hold now.
+/// The present values of the sources that the masks select.
 pub fn sources(i: &IVariables, variables: &Variables, memory: &Memory) -> GatherSources {
     let mut words = [None; 2 * MOST_SOURCES];
     for (number, places) in words.chunks_exact_mut(2).enumerate() {

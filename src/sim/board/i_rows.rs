@@ -1,19 +1,19 @@
 //! The I-variable tables of PMAC and PMAC2 (Software Reference, "I-variable specification").
 //!
-//! One row a variable: number, name, range, factory default, and whether it is listed in hex when I9 is 2 or 3. Motor
-//! rows count from Ix00, coordinate-system rows likewise (here they share the hundreds: Ix87 belongs to
+//! One row a variable: number, name, range, factory default, and whether the board lists it in hex when I9 is 2 or 3.
+//! Motor rows count from Ix00, and so do coordinate-system rows (here they share the hundreds: Ix87 belongs to
 //! coordinate system x). A number without a row keeps any value, as a 48-bit float.
 
 use crate::map;
 
-/// Whose variable a row describes.
+/// The owner of a row's variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
     /// The board's.
     Global,
-    /// One for each motor.
+    /// A variable for each motor.
     Motor,
-    /// One for each coordinate system.
+    /// A variable for each coordinate system.
     Coordinate,
 }
 
@@ -35,7 +35,7 @@ pub enum Factory {
     First(f64),
     /// The first number, growing by the second.
     Step(f64, f64),
-    /// One each.
+    /// A default for each number.
     Each(&'static [f64]),
 }
 
@@ -58,22 +58,22 @@ impl Factory {
     }
 }
 
-/// One row of a table. Where a family has several tables with a row for a number, the last one counts.
+/// One row of a table. Where a family has several rows for a number, in several tables, the last row counts.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
-    /// Whose variable.
+    /// The variable's owner.
     pub scope: Scope,
     /// Its number, without the hundreds of the motor or coordinate system.
     pub number: usize,
     /// The last number that the row holds for.
     pub last: usize,
-    /// The manual's name for it.
+    /// The variable's name in the manual.
     pub name: &'static str,
     /// Range.
     pub kind: Values,
     /// Factory default.
     pub default: Factory,
-    /// Listed in hex when bit 1 of I9 is set: an address, or a word that holds one.
+    /// Listed in hex when bit 1 of I9 is set: an address, or a word that holds an address.
     pub hex: bool,
 }
 
@@ -124,7 +124,7 @@ pub(super) const WORD: Values = Values::Whole(0, 0xFF_FFFF);
 const LONG: Values = Values::Whole(-(1 << 35), (1 << 35) - 1);
 pub(super) const FLOAT: Values = Values::Float;
 
-/// I0-I99, but for those that depend on the board.
+/// I0-I99, except variables that depend on the board.
 pub const GLOBAL: &[Row] = &[
     global(0, "serial card number", NIBBLE, 0.0),
     global(1, "serial handshake and addressing", MODE, 0.0),
@@ -250,10 +250,10 @@ pub const COORDINATE: &[Row] = &[
     coordinate(98, "maximum feedrate", FLOAT, 1000.0),
 ];
 
-/// What PMAC(1) has on top: the servo clock comes from jumpers.
+/// PMAC(1)'s additional rows: the servo clock comes from jumpers.
 pub static PMAC: &[Row] = &[servo_time(map::PMAC.default_i10)];
 
-/// What PMAC2 has on top: a programmable servo clock.
+/// PMAC2's additional rows: a programmable servo clock.
 pub static PMAC2: &[Row] = &[
     servo_time(map::PMAC2.default_i10),
     global(992, "maximum phase and PWM frequency", POSITIVE15, 6527.0),

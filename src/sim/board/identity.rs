@@ -1,4 +1,4 @@
-//! What kind of board is simulated, and how it answers when asked.
+//! The kind of board that is simulated, and the board's answers about itself.
 
 use crate::map::Readings;
 use crate::sim::board::firmware::FirmwareTables;
@@ -7,19 +7,19 @@ use crate::sim::board::processor::Processor;
 /// A kind of board.
 #[derive(Debug, Clone)]
 pub struct Identity {
-    /// What its family's firmware knows.
+    /// The firmware of the board's family.
     pub tables: &'static FirmwareTables,
     /// `VERSION`, e.g. `1.16D`.
     pub firmware: String,
     /// `DATE`.
     pub date_text: &'static str,
-    /// How many motors there are, from 1 to those of the family.
+    /// The number of motors, from 1 to the family's.
     pub motors: usize,
     /// Its processor and memory, which a Turbo board tells.
     pub processor: Processor,
     /// Whether MACRO stations are on its ring.
     pub stations: bool,
-    /// What it makes of the sentences that can be read two ways.
+    /// The board's choice for each sentence of the manuals that can be read two ways.
     pub readings: Readings,
 }
 

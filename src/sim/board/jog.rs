@@ -1,7 +1,7 @@
-//! What on-line commands do to motors (Software Reference, "On-line commands", pp. 171-300).
+//! Effects of on-line commands on motors (Software Reference, "On-line commands", pp. 171-300).
 //!
-//! Motors are 0-based here. A command on a motor that is not there or not activated (Ix00=0)
-//! ends in ERR003, one on a motor whose coordinate system runs a program in ERR001.
+//! Motors are 0-based here. A command to a missing or not activated motor (Ix00=0) ends in ERR003, a command to a motor
+//! whose coordinate system runs a program in ERR001.
 
 use crate::map::IVariables;
 use crate::sim::board::Board;
@@ -23,7 +23,7 @@ pub enum Jog {
     PreJog,
     /// `J={c}`
     To(f64),
-    /// `J=={c}`: and make it the pre-jog position.
+    /// `J=={c}`: as `J={c}`, and makes `c` the pre-jog position.
     ToAsPreJog(f64),
     /// `J:{c}`: from the commanded position.
     ByCommanded(f64),
@@ -119,7 +119,7 @@ impl Board {
         Ok(())
     }
 
-    /// `K`. Allowed on a motor that is not activated: there is nothing to kill then.
+    /// `K`. Also allowed on a motor that is not activated, where the board has nothing to kill.
     ///
     /// # Errors
     /// ERR001 while a program runs in the motor's coordinate system.
@@ -156,7 +156,7 @@ impl Board {
         self.jog(motor, Jog::Stop, None)
     }
 
-    /// `$*`: position from the absolute sensor if Ix10 names one, else zero; the motor stays killed.
+    /// `$*`: position from the absolute sensor that Ix10 names, or zero without one; the motor stays killed.
     ///
     /// # Errors
     /// ERR001, ERR003.

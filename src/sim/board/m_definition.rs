@@ -1,14 +1,14 @@
-//! M-variable definitions: where an M-variable points and how the bits there are read (Software Reference p. 253).
+//! M-variable definitions: the address of an M-variable and the format of its bits (Software Reference p. 253).
 //!
 //! `X:$C003,8,16,S` is 16 signed bits from bit 8 of an X word; `D:` and `L:` are 48-bit fixed and floating point, `DP:`
-//! and `F:` the 32 bits of a DPRAM location as integer and as IEEE single, `TW*:` inputs behind the thumbwheel
-//! multiplexer, of which the simulated board has none: they read 0.
+//! and `F:` the 32 bits of a DPRAM location as integer and as IEEE single. `TW*:` are inputs behind the thumbwheel
+//! multiplexer. The simulated board has no multiplexer, so they read 0.
 
 use crate::format::{fixed48, float32, float48, int24};
 use crate::sim::board::memory::Memory;
 use crate::sim::board::number::decimal;
 
-/// Which word of an address a bit field lies in.
+/// The half of an address that holds a bit field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Half {
     /// The X word.
@@ -62,7 +62,7 @@ pub enum MDefinition {
         kind: char,
         /// Multiplexer address, offset, size.
         arguments: Vec<f64>,
-        /// The letter of the last argument, if one was given.
+        /// The letter of the last argument, if any.
         format: Option<char>,
     },
 }
@@ -97,8 +97,9 @@ const THUMBWHEEL_CODE: u32 = FIRST_CODE + WHOLE.len() as u32;
 const FIELD_CODE: u32 = THUMBWHEEL_CODE + 1;
 
 impl MDefinition {
-    /// The 8 bits beside the address in which the board keeps the rest of the definition, and the address. `None` for a field that
-    /// no code names. Documents tell that there are such bits (User Manual p. 154), not which: these are the simulator's own.
+    /// The 8 bits beside the address in which the board keeps the rest of the definition, and the address. `None` for a
+    /// field that no code names. User Manual p. 154 says that the board has such bits, but not their meaning: these
+    /// codes are the simulator's own.
     #[must_use]
     pub fn to_code(&self) -> Option<(u32, u32)> {
         let whole = |index: u32| FIRST_CODE + index;
@@ -118,7 +119,8 @@ impl MDefinition {
         })
     }
 
-    /// The definition with that code. One of an input behind the multiplexer is more than its code: it is `None`, too.
+    /// The definition with code `code`. `None` also for an input behind the multiplexer: the code does not hold all of
+    /// its definition.
     #[must_use]
     pub fn from_code(code: u32, address: u32) -> Self {
         let index = |first| code.checked_sub(first).map(|index| index as usize);
@@ -133,7 +135,7 @@ impl MDefinition {
         Self::Field { half, address, offset, width, format }
     }
 
-    /// The address it points to.
+    /// The address that the definition points to.
     #[must_use]
     pub const fn address(&self) -> Option<u32> {
         match *self {
@@ -146,7 +148,7 @@ impl MDefinition {
         }
     }
 
-    /// The value it points to; `None` when it points nowhere.
+    /// The value at the definition's address; `None` without an address.
     #[must_use]
     pub fn read(&self, memory: &Memory) -> Option<f64> {
         Some(match *self {
@@ -175,7 +177,7 @@ impl MDefinition {
         })
     }
 
-    /// Writes `value`; `false` when it points nowhere. What goes to the multiplexer is lost, as nothing hangs there.
+    /// Writes `value`; `false` without an address. The board loses a value for the multiplexer: no device is connected.
     pub fn write(&self, memory: &mut Memory, value: f64) -> bool {
         let whole = value.round_ties_even() as i64;
         match *self {

@@ -1,4 +1,5 @@
-//! The MACRO stations on the board's ring, as memories: what is written to a variable of a station is read back from it.
+//! The MACRO stations on the board's ring, as memories: a station's variable reads back the value that was written to
+//! it.
 //!
 //! Files that sites load into their boards set variables of their stations (`MS0,I996=$0FB333`, `MSW16,MI124,P1`). A board
 //! without stations answers ERR008 (Software Reference, list of errors).
@@ -12,23 +13,23 @@ use super::variables::VariableKind;
 /// The highest number of a station.
 pub const LAST_STATION: usize = 63;
 
-/// A variable of a station. `I5` and `MI5` are the same one: files write both for it.
+/// A variable of a station. `I5` and `MI5` are the same variable: files use both names.
 pub type StationVariable = (usize, usize);
 
-/// What the stations keep. They have their own supply: a reset of the board does not touch it.
+/// The stations' variables. The stations have their own supply: a reset of the board does not touch them.
 #[derive(Debug, Clone, Default)]
 pub struct MacroStations {
     values: BTreeMap<StationVariable, f64>,
-    /// As `MSSAVE` stored them.
+    /// The variables as `MSSAVE` stored them.
     saved: BTreeMap<StationVariable, f64>,
 }
 
 /// A command to a station as a whole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StationCommand {
-    /// `MS$$$`: back to what is saved.
+    /// `MS$$$`: back to the saved values.
     Reset,
-    /// `MS$$$***`: back to factory values, here 0. As with the board's own, what is saved stays.
+    /// `MS$$$***`: back to factory values, here 0. The saved values stay, as the board's own do.
     FactoryReset,
     /// `MSCLRF`: a station here has no faults.
     ClearFaults,
@@ -50,7 +51,7 @@ impl MacroStations {
     }
 }
 
-/// `MSR` and `MSW`: a variable of a station to or from one of the board.
+/// `MSR` and `MSW`: a transfer between a station's variable and a board's variable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transfer {
     /// `MSW`, from the board's to the station's.
@@ -70,7 +71,7 @@ impl Transfer {
         format!("{word}{node},MI{variable},{}{number}", kind.letter())
     }
 
-    /// Carries it out in a program; without stations nothing happens.
+    /// Carries out a program's transfer; without stations it does nothing.
     pub fn carry_out(&self, board: &mut Board, cs: usize) {
         let _ = board.transfer(self, cs);
     }

@@ -2,7 +2,7 @@
 //! at the family's base, 16 bits a word.
 //!
 //! Registers live at their real addresses (Software Reference p. 399), so that `RX`, M-variables, data gathering and
-//! the DPRAM reports all see the same thing.
+//! the DPRAM reports all see the same values.
 
 use crate::format::{fixed48, float48, int24};
 use crate::map::{HostOffset, PmacAddress, Space};
@@ -14,9 +14,9 @@ use crate::sim::board::register_table::RegisterTable;
 pub struct Memory {
     x: Box<[u32]>,
     y: Box<[u32]>,
-    /// The bits of an address; the board does not see those above.
+    /// The bits of an address; the board ignores higher bits.
     mask: u32,
-    /// The first address of the DPRAM, and how many there are.
+    /// The first address of the DPRAM, and the number of its addresses.
     base: u32,
     locations: u32,
     tables: &'static FirmwareTables,
@@ -25,7 +25,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// The memory of a board with the firmware of `tables`, zero but for what `dpram` holds.
+    /// The memory of a board with the firmware of `tables`: `dpram`, and zero elsewhere.
     #[must_use]
     pub fn new(dpram: Dpram, tables: &'static FirmwareTables) -> Self {
         let mask = tables.family.last_address();
@@ -34,13 +34,13 @@ impl Memory {
         Self { x: vec![0; words].into(), y: vec![0; words].into(), mask, base, locations, tables, dpram }
     }
 
-    /// What the board's firmware knows of its family.
+    /// The firmware of the board's family.
     #[must_use]
     pub fn tables(&self) -> &'static FirmwareTables {
         self.tables
     }
 
-    /// Where the board's registers lie.
+    /// The addresses of the board's registers.
     #[must_use]
     pub fn registers(&self) -> &'static RegisterTable {
         &self.tables.registers
@@ -88,7 +88,7 @@ impl Memory {
         }
     }
 
-    /// The 24-bit word of a register: its X half if the address says so, else its Y half.
+    /// The 24-bit word of a register: the X half if the address says X, else the Y half.
     #[inline]
     #[must_use]
     pub fn read(&self, register: PmacAddress) -> u32 {
@@ -134,7 +134,7 @@ impl Memory {
         self.write_x(register.number, x);
     }
 
-    /// Clears the registers of motors and coordinate systems; variables and buffers lie above.
+    /// Clears the registers of motors and coordinate systems, not the variables and buffers above them.
     pub fn clear_registers(&mut self) {
         let end = self.tables.registers.end as usize;
         self.x[..end].fill(0);
@@ -147,7 +147,7 @@ impl Memory {
         self.y.fill(0);
     }
 
-    /// The Y half of `address`, when that lies in the DPRAM.
+    /// The host's offset of the Y half of `address`; `None` outside the DPRAM.
     #[inline]
     #[must_use]
     pub fn host_offset(&self, address: u32) -> Option<HostOffset> {

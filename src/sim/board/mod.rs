@@ -1,19 +1,21 @@
-//! The board: its memory, variables and motors, and what the servo interrupt and the background loop do to them.
+//! The board: its memory, variables and motors, and the work of the servo interrupt and the background loop on them.
 //!
-//! It knows no function of the DPRAM, no program and no command language: they are built on it and change it.
-//! [`crate::sim::world`] has the order in which they run each cycle.
+//! The board knows no function of the DPRAM, no program and no command language: those build on the board and change
+//! it. [`crate::sim::world`] runs them in order in each cycle.
 //!
 //! | file | idea |
 //! |---|---|
 //! | [`memory`], [`dpram`], [`register_table`] | X and Y memory, the part shared with the host; where registers lie |
-//! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | what differs between families |
-//! | [`i_rows`], `turbo_rows`, [`identity`], [`processor`], [`calendar`] | factory values; how the board answers when asked; date and time |
+//! | [`families`], [`firmware`], [`turbo`], [`settings`], [`status_bits`] | the differences between families |
+//! | [`i_rows`], `turbo_rows` | factory values |
+//! | [`identity`], [`processor`], [`calendar`] | the board's answers about itself; date and time |
 //! | [`variables`], [`m_definition`], [`number`], [`password`], `access` | I-, P-, Q- and M-variables |
 //! | [`motor`], [`profile`], `compensation` | servo loop, drive and shaft; jog and home moves; leadscrew and backlash |
 //! | `absolute_sensor` | the position at power-on and `$*` |
 //! | [`coordinate`], `timers`, [`axes`], `axis_position` | time base; countdown timers; axis definitions; positions of axes |
-//! | [`jog`], `coordinate_commands`, `registers`, `written` | what commands do; registers and status words; registers that others write |
-//! | [`gather`], [`output`], [`bus_setup`] | data gathering; what waits at the ports; set-up that SAVE keeps |
+//! | [`jog`], `coordinate_commands` | effects of commands |
+//! | `registers`, `written` | registers and status words; registers that a program or a host writes |
+//! | [`gather`], [`output`], [`bus_setup`] | data gathering; text that waits at the ports; set-up that SAVE keeps |
 
 mod absolute_sensor;
 mod access;
@@ -70,7 +72,7 @@ use output::{Output, Port};
 use random::Random;
 use variables::{SavedVariables, Variables};
 
-/// What was counted since the simulator started.
+/// Counts since the simulator started.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Servo cycles.
@@ -79,16 +81,16 @@ pub struct Statistics {
     pub late: u64,
     /// Background reports.
     pub background_updates: u64,
-    /// Board resets, the one at power-on not counted.
+    /// Board resets, without the power-on.
     pub resets: u64,
 }
 
-/// What a reset brings back of the board itself.
+/// The board's own values that a reset restores.
 struct Saved {
     variables: SavedVariables,
     axes: AxisDefinitions,
     bus_setup: BusSetup,
-    /// Whose factory values the bus set-up registers have.
+    /// The bus set-up registers have a VME board's factory values.
     vme: bool,
 }
 
@@ -103,7 +105,8 @@ impl Saved {
     }
 }
 
-/// Memory, variables, motors and coordinate systems; what the servo interrupt and the background loop do to them.
+/// Memory, variables, motors and coordinate systems, and the work of the servo interrupt and the background loop on
+/// them.
 pub struct Board {
     /// X, Y and DPRAM.
     pub memory: Memory,
@@ -115,33 +118,33 @@ pub struct Board {
     pub axes: AxisDefinitions,
     /// The faults in force.
     pub faults: Faults,
-    /// What hosts did wrong.
+    /// Breaches of the handshakes by hosts.
     pub judge: Judge,
-    /// What was counted.
+    /// Counts since the simulator started.
     pub stats: Statistics,
-    /// What the board has to say at its ports.
+    /// Text that waits at the board's ports.
     pub output: Output,
     /// Number that stands for coordinate system 1 in a binary rotary header: 0 or 1.
     pub rotary_cs_base: u16,
     /// The watchdog has tripped: the board does nothing until a reset.
     pub watchdog: bool,
-    /// The host cannot reach the DPRAM, by a fault or for want of its page.
+    /// The host cannot reach the DPRAM: a fault hides it, or the host has not written its page.
     pub out_of_reach: bool,
-    /// What its host finds with the bus set-up in force.
+    /// Ports and interrupts that the host finds with the bus set-up in force.
     pub found: Found,
-    /// How many times as long as a board's a command takes; 0: no time at all.
+    /// Factor on the time that a command takes on a real board; 0: commands take no time.
     pub slow: f64,
     /// Date and time.
     pub clock: Clock,
-    /// Where programs and hosts get less than they may expect, each case once.
+    /// Cases in which the simulator does less for a program or a host than either may expect, each case once.
     pub notes: Vec<String>,
     /// The servo cycle of the last reset.
     reset_at: u64,
-    /// Servo cycles for which the background loop is taken up by a command.
+    /// Servo cycles for which a command still occupies the background loop.
     taken_up: u64,
-    /// What fixes the servo clock when a rate was asked for: I10 of it.
+    /// I10 of the servo rate that the user asked for; `None`: the clock follows the variable I10.
     pub fixed_i10: Option<f64>,
-    /// What kind of board it is.
+    /// The kind of board.
     pub identity: Identity,
     /// The motors.
     pub motors: Vec<Motor>,
@@ -190,13 +193,13 @@ impl Board {
         board
     }
 
-    /// Whether it is a VME board.
+    /// Whether the board is a VME board.
     #[must_use]
     pub fn is_vme(&self) -> bool {
         self.saved.vme
     }
 
-    /// Makes it a VME board: its bus set-up registers have a VME board's factory values.
+    /// Makes the board a VME board: its bus set-up registers have a VME board's factory values.
     pub fn fit_vme(&mut self) {
         self.saved.vme = true;
         self.saved.bus_setup = BusSetup::factory(true);
@@ -204,11 +207,11 @@ impl Board {
         self.found = Found::with(&self.memory, true);
     }
 
-    /// As a reset: the saved (or factory) values, everything else as at power-up. The programs, the functions and the
-    /// interpreter are reset beside it; [`Statistics::resets`] shows them that they have to be.
+    /// Resets the board to the saved (or factory) values, everything else as at power-up. [`Statistics::resets`] shows
+    /// the owners of programs, functions and interpreter that those must be reset, too.
     ///
-    /// Factory values leave alone what `SAVE` has kept: the next reset brings it back (Turbo User Manual p. 243, User Manual
-    /// p. 36).
+    /// A reset to factory values leaves the values of the last `SAVE` stored: the next reset restores them (Turbo User
+    /// Manual p. 243, User Manual p. 36).
     pub fn reset(&mut self, factory_values: bool) {
         let kept = factory_values.then(|| {
             self.memory.clear();
@@ -225,23 +228,23 @@ impl Board {
         }
     }
 
-    /// A command takes up the background loop for so long.
+    /// A command occupies the background loop for `ms` milliseconds on a real board.
     pub fn take_time(&mut self, ms: f64) {
         self.taken_up = (ms * self.slow / self.cycle_ms()) as u64;
     }
 
-    /// Whether a command takes up the background loop.
+    /// Whether a command occupies the background loop.
     #[must_use]
     pub fn is_at_work(&self) -> bool {
         self.taken_up > 0
     }
 
-    /// A servo cycle passes for what takes up the background loop.
+    /// Takes one servo cycle off the time for which a command occupies the background loop.
     pub fn work(&mut self) {
         self.taken_up = self.taken_up.saturating_sub(1);
     }
 
-    /// Keeps the present values for the next reset.
+    /// Saves the present values for the next reset.
     pub fn save(&mut self) {
         self.saved = Saved {
             variables: self.variables.snapshot(&self.memory),
@@ -353,8 +356,8 @@ impl Board {
         self.gather.cycle(&self.variables, &mut self.memory);
     }
 
-    /// The port that responses not asked for go to: the one the last command came through, while I58=1 lets the DPRAM be
-    /// one.
+    /// The port for responses that no command asked for: the port of the last command, but the serial port instead of
+    /// the DPRAM while DPRAM ASCII is off.
     #[must_use]
     pub fn response_port(&self) -> Port {
         match self.port {
@@ -369,7 +372,8 @@ impl Board {
         self.enabled(self.family().i.ascii_enable) && self.uses_dpram()
     }
 
-    /// Whether the functions use this DPRAM: I24 of a Turbo board names the one that serves them all (Turbo User Manual p. 45).
+    /// Whether the functions use this DPRAM: I24 of a Turbo board names the DPRAM that serves all of them (Turbo User
+    /// Manual p. 45).
     #[must_use]
     pub fn uses_dpram(&self) -> bool {
         let base = self.settings().dpram_base;
@@ -406,7 +410,8 @@ impl Board {
         (if i10 > 0.0 { i10 } else { self.family().default_i10.into() }) / 8_388_608.0
     }
 
-    /// The world around 0-based `motor`: limit switches, trigger, a held shaft. `None` when there is no such motor.
+    /// The world around 0-based `motor`: limit switches, trigger, a held shaft. `None` when the board has no such
+    /// motor.
     pub fn inputs(&mut self, motor: usize) -> Option<&mut Inputs> {
         self.motors.get_mut(motor).map(|motor| &mut motor.inputs)
     }
@@ -439,7 +444,7 @@ impl Board {
 fn factory(identity: &Identity, fixed_i10: Option<f64>) -> Variables {
     let mut variables = Variables::new(identity.tables);
     if let Some(i10) = fixed_i10 {
-        // I10 holds 0 to 8388607 (Software Reference, I10), not quite a millisecond: of a slower cycle it can say no more.
+        // I10 holds 0 to 8388607 (Software Reference, I10), not quite a millisecond: I10 cannot express a slower cycle.
         variables.set_i(10, i10.min(8_388_607.0));
     }
     variables

@@ -1,9 +1,9 @@
 //! Numbers as PMAC prints them: decimal, no exponent, no `+`, no trailing zeros (Software Reference examples).
 //!
-//! A variable is a 48-bit float with a 36-bit mantissa, so it is printed with the fewest digits that read back as the
-//! same register: what was typed as 98.7 comes back as 98.7. At most 11 digits are significant, and a family prints a
-//! limited number after the point: 9 on PMAC (`-0.333333333`, `6.666666667`), 10 on Turbo
-//! (`0.9998474121`). The rule is read off the values seen in manuals and listings; no text states it.
+//! A variable is a 48-bit float with a 36-bit mantissa, so PMAC prints the fewest digits that read back as the same
+//! register: a host that typed 98.7 reads 98.7. At most 11 digits are significant, and a family prints a limited number
+//! after the point: 9 on PMAC (`-0.333333333`, `6.666666667`), 10 on Turbo (`0.9998474121`). The rule fits the values
+//! seen in manuals and listings; no manual states it.
 
 use crate::format::float48;
 
@@ -12,7 +12,7 @@ const SIGNIFICANT: usize = 11;
 
 /// `value` as a 48-bit floating-point register keeps it; an infinity becomes the largest value, NaN 0.
 ///
-/// The register's range is wider than that of the arithmetic here, which ends at 2^1024.
+/// The register has a wider range than the arithmetic here, which ends at 2^1024.
 #[must_use]
 pub fn quantised(value: f64) -> f64 {
     let [y, x] = float48::encode(value);

@@ -1,20 +1,21 @@
-//! What waits to be sent at each port, until the port's function puts it where the host finds it.
+//! Text that waits at each port, until the port's function puts it where the host finds it.
 
 use std::collections::VecDeque;
 
 use super::error::CommandError;
 use crate::map::functions::{RESPONSE_BYTES, response};
 
-/// Responses kept for a host that does not fetch them. Beyond, the board takes no further line, and what a program or a
-/// control character says is lost. The reply to a line that was taken is whole, however long: a board waits until the host
-/// has fetched it. A DPRAM line of 200 characters can list 41 301 words of programs 18 times: some 60 MB.
+/// Responses kept for a host that does not fetch them. At this number the board takes no further line, and loses the
+/// words of programs and the reports of control characters. The reply to a line that the board took is whole, however
+/// long: the board waits until the host has fetched it. A DPRAM line of 200 characters can list 41 301 words of
+/// programs 18 times: some 60 MB.
 const MOST_RESPONSES: usize = 4096;
 /// Bytes kept at the serial port, which a process that serves no serial port never fetches, and at the mailboxes.
 const MOST_BYTES: usize = 65_536;
 /// The most characters that one response of the DPRAM can have, without its NUL.
 const MOST_CHARACTERS: usize = RESPONSE_BYTES - 1;
 
-/// The port that responses not asked for go to.
+/// The port for responses that no command asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Port {
     /// The serial port.
@@ -34,32 +35,32 @@ pub struct Response {
     pub text: Vec<u8>,
 }
 
-/// What waits at each port.
+/// The text that waits at each port.
 #[derive(Debug, Clone, Default)]
 pub struct Output {
     /// For the DPRAM.
     pub dpram: VecDeque<Response>,
     /// For the mailboxes.
     pub mailbox: VecDeque<u8>,
-    /// For the serial port: what was not asked for.
+    /// Unasked text for the serial port.
     pub serial: Vec<u8>,
     /// How many replies and messages found no room at the DPRAM and were lost.
     pub lost: u64,
-    /// The lines of the last reply to a line of the DPRAM: what comes while it is fetched waits behind it.
+    /// The lines of the last reply to a line of the DPRAM: later text waits behind the reply while the host fetches it.
     pub asked: usize,
     /// How often everything was dropped (`<CTRL-X>`, reset).
     pub cancelled: u64,
 }
 
 impl Output {
-    /// Whether the DPRAM has room for what comes next.
+    /// Whether the DPRAM has room for the reply to a further line.
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.dpram.len() < MOST_RESPONSES
     }
 
-    /// Whether there is room for what cannot wait: a program's words, the report of a control character. If not, all of it
-    /// is lost, and counted.
+    /// Whether the DPRAM has room for text that cannot wait: a program's words, the report of a control character. If
+    /// not, the board loses all of that text, and counts the loss.
     pub fn admits(&mut self) -> bool {
         let admits = self.dpram.len() < MOST_RESPONSES + self.asked;
         self.lost += u64::from(!admits);
@@ -89,9 +90,9 @@ impl Output {
         }
     }
 
-    /// Drops what the DPRAM and the mailboxes have to say.
+    /// Drops the text that waits at the DPRAM and the mailboxes.
     pub fn cancel(&mut self) {
-        // The room of a long reply is given back.
+        // Gives back the room of a long reply.
         (self.dpram, self.asked) = (VecDeque::new(), 0);
         self.mailbox.clear();
         self.cancelled += 1;

@@ -1,7 +1,7 @@
 //! The board's password: it locks listing and opening of programs from 1000 on and of PLCs (Software Reference,
 //! `PASSWORD`).
 
-/// A password, and whether it has been given since the last reset.
+/// A password, and whether a client has given it since the last reset.
 #[derive(Debug, Clone, Default)]
 pub struct Password {
     text: Vec<u8>,
@@ -9,7 +9,7 @@ pub struct Password {
 }
 
 impl Password {
-    /// Whether what it protects is accessible: no password is set, or it has been given.
+    /// Whether the protected programs are accessible: no password is set, or a client has given it.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.given || self.text.is_empty()
@@ -25,13 +25,13 @@ impl Password {
         self.given
     }
 
-    /// The password, when one may see it.
+    /// The password; `None` while the board is closed.
     #[must_use]
     pub fn text(&self) -> Option<&[u8]> {
         self.is_open().then_some(&self.text)
     }
 
-    /// A reset: it must be given anew.
+    /// A reset closes the board: a client must give the password anew.
     pub fn close(&mut self) {
         self.given = false;
     }

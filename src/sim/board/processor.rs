@@ -23,7 +23,7 @@ const fn extended(option: &'static str, text: &'static str, kind: u32) -> Proces
     Processor { option, text, kind, extended: true }
 }
 
-/// All that there are, with standard and with extended memory.
+/// All processors, with standard and with extended memory.
 pub const PROCESSORS: [Processor; 8] = [
     standard(CPU_OPTIONS[0], "DSP56303", 0b00),
     extended(CPU_OPTIONS[1], "DSP56303", 0b00),
@@ -49,8 +49,8 @@ const EXTENDED_END: usize = 0x4_0000;
 const FACTORY_BUFFER: usize = 0x1_0000;
 
 impl Board {
-    /// Fills I4908 with the end that a user buffer of so many words leaves; without one, the factory's counts (Turbo Software Reference
-    /// p. 164).
+    /// Fills I4908 with the end of memory that a user buffer of `user_buffer` words leaves; without a buffer, with the
+    /// factory's counts (Turbo Software Reference p. 164).
     pub fn note_end_of_memory(&mut self, user_buffer: Option<usize>) {
         if self.family().generation != Generation::Turbo {
             return;

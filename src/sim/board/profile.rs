@@ -1,8 +1,8 @@
 //! The velocity profile of jog and home moves: trapezoids with S-curve corners.
 //!
 //! One change of velocity takes ta = max(Ix20, 2*Ix21) ms, of which Ix21 at each end are S-curve; when the peak
-//! acceleration dV/(ta - ts) would exceed Ix19, both times are lengthened by one factor (Software Reference p. 76).
-//! Units: counts and milliseconds. Positions are evaluated in closed form, so nothing accumulates.
+//! acceleration dV/(ta - ts) would exceed Ix19, the board lengthens both times by one factor (Software Reference p.
+//! 76). Units: counts and milliseconds. Positions are closed formulas, so no error accumulates.
 
 /// How a motor may change its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,7 +122,8 @@ impl Profile {
 
     /// From `start` at `velocity` to rest at `target`, not faster than `speed` (counts/ms).
     ///
-    /// A move too short for that speed has a lower peak; one that cannot stop in time goes past and comes back.
+    /// A move too short for that speed has a lower peak; a move that cannot stop in time goes past the target and comes
+    /// back.
     #[must_use]
     pub fn to_target(start: f64, velocity: f64, target: f64, speed: f64, ramp: &Ramp) -> Self {
         let speed = speed.abs();
@@ -161,7 +162,7 @@ impl Profile {
         }
     }
 
-    /// Where the move will end, when it has an end.
+    /// The position at the end of the move; `None` for a move without an end.
     #[must_use]
     pub fn end(&self) -> Option<f64> {
         self.target.or_else(|| {

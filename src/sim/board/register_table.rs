@@ -1,4 +1,4 @@
-//! Where PMAC keeps its own registers, as a table a family. What lies in the DPRAM stands in [`crate::map::Family`].
+//! PMAC's own registers, as a table a family. [`crate::map::Family`] has the registers in the DPRAM.
 //!
 //! The registers of motors repeat every `motor_source_stride` addresses of the family, the background registers of
 //! motors and coordinate systems every `system_source_stride` (DPRAM manual pp. 14-21, Software Reference p. 399,
@@ -11,7 +11,7 @@ use crate::map::{Family, PmacAddress, Space};
 /// A register that each motor or coordinate system has.
 #[derive(Debug, Clone, Copy)]
 pub struct Each {
-    /// That of number 1.
+    /// The register of number 1.
     first: PmacAddress,
     /// Addresses from one number's to the next one's.
     stride: u32,
@@ -38,7 +38,7 @@ impl Each {
         if behind % self.stride == 0 && index < count { Some(index) } else { None }
     }
 
-    /// The register `words` behind that of `index`.
+    /// The register `words` after the register of `index`.
     #[must_use]
     pub const fn behind(self, index: usize, words: usize) -> PmacAddress {
         let PmacAddress { space, number } = self.of(index);
@@ -51,7 +51,7 @@ impl Each {
 pub struct RegisterTable {
     /// The servo counter.
     pub servo_counter: PmacAddress,
-    /// The countdown timers; none where I-variables of the coordinate systems are the timers.
+    /// The countdown timers; empty where I-variables of the coordinate systems are the timers.
     pub timers: &'static [PmacAddress],
     /// First word of `???`.
     pub global_status: PmacAddress,
@@ -65,11 +65,11 @@ pub struct RegisterTable {
     pub conversion_table: PmacAddress,
     /// The bus set-up registers, ten words; `None` where I90 to I99 hold them.
     pub bus_setup: Option<PmacAddress>,
-    /// Their copies in force.
+    /// The copies of the bus set-up registers in force.
     pub bus_active: PmacAddress,
-    /// Where the board notes the first address behind its DPRAM; `None` where nowhere.
+    /// The register in which the board notes the first address behind its DPRAM, if any.
     pub dpram_end: Option<PmacAddress>,
-    /// The gate arrays: outputs, encoders and flags, which this board does not have.
+    /// The gate arrays: outputs, encoders and flags. The simulated board does not have them.
     pub hardware: Range<u32>,
     /// The first address behind the registers that a reset clears; variables and buffers lie above.
     pub end: u32,
@@ -86,7 +86,7 @@ pub struct RegisterTable {
     pub master_address: Each,
     /// Actual position.
     pub actual: Each,
-    /// Following error, where a register has it.
+    /// Following error, in families that have a register for it.
     pub following_error: Option<Each>,
     /// Actual velocity, 1/(Ix09*32) counts per servo cycle.
     pub velocity: Each,
@@ -113,9 +113,9 @@ pub struct RegisterTable {
     pub program_status: Each,
     /// First word of `??`.
     pub coordinate_status: Each,
-    /// Third word of `??`, where there is one.
+    /// Third word of `??`, in families that have it.
     pub coordinate_status_3: Option<Each>,
-    /// The motors of the coordinate system, where a register tells.
+    /// The motors of the coordinate system, in families that have a register for them.
     pub coordinate_motors: Option<Each>,
     /// Axis target positions A B C U V W X Y Z, neither segmented nor compensated.
     pub axis_targets: Each,
@@ -123,7 +123,7 @@ pub struct RegisterTable {
     pub segmented_axis_targets: Each,
     /// Averaged velocity.
     pub average_velocity: Each,
-    /// What `V` reports: one of the two.
+    /// The velocity that `V` reports: one of the two.
     pub reported_velocity: Each,
     /// Variable jog position or distance, counts (suggested M172).
     pub jog_variable: Each,

@@ -1,4 +1,4 @@
-//! What the board keeps in its registers for everyone to read: positions, velocities, status words.
+//! The registers that the board keeps for every reader: positions, velocities, status words.
 //!
 //! Bits: Software Reference pp. 189-198.
 
@@ -9,7 +9,7 @@ use crate::sim::board::gather::Activity;
 use crate::sim::board::motor::{Loop, Motors};
 use crate::sim::board::output::Port;
 
-/// The bits of the global status, Y word, that program buffers set: open ones, and memory nearly full.
+/// The bits that program buffers set in the Y word of the global status: an open buffer, and memory nearly full.
 const BUFFER_BITS: u32 = 0b111 << 17 | 1 << 11;
 
 impl Board {
@@ -67,12 +67,12 @@ impl Board {
         let now = int24::signed(self.memory.read(at.velocity.of(motor)));
         let average = int24::signed(self.memory.read(at.average_velocity.of(motor)));
         let difference = now - average;
-        // The last units one by one.
+        // The last 15 units are single steps.
         let step = if difference.abs() < 16 { difference.signum() } else { difference / 16 };
         self.memory.write(at.average_velocity.of(motor), (average + step) as u32);
     }
 
-    /// Makes the registers of a motor show what a command has just done.
+    /// Makes the registers of a motor show the effect of a command at once.
     pub fn refresh(&mut self, motor: usize) {
         self.write_servo_registers(motor);
         self.write_background_registers(motor);
@@ -260,7 +260,7 @@ impl Board {
         self.memory.write(address, word & !clear | set);
     }
 
-    /// Writes the axis target registers; those of segmented moves too when they are in use.
+    /// Writes the axis target registers, and with `segmented` those of segmented moves, too.
     pub fn write_axes(&mut self, cs: usize, axes: &[f64; 9], segmented: bool) {
         let at = self.memory.registers();
         for (index, &axis) in axes.iter().enumerate() {
@@ -272,7 +272,7 @@ impl Board {
     }
 }
 
-/// A register's signed 24 bits; what does not fit saturates.
+/// A register's signed 24 bits; a larger value saturates.
 fn word(value: f64) -> u32 {
     const MOST: f64 = 8_388_607.0;
     value.round().clamp(-MOST - 1.0, MOST) as i32 as u32

@@ -1,24 +1,24 @@
-//! Settings whose I-variables differ between families: where each family keeps them.
+//! Settings whose I-variables differ between families, and each family's I-variable for them.
 
 /// The I-variable that holds a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Setting {
-    /// One for the board.
+    /// One variable for the board.
     Board(usize),
-    /// One for each motor, `Ixx` and this.
+    /// One variable for each motor: `Ixx` and this number.
     Motor(usize),
-    /// One for each coordinate system, `Isx` and this.
+    /// One variable for each coordinate system: `Isx` and this number.
     System(usize),
 }
 
-/// Where a family keeps them.
+/// A family's I-variables for the settings.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// In how many background passes more than one a motor has to be in position.
+    /// The background passes, beyond the first, in which a motor has to be in position.
     pub in_position_scans: Setting,
     /// Milliseconds of a segment; 0 for no segmentation.
     pub segmentation: Setting,
-    /// Bits 22-21: what a fatal following error kills besides the motor.
+    /// Bits 22-21: the motors that a fatal following error kills besides the motor.
     pub flag_mode: Setting,
     /// 1: RAPID goes at Ixx16, else at Ixx22.
     pub rapid_speed: Setting,
@@ -32,8 +32,8 @@ pub struct Settings {
     pub backlash_hysteresis: Setting,
     /// The countdown timers of each coordinate system, as numbers n of Isx`n`.
     pub timers: &'static [usize],
-    /// Where in the DPRAM ^W takes a line; `None` where there is no such command.
+    /// The DPRAM address from which ^W takes a line; `None` in families without ^W.
     pub line_from_dpram: Option<usize>,
-    /// The address of the DPRAM that the functions use; `None` where there is only one.
+    /// The address of the DPRAM that the functions use; `None` in families with one DPRAM only.
     pub dpram_base: Option<usize>,
 }

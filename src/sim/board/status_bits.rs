@@ -22,7 +22,7 @@ pub struct StatusBits {
     pub axis_codes: bool,
     /// In the second word of `???`: responses go to a port of the host.
     pub host_port: u32,
-    /// There: it is a VME board.
+    /// There: the board is a VME board.
     pub vme_board: u32,
 }
 

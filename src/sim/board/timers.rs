@@ -1,16 +1,16 @@
-//! Countdown timers: programs write a number of servo cycles there and wait until it has gone down (Turbo Software Reference p. 176;
-//! PMAC Quick Reference p. 65).
+//! Countdown timers: a program writes a number of servo cycles to a timer and waits until the board has counted it down
+//! (Turbo Software Reference p. 176; PMAC Quick Reference p. 65).
 
 use crate::format::int24;
 use crate::sim::board::Board;
 
 /// Where a timer stops.
 const LOWEST: i32 = -0x80_0000;
-/// The number of active coordinate systems less one, on Turbo.
+/// I68: the number of active coordinate systems less one, on Turbo.
 const ACTIVE_SYSTEMS: usize = 68;
 
 impl Board {
-    /// A servo cycle passes: each timer goes down by one. Those of a coordinate system run while I68 activates the system.
+    /// Counts each timer down by one servo cycle. A coordinate system's timers run while I68 activates the system.
     pub(super) fn count_down(&mut self) {
         let tables = self.identity.tables;
         for &register in tables.registers.timers {

@@ -1,4 +1,4 @@
-//! What the simulated firmware of Turbo PMAC and Turbo PMAC2 knows beyond the family's DPRAM.
+//! The simulated firmware of Turbo PMAC and Turbo PMAC2, beyond the family's DPRAM.
 //!
 //! Registers: the vendor's suggested M-variables for Turbo PMAC2, public drivers, Turbo Software Reference pp. 284-290.
 
@@ -10,11 +10,11 @@ use crate::sim::board::register_table::{self, Each, RegisterTable};
 use crate::sim::board::settings::{Setting, Settings};
 use crate::sim::board::{status_bits, turbo_rows};
 
-/// Address of P0, and of the Q0 of coordinate system 1. No page at hand tells them.
+/// Address of P0, and of the Q0 of coordinate system 1. No manual seen gives these addresses.
 const P: u32 = 0x6000;
 const Q: u32 = 0x8000;
-/// The sets of 16 coordinate systems in one run of registers, in PMAC's order: the next set begins half way between two that
-/// there are. (User Manual p. 151 shows eight.)
+/// The sets of 16 coordinate systems in one run of registers, in PMAC's order: each further set begins half way between
+/// two earlier sets. (User Manual p. 151 shows eight.)
 const Q_SETS: [u32; 16] = {
     let mut sets = [Q; 16];
     let mut index = 0;

@@ -1,8 +1,7 @@
-//! What Turbo PMAC's I-variables have in place of PMAC's, or on top of them.
+//! Turbo PMAC's I-variables that replace PMAC's or add to them.
 //!
-//! The values are those read from a board after `$$$***` (`dls-pmacanalyse`, `factorySettings_pmac.pmc`), where the tool
-//! that read them leaves no mark. Those it does mark, I3, I4, I6, I9, I58, I63 and I64, are the Turbo Software Reference's
-//! (pp. 37-39, 67).
+//! A tool read these values from a board after `$$$***` (`dls-pmacanalyse`, `factorySettings_pmac.pmc`). The tool marks
+//! I3, I4, I6, I9, I58, I63 and I64 in that file; their values come from the Turbo Software Reference (pp. 37-39, 67).
 
 use super::i_rows::{
     BYTE, FLOAT, Factory, MODE, NIBBLE, POSITIVE, Row, SIGNED, SWITCH, Values, WORD, coordinate, global,
@@ -75,8 +74,8 @@ pub const GLOBAL: &[Row] = &[
     global(5050, "gather mask", WORD, 0.0).to(5051).hex(),
 ];
 
-/// Each motor's, on top of PMAC's. The first eight output and flag addresses are those of the board's own channels; no text
-/// seen tells the others'.
+/// Each motor's rows beyond PMAC's. The first eight output and flag addresses belong to the board's own channels; no
+/// manual seen gives the addresses of further motors.
 pub const MOTOR: &[Row] = &[
     motor(3, "position feedback address", WORD, 0.0).hex().starts(Factory::Step(0x3501 as f64, 1.0)),
     motor(4, "velocity feedback address", WORD, 0.0).hex().starts(Factory::Step(0x3501 as f64, 1.0)),
@@ -117,8 +116,8 @@ const fn channels(ic: f64, channel: f64, first: f64) -> [f64; 8] {
     addresses
 }
 
-/// What Turbo PMAC (the first generation) has on top: the channels of PMAC's gate arrays, two in each one's first and second
-/// address.
+/// The rows that Turbo PMAC (the first generation) adds: the channels of PMAC's gate arrays, two at each array's first
+/// and second address.
 pub static TURBO: &[Row] = &[
     servo_time(map::TURBO.default_i10),
     motor(2, "command output address", WORD, 0.0).hex().starts(Factory::Each(&[
@@ -138,7 +137,7 @@ pub static TURBO: &[Row] = &[
     ))),
 ];
 
-/// What Turbo PMAC2 has on top: channels eight addresses apart, and a programmable servo clock.
+/// The rows that Turbo PMAC2 adds: channels eight addresses apart, and a programmable servo clock.
 pub static TURBO2: &[Row] = &[
     servo_time(map::TURBO2.default_i10),
     motor(2, "command output address", WORD, 0.0).hex().starts(Factory::Each(&channels(

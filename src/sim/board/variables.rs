@@ -2,7 +2,7 @@
 //!
 //! I-variables are a table of their own. P- and Q-variables are 48-bit floats in memory (P0 at `L:$1000`), so that
 //! memory commands, M-variables and the DPRAM's variable copying see them. M-variables are definitions that point
-//! into memory, and lie there themselves (`definitions`).
+//! into memory; the definitions are in memory, too (`definitions`).
 
 mod definitions;
 
@@ -73,7 +73,7 @@ pub struct Variables {
     pub password: Password,
 }
 
-/// What `SAVE` keeps of the variables: I-variables, M definitions, password, P and Q registers.
+/// The variables that `SAVE` keeps: I-variables, M definitions, password, P and Q registers.
 #[derive(Debug, Clone)]
 pub struct SavedVariables {
     variables: Variables,
@@ -115,7 +115,7 @@ impl Variables {
         self.tables
     }
 
-    /// What `SAVE` writes to flash.
+    /// The variables as `SAVE` writes them to flash.
     #[must_use]
     pub fn snapshot(&self, memory: &Memory) -> SavedVariables {
         let registers = self
@@ -125,7 +125,7 @@ impl Variables {
         SavedVariables { variables: self.clone(), registers }
     }
 
-    /// Brings back what `SAVE` kept; the password must be given anew.
+    /// Restores the variables of the last `SAVE`; a client must give the password anew.
     pub fn restore(&mut self, saved: &SavedVariables, memory: &mut Memory) {
         *self = saved.variables.clone();
         self.password.close();
@@ -144,7 +144,7 @@ impl Variables {
             .flat_map(move |first| (first..).take(span))
     }
 
-    /// I-variable `number`; 0 where there is none.
+    /// I-variable `number`; 0 for a number that no I-variable has.
     #[must_use]
     pub fn i(&self, number: usize) -> f64 {
         self.i.get(number).copied().unwrap_or(0.0)
@@ -156,8 +156,8 @@ impl Variables {
         self.i(number) as i64
     }
 
-    /// Sets I-variable `number`. A value out of range is no error: it is rounded and reduced modulo the range (I3=5 sets
-    /// 1). The caller then calls [`super::Board::i_assigned`] for the effects.
+    /// Sets I-variable `number`. A value out of range is no error: the board rounds it and reduces it modulo the range
+    /// (I3=5 sets 1). The caller then calls [`super::Board::i_assigned`] for the effects.
     pub fn set_i(&mut self, number: usize, value: f64) {
         let (Some(rule), Some(slot)) = (self.rules.get(number), self.i.get_mut(number)) else { return };
         *slot = match rule.kind {
@@ -217,8 +217,8 @@ impl Variables {
         memory.read_l(self.q_address(cs, number))
     }
 
-    /// Sets Q-variable `number` of the 0-based coordinate system `cs`, and so one of every other coordinate system: the sets
-    /// overlap.
+    /// Sets Q-variable `number` of the 0-based coordinate system `cs`, and with it a Q-variable of every other
+    /// coordinate system: the sets overlap.
     pub fn set_q(&self, memory: &mut Memory, cs: usize, number: usize, value: f64) {
         memory.write_l(self.q_address(cs, number), value);
     }
@@ -235,7 +235,7 @@ impl Variables {
     }
 }
 
-/// What the assignment I58=1 does to I3, I4 and I6, once, at that assignment (DPRAM manual, "DPRAM ASCII
+/// The effect of the assignment I58=1 on I3, I4 and I6, once, at that assignment (DPRAM manual, "DPRAM ASCII
 /// Communications"): I4=0, I6=1; I3 loses its line feeds (3 to 2, 1 to 0), in firmware before 1.15 it becomes 2.
 ///
 /// `firmware` is the version as `VERSION` reports it.

@@ -1,6 +1,6 @@
-//! Registers that a program, a memory command or a host writes: which of them the board obeys, and which it only keeps.
+//! Registers that a program, a memory command or a host writes: the board obeys some and only keeps the others.
 //!
-//! Setting a position is one: drivers write the actual and the commanded position of a killed motor.
+//! The board obeys a write of a position: drivers write the actual and the commanded position of a killed motor.
 
 use crate::sim::board::Board;
 use crate::sim::board::register_table::{Each, RegisterTable};
@@ -8,7 +8,7 @@ use crate::sim::board::register_table::{Each, RegisterTable};
 /// `?` word 2, bit 10.
 const HOME_COMPLETE: u32 = 1 << 10;
 
-/// Where a register of motors lies.
+/// The place of a motor's register in the table.
 type Place = fn(&RegisterTable) -> Each;
 
 /// The registers of a motor that this board computes anew and never reads: a real board acts on some of them when a program writes
@@ -28,7 +28,8 @@ const IGNORED: [(&str, Place); 12] = [
     ("the second status word, but for \"home complete\"", |at| at.background_status),
 ];
 
-/// What the registers of a motor held when the board wrote there last. A register that holds anything else was written by others.
+/// The values that the board last wrote to a motor's registers. Another value in a register comes from a program or a
+/// host.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Shown {
     pub commanded: i64,
@@ -37,7 +38,8 @@ pub(super) struct Shown {
 }
 
 impl Board {
-    /// Somebody has written to `address`, in X, Y or both: the board does what follows, or notes that nothing does.
+    /// A program or a host has written to `address`, in X, Y or both: the board acts on the new value, or notes that it
+    /// does not.
     pub fn register_written(&mut self, address: u32) {
         let (at, motors) = (self.memory.registers(), self.motors.len());
         let obeyed = [at.commanded, at.actual, at.background_status];
@@ -54,7 +56,7 @@ impl Board {
         }
     }
 
-    /// Takes over what the position registers and the "home complete" bit of the 0-based `motor` hold.
+    /// Takes over the 0-based `motor`'s position registers and "home complete" bit.
     fn obey(&mut self, motor: usize) {
         let (at, scale) = (self.memory.registers(), self.scale(motor));
         let [commanded, actual] =
@@ -80,9 +82,9 @@ impl Board {
         ));
     }
 
-    /// Notes, once, that a program or host gets less than it may expect.
+    /// Notes, once, that the simulator does less for a program or a host than either may expect.
     pub fn note(&mut self, what: String) {
-        /// The most that are kept: a program that writes everywhere has made its point.
+        /// The most notes kept: a program that writes everywhere has made its point.
         const MOST: usize = 64;
         if self.notes.len() < MOST && !self.notes.contains(&what) {
             self.notes.push(what);

@@ -1,9 +1,9 @@
-//! On which side of its backlash a motor is, and how much of it is taken up.
+//! The side of its backlash on which a motor is, and how far the motor has taken it up.
 
 /// How far a motor's backlash is taken up.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Backlash {
-    /// `?` word 2 bit 4: it went in the negative direction last.
+    /// `?` word 2 bit 4: the motor went in the negative direction last.
     pub negative: bool,
     /// The farthest commanded position in that direction; `None` before the first look.
     extreme: Option<f64>,
@@ -17,7 +17,8 @@ impl Backlash {
         self.extreme = self.extreme.map(|extreme| extreme + by);
     }
 
-    /// Follows the commanded position: the direction changes when it has gone back by more than `hysteresis` counts.
+    /// Follows the commanded position: the direction changes when that position has gone back by more than `hysteresis`
+    /// counts.
     pub fn follow(&mut self, commanded: f64, hysteresis: f64) {
         let extreme = self.extreme.get_or_insert(commanded);
         let sign = if self.negative { -1.0 } else { 1.0 };

@@ -1,4 +1,4 @@
-//! What the servo interrupt watches in a motor: triggers, limits, following error.
+//! The servo interrupt's watch on a motor: triggers, limits, following error.
 //!
 //! Software Reference pp. 72-81, 190-194, 241; User Manual pp. 127-135.
 
@@ -8,10 +8,10 @@ use crate::sim::board::variables::Variables;
 
 impl Motor {
     /// Looks for the trigger of a homing search or a jog until trigger, on the way from shaft position `before` to the
-    /// present one. Says whether the motor is homed with it.
+    /// present one. True when the trigger has homed the motor.
     pub fn poll_trigger(&mut self, x: usize, variables: &Variables, before: f64) -> bool {
         let searching = self.searching();
-        // A pulse that nobody waits for is gone.
+        // A pulse is gone when no move waits for a trigger.
         let pulse = std::mem::take(&mut self.inputs.trigger);
         let Some(purpose) = self.motion.as_ref().filter(|_| searching).map(|motion| motion.purpose) else {
             return false;
@@ -43,7 +43,7 @@ impl Motor {
         homed
     }
 
-    /// Stops the motor at Ix15 when it runs into a limit; says whether it did.
+    /// Stops the motor at Ix15 when it runs into a limit; true when it did.
     pub fn watch_limits(&mut self, x: usize, variables: &Variables) -> bool {
         let hardware = variables.i(x + 25) as u32 >> 17 & 1 == 0;
         let homing = self.motion.as_ref().is_some_and(|motion| motion.purpose == Purpose::Search);
@@ -62,7 +62,7 @@ impl Motor {
         into
     }
 
-    /// Kills the motor when its following error is fatal; says whether it did.
+    /// Kills the motor when its following error is fatal; true when it did.
     pub fn watch_following_error(&mut self, x: usize, variables: &Variables) -> bool {
         let error = (self.commanded - self.corrected()).abs() * 16.0;
         let (fatal, warning) = (variables.i(x + 11), variables.i(x + 12));
@@ -77,7 +77,7 @@ impl Motor {
     }
 }
 
-/// The index pulse passed on the way from `before` to `after`, if any.
+/// The position of the index pulse between `before` and `after`, if any.
 fn index_between(before: f64, after: f64) -> Option<f64> {
     let pulse = if after > before {
         (after / INDEX_PERIOD).floor() * INDEX_PERIOD

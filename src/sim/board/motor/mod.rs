@@ -2,7 +2,7 @@
 //!
 //! The drive is a velocity amplifier: output of full scale gives [`FULL_SPEED`]. The loop is proportional, so the
 //! following error is proportional to velocity: [`LAG_MS`] ms of it at Ix30=2000. Positions are in counts of the
-//! encoder and are put into the motor's registers in 1/(Ix08*32) counts each servo cycle. The encoder has an index
+//! encoder; each servo cycle writes them to the motor's registers in 1/(Ix08*32) counts. The encoder has an index
 //! pulse every [`INDEX_PERIOD`] counts, the trigger of homing searches at factory settings.
 //!
 //! Jog and home: Software Reference pp. 72-76, 190-194, 241; User Manual pp. 127-135.
@@ -17,7 +17,7 @@ use crate::sim::board::written::Shown;
 
 /// The most motors that a board of any family has.
 pub const MOST_MOTORS: usize = 32;
-/// A number a motor. It has room for the motors of any family, so that a servo cycle asks for no memory.
+/// One number for each motor of any family, so that a servo cycle allocates no memory.
 pub type Motors = [f64; MOST_MOTORS];
 /// Zero for every motor.
 pub const STILL: Motors = [0.0; MOST_MOTORS];
@@ -29,7 +29,7 @@ pub const LAG_MS: f64 = 3.0;
 /// Counts from one index pulse to the next.
 pub const INDEX_PERIOD: f64 = 8000.0;
 
-/// An abort with Ix15=0 takes so many ms: it is a sudden stop.
+/// The milliseconds of an abort with Ix15=0: a sudden stop.
 const SUDDEN_MS: f64 = 1e-3;
 
 /// The state of the servo loop.
@@ -43,13 +43,13 @@ pub enum Loop {
     Closed,
 }
 
-/// What a move is for.
+/// The purpose of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Purpose {
     Jog,
     /// A homing search, until the trigger.
     Search,
-    /// A jog until trigger; after it, go on to the captured position plus so many counts.
+    /// A jog until trigger; after it, the motor goes on to the captured position plus this many counts.
     Trigger(f64),
     /// Stopping at Ix15: abort, or on a limit.
     Abort,
@@ -61,14 +61,14 @@ struct Move {
     purpose: Purpose,
 }
 
-/// What happened to a motor in a servo cycle that concerns others.
+/// Events of a motor in one servo cycle that concern other parts of the board.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Events {
     /// A homing search has found its trigger: the position's zero is new.
     pub homed: bool,
     /// It ran into a limit.
     pub limit: bool,
-    /// Its following error was fatal and it was killed.
+    /// The following error was fatal, so the board killed the motor.
     pub fatal: bool,
 }
 
@@ -127,13 +127,13 @@ pub struct Motor {
     pub in_position_scans: u32,
     /// Encoder count captured by the last home.
     pub captured: f64,
-    /// A program's move: where it ends, and the milliseconds left when it has an end in time.
+    /// A program's move: its end, and the milliseconds left when the move has an end in time.
     program: Option<(f64, Option<f64>)>,
     /// A program's dwell.
     pub dwelling: bool,
     /// A program's run-time error.
     pub data_error: bool,
-    /// What leadscrew and backlash compensation add to the actual position, in counts.
+    /// Counts that leadscrew and backlash compensation add to the actual position.
     pub(super) compensation: f64,
     /// Take-up of backlash.
     pub(super) backlash: Backlash,
@@ -192,7 +192,7 @@ impl Motor {
         self.actual
     }
 
-    /// Actual position with compensation, in counts: what the loop closes on.
+    /// Actual position with compensation, in counts: the servo loop closes on this position.
     #[must_use]
     pub fn corrected(&self) -> f64 {
         self.actual + self.compensation
@@ -216,7 +216,7 @@ impl Motor {
         self.pre_jog
     }
 
-    /// Makes `position` the one that `J=` goes to.
+    /// Makes `position` the target of `J=`.
     pub fn set_pre_jog(&mut self, position: f64) {
         self.pre_jog = position;
     }
@@ -261,7 +261,7 @@ impl Motor {
         self.motion.as_ref().is_some_and(|motion| motion.purpose == Purpose::Abort)
     }
 
-    /// Closes the loop where the motor is, if it is not closed. Clears the faults.
+    /// Closes an open loop at the motor's present position. Clears the faults.
     pub fn close_loop(&mut self) {
         if self.servo != Loop::Closed {
             self.servo = Loop::Closed;
@@ -281,7 +281,8 @@ impl Motor {
         self.desired_velocity = 0.0;
     }
 
-    /// A program wants it at `position`, going at `velocity` counts/ms, on the way to `target` for `time_left` ms.
+    /// A program wants the motor at `position`, going at `velocity` counts/ms, on the way to `target` for `time_left`
+    /// ms.
     pub fn follow(&mut self, position: f64, velocity: f64, target: f64, time_left: Option<f64>) {
         if self.motion.is_none() && self.servo == Loop::Closed {
             self.commanded = position;
@@ -290,7 +291,7 @@ impl Motor {
         }
     }
 
-    /// A program does not move it now.
+    /// No program moves the motor now.
     pub fn rest(&mut self) {
         if self.program.take().is_some() {
             self.desired_velocity = 0.0;
@@ -306,7 +307,7 @@ impl Motor {
         self.plan(Profile::to_velocity(self.commanded, self.desired_velocity, speed, ramp), Purpose::Jog);
     }
 
-    /// Goes to `target`; with `after`, looks for the trigger on the way and ends so many counts from it.
+    /// Goes to `target`; with `after`, looks for the trigger on the way and ends that many counts from the trigger.
     pub fn jog_to(&mut self, target: f64, speed: f64, ramp: &Ramp, after: Option<f64>) {
         self.close_loop();
         let profile = Profile::to_target(self.commanded, self.desired_velocity, target, speed, ramp);
@@ -343,7 +344,7 @@ impl Motor {
         self.home_complete = true;
     }
 
-    /// Sets the position that an absolute sensor tells, or zero without one; leaves the motor killed.
+    /// Sets the position that an absolute sensor reads, or zero without a sensor; leaves the motor killed.
     pub fn absolute(&mut self, sensed: Option<f64>) {
         self.open(Loop::Killed);
         let position = sensed.unwrap_or(0.0);
@@ -382,8 +383,8 @@ impl Motor {
         }
     }
 
-    /// The shaft stays, and its position is `actual` counts from now on. A closed loop then turns the shaft to the commanded
-    /// position, which is where it was.
+    /// Calls the shaft's present position `actual` counts. A closed loop then turns the shaft to the commanded
+    /// position, which does not change.
     pub fn set_actual(&mut self, actual: f64) {
         let shift = actual - self.actual;
         self.reference -= shift;

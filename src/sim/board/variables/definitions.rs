@@ -1,4 +1,5 @@
-//! M-variables and their definitions, which lie in memory: a program that writes there points the variable elsewhere.
+//! M-variables and their definitions. The definitions are in memory: a program that writes there points the variable
+//! elsewhere.
 //!
 //! PMAC keeps 24 bits a definition, 16 of them the address (User Manual p. 154). Turbo keeps the address in the Y word and the rest
 //! in the X word (Turbo User Manual p. 246).
@@ -45,14 +46,16 @@ impl Variables {
         true
     }
 
-    /// M-variable `number`: what its definition points to, or bits of the definition's own word when it has none.
+    /// M-variable `number`: the value at the address of its definition, or bits of the definition's own word without
+    /// one.
     #[must_use]
     pub fn m(&self, memory: &Memory, number: usize) -> f64 {
         let own = || f64::from(memory.read_y(self.m_register(number)) & OWN_VALUE);
         self.m_definition(memory, number).read(memory).unwrap_or_else(own)
     }
 
-    /// Sets M-variable `number`, and says where it points. An integer register takes the rounded value modulo its width.
+    /// Sets M-variable `number`, and returns the address that it points to. An integer register takes the rounded value
+    /// modulo its width.
     pub fn set_m(&self, memory: &mut Memory, number: usize, value: f64) -> Option<u32> {
         let value = quantised(value);
         let definition = self.m_definition(memory, number);
