@@ -1,15 +1,15 @@
 //! PMAC's half of the DPRAM ASCII port (DPRAM manual pp. 25-29).
 //!
-//! PMAC sees a line's flag in one background pass and takes the line in the next, so that it finds out a host that goes
-//! on writing after its flag. The first part of a long line has no NUL in the buffer. A control character acts at once.
-//! Responses queue up. PMAC writes one when the response's control word is 0: text and NUL, count, then the control word,
+//! PMAC sees a line's flag in one background pass and takes the line in the next, to catch a host that goes on writing
+//! after its flag. The first part of a long line has no NUL in the buffer. A control character acts at once. Responses
+//! queue up. PMAC writes a response when the response's control word is 0: text and NUL, count, then the control word,
 //! and the interrupt if I56=1.
 //!
 //! Control words: 0x000D a line, 0x0006 the end, 0x8nnn an error (BCD), 0x010D a `CMD` response, 0x020D a `SEND`
 //! message.
 //!
-//! The count includes the NUL and stands before the control word does. A control character needs its own word alone. While a line
-//! is at work PMAC looks at nothing else: its background pass is the one that works.
+//! The count includes the NUL, and PMAC writes the count before the control word. A control character needs only its
+//! own word. While PMAC works at a line it looks at nothing else: the same background pass does both.
 
 use crate::format::TextOrder;
 use crate::map::HostOffset;
@@ -48,7 +48,7 @@ pub struct AsciiPort {
     pub interrupts: u64,
     /// [`crate::sim::board::output::Output::lost`] at the last pass.
     lost: u64,
-    /// What [`crate::sim::board::output::Output::cancelled`] was when the state was made.
+    /// The value of [`crate::sim::board::output::Output::cancelled`] at the start of this state.
     cancelled: u64,
 }
 
@@ -56,7 +56,7 @@ pub struct AsciiPort {
 #[derive(Debug, Clone)]
 struct Work {
     line: Vec<u8>,
-    /// Passes that it takes yet.
+    /// Passes that the line still takes.
     left: u64,
 }
 
@@ -93,7 +93,7 @@ impl AsciiPort {
         self.lost = lost;
     }
 
-    /// Drops what is under way when the board's output was cancelled (`<CTRL-X>`, reset).
+    /// Drops the work under way when the board's output was cancelled (`<CTRL-X>`, reset).
     fn follow_cancel(&mut self, board: &Board) {
         if self.cancelled != board.output.cancelled {
             let Self { commands, interrupts, lost, .. } = *self;
@@ -159,7 +159,7 @@ impl AsciiPort {
                     self.work = Some(Work { line, left: board.faults.ascii_slow });
                 }
             }
-            // The last byte of a first part only shows that there is more.
+            // The last byte of a first part only shows that a second part follows.
             None if self.first_part.is_none() => self.first_part = Some(text[..text.len() - 1].to_vec()),
             None => {
                 self.first_part = None;
@@ -170,10 +170,10 @@ impl AsciiPort {
         board.memory.dpram.write16(port.command_loaded.word, 0);
     }
 
-    /// Works at the line that was taken; carries it out when its time is over.
+    /// Works at the line that PMAC took; carries the line out when its time is over.
     fn work(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         let Some(Work { line, mut left }) = self.work.take() else { return };
-        // A fault that is taken back while a line is at work ends the wait.
+        // A user who takes the fault back while a line is at work ends the wait.
         left = left.min(board.faults.ascii_slow);
         if left > 0 {
             self.work = Some(Work { line, left: left - 1 });
@@ -249,8 +249,8 @@ impl AsciiPort {
     }
 }
 
-/// Carries out a control character. One that reports data ends with the acknowledgement, as does the line that ^W takes;
-/// others answer nothing. (^E and ^G report bytes that no text of this port can hold.)
+/// Carries out a control character. After a character that reports data the acknowledgement follows, and after the line
+/// that ^W takes; other characters answer nothing. (^E and ^G report bytes that no text of this port can hold.)
 fn control(board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter, character: u8) {
     if let Some(reply) = interpreter.control(board, programs, character)
         && (reply.error.is_some() || !reply.lines.is_empty() || takes_line(character))
@@ -303,7 +303,7 @@ fn read_text(board: &Board) -> Vec<u8> {
     words.flat_map(|word| TextOrder::LowFirst.unpack(word)).collect()
 }
 
-/// What counts of a text: what stands before its NUL.
+/// A text up to its NUL.
 fn before_nul(text: &[u8]) -> &[u8] {
     text.split(|&byte| byte == 0).next().unwrap_or(text)
 }

@@ -1,11 +1,12 @@
 //! PMAC's half of the background report (DPRAM manual pp. 17-21).
 //!
-//! Each background pass, with I49=1 and I59>0 and Data-Ready clear: copy the registers of motors and coordinate
-//! systems 1 to I59, store the servo timer, set Data-Ready. Where the family has them, a count in the DPRAM stands in for
-//! I59, and a Host-Busy flag holds the report off.
+//! Each background pass, with I49=1 and I59>0 and Data-Ready clear: copy the registers of motors and coordinate systems
+//! 1 to I59, store the servo timer, set Data-Ready. Some families have a count in the DPRAM in place of I59, and a
+//! Host-Busy flag that holds the report off.
 //!
-//! Turbo (User Manual p. 403): with I50 above 0 reports come by themselves, when more than I50 servo cycles have passed since
-//! the last one. With I57=1 the motors are copied in the same pass, also when no coordinate system is asked for.
+//! Turbo (User Manual p. 403): with I50 above 0 the board reports unasked, when more than I50 servo cycles have passed
+//! since the last report. With I57=1 the board copies the motors in the same pass, also when the host asks for no
+//! coordinate system.
 
 use crate::format::{float48, int24};
 use crate::map::{Family, HostOffset};
@@ -20,8 +21,8 @@ const SEGMENTED: u32 = 1 << 7;
 const SEGMENTED_STOP: u32 = 1 << 5;
 const COMPENSATED: u32 = 1 << 9;
 
-/// What a coordinate system's program tells, and which long of it. Turbo's manuals have a register for none of it, PMAC's for
-/// some.
+/// Values of a coordinate system's program, and the long of each row that takes the value. Turbo's manuals name a
+/// register for none of these values, PMAC's for some.
 const CALCULATED: [(&str, usize); 7] = [
     ("cs_time_left_in_acceleration", 0),
     ("cs_program_address_offset", 0),
@@ -34,11 +35,11 @@ const CALCULATED: [(&str, usize); 7] = [
 /// In the time base's pointer: a feed hold is in progress (the vendor's header for Turbo).
 const FEED_HOLD: u32 = 1 << 22;
 
-/// What the report consists of.
+/// The background report.
 #[derive(Debug)]
 pub struct BackgroundReport {
     copies: Copies,
-    /// For each number: where those of [`CALCULATED`] go that no register is documented for.
+    /// For each number: the places of those values in [`CALCULATED`] for which no manual names a register.
     calculated: Vec<[Option<HostOffset>; CALCULATED.len()]>,
     /// The servo cycle of the last report.
     last: u64,
@@ -56,10 +57,10 @@ impl BackgroundReport {
         Self { copies, calculated: calculated.collect(), last: 0 }
     }
 
-    /// Makes the report when it is due; says whether it did.
+    /// Makes a due report; true when it did.
     ///
     /// `programs` has time left in acceleration, execution address offset and time left in the move of each coordinate system.
-    /// `motors` makes the servo report where that belongs to this one.
+    /// `motors` makes the servo report where that belongs to this report.
     pub fn poll(&mut self, board: &mut Board, programs: &[[u32; 3]], motors: &mut ServoReport) -> bool {
         let family = board.family();
         let background = &family.background;
@@ -115,7 +116,7 @@ impl BackgroundReport {
         true
     }
 
-    /// Whether a report is due, when the last one is `ready`, which is to say not taken.
+    /// Whether a report is due. `ready`: the host has not taken the last report.
     fn is_due(&self, board: &Board, ready: bool) -> bool {
         let number = board.family().i.background_period;
         let period = number.map_or(0, |number| board.variables.i(number.into()) as u64);

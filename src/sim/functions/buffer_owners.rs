@@ -1,7 +1,7 @@
-//! Who uses which stretch of the DPRAM's user area.
+//! The users of each stretch of the DPRAM's user area.
 //!
 //! The host places the variable read table, the variable write records and the rotary buffers, `DEFINE GATHER` the
-//! gather buffer; nothing on the board keeps them apart (manual pp. 22, 24, 25). The judge does.
+//! gather buffer. The board does not keep them apart (manual pp. 22, 24, 25); the judge reports an overlap.
 
 use std::ops::Range;
 

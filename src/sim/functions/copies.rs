@@ -1,4 +1,4 @@
-//! What a report copies and where to, by the family's register table.
+//! The words that a report copies, and their places, by the family's register table.
 
 use crate::format::int24;
 use crate::map::{Family, HostOffset, PmacAddress, SourceAt, Space, Width};
@@ -7,9 +7,9 @@ use crate::sim::board::memory::Memory;
 /// A 24-bit word that is copied into a long of the DPRAM.
 #[derive(Debug, Clone, Copy)]
 pub struct CopiedWord {
-    /// Where it comes from, with axis positions out of source A, B or C; the same three times for everything else.
+    /// The word's source: A, B and C of axis positions; three times the same address for other words.
     sources: [PmacAddress; 3],
-    /// Where it goes.
+    /// The word's place in the DPRAM.
     offset: HostOffset,
 }
 
@@ -20,7 +20,7 @@ impl CopiedWord {
         self.sources[0] == halves(register)[0]
     }
 
-    /// Where it goes.
+    /// The word's place in the DPRAM.
     #[must_use]
     pub fn offset(&self) -> HostOffset {
         self.offset
@@ -33,19 +33,19 @@ impl CopiedWord {
         memory.read(self.sources[choice])
     }
 
-    /// Writes `word` where it goes, sign-extended to a long.
+    /// Writes `word` to its place, sign-extended to a long.
     #[inline]
     pub fn write(&self, word: u32, memory: &mut Memory) {
         memory.dpram.write32(self.offset, int24::extend(word));
     }
 }
 
-/// What a report copies.
+/// The words that a report copies.
 #[derive(Debug, Clone, Default)]
 pub struct Copies {
     /// Words of the board.
     pub board: Vec<CopiedWord>,
-    /// Those of each motor or coordinate system.
+    /// Words of each motor or coordinate system.
     pub numbers: Vec<Vec<CopiedWord>>,
 }
 
@@ -70,7 +70,7 @@ impl Copies {
                         copies.numbers.resize(copies.numbers.len().max(block.count), Vec::new());
                         &mut copies.numbers[number - 1]
                     };
-                    // Of a long register that has one long here it is the X half, as of the filtered velocity.
+                    // A long register that has one long in the report gives its X half, as the filtered velocity does.
                     let copied = if row.width == Width::Pair { 0..2 } else { 1..2 };
                     list.extend(copied.enumerate().map(|(place, half)| CopiedWord {
                         sources: sources.map(|source| halves(source)[half]),
@@ -83,7 +83,7 @@ impl Copies {
     }
 }
 
-/// The words of a register: the Y and the X half of a long one, twice the one word of another.
+/// The words of a register: the Y and the X half of a long register, twice the one word of another register.
 fn halves(register: PmacAddress) -> [PmacAddress; 2] {
     match register.space {
         Space::X | Space::Y => [register; 2],
@@ -91,8 +91,8 @@ fn halves(register: PmacAddress) -> [PmacAddress; 2] {
     }
 }
 
-/// Where the row `name` of `function` lies for the 0-based `index`, if no register of the board is documented that it is
-/// copied from.
+/// The place of row `name` of `function` for the 0-based `index`, if no manual names a board register as the row's
+/// source.
 #[must_use]
 pub fn calculated(family: &Family, function: &str, name: &str, index: usize) -> Option<HostOffset> {
     let mut rows = family.blocks.iter().flat_map(|block| block.registers);
@@ -101,8 +101,8 @@ pub fn calculated(family: &Family, function: &str, name: &str, index: usize) -> 
     if is_copied { None } else { row(family, function, name, index) }
 }
 
-/// Where the row `name` of `function` lies for the 0-based motor or coordinate system `index`; `None` for a row that
-/// the family does not have.
+/// The place of row `name` of `function` for the 0-based motor or coordinate system `index`; `None` for a row that the
+/// family does not have.
 #[must_use]
 pub fn row(family: &Family, function: &str, name: &str, index: usize) -> Option<HostOffset> {
     family.blocks.iter().find_map(|block| {

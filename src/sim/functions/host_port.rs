@@ -1,20 +1,22 @@
 //! The interrupt registers of the ISA host port, in a file of 16 bytes: one byte for each of its I/O addresses.
 //!
 //! PMAC(1) has an 8259 at base+8 and +9 (User Manual pp. 249-257). Input IR7 is asserted while a response waits in the
-//! DPRAM and I56=1. A set mask bit at +9 keeps it back. After an interrupt there is no other until the host writes the
-//! end of interrupt, 0x67, to +8.
+//! DPRAM and I56=1. A set mask bit at +9 keeps it back. After an interrupt the 8259 gives no other until the host
+//! writes the end of interrupt, 0x67, to +8.
 //!
-//! PMAC2 has latches instead (PMAC2 User Manual pp. 91-92): +8 latched signals, which ones written there clear; +9 the
-//! signals; +10 the mask, where 1 enables; +11 1 for level, 0 for edge. Bit 5 is the DPRAM's response, bit 7 the watchdog.
+//! PMAC2 has latches instead (PMAC2 User Manual pp. 91-92): +8 the latched signals, each cleared by a 1 that the host
+//! writes there; +9 the signals; +10 the mask, where 1 enables; +11 1 for level, 0 for edge. Bit 5 is the DPRAM's
+//! response, bit 7 the watchdog.
 //!
-//! A file does not show a write of the value that is already there, and +8 reads something else than was written to it.
-//! So a host writes what is for +8 to byte 12, an address that the port leaves free, and PMAC sets it back to 0. PMAC
-//! also notices a write to +8 itself when it changes what +8 reads: every command of the 8259 does, but not the clearing
-//! of exactly the signals that PMAC2 has latched. All other registers are plain bytes. At power-up everything is masked.
+//! A file does not show a write of the value that is already there, and +8 reads other values than a host writes to it.
+//! So a host writes the value for +8 to byte 12, an address that the port leaves free, and PMAC sets the byte back to
+//! 0. PMAC also notices a write to +8 itself that changes the value read at +8: every command of the 8259 does, but not
+//! the clearing of exactly the signals that PMAC2 has latched. All other registers are plain bytes. At power-up
+//! everything is masked.
 //!
 //! Not simulated: text through the port (+0 to +7); the 8259's initialisation words (one of them ends the service under
-//! way and does nothing else), its priorities, polling and acknowledge cycle (+10): only IR7 is ever asserted. No manual
-//! says which written value clears PMAC2's latches.
+//! way and does nothing else), its priorities, polling and acknowledge cycle (+10): only IR7 is ever asserted. No
+//! manual names the value that clears PMAC2's latches.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -36,7 +38,7 @@ const SECOND: u64 = 9;
 const MASK2: u64 = 10;
 /// Level or edge of PMAC2.
 const LEVEL2: u64 = 11;
-/// Where a host writes what is for +8.
+/// The address at which a host writes the value for +8.
 const WRITTEN: u64 = 12;
 
 /// 8259: the DPRAM's response.
@@ -55,7 +57,7 @@ pub struct HostPort {
     controller: Controller,
     /// 8259: IR7 is in service. PMAC2: an interrupt is out for the latched signals.
     in_service: bool,
-    /// What +8 reads.
+    /// The value that +8 reads.
     shown: u8,
     /// 8259: +8 reads the service register.
     reads_service: bool,
@@ -160,7 +162,8 @@ impl HostPort {
     }
 }
 
-/// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last one.
+/// Whether the interrupt line of the DPRAM's responses is asserted: I56=1, and the host has not taken the last
+/// response.
 fn response_waits(board: &Board) -> bool {
     let family = board.family();
     board.enabled(family.i.interrupt)

@@ -7,19 +7,19 @@
 //! `<CR>`; a control character goes alone into mailbox 0.
 //!
 //! From PMAC: when the host writes 0 to mailbox 1, PMAC fills mailboxes 0 to 15 once, with up to 16 characters, and
-//! interrupts with vector v. It says what the serial port would say under I3, I4 and I6. A `<CR>` ends a group, `<ACK>`
-//! has its own group. What follows the `<BELL>` of an error is in its group, but on Turbo boards in the next. Mailboxes that it does
-//! not fill keep what was in them, but for 0 and 1 (see below).
+//! interrupts with vector v. The characters are those that the serial port would send under I3, I4 and I6. A `<CR>`
+//! ends a group, `<ACK>` has its own group. The text after the `<BELL>` of an error is in the same group, but on Turbo
+//! boards in the next. PMAC leaves the mailboxes that it does not fill as they are, except 0 and 1 (see below).
 //!
-//! base+0x121 takes the DPRAM's page, A19-A14 of its address, and forgets it at a reset. With a page given to
+//! base+0x121 takes the DPRAM's page, A19-A14 of its address, and forgets the page at a reset. With a page given to
 //! [`Mailbox::open`], the DPRAM is out of reach until the host writes that page.
 //!
-//! A file does not show a write of the value that is already there. So PMAC leaves bytes there that no host writes: 0 in
-//! mailbox 0 after it has taken a group, 0xFF in mailbox 1 after it has taken the permission, 0xFF in the page register
-//! after a reset. PMAC always notices a host that writes 16 bits at base+2n, the character in the high byte, because PMAC
-//! keeps 0xFF in the even bytes, as an empty byte lane reads. So `pmacd` writes to such a file, and to it alone. Of a host
-//! that writes bytes one write goes unnoticed: a group that begins with the first character of the response before it. A
-//! board sees that, too.
+//! A file does not show a write of the value that is already there. So PMAC leaves bytes there that no host writes: 0
+//! in mailbox 0 after it has taken a group, 0xFF in mailbox 1 after it has taken the permission, 0xFF in the page
+//! register after a reset. PMAC always notices a host that writes 16 bits at base+2n, the character in the high byte,
+//! because PMAC keeps 0xFF in the even bytes, as an empty byte lane reads. So `pmacd` writes 16 bits to such a file,
+//! but not to a board. PMAC misses one write of a host that writes bytes: a group that begins with the first character
+//! of the response before it. A real board sees that write, too.
 
 use std::fs::File;
 use std::path::Path;
@@ -35,7 +35,7 @@ use crate::sim::language::interpreter::Interpreter;
 use crate::sim::language::serial::SerialPort;
 use crate::sim::program::Programs;
 
-/// The file's length: what the board's mailbox circuit takes of the VME bus.
+/// The file's length: the stretch of the VME bus that the board's mailbox circuit takes.
 pub const LENGTH: usize = map::mailbox::LENGTH;
 /// The page register, as the offset of its even byte.
 const PAGE: usize = map::mailbox::PAGE_SELECT - 1;
@@ -53,7 +53,7 @@ pub struct Mailbox {
     mapping: Mapping,
     _lock: Flock<File>,
     port: SerialPort,
-    /// What PMAC has left in mailboxes 0 and 1.
+    /// The values that PMAC has left in mailboxes 0 and 1.
     left: [u8; 2],
     /// The host has written 0 to mailbox 1 since the last response.
     may_fill: bool,
@@ -63,7 +63,7 @@ pub struct Mailbox {
     answering: Delay,
     /// Characters still to be put into their mailboxes although the interrupt is out.
     rest: Vec<(usize, u8)>,
-    /// The page that brings the DPRAM into reach; without one it always is.
+    /// The page that brings the DPRAM into reach; without a page the DPRAM always is in reach.
     page: Option<u8>,
     /// Interrupts with vector v-1, "taken", not yet given to the hosts.
     pub taken: u64,
@@ -98,7 +98,7 @@ impl Mailbox {
         Ok(mailbox)
     }
 
-    /// As a board's reset leaves it: nothing under way, mailboxes 0.
+    /// A board's reset: no group under way, mailboxes 0.
     pub fn reset(&mut self) {
         for number in 0..MAILBOXES {
             self.leave(number, 0);
@@ -177,7 +177,7 @@ impl Mailbox {
         }
     }
 
-    /// Takes a group when there is one: seen in one pass, taken in the next.
+    /// Takes the host's group in the pass after the one that first saw the group.
     fn take(&mut self, board: &mut Board) -> Option<Vec<u8>> {
         if !self.touched(0) {
             self.seen = None;
@@ -204,7 +204,7 @@ impl Mailbox {
         Some(group)
     }
 
-    /// Fills the mailboxes when the host has enabled it and there is something to say.
+    /// Fills the mailboxes when the host has enabled a response and the board has text for it.
     fn respond(&mut self, board: &mut Board) {
         let fault = &board.faults.mailbox;
         if !self.may_fill
@@ -239,7 +239,7 @@ impl Mailbox {
         self.responses += 1;
     }
 
-    /// One background pass: the enable, a group, what it says, a response.
+    /// One background pass: the host's permission, its group, the command in the group, a response.
     pub fn poll(&mut self, board: &mut Board, programs: &mut Programs, interpreter: &mut Interpreter) {
         for (number, character) in std::mem::take(&mut self.rest) {
             self.leave(number, character);

@@ -1,8 +1,8 @@
-//! PMAC's half of the DPRAM's functions, and of the ports beside it.
+//! PMAC's half of the DPRAM's functions, and of the ports beside the DPRAM.
 //!
-//! A function has its own state. It changes the board, and the programs where it starts some. It never waits: each
-//! [`poll`](Functions::poll) does what one background pass of the board does. Where its words lie, the board's
-//! [`Family`] says.
+//! A function has its own state. It changes the board, and some functions start programs. A function never waits: each
+//! [`poll`](Functions::poll) does the work of one background pass of the board. The board's [`Family`] has the
+//! addresses of the functions' words.
 
 pub mod ascii;
 #[cfg(test)]
@@ -31,7 +31,7 @@ use crate::map::Family;
 use crate::sim::board::Board;
 use crate::sim::program::Programs;
 
-/// The functions that work by flags in the background pass, and who uses which stretch of the DPRAM's user area.
+/// The functions that work by flags in the background pass, and the users of each stretch of the DPRAM's user area.
 #[derive(Debug, Clone)]
 pub struct Functions {
     panel: Panel,

@@ -1,17 +1,17 @@
 //! PMAC's half of the control panel (DPRAM manual pp. 12-13).
 //!
-//! With I2=3, PMAC sees request bits in the request mask in one background pass and acts in the next, so that it finds
-//! out a host that goes on writing after its flag. Then it clears the whole mask and leaves the request words as they
-//! are. In every pass it copies the overrides whose bit in the override mask is set, times 256, into the coordinate
-//! system's command override register. `%` writes there too, and Ix93 decides whether it counts.
+//! With I2=3, PMAC sees request bits in the request mask in one background pass and acts in the next, to catch a host
+//! that goes on writing after its flag. Then PMAC clears the whole mask and leaves the request words as they are. In
+//! every pass it copies the overrides whose bit in the override mask is set, times 256, into the coordinate system's
+//! command override register. `%` writes that register too, and Ix93 decides whether the register counts.
 //!
 //! The manual leaves open, and the simulator decides:
 //! * A jog goes on until another request or command ends it: a request is a `J+` command, not a held button.
-//! * A number whose word is 0 gets nothing to do.
+//! * A number whose word is 0 has no request.
 //! * Of several requests for a motor, stop wins over jog, jog over pre-jog, pre-jog over home. For a coordinate system,
-//!   abort wins over hold, hold over step, step over start. Holds and aborts come after everything else.
-//! * Step quits a program that runs, and steps one that does not.
-//! * A request that the board cannot carry out is dropped in silence: there is no port to report it to.
+//!   abort wins over hold, hold over step, step over start. Holds and aborts come after all other requests.
+//! * Step quits a program that runs, and steps a program that does not.
+//! * PMAC drops in silence a request that it cannot carry out: the panel has no port to report to.
 
 use crate::map::functions::panel_request::{
     FEED_HOLD, HOME, JOG_MINUS, JOG_PLUS, PRE_JOG, START, STEP, STOP,
@@ -30,7 +30,7 @@ const MOST_OVERRIDE: u16 = 0x7FFF;
 /// A request: 0-based number and request word.
 type Request = (usize, u16);
 
-/// What the host asks for: the mask, and the request word of every number.
+/// The host's requests: the mask, and the request word of every number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Asked {
     mask: u32,
@@ -43,10 +43,10 @@ impl Asked {
     }
 }
 
-/// What the panel remembers.
+/// The state of the panel.
 #[derive(Debug, Clone, Default)]
 pub struct Panel {
-    /// As it was at the last pass.
+    /// The requests at the last pass.
     seen: Option<Asked>,
     delay: Delay,
     /// Requests still to be acted on although the mask is clear.
@@ -121,7 +121,7 @@ fn judge(panel: &PanelBlock, seen: &Asked, now: &Asked, board: &mut Board) {
 
 fn act(requests: &[Request], board: &mut Board, programs: &mut Programs) {
     for &(n, word) in requests {
-        // What cannot be carried out is dropped.
+        // PMAC drops a request that it cannot carry out.
         let _ = match word & (JOG_PLUS | JOG_MINUS) {
             0 if word & PRE_JOG != 0 => board.jog(n, Jog::PreJog, None),
             0 if word & HOME != 0 => board.home(n),

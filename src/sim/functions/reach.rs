@@ -1,20 +1,20 @@
-//! What happens to the DPRAM while the host cannot reach it, because a fault hides it or its page is not selected.
+//! The DPRAM while the host cannot reach it, because a fault hides the DPRAM or the host has not selected its page.
 //!
-//! The host then reads all ones or zeros. Without its page the DPRAM stands still: its functions rest, but what PMAC's
-//! own commands write there counts.
+//! The host then reads all ones or zeros. Without its page the DPRAM stands still: its functions rest, but the writes
+//! of PMAC's own commands count.
 
 use super::servo_report::ServoReport;
 use crate::sim::board::Board;
 
-/// What the memory held before it went out of reach.
+/// The memory's content before it went out of reach.
 #[derive(Debug, Clone, Default)]
 pub struct Reach {
     before: Option<Vec<u16>>,
 }
 
 impl Reach {
-    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back after it. Of another page, which
-    /// the host writes meanwhile, it puts zeros there once.
+    /// Puts all ones (or zeros) into the whole DPRAM while it is out of reach, and the old content back afterwards. In
+    /// place of another page, which the host may write meanwhile, it puts zeros once.
     pub fn poll(&mut self, board: &mut Board, page_selected: bool, report: &mut ServoReport) {
         let dpram = &mut board.memory.dpram;
         let words = dpram.words();

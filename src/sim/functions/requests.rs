@@ -1,4 +1,4 @@
-//! `CMD` of programs (Software Reference pp. 305-308): command lines that a program asks for.
+//! `CMD` of programs (Software Reference pp. 305-308): command lines that a program sends to the board.
 //!
 //! The board carries them out in the background, one a pass, and sends the data without a closing acknowledgement.
 

@@ -1,22 +1,23 @@
 //! PMAC's half of the binary rotary buffers in the DPRAM (DPRAM manual p. 30, which has the first buffer's header only).
 //!
-//! With I57=1, or while `OPEN BINARY ROTARY` is in force on a Turbo board, each background pass copies the lines between PMAC's index and
-//! the host's into the coordinate system's
-//! internal rotary buffer while there is room. PMAC's index follows line by line. A line begins with a command whose
-//! start-of-line bit is set and ends before the next such command. The end marker at the host's index has that bit too.
-//! PMAC sees what the host's index has passed in one pass and takes it in the next, so that it finds out a host that
-//! changes it. Indexes and size count 32-bit words. A command takes two of them, and their low 24 bits count.
+//! With I57=1, or while `OPEN BINARY ROTARY` is in force on a Turbo board, each background pass copies the lines
+//! between PMAC's index and the host's into the coordinate system's internal rotary buffer while that has room. PMAC's
+//! index follows line by line. A line begins with a command whose start-of-line bit is set and ends before the next
+//! such command. The end marker at the host's index has that bit too. PMAC sees an advance of the host's index in one
+//! pass and takes the lines in the next, to catch a host that still changes them. Indexes and size count 32-bit words.
+//! A command takes two of these words, and their low 24 bits count.
 //!
 //! Status word: bit 14 while the internal buffer does not take the next line; bit 15, with a code in bits 7-0, while the
 //! transfer cannot go on.
 //!
 //! The manual leaves open, and the simulator decides:
-//! * The codes are the numbers of the errors that a command line would get: 3 for a header against the rules or a command
-//!   that does not exist, 5 without an internal buffer. The error stays as long as its reason, and no index moves.
+//! * The codes are the numbers of the errors that a command line would get: 3 for a header against the rules or a
+//!   command that does not exist, 5 without an internal buffer. The error stays as long as its cause, and no index
+//!   moves.
 //! * A header whose size is 0 is not in use. PMAC owns its index and the status while it transfers and the size is not 0;
 //!   the host sets the index up before.
-//! * A Turbo board has no I57. Each header belongs to one coordinate system (docs/evidence.md); another number in it is an
-//!   error.
+//! * A Turbo board has no I57. Each header belongs to one coordinate system (docs/evidence.md); a header with another
+//!   number is an error.
 //! * The number of coordinate system 1 in the header is a setting.
 
 use std::ops::Range;
@@ -32,7 +33,7 @@ use crate::sim::program::binary::{Command, START_OF_LINE};
 use crate::sim::program::rotary::AppendError;
 use crate::sim::program::store::Open;
 
-/// What has to stand at the host's index.
+/// The command that has to be at the host's index.
 const END_MARKER: Command = (0x00_0800, 0x00_FFFF);
 /// 32-bit words of a command.
 const COMMAND: u16 = 2;
@@ -57,14 +58,14 @@ struct Header {
 /// The transfer out of one buffer.
 #[derive(Debug, Clone)]
 pub struct RotaryTransfer {
-    /// What the judge calls the buffer.
+    /// The judge's name for the buffer.
     name: String,
     /// Where its header begins.
     header: HostOffset,
     state: Progress,
 }
 
-/// What a buffer's transfer remembers.
+/// The state of a buffer's transfer.
 #[derive(Debug, Clone, Default)]
 struct Progress {
     /// I57 was set and the header in use at the last pass.
@@ -86,7 +87,7 @@ impl RotaryTransfer {
         Self { name: format!("rotary buffer {number}"), header, state: Progress::default() }
     }
 
-    /// What the judge calls the buffer.
+    /// The judge's name for the buffer.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -118,7 +119,7 @@ impl RotaryTransfer {
             board.judge.pmacs_word(status, cycle, dpram);
             board.judge.pmacs_word(index, cycle, dpram);
         } else {
-            // Up to now the host may have set it up.
+            // The host may have set the index up until now.
             let found = dpram.read16(index);
             dpram.adopt(index, found);
         }
@@ -147,7 +148,7 @@ impl RotaryTransfer {
         Err(format!("it is not coordinate system {}'s", cs + 1))
     }
 
-    /// Takes what can be taken; gives the status word.
+    /// Takes all lines that it can; gives the status word.
     fn transfer(&mut self, mut header: Header, cs: usize, board: &mut Board, programs: &mut Programs) -> u16 {
         let first = header.buffer.map_or(0, HostOffset::bytes);
         self.state.span = Some(first..first + 4 * u32::from(header.size));
@@ -235,7 +236,7 @@ impl RotaryTransfer {
     }
 }
 
-/// Gives a line to the internal buffer; what the status word says of it.
+/// Gives a line to the internal buffer; returns the status word.
 fn append(cs: usize, line: &[Command], board: &mut Board, programs: &mut Programs) -> u16 {
     if programs.rotary_remaining(cs).is_none() {
         return rotary_header::ERROR | NO_BUFFER;

@@ -1,18 +1,18 @@
 //! PMAC's half of the servo report (DPRAM manual p. 14, Turbo User Manual p. 403).
 //!
 //! Every I19 servo cycles, when Host-Busy is clear: set PMAC-Busy, copy the registers of motors 1 to I59, store the
-//! timer, clear PMAC-Busy. PMAC tests Host-Busy before it sets PMAC-Busy, as the manual says, so a host that sets it in
-//! between meets an update under way. A family with a mask of motors copies those, and its [`BusyRule`] may turn PMAC's
-//! flag round.
+//! timer, clear PMAC-Busy. PMAC tests Host-Busy before it sets PMAC-Busy, as the manual says, so a host that sets
+//! Host-Busy in between meets an update under way. In a family with a mask of motors the report copies the motors of
+//! the mask, and the family's [`BusyRule`] may invert PMAC's flag.
 //!
-//! Turbo needs no `GATHER`. With a period of 0 it makes an update whenever the host has cleared the flag; else it makes them
-//! by themselves. With I57=1 they are made together with the background report.
+//! Turbo needs no `GATHER`. With a period of 0 PMAC makes an update whenever the host has cleared the flag; otherwise
+//! it makes updates unasked. With I57=1 PMAC makes the update together with the background report.
 //!
 //! With tags on, every 24-bit half of every copied register carries the number of the update (modulo 2^24): a reader that
 //! finds two numbers in one copy has read across two updates.
 //!
-//! With times on, motor 1's compensation position (its position bias, where the report has none) carries CLOCK_MONOTONIC in
-//! ns at the update (modulo 2^48), so that a reader can tell how long the data took.
+//! With times on, motor 1's compensation position (its position bias, in a report without compensation position)
+//! carries CLOCK_MONOTONIC in ns at the update (modulo 2^48): from this time a reader computes the age of the data.
 
 use nix::time::{ClockId, clock_gettime};
 
@@ -137,7 +137,7 @@ impl ServoReport {
         }
     }
 
-    /// Copies the words of the board, and those of the motors whose bits are set in `motors`.
+    /// Copies the words of the board, and the words of the motors whose bits are set in `motors`.
     fn copy(&self, motors: u32, memory: &mut Memory) {
         let tag = self.tag.then_some(self.updates as u32 & int24::MASK);
         let chosen = self.copies.numbers.iter().enumerate().filter(|(motor, _)| motors >> motor & 1 == 1);
@@ -157,7 +157,7 @@ fn motors(board: &Board) -> u32 {
     all & mask & reported
 }
 
-/// The bits of so many motors, from motor 1 on.
+/// The bits of the first `count` motors.
 fn first(count: usize) -> u32 {
     u32::MAX.checked_shr(32_u32.saturating_sub(count as u32)).unwrap_or(0)
 }

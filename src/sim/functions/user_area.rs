@@ -2,13 +2,13 @@
 
 use crate::map::{Family, HostOffset};
 
-/// Where the table with this start word lies; `None` when that is outside the user area.
+/// The place of the table with this start word; `None` outside the user area.
 #[must_use]
 pub fn place(family: &Family, start: u16) -> Option<HostOffset> {
     family.start.offset(start).filter(|&offset| family.user_area.contains(offset))
 }
 
-/// Whether `words` 16-bit words from `first` on lie in the DPRAM.
+/// Whether `words` 16-bit words from `first` on fit into the DPRAM.
 #[must_use]
 pub fn has_room(family: &Family, first: HostOffset, words: usize) -> bool {
     first.plus_words(words).bytes() <= family.length

@@ -44,13 +44,13 @@ impl Entry {
     }
 }
 
-/// What the function remembers.
+/// The state of the function.
 #[derive(Debug, Clone, Default)]
 pub struct VariableRead {
-    /// Where the table lies.
+    /// The place of the table.
     first: Option<HostOffset>,
     table: Vec<Entry>,
-    /// Which entries' data PMAC has written since the table is as it is.
+    /// Whether PMAC has written the data of each entry of the present table.
     written: Vec<bool>,
     /// PMAC has stored the timer since then.
     announced: bool,
@@ -187,7 +187,7 @@ impl VariableRead {
     }
 }
 
-/// Where the table lies, and the table as the header describes it; empty when the count is 0.
+/// The place of the table, and the table that the header describes; empty when the count is 0.
 fn table(board: &Board) -> Result<(Option<HostOffset>, Vec<Entry>), String> {
     let family = board.family();
     let function = &family.variable_read;

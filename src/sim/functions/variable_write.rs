@@ -1,7 +1,8 @@
 //! PMAC's half of the background variable write (DPRAM manual pp. 24-25).
 //!
-//! With I55=1, from firmware 1.15G on, and a count of 1 to 32, PMAC writes that many records into its registers and sets the count to 0. It sees
-//! the count in one background pass and acts in the next, so that it finds out a host that goes on writing after it.
+//! With I55=1, from firmware 1.15G on, and a count of 1 to 32, PMAC writes that many records into its registers and
+//! sets the count to 0. PMAC sees the count in one background pass and acts in the next, to catch a host that goes on
+//! writing after it.
 //!
 //! A record is six 16-bit words: address, type, data 1 low and high, data 2 low and high. The type word holds kind,
 //! width (0 is 24), offset and special type. An X or Y word takes the low bits of data 1 at the offset and keeps its other
@@ -9,13 +10,13 @@
 //!
 //! The register at address 0 is the servo clock: a write there trips the watchdog, and the board is dead until a reset.
 //!
-//! A board of a family whose records no text describes does nothing.
+//! A board does nothing if no manual describes its family's records.
 //!
 //! The manual leaves open, and the simulator decides:
 //! * PMAC does not act on a count above 32, or on records that do not fit into the user area.
-//! * It takes a width that is not in the manual's table as it is, and loses bits beyond bit 23.
-//! * It skips a record of an undefined kind or special type.
-//! * Kinds 4 and 6 write the Y and X word of a function block, as the variable read takes it.
+//! * PMAC accepts a width that the manual's table does not have, and loses bits beyond bit 23.
+//! * PMAC skips a record of an undefined kind or special type.
+//! * Kinds 4 and 6 write the Y and X word of a function block, which the variable read copies as one long register.
 
 use std::ops::Range;
 
@@ -39,12 +40,12 @@ const X: u16 = 2;
 const SPECIAL_Y: u16 = 4;
 const SPECIAL_X: u16 = 6;
 
-/// One record, as the host wrote it.
+/// A record, as the host wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Record {
     address: u16,
     kind: u16,
-    /// As it stands in the type word: 0 is 24.
+    /// The width in the type word: 0 is 24.
     width: u16,
     offset: u16,
     special: u16,
@@ -69,7 +70,7 @@ impl Record {
         if self.width == 0 { REGISTER } else { self.width }
     }
 
-    /// What is wrong with it, if anything.
+    /// The mistake in the record, if any.
     fn wrong(self) -> Option<String> {
         let Self { address, kind, special, offset, .. } = self;
         if !matches!(kind, Y | LONG | X | SPECIAL_Y | SPECIAL_X) {
@@ -87,13 +88,13 @@ impl Record {
     }
 }
 
-/// What the host asks for: where the records lie, and the records.
+/// The host's request: the place of the records, and the records.
 type Request = (HostOffset, Vec<Record>);
 
-/// What the function remembers.
+/// The state of the function.
 #[derive(Debug, Clone, Default)]
 pub struct VariableWrite {
-    /// The request as it was at the last pass.
+    /// The request at the last pass.
     seen: Option<Request>,
     delay: Delay,
     /// Records still to be written although the count is 0.
@@ -101,7 +102,7 @@ pub struct VariableWrite {
 }
 
 impl VariableWrite {
-    /// The bytes that the records take, while there are some.
+    /// The bytes that the records take; `None` without records.
     #[must_use]
     pub fn span(&self) -> Option<Range<u32>> {
         let (first, records) = self.seen.as_ref()?;
@@ -153,7 +154,7 @@ impl VariableWrite {
     }
 }
 
-/// What the host asks for; `None` when the count is 0.
+/// The host's request; `None` when the count is 0.
 fn request(family: &Family, board: &Board) -> Result<Option<Request>, String> {
     let function = &family.variable_write;
     let dpram = &board.memory.dpram;
@@ -180,7 +181,7 @@ fn request(family: &Family, board: &Board) -> Result<Option<Request>, String> {
     Ok(Some((first, records.collect())))
 }
 
-/// Writes record by record; a write to the servo clock is the last one.
+/// Writes record by record; ends after a write to the servo clock.
 fn write_all(records: &[Record], board: &mut Board) {
     for &record in records {
         if board.watchdog {
