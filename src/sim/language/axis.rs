@@ -5,7 +5,7 @@ use crate::sim::board::axes::{AxisDefinition, INVERSE_KINEMATIC, is_axis};
 use crate::sim::board::error::CommandError;
 use crate::sim::language::scanner::Scanner;
 
-/// Parses what follows `->`. `Ok(None)` is `0`: no axis. `I` is Turbo's (Turbo Software Reference p. 284).
+/// Parses the text after `->`. `Ok(None)` is `0`: no axis. `I` is Turbo's (Turbo Software Reference p. 284).
 ///
 /// # Errors
 /// ERR003 for more than three terms, an axis named twice, axes of two groups, or any other text.

@@ -1,11 +1,11 @@
 //! Control characters that are commands: they act at once, without a line end, and do not affect the line being entered
 //! (Software Reference, "On-line commands", CONTROL-A and following).
 //!
-//! ^W takes a command line from the DPRAM. I47 is its start address. It is packed as in the DPRAM ASCII port (two
-//! characters per 16-bit word, the first one low, Y word before X word) and ends at a NUL or carriage return; the port
-//! that sent the ^W gets the answer. ^E and ^G are binary reports of old firmware: the registers that I20 to I44 point
-//! to, and both words of the global status, each 24-bit word as three bytes, high byte first. (No available page prints
-//! their form, or the packing for ^W.)
+//! ^W takes a command line from the DPRAM. I47 is its start address. The line is packed as in the DPRAM ASCII port (two
+//! characters per 16-bit word, the first character low, Y word before X word) and ends at a NUL or carriage return; the
+//! port that sent the ^W gets the answer. ^E and ^G are binary reports of old firmware: ^E the registers that I20 to
+//! I44 point to, ^G both words of the global status, each 24-bit word as three bytes, high byte first. (No manual seen
+//! gives their form, or the packing for ^W.)
 
 use crate::map::Generation;
 use crate::sim::board::Board;
@@ -47,7 +47,7 @@ pub const fn takes_line(character: u8) -> bool {
     character == TAKE
 }
 
-/// The line for ^W; empty when I47 points outside the DPRAM, `None` where there is no such command.
+/// The line for ^W; empty when I47 points outside the DPRAM, `None` in families without ^W.
 pub fn dpram_line(board: &Board) -> Option<Vec<u8>> {
     let first = board.variables.i(board.settings().line_from_dpram?) as u32;
     let words = (first..)
@@ -71,8 +71,8 @@ pub fn binary_report(board: &Board, character: u8) -> Option<Vec<u8>> {
     Some(words.iter().flat_map(|word| word.to_be_bytes().into_iter().skip(1)).collect())
 }
 
-/// Executes `character`. `None` if it is no such command. Reports are of the 0-based `group` of motors, and of the group of
-/// coordinate systems that belongs to it, as I59 of Turbo pairs them (Turbo Software Reference p. 65).
+/// Executes `character`. `None` for a character that is no command. Reports are of the 0-based `group` of motors, and
+/// of the group of coordinate systems that I59 of Turbo pairs with it (Turbo Software Reference p. 65).
 pub fn execute(board: &mut Board, programs: &mut Programs, group: usize, character: u8) -> Option<Reply> {
     let (family, size) = (board.family(), board.identity.tables.group);
     let report = |texts: Vec<String>| Reply { lines: vec![texts.join(" ")], error: None };
@@ -87,7 +87,7 @@ pub fn execute(board: &mut Board, programs: &mut Programs, group: usize, charact
             reply = report(systems.map(|cs| status_text(&board.coordinate_report(cs))).collect());
         }
         D => programs.switch_plcs(u32::MAX, PlcSwitch::Disable),
-        // Of newer firmware; in the old one ^E reports ([`binary_report`]).
+        // In newer firmware; in old firmware ^E reports ([`binary_report`]).
         E if family.generation == Generation::Turbo => {
             (0..board.motors.len()).for_each(|motor| board.enable_motor(motor));
         }

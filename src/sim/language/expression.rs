@@ -41,8 +41,8 @@ pub fn evaluate(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<f64, 
     Evaluator { board, cs, strict: true }.sum(scanner)
 }
 
-/// Parses the expression at the scanner without evaluating it, as for a program line being entered. A computed variable
-/// number need not be valid yet.
+/// Parses the expression at the scanner without evaluating it, for a program line that is being entered. A computed
+/// variable number need not be valid yet.
 ///
 /// # Errors
 /// ERR003 for anything that is not an expression.
@@ -69,7 +69,7 @@ pub fn condition(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<bool
 /// Checks a variable number given as a constant.
 ///
 /// # Errors
-/// ERR003 when there is no such variable.
+/// ERR003 for a number that no variable has.
 pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
     let number = number.round_ties_even();
     let tables = board.variables.tables();
@@ -86,12 +86,12 @@ pub fn check_number(number: f64, board: &Board) -> Result<usize, CommandError> {
 /// The number of a variable after its letter: digits, or an expression in parentheses.
 ///
 /// # Errors
-/// ERR003 when there is none, or when it is not from 0 to `count` - 1.
+/// ERR003 without a number, or for a number that is not from 0 to `count` - 1.
 pub fn variable_number(scanner: &mut Scanner, board: &Board, cs: usize) -> Result<usize, CommandError> {
     Evaluator { board, cs, strict: true }.number(scanner)
 }
 
-/// Whether a comparison holds between what stands left and right of it.
+/// Whether a comparison holds between its left and its right value.
 type Comparison = fn(f64, f64) -> bool;
 
 const COMPARATORS: &[(&str, Comparison)] = &[
@@ -101,7 +101,7 @@ const COMPARATORS: &[(&str, Comparison)] = &[
     ("!>", |left, right| left <= right),
     ("<", |left, right| left < right),
     ("!<", |left, right| left >= right),
-    // Within one unit.
+    // The values differ by less than one.
     ("~", |left, right| (left - right).abs() < 1.0),
     ("!~", |left, right| (left - right).abs() >= 1.0),
 ];
@@ -229,7 +229,7 @@ fn divide(a: f64, b: f64) -> f64 {
     if b == 0.0 { SATURATED.copysign(a) } else { a / b }
 }
 
-/// The remainder: in 0..b for a positive divisor, in -|b|..|b| for a negative one, 0 for a zero one.
+/// The remainder: in 0..b for a positive divisor, in -|b|..|b| for a negative divisor, 0 for a divisor of zero.
 fn modulo(a: f64, b: f64) -> f64 {
     let result = if b > 0.0 {
         a.rem_euclid(b)

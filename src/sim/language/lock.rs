@@ -1,5 +1,5 @@
-//! `LOCK` and `UNLOCK` of Turbo boards: eight bits by which programs of different priority keep each other from the same data. I4904
-//! shows them in bits 4 to 11 (Turbo Software Reference p. 164).
+//! `LOCK` and `UNLOCK` of Turbo boards: eight bits by which programs of different priority keep each other from the
+//! same data. I4904 shows the bits as its bits 4 to 11 (Turbo Software Reference p. 164).
 
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
@@ -22,7 +22,7 @@ pub struct Lock {
 }
 
 impl Lock {
-    /// As `LIST` shows it.
+    /// The statement as `LIST` shows it.
     #[must_use]
     pub fn text(self) -> String {
         match self.before {
@@ -31,7 +31,7 @@ impl Lock {
         }
     }
 
-    /// Carries it out.
+    /// Carries the statement out.
     pub fn carry_out(self, board: &mut Board) {
         let (shown, bit) = (board.variables.i_integer(SHOWN), 1 << (FIRST + self.bit));
         let locked = if self.before.is_some() { shown | bit } else { shown & !bit };
@@ -43,7 +43,7 @@ impl Lock {
     }
 }
 
-/// What follows `LOCK`, or with `lock` false `UNLOCK`.
+/// The operands of `LOCK`, or with `lock` false of `UNLOCK`.
 ///
 /// # Errors
 /// ERR003 for any other text.

@@ -1,10 +1,10 @@
-//! What each port addresses.
+//! The motor and coordinate system that each port addresses.
 
 use crate::sim::board::firmware::Addressing;
 use crate::sim::board::output::Port;
 use crate::sim::language::interpreter::Interpreter;
 
-/// The interpreters of the ports: one for all of them, or one each.
+/// The interpreters of the ports: one for all ports, or one for each.
 #[derive(Debug, Clone)]
 pub struct Ports {
     addressing: Addressing,

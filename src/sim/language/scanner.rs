@@ -37,7 +37,7 @@ impl<'a> Scanner<'a> {
         self.text.get(self.at + distance).map(u8::to_ascii_uppercase)
     }
 
-    /// Takes the next character, whatever it is.
+    /// Takes the next character, whichever it is.
     pub fn next_character(&mut self) -> Option<u8> {
         let character = self.peek()?;
         self.at += 1;
@@ -102,7 +102,7 @@ impl<'a> Scanner<'a> {
         self.text.get(self.at..other.at).unwrap_or(&[])
     }
 
-    /// Takes the text up to the next `end`, as typed, and `end` too. `None` when there is none.
+    /// Takes the text up to the next `end`, as typed, and `end` too. `None` without an `end`.
     pub fn until(&mut self, end: u8) -> Option<&'a [u8]> {
         let rest = &self.text[self.at..];
         let length = rest.iter().position(|&c| c == end)?;

@@ -1,7 +1,7 @@
 //! The serial port as a stream of raw bytes: line collection, line editing, and the handshake around replies.
 //!
 //! I3 chooses the characters around data and the acknowledgement, I4 adds checksum bytes, I6 the error text (Software
-//! Reference p. 22-25). The board reads all three when it sends the reply, so `I3=2` is acknowledged in the new form.
+//! Reference p. 22-25). The board reads all three when it sends the reply, so it acknowledges `I3=2` in the new form.
 
 use crate::sim::board::Board;
 use crate::sim::board::error::CommandError;
@@ -84,7 +84,7 @@ impl Handshake {
     }
 }
 
-/// The sum of the characters, modulo 256: what I4 and ^N report.
+/// The sum of the characters, modulo 256, which I4 and ^N report.
 fn sum(text: &[u8]) -> u8 {
     text.iter().fold(0, |sum, character| sum.wrapping_add(*character))
 }
@@ -97,7 +97,7 @@ pub struct SerialPort {
 }
 
 impl SerialPort {
-    /// A port with nothing received.
+    /// A port that has received nothing.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -105,8 +105,8 @@ impl SerialPort {
 
     /// Takes one byte from the host and appends the board's answer to `out`.
     ///
-    /// PMAC and PMAC2 have one addressing for all ports: give each port the same `interpreter`. Ignores line feeds and
-    /// NULs. Keeps only the start of a line that is too long, and answers it with an error.
+    /// PMAC and PMAC2 have one addressing for all ports: give each port the same `interpreter`. The port ignores line
+    /// feeds and NULs. It keeps only the start of a line that is too long, and answers that line with an error.
     pub fn receive(
         &mut self,
         board: &mut Board,

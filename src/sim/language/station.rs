@@ -12,7 +12,7 @@ use crate::sim::language::scanner::Scanner;
 const TRANSFERS: &[(&str, bool)] =
     &[("MSR", false), ("MSW", true), ("MACROSLVREAD", false), ("MACROSLVWRITE", true)];
 
-/// The commands to a station that say nothing back (Turbo Software Reference p. 369).
+/// The commands to a station that get no answer (Turbo Software Reference p. 369).
 const COMMANDS: &[(&str, StationCommand)] = &[
     ("$$$", StationCommand::Reset),
     ("$$$***", StationCommand::FactoryReset),
@@ -20,7 +20,7 @@ const COMMANDS: &[(&str, StationCommand)] = &[
     ("SAVE", StationCommand::Save),
 ];
 
-/// The command behind `MS`; `None`, with the scanner unmoved, without one.
+/// The command after `MS`; `None`, with the scanner unmoved, for other text.
 pub fn command(scanner: &mut Scanner) -> Option<StationCommand> {
     scanner.keyword(&[COMMANDS])
 }
@@ -28,7 +28,7 @@ pub fn command(scanner: &mut Scanner) -> Option<StationCommand> {
 /// The number of a station.
 ///
 /// # Errors
-/// ERR003 when there can be no such station.
+/// ERR003 for a number that no station can have.
 pub fn node(scanner: &mut Scanner) -> Result<usize, CommandError> {
     Some(scanner.integer()?).filter(|&node| node <= LAST_STATION).ok_or(CommandError::SYNTAX)
 }
@@ -45,10 +45,11 @@ pub fn variable(scanner: &mut Scanner) -> Result<StationVariable, CommandError> 
     Ok((node, scanner.integer()?))
 }
 
-/// `MSR` or `MSW` and what follows; `None`, with the scanner unmoved, without one. PMAC's programs have no such statement.
+/// `MSR` or `MSW` and its operands; `None`, with the scanner unmoved, for other text. PMAC's programs have no such
+/// statement.
 ///
 /// # Errors
-/// ERR003 for a statement that is wrong.
+/// ERR003 for a wrong statement.
 pub fn transfer(scanner: &mut Scanner, board: &Board) -> Result<Option<Transfer>, CommandError> {
     if board.family().generation != Generation::Turbo {
         return Ok(None);
@@ -57,7 +58,7 @@ pub fn transfer(scanner: &mut Scanner, board: &Board) -> Result<Option<Transfer>
     operands(scanner, board, write).map(Some)
 }
 
-/// What follows `MSR` or, with `write`, `MSW`.
+/// The operands of `MSR` or, with `write`, of `MSW`.
 ///
 /// # Errors
 /// ERR003 for any other text.

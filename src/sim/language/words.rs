@@ -12,7 +12,7 @@ pub enum BufferCommand {
     Open,
     /// `CLOSE`.
     Close,
-    /// `CLOSE`, or `CLOSE ALL`, which closes what any port has open: here one buffer is open at most.
+    /// `CLOSE`, or `CLOSE ALL`, which closes the open buffer of any port: here at most one buffer is open.
     CloseAll,
     /// `CLEAR`.
     Clear,
@@ -41,7 +41,7 @@ pub enum Space {
     Y,
     /// 48-bit registers: X word high, Y word low.
     L,
-    /// Program memory, for writing only: it belongs to the firmware, and writing it changes nothing here.
+    /// Program memory, for writing only: the firmware is in it, and a write changes nothing here.
     Program,
 }
 
@@ -123,9 +123,9 @@ pub enum Word {
     Today,
     /// `TIME`.
     Time,
-    /// `MS`: a variable of a MACRO station, or a command to it.
+    /// `MS`: a variable of a MACRO station, or a command to the station.
     Station,
-    /// `MSR`, or `MSW` with `true`: a variable of a MACRO station to or from one of the board.
+    /// `MSR`, or `MSW` with `true`: a transfer between a variable of a MACRO station and a variable of the board.
     StationTransfer(bool),
     /// `SETPHASE`.
     SetPhase,
@@ -144,7 +144,7 @@ pub enum Word {
 }
 
 impl Word {
-    /// Whether words or numbers of its own may follow it.
+    /// Whether words or numbers of its own may follow the word.
     #[must_use]
     pub const fn has_operands(self) -> bool {
         !matches!(
@@ -179,7 +179,7 @@ pub const fn tables(generation: Generation) -> &'static [&'static [(&'static str
     }
 }
 
-/// What Turbo PMAC has on top, or in place of a word above.
+/// Turbo PMAC's additional words, and its replacements of words above.
 const TURBO: &[(&str, Word)] = &[
     ("CID", W::Part),
     ("VID", W::Vendor),
@@ -212,7 +212,8 @@ const TURBO: &[(&str, Word)] = &[
     ("MACROAUXREAD", W::AuxiliaryTransfer),
     ("MXW", W::AuxiliaryTransfer),
     ("MACROAUXWRITE", W::AuxiliaryTransfer),
-    // The version of a part that this board has not: no page seen tells what a board without it answers.
+    // The version of a part that this board does not have: no manual seen gives the answer of a board without that
+    // part.
     ("EAVERSION", W::Foreign),
 ];
 

@@ -1,5 +1,6 @@
 //! Commands on program and table buffers: open, close, clear, define, delete, PLC switches, `PC`, `PE`, `PR`, `LEARN`
-//! (Software Reference, on-line commands; Turbo Software Reference p. 381 for what opening a program forbids).
+//! (Software Reference, on-line commands; Turbo Software Reference p. 381 for the commands that an open program
+//! forbids).
 
 use crate::map::Generation;
 use crate::sim::board::error::CommandError;
@@ -17,17 +18,17 @@ pub(super) enum Buffer {
     Program,
     Plc,
     Rotary,
-    /// What follows is `ROTARY`.
+    /// `BINARY`, before `ROTARY`.
     Binary,
-    /// The inverse, else the forward, kinematic program of the addressed coordinate system.
+    /// With `true` the inverse kinematic program of the addressed coordinate system, else the forward program.
     Kinematics(bool),
     Table(TableKind),
     Gather,
     /// Every buffer but the fixed programs.
     All,
-    /// The lines from the one to be calculated next.
+    /// The lines from the next line to be calculated.
     Calculated,
-    /// The lines from the one in execution.
+    /// The lines from the line in execution.
     Executed,
     /// The board has nothing to list.
     Empty,
@@ -168,7 +169,7 @@ impl Line<'_, '_> {
         self.programs.store.open_buffer(open)
     }
 
-    /// ERR002 for what the password protects.
+    /// ERR002 for a buffer that the password protects.
     pub(super) fn accessible(&self, protected: bool) -> Outcome {
         if protected && !self.board.variables.password.is_open() {
             return Err(CommandError::PASSWORD);
@@ -216,7 +217,7 @@ impl Line<'_, '_> {
         self.store_items()
     }
 
-    /// A size. Sites give it in hex too. One beyond any board's memory need only stay so.
+    /// A size, which sites also give in hex. A size beyond any board's memory need only stay so.
     fn size(&mut self) -> Result<usize, CommandError> {
         Ok(self.scanner.unsigned()?.min(1e8) as usize)
     }
@@ -254,7 +255,8 @@ impl Line<'_, '_> {
         if size == 0 {
             return Err(CommandError::SYNTAX);
         }
-        // Two words for each output of the lookahead (Software Reference p. 215). No page seen tells those of its segments.
+        // Two words for each output of the lookahead (Software Reference p. 215). No manual seen gives the words of its
+        // segments.
         let size = size + 2 * outputs;
         if size as i64 > free {
             return Err(CommandError::NO_ROOM);

@@ -79,7 +79,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `UNDEFINE` clears the axis definitions of the coordinate system, `UNDEFINE ALL` those of all.
+    /// `UNDEFINE` clears the axis definitions of the coordinate system, `UNDEFINE ALL` those of all coordinate systems.
     pub(super) fn undefine(&mut self) -> Outcome {
         let all = 0..self.board.family().coordinate_systems;
         let own = self.interpreter.cs..self.interpreter.cs + 1;

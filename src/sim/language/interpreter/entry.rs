@@ -1,6 +1,7 @@
-//! Lines for an open buffer: the statements of a line are collected and stored as one program line at its end.
+//! Lines for an open buffer: the board collects the statements of a line and stores them as one program line at its
+//! end.
 //!
-//! Everything else is on-line only and is executed at once, as without a buffer (User Manual p. 29; Software Reference p. 273).
+//! The board executes every other command at once, as without a buffer (User Manual p. 29; Software Reference p. 273).
 
 use crate::sim::board::error::CommandError;
 use crate::sim::language::interpreter::Line;
@@ -10,7 +11,7 @@ use crate::sim::program::parse::{self, BufferKind};
 use crate::sim::program::store::{Open, TableKind};
 
 impl Line<'_, '_> {
-    /// Takes a program statement if a buffer is open for it; returns whether there was one.
+    /// Takes a program statement if a buffer is open for it; returns whether it took a statement.
     pub(super) fn program_statement(&mut self) -> Result<bool, CommandError> {
         let kind = match self.programs.store.open() {
             // While binary lines come in, no text enters (Software Reference p. 271).
@@ -34,7 +35,7 @@ impl Line<'_, '_> {
         }
         let mut items = std::mem::take(&mut self.items);
         let cs = self.interpreter.cs;
-        // A loop on one line, `WHILE(…) ENDWHILE`, comes back from a board as two lines.
+        // The board lists a loop on one line, `WHILE(…) ENDWHILE`, as two lines.
         while let Some(end) =
             items.windows(2).position(|pair| matches!(pair, [Item::While(_), Item::EndWhile]))
         {
@@ -50,7 +51,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// Enters `value` in the table that is not full; returns whether there is one.
+    /// Enters `value` in the table that is not full; returns whether such a table is open.
     pub(super) fn table_entry(&mut self, value: f64) -> bool {
         let tables = &mut self.programs.store.tables;
         let open = tables.iter_mut().rev().find(|table| table.takes_entries());

@@ -1,5 +1,5 @@
 //! `LIST`: one program line per reply line, with short keywords while I9 is even. With a start or a length, and for the
-//! lines in calculation and execution, the line's offset precedes it.
+//! lines in calculation and execution, the line's offset precedes the line.
 
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ impl Line<'_, '_> {
         }
     }
 
-    /// A program that the board lists only if there is one.
+    /// A program that the board lists only if it exists.
     fn list_existing(&mut self, lines: Option<Lines>) -> Outcome {
         self.list_range(lines.filter(|lines| !lines.is_empty()).ok_or(CommandError::SYNTAX)?)
     }
@@ -82,8 +82,8 @@ impl Line<'_, '_> {
 
     /// `[,[start][,length]]` in long words; if given, each line shows its offset.
     ///
-    /// No manual that was seen says what stands behind a program's end. dls-pmacanalyse lists part by part until there is an
-    /// error, and takes an empty answer for a fault of the board's.
+    /// No manual seen gives the answer beyond a program's end. dls-pmacanalyse lists part by part until the board
+    /// reports an error, and takes an empty answer for a fault of the board.
     fn list_range(&mut self, lines: Lines) -> Outcome {
         let (mut start, mut end, mut offsets) = (0, usize::MAX, false);
         if self.scanner.take(b',') {
@@ -170,7 +170,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// The line in execution: program, line number, offset. Before the first one, the line to be calculated next.
+    /// The line in execution: program, line number, offset. Before the first line, the next line to be calculated.
     pub(super) fn executed(&self) -> Option<(u32, u64, usize)> {
         let cs = self.interpreter.cs;
         let system = self.programs.systems.get(cs)?;

@@ -1,4 +1,4 @@
-//! Memory commands: `RX`, `RHX`, `WX` and similar ones.
+//! Memory commands: `RX`, `RHX`, `WX` and the like.
 
 use crate::format::{fixed48, int24};
 use crate::sim::board::error::CommandError;

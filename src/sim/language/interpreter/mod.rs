@@ -1,8 +1,9 @@
 //! Executes one command line, command by command, with the addressed motor and coordinate system.
 //!
-//! Executes the commands of a line from left to right as it parses them. The first error ends the line: commands to its
-//! left are done, the rest is not parsed. But a word that is no command is looked for before the first command acts. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such
-//! pair for all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
+//! The interpreter executes the commands of a line from left to right as it parses them. The first error ends the line:
+//! the commands to its left are done, the rest is not parsed. But before the first command acts, the interpreter looks
+//! for a word that is no command. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such pair for
+//! all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
 
 mod assign;
 mod buffers;
@@ -80,7 +81,7 @@ impl Interpreter {
 
     /// Executes one line, given without its end-of-line character. An empty line is valid and answers nothing.
     ///
-    /// A line with a character above 127 is ERR004, one longer than 255 characters ERR003; neither is started.
+    /// A line with a character above 127 is ERR004, a line longer than 255 characters ERR003; the board starts neither.
     pub fn execute(&mut self, board: &mut Board, programs: &mut Programs, line: &[u8]) -> Reply {
         if !line.is_ascii() {
             return Reply { lines: Vec::new(), error: Some(CommandError::CHARACTER) };
@@ -97,8 +98,8 @@ impl Interpreter {
         Reply { lines: line.lines, error }
     }
 
-    /// Executes a control character that is a command by itself (1 is ^A). `None` for any other one: it does nothing,
-    /// or belongs to the port's line editing (backspace, enter, ^I, ^N, ^Y).
+    /// Executes a control character that is a command by itself (1 is ^A). `None` for any other character: it does
+    /// nothing, or belongs to the port's line editing (backspace, enter, ^I, ^N, ^Y).
     ///
     /// `Some` with lines is a report; most characters answer nothing.
     pub fn control(&mut self, board: &mut Board, programs: &mut Programs, character: u8) -> Option<Reply> {
@@ -139,8 +140,9 @@ impl Line<'_, '_> {
         Ok(true)
     }
 
-    /// The error for a word that is no command, or needs a buffer, before any command of the line acts: the `R` of a misspelt word
-    /// starts no program. What stands behind an assignment, a definition or a command with operands is looked at in its turn.
+    /// The error for a word that is no command, or needs a buffer, before any command of the line acts: the `R` of a
+    /// misspelt word starts no program. The text after an assignment, a definition or a command with operands is
+    /// checked in its turn.
     fn check_words(&self) -> Outcome {
         let generation = self.board.family().generation;
         let mut ahead = self.scanner.clone();
@@ -233,7 +235,7 @@ impl Line<'_, '_> {
             Word::End => Err(CommandError::SYNTAX),
             Word::Version | Word::Type | Word::Date | Word::Checksum | Word::Size => self.identity(word),
             Word::Part | Word::Vendor | Word::Processor => self.card(word),
-            // No text seen tells the form: 0 is a board without such a chip.
+            // No manual seen gives the form: 0 is a board without a serial number chip.
             Word::Serial => self.answer("0"),
             Word::Today | Word::Time => self.clock(word),
             Word::Station => self.station(),
@@ -285,7 +287,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `##n` chooses the group of motors that ^B, ^F, ^P and ^V report at this port, from 0; `##` reports it.
+    /// `##n` chooses the group of motors that ^B, ^F, ^P and ^V report at this port, from 0; `##` reports the group.
     fn address_group(&mut self, groups: usize) -> Outcome {
         if !self.scanner.peek().is_some_and(|c| c.is_ascii_digit()) {
             return self.answer(self.interpreter.group.to_string());
@@ -338,7 +340,7 @@ impl Line<'_, '_> {
     }
 }
 
-/// Takes the word at the scanner. Where the word of a statement is the longer one, that counts.
+/// Takes the word at the scanner. A longer word of a program statement there takes precedence.
 fn word(scanner: &mut Scanner, generation: Generation) -> Option<Word> {
     let mut statement = scanner.clone();
     let is_statement = statement.keyword(statements::tables(generation)).is_some();

@@ -66,9 +66,10 @@ impl Line<'_, '_> {
     }
 
     /// `#n->` lists, `#n->{definition}` defines in the addressed coordinate system (Software Reference p. 179). A motor
-    /// of another coordinate system lists as `0` and cannot be redefined. Nor is its definition cleared from here, which is no error: the
-    /// manual only tells to address its own coordinate system, and a tool in use (dls-pmacanalyse) writes `#n->0` for every
-    /// coordinate system into files that are sent to a board. Were it an error, a download would end at the first of them.
+    /// of another coordinate system lists as `0`, and the board refuses to redefine it. `#n->0` does not clear the
+    /// definition of such a motor, but is no error: the manual only says to address the motor's own coordinate system,
+    /// and a tool in use (dls-pmacanalyse) writes `#n->0` for every coordinate system into files for a board. An error
+    /// would end a download at the first of these lines.
     pub(super) fn axis_definition(&mut self, motor: usize) -> Outcome {
         let cs = self.interpreter.cs;
         let decimals = self.board.variables.tables().decimals;
@@ -97,7 +98,8 @@ impl Line<'_, '_> {
         }
         let definition = definition(&mut self.scanner, cs, generation)?;
         if axes.coordinate_system(motor).is_some_and(|other| other != cs) {
-            // A site's backup clears in each coordinate system what is not its own, and keeps what is another's.
+            // A site's backup sends `#n->0` in each coordinate system that does not own the motor. The definition in
+            // its own stays.
             return if definition.is_none() { Ok(()) } else { Err(CommandError::SYNTAX) };
         }
         if self.board.runs_program(cs) {

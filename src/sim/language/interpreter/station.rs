@@ -19,8 +19,8 @@ impl Line<'_, '_> {
             return self.board.set_station_variable(variable, value as f64);
         }
         let value = self.board.station_variable(variable)?;
-        // The board does not know a station's variables one by one: as I9 has addresses, it has them all. A driver in use
-        // (DiamondLightSource/pmac) takes `$` before each.
+        // The board does not know a station's variables one by one: it lists all of them as I9 lists addresses. A
+        // driver in use (DiamondLightSource/pmac) takes `$` before each value.
         let text = if self.board.variables.hex_listing() {
             format!("${:X}", value as i64 & 0xFFFF_FFFF_FFFF)
         } else {

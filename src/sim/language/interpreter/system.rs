@@ -7,10 +7,9 @@ use crate::sim::language::interpreter::buffers::Buffer;
 use crate::sim::language::reply::Outcome;
 use crate::sim::language::words::Word;
 
-/// How long a board takes for `SAVE` and for a reset. No page says; some seconds are what users see of boards with flash
-/// memory.
+/// The time of a `SAVE` and of a reset. No manual gives it; users of boards with flash memory see some seconds.
 const SAVE_MS: f64 = 2000.0;
-/// How long it takes to make or take away a buffer, by the same experience.
+/// The time to make or take away a buffer, by the same experience.
 const BUFFER_MS: f64 = 20.0;
 
 impl Line<'_, '_> {
@@ -37,8 +36,9 @@ impl Line<'_, '_> {
         })
     }
 
-    /// `TODAY` and `TIME` report; `TIME=17:45:24`, the seconds optional (Turbo Software Reference p. 398), and `TODAY=12/31/2026`
-    /// set. The page with the form of that date was not seen: it is taken to be the one that `TODAY` reports.
+    /// `TODAY` and `TIME` report; `TIME=17:45:24`, the seconds optional (Turbo Software Reference p. 398), and
+    /// `TODAY=12/31/2026` set. The page with the form of that date was not seen: the simulator assumes the form that
+    /// `TODAY` reports.
     pub(super) fn clock(&mut self, what: Word) -> Outcome {
         let up = self.board.seconds_up();
         let clock = self.board.clock;
@@ -86,7 +86,7 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `PASSWORD={text}` sets or enters it; the text is the rest of the line. `PASSWORD` reports it.
+    /// `PASSWORD={text}` sets or enters the password; the text is the rest of the line. `PASSWORD` reports it.
     pub(super) fn password(&mut self) -> Outcome {
         if !self.scanner.take(b'=') {
             let password = self.board.variables.password.text().ok_or(CommandError::PASSWORD)?;

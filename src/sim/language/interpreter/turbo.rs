@@ -9,9 +9,9 @@ use crate::sim::language::reply::Outcome;
 use crate::sim::language::scanner::HEX_48;
 
 impl Line<'_, '_> {
-    /// `E`: the motors of the coordinate system that are killed close their loops where they are. No manual seen has the command. A
-    /// driver in use (DiamondLightSource/pmac) sends it before each scan and awaits its acknowledgement, and another program in use
-    /// (pgpmac) calls `<CTRL-E>` "enable disabled motors".
+    /// `E`: the killed motors of the coordinate system close their loops at their present positions. No manual seen has
+    /// the command. A driver in use (DiamondLightSource/pmac) sends it before each scan and awaits its acknowledgement,
+    /// and another program in use (pgpmac) calls `<CTRL-E>` "enable disabled motors".
     pub(super) fn enable_motors(&mut self) -> Outcome {
         for motor in self.board.motors_of(self.interpreter.cs) {
             self.board.enable_motor(motor);
@@ -25,7 +25,8 @@ impl Line<'_, '_> {
         Ok(())
     }
 
-    /// `MOVETIME`: what is left of the move in execution, in milliseconds at 100 %. No page seen shows the form of the answer.
+    /// `MOVETIME`: the time left in the move in execution, in milliseconds at 100 %. No manual seen gives the form of
+    /// the answer.
     pub(super) fn move_time(&mut self) -> Outcome {
         let system = self.programs.systems.get(self.interpreter.cs);
         let left = system.and_then(|system| system.trajectory.time_left()).map_or(0.0, |(left, _)| left);
