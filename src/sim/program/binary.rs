@@ -1,8 +1,8 @@
-//! Binary rotary commands to [`Item`]s: what PMAC makes of two 24-bit words (DPRAM manual pp. 31-35).
+//! Binary rotary commands to [`Item`]s: PMAC's reading of two 24-bit words (DPRAM manual pp. 31-35).
 //!
-//! Names and codes come from the format's one table, as addresses come from the register map. The bits are decoded
-//! here, the way the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, axes at their bits in the
-//! first `??` word.
+//! Names and codes come from the format's one table, as addresses come from the register map. This file decodes the
+//! bits as the board reads them: exponent bias 31, CODE2 of a mode at bit 16 of word 1, axes at their bits in the first
+//! `??` word.
 
 use crate::map::Generation;
 use crate::map::readings::RotaryCode2;
@@ -30,11 +30,12 @@ pub type Command = (u32, u32);
 pub const START_OF_LINE: u32 = 1 << 11;
 const BIAS: i32 = 31;
 
-/// Where CODE2 of ABS, INC and FRAX stands unless a test says otherwise: the drawing has an unused field between it and bit 11 (DPRAM
-/// manual p. 33, diagrams B and C), as the commands with CODE2 at bit 16 have it (E and F), and those at bit 12 have not (A).
+/// The place of CODE2 in ABS, INC and FRAX unless a test sets another: the drawing has an unused field between CODE2
+/// and bit 11 (DPRAM manual p. 33, diagrams B and C), as commands with CODE2 at bit 16 have (E and F), but not commands
+/// with CODE2 at bit 12 (A).
 pub const CODE2: RotaryCode2 = RotaryCode2::Bit16;
 
-/// The items of one line, where `home_motors` is the last motor that HOME and HOMEZ have a bit for.
+/// The items of one line. `home_motors` is the last motor that has a bit in HOME and HOMEZ.
 ///
 /// # Errors
 /// [`NoCommand`] for the first pair that is no command.

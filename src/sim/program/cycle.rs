@@ -15,7 +15,7 @@ use crate::sim::program::trajectory::{Later, Shape};
 /// PSTATUS bit 16.
 const BUFFER_REQUEST: u32 = 1 << 16;
 
-/// What to do when a move begins.
+/// Work due when a move begins.
 struct Begun {
     later: Vec<Later>,
     axes: [f64; 9],
@@ -56,7 +56,7 @@ impl Programs {
         self.free_rotary_lines(board, cs);
     }
 
-    /// Frees the rotary lines that are executed: those before the first one in calculation or execution.
+    /// Frees the executed rotary lines: those before the first line in calculation or execution.
     pub(super) fn free_rotary_lines(&mut self, board: &mut Board, cs: usize) {
         let system = &self.systems[cs];
         let lines =
@@ -80,7 +80,7 @@ impl Programs {
         }
     }
 
-    /// What the deletion of a rotary buffer leaves: nothing points there, and no lines are ahead.
+    /// After the deletion of a rotary buffer: the coordinate system does not point there, and no lines are ahead.
     pub fn forget_rotary(&mut self, board: &mut Board, cs: usize) {
         let system = &mut self.systems[cs];
         if system.cursor.is_some_and(|cursor| cursor.program == 0) {

@@ -1,8 +1,8 @@
 //! The internal form of program lines: one [`Item`] per command, one [`Line`] per text line.
 //!
-//! Text, DPRAM words and `LIST` all use it. Numbers are constants, or expressions kept as text and evaluated when the
-//! line is calculated. An item takes one long word of its buffer, an expression one more for each operand (User Manual,
-//! "Motion programs").
+//! Text, DPRAM words and `LIST` all use this form. Numbers are constants, or expressions kept as text; the board
+//! evaluates these when it calculates the line. An item takes one long word of its buffer, an expression one more for
+//! each operand (User Manual, "Motion programs").
 
 use crate::sim::board::Board;
 use crate::sim::board::axes::AxisMode;
@@ -42,7 +42,7 @@ impl Data {
     }
 }
 
-/// A move mode; bits 4, 1, 0 of PSTATUS identify it.
+/// A move mode, shown in bits 4, 1, 0 of PSTATUS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
     /// Blended straight moves.
@@ -104,9 +104,9 @@ pub enum Transform {
     AbsoluteDisplacement,
     /// `AROT`: rotation and scale.
     AbsoluteRotation,
-    /// `IDIS`: displacement added to the present one.
+    /// `IDIS`: a displacement on top of the present one.
     IncrementalDisplacement,
-    /// `IROT`: rotation added to the present one.
+    /// `IROT`: a rotation on top of the present one.
     IncrementalRotation,
 }
 
@@ -125,16 +125,16 @@ pub enum Operator {
     And,
 }
 
-/// What a command does with PLC programs.
+/// The effect of a command on PLC programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlcSwitch {
     /// `ENABLE`: the program begins at its top.
     Enable,
     /// `DISABLE`.
     Disable,
-    /// `PAUSE` (Turbo): the program stops where it is.
+    /// `PAUSE` (Turbo): the PLC program stops at its present line.
     Pause,
-    /// `RESUME` (Turbo): a paused program goes on where it stopped.
+    /// `RESUME` (Turbo): a paused PLC program goes on from the line at which it stopped.
     Resume,
 }
 
@@ -251,7 +251,7 @@ pub enum Item {
 }
 
 impl Item {
-    /// The long words that it takes in its buffer.
+    /// The item's long words in its buffer.
     #[must_use]
     pub fn words(&self) -> usize {
         1 + match self {
@@ -269,7 +269,7 @@ impl Item {
         }
     }
 
-    /// The number of a statement that has one number and nothing else behind its word.
+    /// The number of a statement that consists of its word and one number.
     #[must_use]
     pub fn number(&self) -> Option<&Data> {
         match self {
@@ -299,7 +299,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// The long words that it takes.
+    /// The line's long words.
     #[must_use]
     pub fn words(&self) -> usize {
         self.items.iter().map(Item::words).sum()

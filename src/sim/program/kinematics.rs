@@ -1,9 +1,9 @@
-//! Kinematic programs: they tell what the axes of a coordinate system have to do with its motors that are defined as `#n->I` (Turbo
-//! User Manual pp. 261-267).
+//! Kinematic programs: the relation between the axes of a coordinate system and its motors that are defined as `#n->I`
+//! (Turbo User Manual pp. 261-267).
 //!
-//! The forward program makes axis positions, Q1 (A) to Q9 (Z), from motor positions, P1 to P32: at `R`, `S` and `PMATCH`. The inverse
-//! program makes motor positions from axis positions: at the end of each segment of a LINEAR or CIRCLE move, at the end of every other
-//! move. Isx50 enables both.
+//! The forward program makes axis positions, Q1 (A) to Q9 (Z), from motor positions, P1 to P32: at `R`, `S` and
+//! `PMATCH`. The inverse program makes motor positions from axis positions: at the end of each segment of a LINEAR or
+//! CIRCLE move, at the end of every other move. Isx50 enables both.
 
 use super::Programs;
 use super::plc::{MOST_LINES, Scan};
@@ -13,15 +13,15 @@ use crate::sim::board::error::CommandError;
 use crate::sim::board::motor::{Motors, STILL};
 use crate::sim::board::variables::VariableKind::{P, Q};
 
-/// Q10 tells the inverse program whether it has to make velocities, too: from Q11 to Q19, into P101 to P132.
+/// Q10 tells the inverse program whether to make velocities, too: from Q11 to Q19, into P101 to P132.
 const WITH_VELOCITIES: usize = 10;
 const MOTOR_VELOCITIES: usize = 100;
 
 impl Programs {
-    /// Whether the kinematic programs that the coordinate system needs are there and whole.
+    /// Whether the kinematic programs that the coordinate system needs are present and whole.
     ///
     /// # Errors
-    /// ERR015 for an empty one, ERR016 for one with a block that does not end.
+    /// ERR015 for an empty program, ERR016 for a program with a block that does not end.
     pub fn check_kinematics(&self, board: &mut Board, cs: usize) -> Result<(), CommandError> {
         if board.kinematic_motors(cs).is_empty() {
             return Ok(());
@@ -46,7 +46,7 @@ impl Programs {
     /// `PMATCH`: takes the axis positions from the motors, unless a program runs.
     ///
     /// # Errors
-    /// As a start of the program, for want of a kinematic one.
+    /// The errors of a start that lacks a kinematic program.
     pub fn match_positions(&mut self, board: &mut Board, cs: usize) -> Result<(), CommandError> {
         let Some(system) = self.systems.get_mut(cs).filter(|system| !system.running) else { return Ok(()) };
         system.rematch = true;

@@ -1,8 +1,8 @@
-//! `SEND` of programs (Software Reference pp. 305-308), and where the answer to their `CMD` goes.
+//! `SEND` of programs (Software Reference pp. 305-308), and the port for the answer to their `CMD`.
 //!
-//! A PMAC sends both to the active response port. So does a Turbo board with a `SEND`; its `CMD` is answered nowhere. A letter
-//! behind either names a port: S the serial one, P the bus, R the DPRAM, A the auxiliary serial one (Turbo Software Reference
-//! pp. 421 and 471).
+//! A PMAC sends both to the active response port, and so does a Turbo board with a `SEND`; it sends the answer to a
+//! `CMD` nowhere. A letter after either word names a port: S the serial port, P the bus, R the DPRAM, A the auxiliary
+//! serial port (Turbo Software Reference pp. 421 and 471).
 
 use crate::map::Generation;
 use crate::map::functions::response;
@@ -45,8 +45,8 @@ impl Outlet {
         }
     }
 
-    /// The port; `None` where the board has none. No simulated board has an auxiliary serial port, and of the ports on a bus it
-    /// has the mailboxes alone.
+    /// The port; `None` where the board has no such port. No simulated board has an auxiliary serial port; the only
+    /// bus port of a simulated board is its mailboxes.
     #[must_use]
     pub fn port(self, board: &Board) -> Option<Port> {
         match self {

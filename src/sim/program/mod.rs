@@ -13,8 +13,8 @@
 //! | `run`, `cycle`, `servo` | run, stop, abort; servo and real-time interrupts |
 //! | [`plc`], `kinematics`, [`message`] | PLC programs; kinematic programs; SEND |
 //!
-//! Not played: cutter radius compensation. A program that holds `CC1` or `CC2` is stored and listed, and ends with a run-time error when it
-//! gets there.
+//! Not played: cutter radius compensation. The board stores and lists a program that holds `CC1` or `CC2`; the program
+//! ends with a run-time error when it gets there.
 
 pub mod binary;
 mod calculate;
@@ -98,7 +98,7 @@ impl Programs {
         Self::with(Store::default(), Store::default(), coordinate_systems)
     }
 
-    /// The state after a reset, with `store`, the buffers to begin with, and `saved`, those that `SAVE` stored.
+    /// The state after a reset: `store` has the buffers to begin with, `saved` those that `SAVE` stored.
     fn with(store: Store, saved: Store, coordinate_systems: usize) -> Self {
         Self {
             store,
@@ -110,7 +110,7 @@ impl Programs {
         }
     }
 
-    /// Resets: the saved buffers, or with `factory_values` none until the next reset; nothing runs.
+    /// Resets: back to the saved buffers, or with `factory_values` no buffers until the next reset; no program runs.
     pub fn reset(&mut self, factory_values: bool) {
         let saved = std::mem::take(&mut self.saved);
         let store = if factory_values { Store::default() } else { saved.clone() };

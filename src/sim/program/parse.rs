@@ -1,6 +1,7 @@
 //! Parses program text to [`Item`]s, one at a time, with an open buffer (Software Reference, "Program commands").
 //!
-//! Leaves everything else to the on-line interpreter: on-line commands that need no buffer work while one is open.
+//! The parser leaves all other words to the on-line interpreter: on-line commands that need no buffer work while one is
+//! open.
 
 use crate::map::Generation;
 use crate::sim::board::Board;
@@ -35,7 +36,7 @@ const LAST_LABEL: usize = 262_143;
 /// Parses the program statement at the scanner. `None` without one; the scanner has not moved then.
 ///
 /// # Errors
-/// ERR003 for a statement that is wrong or not allowed in this kind of buffer.
+/// ERR003 for a statement that is wrong or that this kind of buffer does not allow.
 pub fn item(scanner: &mut Scanner, board: &Board, kind: BufferKind) -> Parsed<Option<Item>> {
     let mut reader = Reader { scanner: scanner.clone(), board };
     let item = reader.item()?;
@@ -50,7 +51,8 @@ pub fn item(scanner: &mut Scanner, board: &Board, kind: BufferKind) -> Parsed<Op
 
 fn allowed(item: &Item, kind: BufferKind) -> bool {
     let flow = matches!(item, Item::If(_) | Item::Else | Item::EndIf | Item::While(_) | Item::EndWhile);
-    // All files seen have conditions on lines of their own in PLCs only. What a board lists of a PLC may end with RETURN.
+    // In all files seen only PLCs have conditions on lines of their own. A board may end its listing of a PLC with
+    // RETURN.
     let only_plcs = matches!(item, Item::Also(..));
     let ends = matches!(item, Item::Return);
     let general = matches!(
@@ -254,7 +256,7 @@ impl Reader<'_, '_> {
         self.board.family().generation == Generation::Turbo
     }
 
-    /// A text in quotes, or `^K` and the like. `^@` is NUL, and `^_` the last one (Turbo Software Reference p. 471).
+    /// A text in quotes, or `^K` and the like, from `^@` (NUL) to `^_` (Turbo Software Reference p. 471).
     fn message(&mut self, takes_characters: bool) -> Parsed<Message> {
         if self.scanner.take(b'^') {
             let letter =
@@ -316,7 +318,7 @@ fn expression(scanner: &mut Scanner, board: &Board) -> Parsed<Data> {
     }
 }
 
-/// Text as a buffer stores it: capitals, and no blanks but where one ends a hex number: `$F AND`.
+/// Text as a buffer stores it: capitals, and no blanks but the blank that ends a hex number: `$F AND`.
 fn squeezed(text: &[u8]) -> Box<str> {
     let mut squeezed = String::new();
     for word in String::from_utf8_lossy(text).split_ascii_whitespace() {

@@ -1,7 +1,7 @@
 //! The path of one blended move: straight or arc, in motor counts from its start (User Manual pp. 166-177).
 //!
 //! An axis is a sum over motors, so an arc in XYZ is an arc of vectors in motor space: `r (cos e1 + sin e2)`. Its
-//! radius may grow (a spiral), and everything else adds a straight part.
+//! radius may grow (a spiral), and all other motion adds a straight part.
 
 use crate::sim::board::motor::{Motors, STILL};
 
@@ -12,7 +12,7 @@ pub enum Path {
     Line(Box<Motors>),
     /// An arc.
     Arc(Box<Arc>),
-    /// A smooth curve through displacements at equal steps of `u`, the first one zero; two at least.
+    /// A smooth curve through displacements at equal steps of `u`, the first displacement zero; at least two.
     Points(Box<[Motors]>),
 }
 
@@ -58,7 +58,7 @@ impl Path {
         }
     }
 
-    /// Adds the displacement at `u` on the curve through `points`: a cubic between two of them.
+    /// Adds the displacement at `u` on the curve through `points`: a cubic between each two neighbours.
     fn add_curve(points: &[Motors], u: f64, rate: f64, position: &mut Motors, velocity: &mut Motors) {
         let Some(last) = points.len().checked_sub(1).filter(|&last| last > 0) else { return };
         let place = u.clamp(0.0, 1.0) * last as f64;

@@ -1,8 +1,9 @@
 //! PLC programs: PLC 0 in the real-time interrupt, PLC 1 to 31 in the background (User Manual, "Writing a PLC
 //! program").
 //!
-//! I5 enables them: 1 PLC 0, 2 the others, 3 both. A scan goes from the top to the end, or to the `ENDWHILE` of a loop
-//! that continues; the next scan resumes at its `WHILE`. Opening a PLC's buffer disables it; a reset enables all.
+//! I5 enables PLCs: 1 PLC 0, 2 the others, 3 both. A scan goes from the top to the end, or to the `ENDWHILE` of a loop
+//! that continues; the next scan resumes at its `WHILE`. Opening a PLC's buffer disables the PLC; a reset enables all
+//! PLCs.
 
 use std::sync::Arc;
 
@@ -18,7 +19,7 @@ use crate::sim::program::structure::{Effect, Tracker};
 /// Most lines of one scan, or of a kinematic program.
 pub(super) const MOST_LINES: usize = 10_000;
 
-/// Where a PLC's next scan begins, and what the PLC has addressed.
+/// The begin of a PLC's next scan, and the motor and coordinate system that the PLC has addressed.
 #[derive(Debug, Clone, Copy, Default)]
 struct PlcState {
     line: usize,
@@ -31,7 +32,7 @@ struct PlcState {
 pub struct Plcs {
     /// Bit n for PLC n.
     enabled: u32,
-    /// Those of them that stand still where `PAUSE` has stopped them.
+    /// The enabled PLCs that stand still where `PAUSE` has stopped them.
     paused: u32,
     states: [PlcState; PLCS],
 }
@@ -189,7 +190,7 @@ impl<'a> Scan<'a> {
                 _ => {}
             }
         }
-        // `WHILE(…) statement`: the next scan repeats it.
+        // `WHILE(…) statement`: the next scan repeats the loop.
         if line.items.len() > 1 && line.items.iter().any(|item| matches!(item, Item::While(_))) {
             self.state.line = self.at;
             return Next::Scan;
@@ -198,7 +199,8 @@ impl<'a> Scan<'a> {
         Next::Line
     }
 
-    /// Whether the condition on the line at `at` is true; with `goes_on`, the lines below it that go on with it belong to it.
+    /// Whether the condition on the line at `at` is true; with `goes_on`, together with the lines below that continue
+    /// it.
     fn holds(&self, text: &str, goes_on: bool) -> bool {
         let mut whole = format!("({text})");
         for line in (self.at + 1..).map_while(|number| self.line(number).filter(|_| goes_on)) {
@@ -210,7 +212,7 @@ impl<'a> Scan<'a> {
         condition(&mut Scanner::new(whole.as_bytes()), self.board, self.state.cs).unwrap_or(false)
     }
 
-    /// Skips a short IF; continues in the `ELSE` of the next line if there is one.
+    /// Skips a short IF; continues in the `ELSE` of the next line, if any.
     fn skip_short(&mut self) -> Next {
         self.at += 1;
         match self.line(self.at) {

@@ -1,8 +1,9 @@
 //! The internal rotary program buffers, one per coordinate system: lines come in, executed lines go out (User Manual p.
 //! 213).
 //!
-//! Lines come as text while `OPEN ROT` is in force, or in binary from the DPRAM while that or `OPEN BINARY ROTARY` is: the transfer calls
-//! [`room`](Programs::rotary_room) and [`append`](Programs::rotary_append). An executed line is freed at once.
+//! Lines come as text while `OPEN ROT` is in force, or in binary from the DPRAM while `OPEN ROT` or `OPEN BINARY
+//! ROTARY` is in force: the transfer calls [`room`](Programs::rotary_room) and [`append`](Programs::rotary_append). The
+//! board frees a line as soon as it has executed the line.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -112,8 +113,8 @@ pub enum AppendError {
 }
 
 impl Programs {
-    /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; `false` too when it is
-    /// not defined or not open.
+    /// Whether the rotary buffer of the 0-based `cs` can take a line of `commands` commands now; also `false` without a
+    /// defined or open buffer.
     #[must_use]
     pub fn rotary_room(&self, cs: usize, commands: usize) -> bool {
         self.store.rotary_is_open()
@@ -123,7 +124,7 @@ impl Programs {
     /// Appends one binary line to the rotary buffer of the 0-based `cs`: the 24-bit word pairs of its commands.
     ///
     /// # Errors
-    /// [`AppendError`]; nothing is stored then.
+    /// [`AppendError`]; the buffer then stores no command of the line.
     pub fn rotary_append(
         &mut self,
         board: &mut Board,

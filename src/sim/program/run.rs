@@ -19,7 +19,7 @@ const RUNNING: u32 = 1;
 const SINGLE_STEP: u32 = 1 << 1;
 pub(super) const BLENDING: u32 = 1 << 2;
 const CONTINUOUS: u32 = 1 << 4;
-/// What the end of a program clears: running, single step and continuous motion.
+/// The bits that the end of a program clears: running, single step and continuous motion.
 const NOT_RUNNING: u32 = 0b1_0111;
 /// `??` word 2.
 pub(super) const HOLD_STOP: u32 = 1 << 23;
@@ -56,7 +56,7 @@ impl Programs {
     /// `B{number}`: the fraction is a label; 0 is the rotary buffer.
     ///
     /// # Errors
-    /// ERR001 while a program runs, ERR003 when there is no such program or label.
+    /// ERR001 while a program runs, ERR003 for a missing program or label.
     pub fn begin(&mut self, board: &mut Board, cs: usize, number: f64) -> Result {
         if board.runs_program(cs) {
             return Err(CommandError::RUNNING);
@@ -71,7 +71,8 @@ impl Programs {
     /// `R`: runs from the pointer; after a hold, resumes.
     ///
     /// # Errors
-    /// ERR010 to ERR015 for the state of motors and pointer, ERR017 away from where it stopped, ERR016 for open blocks.
+    /// ERR010 to ERR015 for the state of motors and pointer, ERR017 away from the place of the stop, ERR016 for open
+    /// blocks.
     pub fn run(&mut self, board: &mut Board, cs: usize) -> Result {
         self.start_program(board, cs, true)
     }
@@ -148,7 +149,7 @@ impl Programs {
         }
     }
 
-    /// `/`: stops after the move in progress; the pointer is at the one after it.
+    /// `/`: stops after the move in progress; the pointer is at the move after it.
     pub fn stop_after_move(&mut self, board: &mut Board, cs: usize) {
         let Some(system) = self.systems.get_mut(cs).filter(|system| system.running) else {
             board.coordinate_word(cs, NOT_RUNNING, 0);
@@ -232,7 +233,8 @@ impl Programs {
             motor.rest();
             motor.set_pre_jog(motor.commanded());
         }
-        // No interrupt calculates any more: the last lines would be the first ones that B0 points to.
+        // No interrupt calculates any more, so this is the last chance to free the executed lines: B0 would point to
+        // them.
         self.free_rotary_lines(board, cs);
     }
 
@@ -278,7 +280,7 @@ impl Programs {
         }
     }
 
-    /// `<CTRL-R>`. A control character reports no error: what cannot run does not change.
+    /// `<CTRL-R>`. A control character reports no error: a coordinate system that cannot run does not change.
     pub fn run_all(&mut self, board: &mut Board) {
         for cs in 0..self.systems.len() {
             let _ = self.run(board, cs);
@@ -293,8 +295,8 @@ impl Programs {
     }
 }
 
-/// What keeps a program from starting, in the order of the board's checks (Software Reference p. 25; the order itself
-/// is not printed). `pointed`: the coordinate system points to a program.
+/// The first obstacle to the start of a program, in the order of the board's checks (Software Reference p. 25; the
+/// order itself is not printed). `pointed`: the coordinate system points to a program.
 ///
 /// # Errors
 /// ERR015, ERR014, ERR013, ERR012, ERR010, ERR011.

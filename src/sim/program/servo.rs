@@ -86,7 +86,8 @@ impl Programs {
         if let Some(cs) = cs {
             self.end_program(board, cs);
         }
-        // Ix25 (Turbo: Ixx24) bits 21-22: what a fatal error kills besides the motor itself: 0 all, 1 its coordinate system.
+        // Ix25 (Turbo: Ixx24) bits 21-22: the motors that a fatal error kills besides its own: 0 all, 1 those of its
+        // coordinate system.
         let scope = board.setting(board.settings().flag_mode, motor) as u32 >> 21 & 3;
         for other in (0..board.motors.len()).filter(|&other| other != motor) {
             let same = cs.is_some() && board.axes.coordinate_system(other) == cs;

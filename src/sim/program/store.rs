@@ -37,9 +37,9 @@ impl Program {
         self.lines.clone()
     }
 
-    /// The lines as a board lists them: `RETURN` ends them, whether it was entered or not. Two tools in use build on that:
-    /// dls-pmacanalyse adds it to files before it compares them with listings, and dPMAC makes it the `CLOSE` of the files that
-    /// it writes. A program that is just cleared stays empty.
+    /// The lines as a board lists them: `RETURN` ends them, whether a user entered it or not. Two tools in use rely on
+    /// that `RETURN`: dls-pmacanalyse adds it to files before it compares them with listings, and dPMAC turns it into
+    /// the `CLOSE` of the files that it writes. A program that was just cleared stays empty.
     #[must_use]
     pub fn listed(&self) -> Vec<Arc<Line>> {
         self.lines.iter().cloned().chain(self.end()).collect()
@@ -51,7 +51,7 @@ impl Program {
         Some(Arc::new(Line { items: vec![Item::Return], offset: last.offset + last.words() }))
     }
 
-    /// Long words that it takes.
+    /// The program's long words.
     #[must_use]
     pub fn words(&self) -> usize {
         self.words + self.end().map_or(0, |line| line.words())
@@ -116,15 +116,16 @@ pub enum TableKind {
 pub struct Table {
     /// Its kind.
     pub kind: TableKind,
-    /// The 0-based motor or coordinate system that it was defined for.
+    /// The 0-based motor or coordinate system of the table's definition.
     pub owner: usize,
     /// Entries, or long words.
     pub size: usize,
     /// Its span in counts.
     pub span: f64,
-    /// Leadscrew compensation: the 0-based motor whose position it uses, and the one that it corrects.
+    /// Leadscrew compensation: the 0-based motor whose position selects the entry, and the motor that the table
+    /// corrects.
     pub motors: [usize; 2],
-    /// Whether it uses the desired position, not the actual one.
+    /// Whether the desired position selects the entry, not the actual position.
     pub desired: bool,
     /// The entries made so far.
     pub entries: Vec<f64>,
@@ -133,8 +134,8 @@ pub struct Table {
 impl Table {
     /// The value for `position` counts from home, interpolated between entries.
     ///
-    /// The first entry is for one spacing from zero; the last is for the whole span, and so for zero too: the table
-    /// repeats beyond its span in both directions. Missing entries are zero.
+    /// The first entry is for one spacing from zero; the last entry is for the whole span, and so for zero too: the
+    /// table repeats beyond its span in both directions. Missing entries are zero.
     #[must_use]
     pub fn at(&self, position: f64) -> f64 {
         if self.span <= 0.0 {
@@ -146,7 +147,7 @@ impl Table {
         entry(below) * (1.0 - part) + entry(below + 1) * part
     }
 
-    /// Whether lines with a constant add entries to it.
+    /// Whether lines with a constant add entries to the table.
     #[must_use]
     pub fn takes_entries(&self) -> bool {
         matches!(self.kind, TableKind::Leadscrew | TableKind::Torque | TableKind::Backlash)
@@ -159,9 +160,9 @@ impl Table {
 pub struct Store {
     programs: BTreeMap<u32, Program>,
     plcs: Vec<Program>,
-    /// By 0-based coordinate system, and whether it is the inverse one.
+    /// By 0-based coordinate system, and whether the program is the inverse program.
     kinematics: BTreeMap<(usize, bool), Program>,
-    /// By 0-based coordinate system; shorter when the last ones are not defined.
+    /// By 0-based coordinate system; shorter when the last systems have no buffer.
     rotary: Vec<Option<Rotary>>,
     /// The tables, in order of definition.
     pub tables: Vec<Table>,
@@ -184,8 +185,8 @@ impl Default for Store {
 }
 
 impl Store {
-    /// What remains after a reset: fixed programs and tables, no rotary buffer and no lookahead buffer (Turbo Software
-    /// Reference p. 315).
+    /// The buffers that a reset keeps: fixed programs and tables, no rotary buffer and no lookahead buffer (Turbo
+    /// Software Reference p. 315).
     #[must_use]
     pub fn kept(&self) -> Self {
         let mut kept = Self { rotary: Vec::new(), open: None, ..self.clone() };
@@ -208,7 +209,7 @@ impl Store {
     /// Opens a buffer.
     ///
     /// # Errors
-    /// ERR007 while one is open; ERR003 for rotary buffers when none is defined.
+    /// ERR007 while a buffer is open; ERR003 for rotary buffers when none is defined.
     pub fn open_buffer(&mut self, which: Open) -> Result<()> {
         if self.open.is_some() {
             return Err(CommandError::BUFFER_IN_USE);
@@ -320,7 +321,7 @@ impl Store {
         self.programs.get(&number)
     }
 
-    /// PLC program `number`; empty when it was never entered.
+    /// PLC program `number`; empty when no user has entered it.
     #[must_use]
     pub fn plc(&self, number: usize) -> Option<&Program> {
         self.plcs.get(number)
@@ -384,7 +385,7 @@ impl Store {
     /// `DELETE ROT`: the buffer of a higher coordinate system keeps its place.
     ///
     /// # Errors
-    /// ERR003 when there is none, ERR007 while the rotary buffers are open.
+    /// ERR003 without such a buffer, ERR007 while the rotary buffers are open.
     pub fn delete_rotary(&mut self, cs: usize) -> Result<()> {
         if self.rotary_is_open() {
             return Err(CommandError::BUFFER_IN_USE);

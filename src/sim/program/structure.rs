@@ -1,8 +1,8 @@
 //! The block structure of `IF`, `ELSE`, `ENDIF`, `WHILE` and `ENDWHILE` (Software Reference, program commands).
 //!
-//! An `IF` or `ELSE` with statements behind it on its line governs only that line and has no `ENDIF`; one at the end of
-//! its line opens a block. An `ELSE` may follow the line of such a short `IF`. Lines with `AND` or `OR` go on with the
-//! condition of the line above that opens a block.
+//! An `IF` or `ELSE` with statements behind it on its line governs only that line and has no `ENDIF`; an `IF` or `ELSE`
+//! at the end of its line opens a block. An `ELSE` may follow the line of such a short `IF`. Lines with `AND` or `OR`
+//! continue the condition of the line above that opens a block.
 
 use crate::sim::program::item::{Item, Line};
 
@@ -17,14 +17,14 @@ enum Block {
     While,
 }
 
-/// How an item affects the blocks around it.
+/// The effect of an item on the blocks around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
-    /// Nothing, or it opens one.
+    /// No effect, or the item opens a block.
     None,
-    /// It is the `ELSE` of the innermost block.
+    /// The item is the `ELSE` of the innermost block.
     Else,
-    /// It ends the innermost block.
+    /// The item ends the innermost block.
     Ends,
 }
 
@@ -35,7 +35,7 @@ pub struct Tracker {
     /// The last line was a short `IF`.
     after_short_if: bool,
     short_if: bool,
-    /// The line before ends with a condition, so that this one may go on with it.
+    /// The line before ends with a condition, so that this line may continue the condition.
     after_condition: bool,
     condition: bool,
 }

@@ -17,7 +17,7 @@ pub struct Frame {
     pub loops: Vec<Cursor>,
 }
 
-/// Why calculation has ended; execution ends when the calculated moves are done.
+/// The reason for the end of calculation; execution ends when the calculated moves are done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
     /// The end of the program: the pointer goes to its start.
@@ -29,7 +29,7 @@ pub enum Ending {
 /// `\`: slows down the motion on its path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Hold {
-    /// It does not.
+    /// No hold.
     #[default]
     Off,
     /// Slowing down; stopped when the factor is 0.
@@ -65,7 +65,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// Whether there is nothing to move.
+    /// Whether the request moves no axis.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.axes.iter().all(Option::is_none) && self.vectors.iter().all(Option::is_none)
@@ -79,9 +79,9 @@ pub struct System {
     pub cursor: Option<Cursor>,
     /// The callers, outermost first.
     pub frames: Vec<Frame>,
-    /// The `WHILE` loops around it in the present program.
+    /// The `WHILE` loops around the cursor in the present program.
     pub loops: Vec<Cursor>,
-    /// Whether it runs, as `??` shows.
+    /// Whether the program runs, as `??` shows.
     pub running: bool,
     /// Started by `R`, not by `S`.
     pub continuous: bool,
@@ -143,13 +143,13 @@ impl System {
         self.stopped_at = None;
     }
 
-    /// The rotary line in calculation; lines from it on are ahead. 0 outside a rotary program.
+    /// The rotary line in calculation; lines from this line on are ahead. 0 outside a rotary program.
     #[must_use]
     pub fn rotary_line(&self) -> u64 {
         self.rotary_cursor().map_or(0, |cursor| cursor.line + u64::from(cursor.item > 0))
     }
 
-    /// The first rotary line that calculation still needs: one that it has begun, too. 0 outside a rotary program.
+    /// The first rotary line that calculation still needs: also a line that it has begun. 0 outside a rotary program.
     #[must_use]
     pub fn first_rotary_line(&self) -> u64 {
         self.rotary_cursor().map_or(0, |cursor| cursor.line)
@@ -167,10 +167,10 @@ impl System {
         self.trajectory.close();
     }
 
-    /// The command it points to.
+    /// The command that the system points to.
     ///
     /// # Errors
-    /// ERR015 when it points nowhere.
+    /// ERR015 when the system points to no command.
     pub fn pointed(&self) -> Result<Cursor, CommandError> {
         self.cursor.ok_or(CommandError::NO_PROGRAM)
     }

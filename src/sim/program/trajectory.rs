@@ -1,8 +1,8 @@
 //! The motion of a coordinate system: calculated moves in order, evaluated each servo cycle.
 //!
-//! Moves are scheduled on a clock that runs with the time base. Blended neighbours overlap in a ramp, where their
-//! positions add up. Every other move begins where the one before it has ended. Positions are closed formulas of the
-//! clock, so no error accumulates.
+//! The clock of the moves runs with the time base. Blended neighbours overlap in a ramp, where their positions add up.
+//! Every other move begins at the end of the move before. Positions are closed formulas of the clock, so no error
+//! accumulates.
 
 use std::collections::VecDeque;
 
@@ -20,11 +20,11 @@ pub struct Jog {
     pub target: f64,
     /// Speed in counts/ms.
     pub speed: f64,
-    /// After a trigger on the way, the distance from it to the end, in counts.
+    /// After a trigger on the way, the distance from the trigger to the end, in counts.
     pub after_trigger: Option<f64>,
 }
 
-/// What a move does.
+/// The shape of a move.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// LINEAR, CIRCLE, DELAY.
@@ -42,7 +42,7 @@ pub enum Shape {
 /// A calculated move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// What it does.
+    /// The move's shape.
     pub shape: Shape,
     /// Its start by the clock, in ms.
     pub start: f64,
@@ -50,19 +50,19 @@ pub struct Entry {
     pub target: Motors,
     /// The axes' positions at its end, in user units.
     pub axes: [f64; 9],
-    /// The mode it was calculated in.
+    /// The mode of the move's calculation.
     pub mode: Mode,
     /// Calculated with I13>0.
     pub segmented: bool,
-    /// Blends with the move before it.
+    /// Blends with the move before.
     pub joined: bool,
     /// No further move may blend with it.
     pub closed: bool,
-    /// Whether it has begun.
+    /// Whether the move has begun.
     pub started: bool,
-    /// The assignments that take effect when it begins.
+    /// The assignments that take effect when the move begins.
     pub later: Vec<Later>,
-    /// The line it comes from: program (0 rotary), line number, offset in its buffer.
+    /// The move's line: program (0 rotary), line number, offset in the program's buffer.
     pub origin: (u32, u64, usize),
 }
 
@@ -119,7 +119,7 @@ impl Trajectory {
         self.entries.iter().filter(|entry| !entry.started).count()
     }
 
-    /// Whether the last move is no blend or spline, so that calculation must wait for it.
+    /// Whether the last move is neither blend nor spline, so that calculation must wait for its end.
     #[must_use]
     pub fn blocked(&self) -> bool {
         self.entries.back().is_some_and(Entry::breaks)

@@ -71,7 +71,7 @@ impl Matrix {
     }
 }
 
-/// The matrices of a coordinate system and the one in force.
+/// The matrices of a coordinate system and the number of the matrix in force.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Transformations {
     matrices: Vec<Matrix>,

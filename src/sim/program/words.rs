@@ -7,7 +7,7 @@ use crate::map::Generation;
 use crate::sim::board::axes::AxisMode;
 use crate::sim::program::item::{Data, Item, Joint, Mode, PlcSwitch, Time, Transform};
 
-/// What a keyword of a program begins.
+/// The statement that a keyword of a program begins.
 #[derive(Debug, Clone)]
 pub enum Keyword {
     /// A statement that is its word alone.
@@ -36,7 +36,7 @@ pub enum Keyword {
     Read,
     /// `ABS`, `INC`, `FRAX`.
     Axes(AxisMode),
-    /// `HOME`, or `HOMEZ` with `true`; motors follow, or it is the on-line command.
+    /// `HOME`, or `HOMEZ` with `true`; without motors after it, the word is the on-line command.
     Home(bool),
     /// `ENABLE` and the like; `PLC` follows.
     Plc(PlcSwitch),
@@ -152,7 +152,7 @@ pub fn name(long: bool, is_meant: impl Fn(&Keyword) -> bool) -> &'static str {
     name.unwrap_or_default()
 }
 
-/// The word of a statement that is a word alone, or a word with one number.
+/// The word of a statement that consists of a word alone, or of a word and one number.
 #[must_use]
 pub fn name_of(item: &Item, long: bool) -> &'static str {
     name(long, |keyword| match keyword {

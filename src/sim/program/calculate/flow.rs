@@ -11,11 +11,11 @@ use crate::sim::program::system::{Ending, Failure, Frame};
 
 /// Deepest nesting of calls.
 const MOST_FRAMES: usize = 15;
-/// `READ` reports in this Q-variable which letters it found; letter A goes into the next one.
+/// `READ` reports in this Q-variable the letters that it found; letter A goes into the next variable.
 const READ_MASK: usize = 100;
 
 impl Calculator<'_> {
-    /// Carries out a statement of the program's flow; `None` for another one.
+    /// Carries out a statement of the program's flow; `None` for another statement.
     pub(super) fn branch(&mut self, item: &Item, line: &Line, cursor: Cursor) -> Option<Flow> {
         let is_last = cursor.item + 1 == line.items.len();
         let number = item.number().map_or(0.0, |number| self.value(number));
@@ -33,7 +33,7 @@ impl Calculator<'_> {
             }
             Item::BlockStop => {
                 self.system.in_block = false;
-                // In step mode the whole block is one step, which ends here.
+                // In step mode the whole block is one step. The step ends here.
                 self.system.moved = !self.system.continuous;
                 Flow::On
             }
@@ -66,7 +66,7 @@ impl Calculator<'_> {
             Item::If(text) if self.holds(text) => Flow::On,
             Item::If(_) if is_last => self.skip_block(cursor, Tracker::in_if(), true),
             Item::If(_) => self.skip_line(cursor),
-            // Reached at the end of the branch above it.
+            // The program has reached this `ELSE` at the end of the branch above.
             Item::Else if is_last => self.skip_block(cursor, Tracker::in_if(), false),
             Item::Else => {
                 self.system.cursor = Some(next_line);
@@ -154,8 +154,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// Calls a program; five digits behind the point are the label. A missing target is ignored when a letter called
-    /// it, and is a run-time error otherwise.
+    /// Calls a program; five digits behind the point are the label. A letter's call of a missing target has no effect;
+    /// any other such call is a run-time error.
     fn call(&mut self, value: f64, cursor: Cursor, must_exist: bool) -> Flow {
         let (program, label) = split(value);
         match self.program(program).and_then(|program| program.label(label)) {
@@ -180,8 +180,8 @@ impl Calculator<'_> {
         }
     }
 
-    /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first one not requested; Q100 reports which were
-    /// found.
+    /// Puts the caller's letters into Q101 (A) to Q126 (Z), up to the first letter that `READ` does not request; Q100
+    /// reports the letters found.
     fn read(&mut self, letters: &[u8]) {
         let Some(back) = self.system.frames.last().map(|frame| frame.back) else { return };
         let Some(line) = self.line(back) else { return };

@@ -1,8 +1,8 @@
 //! Calculation: executes program lines, command by command, until enough moves are ahead for the mode.
 //!
-//! It runs in the real-time interrupt. Straight moves without segmentation are calculated one ahead of execution, all
-//! others two. Assignments take effect during calculation, not when the motion gets there (User Manual pp. 213-217).
-//! After two backward jumps, or very many commands, the rest waits for the next interrupt.
+//! Calculation runs in the real-time interrupt. It calculates straight moves without segmentation one ahead of
+//! execution, all other moves two ahead. Assignments take effect during calculation, not when the motion gets there
+//! (User Manual pp. 213-217). After two backward jumps, or very many commands, the rest waits for the next interrupt.
 
 pub mod flow;
 mod moves;
@@ -123,8 +123,8 @@ impl Calculator<'_> {
             return Flow::On;
         }
         if cursor.program == 0 {
-            // The buffer ran empty: without segmentation the motion comes to rest now; with it, a line may still come
-            // in time.
+            // The buffer ran empty: without segmentation the motion comes to rest now; with segmentation, a line may
+            // still come in time.
             self.end_spline();
             if !self.segmented() {
                 self.system.trajectory.close();
@@ -171,7 +171,7 @@ impl Calculator<'_> {
         Flow::Wait
     }
 
-    /// Whether the motion is at rest; if not, closes the last move, so that nothing blends with it.
+    /// Whether the motion is at rest; if not, closes the last move, so that no move blends with it.
     fn at_rest(&mut self) -> bool {
         self.end_spline();
         self.system.trajectory.close();
@@ -198,7 +198,7 @@ impl Calculator<'_> {
         if flow == Flow::On && self.system.failure.is_some() { Flow::Wait } else { flow }
     }
 
-    /// Carries out a statement that belongs to moves; `None` for another one.
+    /// Carries out a statement that belongs to moves; `None` for another statement.
     fn motion(&mut self, item: &Item, line: &Line, cursor: Cursor) -> Option<Flow> {
         let number = item.number().map_or(0.0, |number| self.value(number));
         match item {
@@ -284,8 +284,9 @@ impl Calculator<'_> {
         data.map(|(place, data)| places[place] = self.value(data)).count()
     }
 
-    /// Carries out a statement that neither moves nor branches. This board has no display, no motor that it commutates and
-    /// no compiled PLC, so that what concerns those does nothing, as does a letter that no `READ` has taken.
+    /// Carries out a statement that neither moves nor branches. The simulated board has no display, no motor that it
+    /// commutates and no compiled PLC, so statements about these do nothing, and neither does a letter that no `READ`
+    /// has taken.
     fn order(&mut self, item: &Item) {
         match item {
             Item::Plc(switch, plcs) => self.programs.switch_plcs(*plcs, *switch),

@@ -120,7 +120,7 @@ impl Calculator<'_> {
         self.system.axes = axes;
     }
 
-    /// At rest: takes the axis positions from the motors, if those have moved independently.
+    /// At rest: takes the axis positions from the motors, if the motors have moved independently.
     pub(super) fn match_positions(&mut self) {
         if std::mem::take(&mut self.system.rematch) {
             let mut axes = self.system.axes;
@@ -146,7 +146,7 @@ impl Calculator<'_> {
         }
     }
 
-    /// Makes the line's move, if it has one.
+    /// Makes the line's move, if any.
     pub(super) fn make_move(&mut self) {
         if self.system.request.is_empty() {
             self.system.request = Default::default();
@@ -203,7 +203,7 @@ impl Calculator<'_> {
         }
     }
 
-    /// Ends a spline in progress: its last point counts twice more. PVT ends where it is.
+    /// Ends a spline in progress: its last point counts twice more. PVT ends at its last point.
     pub(super) fn end_spline(&mut self) {
         self.system.velocities = STILL;
         let Some(mut spline) = self.system.spline.take() else { return };
@@ -285,7 +285,7 @@ impl Calculator<'_> {
         self.blend(Path::Line(Box::new(difference(&target, &from))), time, target, axes);
     }
 
-    /// Moves in an arc; if there is none, the program fails.
+    /// Moves in an arc; if no arc fits, the program fails.
     fn arc(&mut self, centre: Centre, axes: [f64; 9]) {
         let way = [X, X + 1, X + 2].map(|k| axes[k] - self.system.axes[k]);
         let normal = self.system.normal.filter(|normal| *normal != [0.0; 3]).unwrap_or([0.0, 0.0, -1.0]);
@@ -324,10 +324,10 @@ impl Calculator<'_> {
         self.segmented() && !self.board.kinematic_motors(self.cs).is_empty()
     }
 
-    /// A blended move of `time` ms to `axes`, which are at `at(u)` on the way, for `u` from 0 to 1. Where it blends with another move,
-    /// the motors' ways are blended.
+    /// A blended move of `time` ms to `axes`, which are at `at(u)` on the way, for `u` from 0 to 1. Where the move
+    /// blends with another, the ways of the motors blend.
     fn curve(&mut self, at: impl Fn(f64) -> [f64; 9], time: f64, axes: [f64; 9]) {
-        /// The most segments; those of a longer move take longer than Isx13.
+        /// The most segments; segments of a longer move take longer than Isx13.
         const MOST: f64 = 4096.0;
         let from = self.system.trajectory.target();
         let segment = self.board.setting(self.board.settings().segmentation, self.cs);
@@ -340,7 +340,8 @@ impl Calculator<'_> {
         self.blend(Path::Points(points.into()), time, target, axes);
     }
 
-    /// Where the motors are when the axes are at `axes`; those of others stay at `from`. Without an answer the program fails.
+    /// The motors' positions with the axes at `axes`; motors of other coordinate systems stay at `from`. Without an
+    /// answer the program fails.
     fn targets(&mut self, axes: &[f64; 9], from: &Motors) -> Motors {
         self.targets_and_velocities(axes, None, from)[0]
     }
