@@ -1,7 +1,7 @@
 //! The servo clock in real time.
 //!
-//! Interrupts are due at absolute times. The clock skips one that comes a whole period or more too late, and those that
-//! were due meanwhile: simulated time then slips behind, and no burst of cycles makes up for it.
+//! Interrupts are due at absolute times. The clock skips an interrupt that comes a whole period or more too late, and
+//! all interrupts due meanwhile: simulated time then slips behind, and no burst of cycles makes up for it.
 
 use std::time::Duration;
 
@@ -20,13 +20,14 @@ impl Clock {
     /// # Errors
     /// When the system has no monotonic clock.
     pub fn start() -> nix::Result<Self> {
-        // The default slack of 50 us is half a period at 9 kHz. Without it the clock is only coarser.
+        // The default slack of 50 us is half a period at 9 kHz. If the system refuses the call, the clock is only
+        // coarser.
         let _ = nix::sys::prctl::set_timerslack(1);
         Ok(Self { next: now()? })
     }
 
-    /// Sleeps until the next interrupt, `period` after the last; gives how many were skipped because it was too late.
-    /// A signal ends the sleep early, which the next call makes good.
+    /// Sleeps until the next interrupt, `period` after the last; returns the number of interrupts skipped as too late.
+    /// A signal ends the sleep early; the next call makes up for it.
     ///
     /// # Errors
     /// When the system has no monotonic clock.
@@ -46,7 +47,7 @@ impl Clock {
         self.next += period;
         let period = period.as_nanos().max(1);
         let skipped = now.saturating_sub(self.next).as_nanos() / period;
-        // Kept on the grid of the period, so that the rate stays what it is.
+        // Stays on the grid of the period, so that the rate does not change.
         self.next += Duration::from_nanos((skipped * period) as u64);
         skipped as u64
     }

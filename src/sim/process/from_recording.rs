@@ -1,4 +1,4 @@
-//! Sets a board as a recorded one was set.
+//! Sets a board as the recorded board was set.
 
 use std::io::Write as _;
 
@@ -7,12 +7,12 @@ use crate::map::functions::ReportStart;
 use crate::recording::Access;
 use crate::sim::world::World;
 
-/// So many of the lines that the simulator does not take are named.
+/// The most refused lines that the message names.
 const NAMED: usize = 8;
 
-/// Sends the variables, definitions and axes of `text`, as `pmacctl backup` writes them; programs are left out. A recorded board
-/// may know more than the simulator: what that refuses is told on stderr, and left as it is.
-/// A report that begins by `GATHER` begins if it was read.
+/// Sends the variables, definitions and axes of `text`, as `pmacctl backup` writes them, but no programs. A recorded
+/// board may know more than the simulator: the simulator names the lines that it refuses on stderr, and goes on. A
+/// report that `GATHER` starts begins if a client of the recording read that report.
 pub(super) fn set(world: &mut World, text: &str, accesses: &[Access]) {
     let mut is_program = false;
     let mut refused = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn set(world: &mut World, text: &str, accesses: &[Access]) {
     if !refused.is_empty() {
         let count = refused.len();
         refused.truncate(NAMED);
-        // Nobody reads it: nothing to be done.
+        // Nobody reads stderr: ignore the error.
         let _ = writeln!(
             std::io::stderr(),
             "pmac-sim: {count} lines of the recording are not the simulator's, as {}",

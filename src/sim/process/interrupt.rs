@@ -9,7 +9,7 @@ pub struct InterruptLine {
     listener: Listener,
     clients: Vec<Client>,
     count: u32,
-    /// The count has risen since it was sent to everybody.
+    /// The count has risen since all hosts last got it.
     due: bool,
 }
 
@@ -27,8 +27,8 @@ impl InterruptLine {
         self.tell();
     }
 
-    /// Takes new hosts and sends what waits. What hosts write (UIO's enable word) is read and has no effect: the line
-    /// is always enabled.
+    /// Takes new hosts and sends the count to those that wait. Reads the words that hosts write (UIO's enable word)
+    /// without effect: the line is always enabled.
     pub fn serve(&mut self) {
         self.listener.accept(&mut self.clients);
         let mut buffer = [0; 64];
@@ -48,7 +48,7 @@ impl InterruptLine {
             if client.idle() {
                 client.send(&self.count.to_ne_bytes());
             } else {
-                // Its socket is full: it gets the count of the day when it has read on.
+                // The host's socket is full: the host gets the latest count when it has read on.
                 self.due = true;
             }
         }

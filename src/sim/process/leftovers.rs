@@ -1,5 +1,5 @@
-//! The directory that a simulator makes for its daemon, `PREFIX-PID-TIME`, and those of simulators that were killed together with
-//! their daemons: nobody was left to remove them, so the next simulator does.
+//! The directory that a simulator makes for its daemon, `PREFIX-PID-TIME`, and the directories of simulators that were
+//! killed together with their daemons: no process was left to remove those, so the next simulator does.
 
 use std::fs::{self, DirBuilder, DirEntry, OpenOptions};
 use std::io;
@@ -11,10 +11,10 @@ use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;
 use nix::unistd::{Pid, geteuid};
 
-/// Makes `directory`, and removes the ones beside it that nobody uses any more.
+/// Makes `directory`, and removes its neighbours that no process uses any more.
 ///
 /// # Errors
-/// The system's, when the directory cannot be made. What cannot be removed stays.
+/// The system's error, when the directory cannot be made. A directory that cannot be removed stays.
 pub(super) fn make(directory: &Path) -> io::Result<()> {
     DirBuilder::new().mode(0o700).create(directory)?;
     let own = directory.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -45,7 +45,7 @@ fn is_left(entry: &DirEntry, prefix: &str) -> bool {
     found == prefix && is_own && daemon_has_ended && !is_locked(&entry.path().join("dpram"))
 }
 
-/// Whether a simulator holds its memory. Of another container its daemon's number says nothing here.
+/// Whether a simulator holds its memory. The number of a daemon in another container means nothing here.
 fn is_locked(memory: &Path) -> bool {
     let file = OpenOptions::new().read(true).open(memory);
     file.is_ok_and(|file| Flock::lock(file, FlockArg::LockExclusiveNonblock).is_err())

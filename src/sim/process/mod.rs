@@ -52,7 +52,7 @@ pub enum SimError {
     Socket {
         /// Where.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The options describe no board.
@@ -63,7 +63,7 @@ pub enum SimError {
     Startup {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The board refused a line of the start-up file.
@@ -74,10 +74,10 @@ pub enum SimError {
     System(#[from] io::Error),
 }
 
-/// The board that `options` describe, powered up, its start-up lines carried out. It opens no socket and starts no clock.
+/// Powers up the board that `options` describe and carries out its start-up lines. Opens no socket and starts no clock.
 ///
 /// # Errors
-/// [`SimError`]; nothing is left behind but the memory file.
+/// [`SimError`]; only the memory file is left behind.
 pub fn power_up(options: &Options) -> Result<World, SimError> {
     let startup = match &options.startup {
         Some(path) => {
@@ -93,7 +93,7 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
     let identity = options.identity()?;
     let mut dpram = Dpram::open(&options.memory, identity.tables.family.length)?;
     if let Garbage::From(seed) = options.garbage {
-        // The DPRAM has no battery, and no page says that PMAC clears it.
+        // The DPRAM has no battery, and no manual seen says that PMAC clears it.
         let mut random = Random::new(seed);
         dpram.words().for_each(|offset| dpram.write16(offset, random.word()));
     }
@@ -127,7 +127,7 @@ pub fn power_up(options: &Options) -> Result<World, SimError> {
             None => world.load("the shipped start-up file", world.board.identity.tables.startup)?,
         }
     }
-    // The board has been powered up for long: what its start-up lines take is over.
+    // The board has been powered up for long: the time of its start-up lines is over.
     world.board.slow = options.slow;
     Ok(world)
 }
@@ -155,13 +155,13 @@ pub struct Simulator {
     _leave: Option<LeaveNothing>,
 }
 
-/// Exits with the parent process, and removes the memory and the directory that it has made for it.
+/// Exits with the parent process, and removes the memory and the directory that this process has made for it.
 struct LeaveNothing {
     memory: PathBuf,
 }
 
 impl LeaveNothing {
-    /// Makes the directory. Before that this process ends with its parent, whose own end can so leave no directory.
+    /// Makes the directory. This process arranges its own end first, so that a parent's death leaves no directory.
     fn with(parent: u32, memory: &Path) -> Result<Self, SimError> {
         end_with_parent(parent)?;
         if let Some(directory) = memory.parent() {
@@ -184,7 +184,7 @@ impl Simulator {
     /// Powers the board up as `options` say and runs the start-up lines. A signal from then on ends [`Simulator::run`].
     ///
     /// # Errors
-    /// [`SimError`]; nothing is left behind but the memory file.
+    /// [`SimError`]; only the memory file is left behind.
     pub fn new(options: &Options) -> Result<Self, SimError> {
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -193,16 +193,16 @@ impl Simulator {
         Self::with(options, stop)
     }
 
-    /// As [`Simulator::new`], for a caller with its own clock, who calls [`Simulator::step`] and [`Simulator::poll`]. It
-    /// takes no signals.
+    /// As [`Simulator::new`], for a caller with its own clock that calls [`Simulator::step`] and [`Simulator::poll`].
+    /// It takes no signals.
     ///
     /// # Errors
-    /// [`SimError`]; nothing is left behind but the memory file.
+    /// [`SimError`]; only the memory file is left behind.
     pub fn stepped(options: &Options) -> Result<Self, SimError> {
         Self::with(options, Arc::default())
     }
 
-    /// The simulated board, for who steps it and looks into it.
+    /// The simulated board, for a caller that steps it and reads its state.
     pub const fn board(&mut self) -> &mut World {
         &mut self.world
     }
@@ -263,7 +263,7 @@ impl Simulator {
         raise(mailbox_response, &mut self.mailbox_response);
     }
 
-    /// Serves what waits on the sockets. Does not wait.
+    /// Serves the requests that wait on the sockets. Does not wait.
     pub fn poll(&mut self) {
         let lines = [&mut self.interrupt, &mut self.mailbox_taken, &mut self.mailbox_response];
         for line in lines.into_iter().flatten() {
@@ -295,7 +295,7 @@ impl Simulator {
         self.told = notes.len();
     }
 
-    /// Sends what the board has to say on its serial port.
+    /// Sends the text that the board has for its serial port.
     fn transmit(&mut self) {
         let output = self.world.take_serial_messages();
         if let Some(serial) = &mut self.serial {

@@ -1,22 +1,23 @@
-//! The serial port: raw bytes both ways. What several clients send is one stream, as on a wire; each gets every reply.
+//! The serial port: raw bytes both ways. The bytes of several clients form one stream, as on a wire; each gets every
+//! reply.
 
 use crate::sim::process::socket::{Client, Listener};
 use crate::sim::world::World;
 
-/// The port and who is connected to it.
+/// The port and its clients.
 pub struct Serial {
     listener: Listener,
     clients: Vec<Client>,
 }
 
 impl Serial {
-    /// A port nobody is connected to.
+    /// A port without clients.
     #[must_use]
     pub fn new(listener: Listener) -> Self {
         Self { listener, clients: Vec::new() }
     }
 
-    /// Takes new clients, gives what they sent to the board, sends back what it answers.
+    /// Takes new clients, gives their bytes to the board, sends the board's answer back.
     pub fn serve(&mut self, world: &mut World) {
         self.listener.accept(&mut self.clients);
         let mut output = Vec::new();

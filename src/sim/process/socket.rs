@@ -5,7 +5,7 @@ use std::os::unix::fs::FileTypeExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
-/// Output a client may leave unread before it is dropped.
+/// The output that a client may leave unread before the simulator drops the client.
 const BACKLOG: usize = 1 << 20;
 /// Clients served at once; more are refused.
 const CLIENTS: usize = 64;
@@ -18,10 +18,11 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Listens at `path`. What a dead process left there is replaced; a live one's socket, or another kind of file, is not.
+    /// Listens at `path`. Replaces a dead process's socket, but neither a live process's socket nor another kind of
+    /// file.
     ///
     /// # Errors
-    /// What the system reports, or `AddrInUse` when somebody listens there.
+    /// The system's error, or `AddrInUse` when a process listens there.
     pub fn bind(path: &Path) -> io::Result<Self> {
         if std::fs::symlink_metadata(path).is_ok_and(|found| found.file_type().is_socket()) {
             if UnixStream::connect(path).is_ok() {
@@ -59,7 +60,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Reads what is there, at most `buffer.len()` bytes.
+    /// Reads the bytes that have come, at most `buffer.len()`.
     pub fn receive<'a>(&mut self, buffer: &'a mut [u8]) -> &'a [u8] {
         match self.stream.read(buffer) {
             Ok(0) => self.gone = true,
@@ -70,14 +71,14 @@ impl Client {
         &[]
     }
 
-    /// Sends `bytes`, now or when there is room. A client that reads nothing for too long is dropped.
+    /// Sends `bytes`, now or when the socket has room. Drops a client that reads nothing for too long.
     pub fn send(&mut self, bytes: &[u8]) {
         self.output.extend_from_slice(bytes);
         self.flush();
         self.gone |= self.output.len() > BACKLOG;
     }
 
-    /// Sends what waits.
+    /// Sends the bytes that wait.
     pub fn flush(&mut self) {
         while !self.output.is_empty() {
             match self.stream.write(&self.output) {
