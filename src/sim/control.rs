@@ -1,4 +1,5 @@
-//! The control socket's commands: what tests and demonstrations do to the simulated world. One line in, one line out.
+//! The control socket's commands, by which tests and demonstrations change the simulated world. One line in, one line
+//! out.
 //! [`COMMANDS`] lists them.
 
 use serde::Serialize;
@@ -12,12 +13,12 @@ use crate::sim::world::World;
 /// The most cycles of one `step`.
 const MOST_STEPS: u64 = 100_000_000;
 
-/// What a command asks of the process around the board.
+/// A command's request to the process around the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ControlAnswer {
     /// The line to send back.
     Line(String),
-    /// Run so many cycles, then answer.
+    /// Run this many cycles, then answer.
     Step(u64),
     /// Answer, then end.
     Exit,
@@ -62,7 +63,7 @@ pub fn status(world: &World) -> String {
     serde_json::to_string(&status).unwrap_or_else(|error| format!("error: {error}"))
 }
 
-/// Carries out one command line in virtual time, the cycles of a `step` included; gives the line that answers it.
+/// Carries out one command line in virtual time, with the cycles of a `step`; gives the answering line.
 pub fn carry_out(world: &mut World, line: &str) -> String {
     match execute(world, line, true) {
         ControlAnswer::Line(line) => line,
@@ -86,18 +87,18 @@ pub fn execute(world: &mut World, line: &str, virtual_time: bool) -> ControlAnsw
 struct Call<'a> {
     world: &'a mut World,
     arguments: &'a [&'a str],
-    /// What stands behind the command's word.
+    /// The text after the command's word.
     rest: &'a str,
     virtual_time: bool,
 }
 
 /// A command of the control socket.
 pub struct Command {
-    /// How it is typed.
+    /// The command as a user types it.
     pub form: &'static str,
-    /// What it does.
+    /// The command's effect.
     pub effect: &'static str,
-    /// `None`: the arguments are not what the form says.
+    /// `None`: the arguments do not have the form.
     carry_out: fn(Call) -> Option<Result<ControlAnswer, String>>,
 }
 
@@ -107,7 +108,7 @@ impl Command {
     }
 }
 
-/// `ok`, or what went wrong.
+/// `ok`, or the error.
 fn done(result: Result<(), String>) -> Option<Result<ControlAnswer, String>> {
     Some(result.map(|()| ControlAnswer::Line("ok".into())))
 }

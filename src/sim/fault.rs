@@ -1,13 +1,13 @@
-//! How the board is told to misbehave, so that a driver can be tried against it. [`faults`] lists what can go wrong.
+//! Faults that a test sets in the board, to try a driver against them. [`faults`] lists them.
 
-/// What can go wrong with one of the functions that work by a flag in the background pass.
+/// A fault of one of the functions that work by a flag in the background pass.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct FunctionFault {
     /// The function does nothing.
     pub stuck: bool,
-    /// Background passes by which it acts late.
+    /// Background passes by which the function acts late.
     pub late: u64,
-    /// It says that it is done when half is done; the rest follows in the next pass.
+    /// The function reports the end of its work when half is done; the rest follows in the next pass.
     pub torn: bool,
 }
 
@@ -16,7 +16,7 @@ pub struct FunctionFault {
 pub struct Delay(Option<u64>);
 
 impl Delay {
-    /// One pass with something to do; says whether it is done now, `late` passes after the first such pass.
+    /// One pass with work to do; true when the function acts now: `late` passes after the first such pass.
     pub fn over(&mut self, late: u64) -> bool {
         let left = self.0.unwrap_or(late).min(late);
         self.0 = left.checked_sub(1);
@@ -98,7 +98,7 @@ declare! {
 }
 
 impl Faults {
-    /// Whether a host sees nothing of the memory.
+    /// Whether a fault hides the memory from the host.
     #[must_use]
     pub fn hides_memory(&self) -> bool {
         self.all_ones || self.all_zeros
@@ -107,7 +107,7 @@ impl Faults {
     /// Sets the fault `name` as `value` (`on`, `off` or a number) says; `ms_per_cycle` turns `50ms` into cycles.
     ///
     /// # Errors
-    /// What is wrong with `name` or `value`, in words.
+    /// The mistake in `name` or `value`, in words.
     pub fn set(&mut self, name: &str, value: &str, ms_per_cycle: f64) -> Result<(), String> {
         let Some(fault) = faults().find(|fault| fault.name == name) else {
             let names: Vec<_> = faults().map(|fault| fault.name).collect();
@@ -145,15 +145,15 @@ impl Faults {
     }
 }
 
-/// Where a fault stands in [`Faults`], and so which values it takes.
+/// The fault's field in [`Faults`], which decides on its values.
 #[derive(Clone, Copy)]
 enum Place {
     Switch(fn(&mut Faults) -> &mut bool),
-    /// So many times; `on` is always.
+    /// This many times; `on` is always.
     Count(fn(&mut Faults) -> &mut u64),
-    /// So many times; `on` is one time.
+    /// This many times; `on` is one time.
     Once(fn(&mut Faults) -> &mut u64),
-    /// So many cycles, or milliseconds.
+    /// This many cycles, or milliseconds.
     Cycles(fn(&mut Faults) -> &mut u64),
     /// A number in place of the true one.
     Instead(fn(&mut Faults) -> &mut Option<u16>),
@@ -163,13 +163,13 @@ enum Place {
 pub struct Fault {
     /// The name.
     pub name: &'static str,
-    /// What goes wrong.
+    /// The fault's effect.
     pub effect: &'static str,
     place: Place,
 }
 
 impl Fault {
-    /// The values it takes, in words.
+    /// The fault's possible values, in words.
     #[must_use]
     pub const fn values(&self) -> &'static str {
         match self.place {

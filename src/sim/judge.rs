@@ -1,7 +1,8 @@
 //! The judge: records every breach of the handshakes by a host.
 //!
-//! It compares each word that only PMAC writes with what PMAC wrote last, and the host's command text between the pass
-//! that saw its flag and the pass that takes it. It records a finding once, with the number of the servo cycle.
+//! The judge compares each word that only PMAC writes with PMAC's last write, and the host's command text between the
+//! pass that saw its flag and the pass that takes the text. It records a finding once, with the number of the servo
+//! cycle.
 
 use std::collections::BTreeMap;
 
@@ -14,19 +15,19 @@ const KEPT: usize = 100;
 /// Words of PMAC's half compared in one background pass.
 const WORDS_PER_PASS: usize = 64;
 
-/// What the judge has found.
+/// The judge and its findings.
 #[derive(Debug, Clone)]
 pub struct Judge {
     family: &'static Family,
-    /// What only PMAC writes, besides its words in the reports' headers: the reports' data and the response, but for its first
-    /// word, which the host may clear. First word and the first one behind.
+    /// The words that only PMAC writes, outside the reports' headers: the reports' data and the response, except its
+    /// first word, which the host may clear. Each stretch: the first word, and the first word after it.
     pmacs: [(HostOffset, HostOffset); 3],
     violations: Vec<String>,
     total: u64,
-    /// Where the walk through PMAC's half goes on: range and word in it.
+    /// The next word of the walk through PMAC's half: range and word in the range.
     range: usize,
     next: usize,
-    /// States that are wrong at present, by what they concern.
+    /// States that are wrong at present, by their subject.
     present: BTreeMap<String, String>,
 }
 
@@ -64,7 +65,7 @@ impl Judge {
         }
     }
 
-    /// Records the wrong state `what` of `subject` when it begins, and forgets it with `None`: a state that lasts is one
+    /// Records the wrong state `what` of `subject` when it begins; `None` ends the state. A state that lasts is one
     /// finding.
     pub fn state(&mut self, cycle: u64, subject: &str, what: Option<String>) {
         let Some(what) = what else {
@@ -77,7 +78,7 @@ impl Judge {
         }
     }
 
-    /// One background pass: the words whose change hurts most, and a stretch of the others.
+    /// One background pass: the words whose change does the most harm, and a stretch of the others.
     pub fn poll(&mut self, cycle: u64, dpram: &mut Dpram) {
         let Family { servo, background, ascii, .. } = self.family;
         for word in [servo.timer.low, background.timer.low, ascii.response_count] {
@@ -111,8 +112,8 @@ impl Judge {
         }
     }
 
-    /// A word with the flag that a report is ready. The host takes the report: it clears the flag, or the whole word with the
-    /// upper part of the timer that Turbo keeps there. Public drivers do either (Turbo User Manual p. 403).
+    /// Judges a report's ready flag. The host takes the report: it clears the flag, or the whole word with the upper
+    /// part of the timer that Turbo keeps there. Public drivers do either (Turbo User Manual p. 403).
     fn may_only_take(&mut self, ready: Flag, cycle: u64, dpram: &mut Dpram) {
         let Flag { word, mask } = ready;
         let (found, own) = (dpram.read16(word), dpram.shadow(word));
@@ -125,7 +126,7 @@ impl Judge {
         dpram.adopt(word, found);
     }
 
-    /// Compares a word that only PMAC writes with what PMAC wrote last.
+    /// Compares a word that only PMAC writes with PMAC's last write.
     pub fn pmacs_word(&mut self, offset: HostOffset, cycle: u64, dpram: &mut Dpram) {
         let (found, own) = (dpram.read16(offset), dpram.shadow(offset));
         if found != own {
@@ -137,7 +138,7 @@ impl Judge {
         }
     }
 
-    /// As [`Judge::pmacs_word`], for a word that the host may set to 0 and nothing else.
+    /// As [`Judge::pmacs_word`], for a word that the host may only set to 0.
     pub fn may_only_clear(&mut self, offset: HostOffset, rule: &str, cycle: u64, dpram: &mut Dpram) {
         let found = dpram.read16(offset);
         if found != dpram.shadow(offset) {

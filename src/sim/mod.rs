@@ -1,16 +1,16 @@
 //! The simulated board: PMAC's half of every handshake, with motors that move (layer 5).
 //!
-//! It shares with the driver only the number formats and the register map: it is the opponent in every test. It runs
-//! as its own process (`pmac-sim`) against a file that a host maps too, so that both sides really race; or step by
-//! step in the process of a test ([`world`]).
+//! The simulator shares with the driver only the number formats and the register map: it is the opponent in every test.
+//! It runs as its own process (`pmac-sim`) against a file that a host maps too, so that both sides really race; or step
+//! by step in the process of a test ([`world`]).
 //!
-//! Lowest first; what stands above knows nothing of what stands below:
+//! Lowest first; a row knows nothing of the rows below it:
 //!
 //! | room or file | what it is |
 //! |---|---|
-//! | [`fault`], [`judge`] | what the board can be told to do wrong; what a host does wrong |
+//! | [`fault`], [`judge`] | faults that a test sets in the board; a host's breaches of the handshakes |
 //! | [`board`] | memory, variables, motors, coordinate systems, status words |
-//! | [`language`], lower half | scanner, expressions, axis lists: what programs and commands have in common |
+//! | [`language`], lower half | scanner, expressions, axis lists: shared by programs and commands |
 //! | [`program`] | program buffers, motion programs, PLCs |
 //! | [`language`], upper half | the interpreter of on-line commands; the serial port's characters |
 //! | [`functions`] | the automatic functions of the DPRAM, the mailboxes, the ISA host port |

@@ -1,11 +1,11 @@
 //! The whole simulated board in virtual time: memory, motors, functions, interpreter and ports, one servo cycle a step.
 //!
-//! It has no thread, no clock and no socket. [`super::process`] runs one in real time behind sockets; a test steps one
-//! in its own process, and maps the same memory file as the host.
+//! The world has no thread, no clock and no socket. [`super::process`] runs one world in real time behind sockets; a
+//! test steps a world in its own process, and maps the same memory file as the host.
 //!
-//! Servo interrupt, once a step: count, time bases, programs, motors, gathering, servo report. Background pass after it:
-//! mailboxes, DPRAM ASCII, the functions that work by flags, registers and status words, programs' requests and PLCs,
-//! background report, the judge. There is none while a command takes up the background loop.
+//! Servo interrupt, once a step: count, time bases, programs, motors, gathering, servo report. Background pass after
+//! it: mailboxes, DPRAM ASCII, the functions that work by flags, registers and status words, programs' requests and
+//! PLCs, background report, the judge. No background pass runs while a command occupies the background loop.
 
 use super::board::Board;
 use super::board::dpram::{Dpram, DpramError};
@@ -53,7 +53,7 @@ pub struct Interrupts {
 pub struct World {
     /// The board.
     pub board: Board,
-    /// Program buffers and what runs out of them.
+    /// Program buffers and the programs that run out of them.
     pub programs: Programs,
     /// The interpreters of on-line commands. The start-up file uses the DPRAM port's.
     ports: Ports,
@@ -68,7 +68,7 @@ pub struct World {
     serial: SerialPort,
     host_port: Option<HostPort>,
     pub(super) interrupts: Interrupts,
-    /// The resets of the board that everything else has followed.
+    /// The resets of the board that the rest of the world has followed.
     resets: u64,
 }
 
@@ -95,7 +95,7 @@ impl World {
         world
     }
 
-    /// A board of the family of `tables` with the firmware that is usual there, and memory of its own, which no host can map.
+    /// A board of the family of `tables` with the family's usual firmware and private memory, which no host can map.
     ///
     /// # Errors
     /// [`DpramError`] when the system gives no memory.
@@ -104,7 +104,7 @@ impl World {
         Ok(Self::new(Board::new(memory, Identity::new(tables, tables.firmware), None, None)))
     }
 
-    /// Makes it a VME board with these mailboxes.
+    /// Makes the board a VME board with these mailboxes.
     pub fn fit_mailbox(&mut self, mailbox: Mailbox) {
         self.board.fit_vme();
         self.mailbox = Some(mailbox);
@@ -116,7 +116,7 @@ impl World {
         self.mailbox.as_ref()?.selected_page()
     }
 
-    /// Gives it the interrupt registers of an ISA host port.
+    /// Gives the board the interrupt registers of an ISA host port.
     pub fn fit_host_port(&mut self, port: HostPort) {
         self.host_port = Some(port);
     }
@@ -146,20 +146,20 @@ impl World {
         reply
     }
 
-    /// Carries out a control character; `None` when it is none that is a command.
+    /// Carries out a control character; `None` for a character that is no command.
     pub fn control_character(&mut self, character: u8) -> Option<Reply> {
         let reply = self.ports.at(Port::Dpram).control(&mut self.board, &mut self.programs, character);
         self.follow_reset();
         reply
     }
 
-    /// `CMD"text"` as from a program, at once.
+    /// Carries out a program's `CMD"text"` at once.
     pub fn command_message(&mut self, text: &str) {
         requests::command(&mut self.board, &mut self.programs, text);
         self.follow_reset();
     }
 
-    /// Gives `bytes` to the serial port and returns what the port answers. A board whose watchdog has tripped is deaf.
+    /// Gives `bytes` to the serial port and returns the port's answer. A board whose watchdog has tripped is deaf.
     pub fn serial(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut output = Vec::new();
         for &byte in bytes {
@@ -173,12 +173,12 @@ impl World {
         output
     }
 
-    /// What the board has sent to the serial port without being asked (`SEND`, `CMD`) since the last call.
+    /// Text that the board has sent to the serial port unasked (`SEND`, `CMD`) since the last call.
     pub fn take_serial_messages(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.board.output.serial)
     }
 
-    /// As the reset switch.
+    /// Resets the board as the reset switch does.
     pub fn reset(&mut self) {
         self.board.reset(false);
         self.programs.reset(false);
@@ -193,7 +193,7 @@ impl World {
         }
     }
 
-    /// What follows the power-up or reset of board and programs.
+    /// The common end of power-up and reset, after board and programs.
     fn power_on(&mut self) {
         if let Some(mailbox) = &mut self.mailbox {
             mailbox.reset();
@@ -206,8 +206,8 @@ impl World {
         self.housekeeping();
     }
 
-    /// One servo cycle, the background pass after it, and the interrupts that follow. Once the watchdog has tripped only
-    /// the host port is alive.
+    /// One servo cycle, the background pass after it, and the interrupts that follow. Once the watchdog has tripped,
+    /// only the host port is alive.
     pub fn step(&mut self) {
         if !self.board.watchdog {
             self.cycle();
@@ -221,7 +221,7 @@ impl World {
         let spurious = u64::from(faults.spurious_interrupt > 0);
         faults.spurious_interrupt = faults.spurious_interrupt.saturating_sub(1);
         self.interrupts.response += lose(raised, faults) + spurious;
-        // Interrupts of another level or vector reach nobody who waits for these.
+        // A host hears interrupts only at the level and vector that the factory values set.
         let reach = u64::from(self.board.found.interrupts);
         if let Some(mailbox) = &mut self.mailbox {
             self.interrupts.mailbox_taken += reach * lose(std::mem::take(&mut mailbox.taken), faults);
@@ -265,7 +265,7 @@ impl World {
         }
     }
 
-    /// The part of a background pass that no host asks for.
+    /// The part of a background pass that runs without a host's request.
     fn housekeeping(&mut self) {
         let reaches_dpram = self.reaches_dpram();
         let Self { board, programs, background, report, .. } = self;
@@ -288,7 +288,7 @@ impl World {
     }
 }
 
-/// The interrupts that are left of `raised` when the fault `lost_interrupt` has taken its share.
+/// The interrupts of `raised` that remain when the fault `lost_interrupt` has taken its share.
 fn lose(raised: u64, faults: &mut Faults) -> u64 {
     let lost = raised.min(faults.lost_interrupt);
     if faults.lost_interrupt != u64::MAX {
