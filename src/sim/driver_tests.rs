@@ -1,9 +1,9 @@
-//! What public drivers of Turbo boards do to the DPRAM and the mailboxes, access by access, and that each gets what it
-//! expects.
+//! The accesses of public drivers of Turbo boards to the DPRAM and the mailboxes, one by one: each driver gets the
+//! answers that it expects.
 //!
-//! Told after their sources: `epics-modules/tpmac` (VxWorks) takes reports and variables byte by byte and sends commands
-//! through the mailboxes; `epics-motor/motorDeltaTau` (VxWorks) and `ls-cat-org/pgpmac` (Ethernet) send them through the
-//! DPRAM.
+//! The accesses follow the drivers' sources: `epics-modules/tpmac` (VxWorks) takes reports and variables byte by byte
+//! and sends commands through the mailboxes; `epics-motor/motorDeltaTau` (VxWorks) and `ls-cat-org/pgpmac` (Ethernet)
+//! send commands through the DPRAM.
 
 use std::fs::OpenOptions;
 
@@ -22,7 +22,7 @@ fn board(settings: &str) -> Bench {
     bench
 }
 
-/// tpmac's accesses: a byte each, the upper one of a word first.
+/// tpmac's accesses: a byte each, the upper byte of a word first.
 struct ByBytes<'a>(&'a Bench);
 
 impl ByBytes<'_> {
@@ -226,7 +226,7 @@ impl Flushing<'_> {
                 self.0.write(0x0F40, 0);
             }
             let was = end;
-            // Behind a line it waits for the next.
+            // After a line the driver waits for the next.
             for _ in 0..if was == 0x0D { 10 } else { 1 } {
                 self.0.run(TICK);
                 end = self.0.read8(0x0F40);
@@ -268,7 +268,7 @@ impl Flushing<'_> {
                     self.0.write(0x0F40, 0);
                     return Some(text);
                 }
-                // One that was left: the answer is still to come.
+                // The end of an earlier reply: the answer is still to come.
                 0x06 => self.0.write(0x0F40, 0),
                 _ => {
                     self.0.write(0x0F40, 0);
@@ -347,7 +347,7 @@ impl Clearing<'_> {
 
 #[test]
 fn a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_there() {
-    // The site's status words lie where the motor report would.
+    // The site's status words take the place of the motor report.
     let mut bench = board("I58=1 I63=1 I64=1\nM5075->*\nM321->DP:$60121\nM301->DP:$60101");
     let mut host = Clearing(&mut bench);
     for character in [0, 0x18] {
@@ -362,11 +362,11 @@ fn a_driver_over_ethernet_talks_through_the_dpram_and_reads_what_its_site_keeps_
     host.0.run(10);
     assert_eq!(host.ask("M321=-77 M301=$892000 M5075"), (lines(&["0"]), 0x0006));
     assert_eq!([0x0484, 0x0404].map(|at| host.0.read32(at)), [(-77_i32).cast_unsigned(), 0x89_2000]);
-    // ^A by two bytes; it has taken it when the word is 0.
+    // ^A by two bytes; the board has taken it when the word is 0.
     host.set_memory(0x0E9E, &[0x01, 0]);
     host.0.run(3);
     assert_eq!((host.0.read(0x0E9E), host.0.read(0x0F40)), (0, 0), "^A says nothing");
-    // Clearing the count, too, could wipe out that of the next response: it is PMAC's word.
+    // The driver clears the count, too, which is PMAC's word: that could wipe out the count of the next response.
     let found = bench.violations();
     assert!(!found.is_empty() && found.iter().all(|found| found.contains("to 0x0F42")), "{found:?}");
 }

@@ -1,17 +1,17 @@
-//! What the tools that sites use ask of a Turbo board, and that each question gets its answer: one that is missing shifts
-//! all that a tool reads after it.
+//! Questions of the tools that sites use to a Turbo board. Each question gets its answer: a missing answer shifts all
+//! that a tool reads afterwards.
 
 use crate::sim::board::firmware::FirmwareTables;
 use crate::sim::board::turbo;
 use crate::sim::testing::Bench;
 
-/// What a tool expects.
+/// The answer that a tool expects.
 enum Answer {
     /// These lines.
     Lines(&'static [&'static str]),
-    /// So many lines, whatever they hold.
+    /// This many lines, of any content.
     Count(usize),
-    /// One line that a tool reads as words of so many hex digits.
+    /// One line that a tool reads as words of this many hex digits.
     Words(usize, usize),
     /// This error.
     Error(&'static str),
@@ -19,7 +19,7 @@ enum Answer {
 
 use Answer::{Count, Error, Lines, Words};
 
-/// The tools, what each sends as one line, and the answer. The board stands as the shipped start-up leaves it, with a program.
+/// The tools, the line that each sends, and the answer. The board has run the shipped start-up file, and has a program.
 const ASKED: &[(&str, &str, Answer)] = &[
     ("dls-pmaclib", "i6=1 i3=2 ver", Lines(&["1.947"])),
     ("dls-pmaclib", "cid", Lines(&["602413"])),

@@ -412,7 +412,7 @@ fn programs_name_the_port_that_they_speak_to() {
     assert_eq!(serial(&mut bench, "I64\r"), "1\r\x06", "the serial port is the active one");
     send(&mut bench, "ENABLE PLC 1");
     bench.run(20);
-    // ^B tags what nobody asked for, and stands for the BELL of an error. A CMD without a letter is answered nowhere.
+    // ^B marks unasked text, and replaces the BELL of an error. The answer to a CMD without a letter goes nowhere.
     let said = String::from_utf8(std::mem::take(&mut bench.world.board.output.serial)).unwrap();
     assert_eq!(said, "\x02ACTIVE\r\x02SERIAL\r\x027\r\x02");
     let dpram = [(0x020D, "DPRAM"), (0x010D, "7")];
@@ -557,7 +557,7 @@ fn the_shipped_start_up_reports_all_motors_and_coordinate_systems() {
         bench.run(3000);
         assert!(send(&mut bench, "#32V")[0].parse::<f64>().unwrap() > 10.0);
         assert!(bench.violations().is_empty(), "{:?}", bench.violations());
-        // What is saved comes back by itself.
+        // The saved values come back by themselves.
         bench.world.reset();
         bench.run(2);
         assert_eq!([0x006E, 0x067A].map(|word| bench.read(word) >> 15), [1, 1]);

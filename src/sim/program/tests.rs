@@ -326,7 +326,7 @@ fn step_stop_quit_abort_and_hold() {
     lines(&mut bench, "/");
     finish(&mut bench);
     assert_eq!((x(&bench), lines(&mut bench, "LIST PC").concat().as_str()), (40.0, "P1:10:X50"));
-    // After a jog it does not continue.
+    // After a jog the program does not continue.
     lines(&mut bench, "#1J:100");
     bench.until(LONG, |board| !board.motors[0].moving());
     bench.run(2);
@@ -438,7 +438,7 @@ fn a_rotary_buffer_starves_and_goes_on() {
     assert_eq!(lines(&mut bench, "PR PE LIST PE"), ["2", "P0:4", "P0:4:X10"]);
     assert_eq!(request(&bench), 1);
     bench.run(8000);
-    // Without lines it runs and rests, and all lines are freed.
+    // Without lines the program runs and rests, and the board has freed all lines.
     let board = &bench.world.board;
     assert!(running(board));
     assert_eq!(board.motor_status(0)[0] & (1 << 17 | 1 << 13), 1 << 13);
