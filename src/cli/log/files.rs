@@ -1,6 +1,8 @@
-//! The files of a log: one, or a series that is begun anew by size or time and of which the oldest are removed.
+//! The files of a log: one file, or a series. The log begins another file of a series by size or time, and removes the
+//! oldest.
 //!
-//! A full disk ends nothing: whole rows stay, what finds no room is counted as lost, and it is tried again.
+//! A full disk does not end the log: whole rows stay, the log counts as lost the rows that find no room, and it tries
+//! again.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -18,16 +20,16 @@ use crate::cli::context::Failure;
 use crate::client::Gap;
 use crate::table::Field;
 
-/// How long until a full disk is tried again.
+/// The time after which the log tries a full disk again.
 const TRY_AGAIN: Duration = Duration::from_secs(1);
-/// How often rows go to the file though the buffer is not full, and old files are removed.
+/// The log writes its collected rows and removes old files this often, even if the buffer is not full.
 const TEND: Duration = Duration::from_secs(1);
-/// When another file is begun, and how much is kept.
+/// The conditions for another file, and the bytes to keep.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rotation {
-    /// Once a file has so many bytes.
+    /// Begin another file at this many bytes.
     pub bytes: Option<u64>,
-    /// Once a file is so old.
+    /// Begin another file at this age.
     pub age: Option<Duration>,
     /// The bytes that all files of the series may take.
     pub keep: Option<u64>,
@@ -38,22 +40,22 @@ impl Rotation {
         self.bytes.is_some() || self.age.is_some() || self.keep.is_some()
     }
 
-    /// The size at which another file is begun: a quarter of the bytes that all may take, where that is less.
+    /// The size at which the log begins another file: a quarter of the bytes for all files, where that is less.
     fn limit(self) -> Option<u64> {
         [self.bytes, self.keep.map(|keep| keep / 4)].into_iter().flatten().min()
     }
 }
 
-/// What a row stands for.
+/// The meaning of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowMeaning {
     Update,
-    /// One that was read while its scale was not known: it is missed.
+    /// The log read an update without knowing its scale: the update counts as missed.
     Unscaled,
     Gap(Gap),
 }
 
-/// What stands in the files.
+/// Counts of the updates in the files, and of those missed and lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
     pub updates: u64,
@@ -73,7 +75,7 @@ impl Tally {
         }
     }
 
-    /// These rows as one gap: they were not written.
+    /// Adds a row that was not written, as part of a gap.
     fn add_unwritten(&mut self, meaning: RowMeaning) {
         match meaning {
             RowMeaning::Update => self.lost += 1,
@@ -98,24 +100,24 @@ pub struct Files {
     file: TableFile,
     began: Instant,
     tended: Instant,
-    /// Another file found no room: when to try again.
+    /// Another file found no room: the time of the next try.
     rotates_from: Option<Instant>,
-    /// The number of the present file, 0 where it is no series, and of the one before it.
+    /// The number of the present file, 0 without a series, and the number of the file before it.
     number: u64,
     previous: Option<u64>,
-    /// What is in the files.
+    /// The counts of the rows in the files.
     written: Tally,
     /// The rows handed to the present file that it may not hold yet.
     pending: Vec<RowMeaning>,
     kept: u64,
-    /// How many of the missed were read.
+    /// The number of missed updates that the log read.
     unscaled: u64,
     pauses: Pauses,
-    /// What found no room since the last row that did.
+    /// The counts of the rows that found no room since the last row that did.
     unwritten: Tally,
-    /// Until when the disk counts as full.
+    /// The disk counts as full until then.
     full_until: Option<Instant>,
-    /// Since the disk was full, which is said once, no row has found room.
+    /// No row has found room since the log said that the disk is full.
     is_full: bool,
     /// A row without values, for gaps.
     gap_row: Vec<f64>,
@@ -168,7 +170,7 @@ impl Files {
         place(&self.path, self.number)
     }
 
-    /// What stands in the files, and what found no room.
+    /// The counts of the rows in the files and of those that found no room.
     pub fn tally(&self) -> Tally {
         let Tally { updates, missed, lost } = self.written;
         let Tally { missed: more_missed, lost: more_lost, .. } = self.unwritten;
@@ -185,7 +187,7 @@ impl Files {
         self.pauses
     }
 
-    /// Lost updates of which a row in the files tells, and those that found no room up to now, of which none does.
+    /// Lost updates that a row in the files reports, and lost updates that no row reports yet, for want of room.
     pub fn lost(&self) -> (u64, u64) {
         (self.written.lost, self.unwritten.lost)
     }
@@ -193,7 +195,7 @@ impl Files {
     /// Writes one row.
     ///
     /// # Errors
-    /// [`Failure`]: the output cannot be written to, other than for want of room.
+    /// [`Failure`]: the log cannot write to the output, for another cause than want of room.
     pub fn row(&mut self, row: &[f64], meaning: RowMeaning) -> Result<(), Failure> {
         self.unscaled += u64::from(meaning == RowMeaning::Unscaled);
         if let RowMeaning::Gap(Gap { pause: Some(time), .. }) = meaning {
@@ -207,7 +209,7 @@ impl Files {
         let Tally { missed, lost, .. } = std::mem::take(&mut self.unwritten);
         if missed + lost > 0 {
             let gap = Gap { missed, lost, pause: None };
-            // With the number and times of the row behind it: those of the one before are gone.
+            // With the number and times of the row after the gap: the log no longer has those of the row before.
             self.gap_row[..GAP.start].copy_from_slice(&row[..GAP.start]);
             self.gap_row[GAP].copy_from_slice(&[missed as f64, lost as f64]);
             let row = std::mem::take(&mut self.gap_row);
@@ -228,7 +230,7 @@ impl Files {
         Ok(())
     }
 
-    /// Looks after the files, where a second has passed: what is written can be read then, and old files are removed.
+    /// Once a second, writes the collected rows, so that others can read them, and removes old files.
     ///
     /// # Errors
     /// As [`Files::row`].
@@ -245,7 +247,8 @@ impl Files {
         Ok(())
     }
 
-    /// Begins another file, if there are rows in the present one. Where that finds no room, the present one goes on.
+    /// Begins another file, if the present file has rows. If the new file finds no room, the log goes on with the
+    /// present file.
     fn rotate(&mut self) -> Result<(), Failure> {
         if self.rotates_from.is_some_and(|from| Instant::now() < from) {
             return Ok(());
@@ -281,7 +284,7 @@ impl Files {
         if self.file.kept() == 0
             && let Some(previous) = self.previous.take()
         {
-            // The last row has filled the file before: this one has none.
+            // The last row has filled the file before: the present file has none.
             self.file.discard();
             self.number = previous;
         }
@@ -289,7 +292,7 @@ impl Files {
         Ok(())
     }
 
-    /// Writes what is collected. Without a row that is only the head, for which a recording that is there must not go.
+    /// Writes the collected rows. Without a row does nothing: a head alone must not replace an existing recording.
     fn flush(&mut self) -> Result<(), Failure> {
         if self.kept == 0 && self.pending.is_empty() {
             return Ok(());
@@ -303,7 +306,7 @@ impl Files {
         self.file.discard();
     }
 
-    /// Takes note of which rows the file holds by now, and of those that it has no room for.
+    /// Counts the rows that the file holds by now, and the rows that found no room.
     fn settle(&mut self, put: Result<(), Failure>) -> Result<(), Failure> {
         let kept = self.file.kept();
         let whole = usize::try_from(kept - self.kept).unwrap_or(usize::MAX).min(self.pending.len());
@@ -325,12 +328,12 @@ impl Files {
         }
     }
 
-    /// Removes the oldest files of the series until the rest takes no more than it may, with the present one as long as it
-    /// becomes. A file that another log writes or has just made stays, and so does one that cannot be looked into.
+    /// Removes the oldest files of the series until the rest, with the present file at its full size, takes no more
+    /// than it may. A file that another log writes or has just made stays, and so does a file that the log cannot open.
     fn remove_oldest(&mut self) {
         let Some(keep) = self.rotation.keep else { return };
         let Ok(files) = series(&self.path) else { return };
-        // The last one that has rows.
+        // The last file that has rows.
         let last = self.previous.filter(|_| self.file.kept() == 0);
         let mut others: Vec<_> = files.into_iter().filter(|(number, ..)| *number != self.number).collect();
         others.sort_unstable_by_key(|(number, ..)| *number);
@@ -353,13 +356,14 @@ impl Files {
     }
 }
 
-/// Opens a file to look at its lock. What somebody has put there meanwhile, a FIFO or a link, is not waited for or followed.
+/// Opens a file to look at its lock. Neither waits for a FIFO nor follows a link that another program may have put
+/// there.
 fn opened(path: &Path) -> io::Result<File> {
     let flags = OFlag::O_NONBLOCK | OFlag::O_NOFOLLOW;
     OpenOptions::new().read(true).custom_flags(flags.bits()).open(path)
 }
 
-/// Makes the file `number` of the series `path`, or of those behind it the first that is not there yet. Returns its number.
+/// Makes the file `number` of the series `path`, or the first later file that does not exist yet. Returns its number.
 fn next(path: &Path, number: u64, fields: &[Field], stop: &Interrupt) -> Result<(u64, TableFile), Failure> {
     for number in number..=HIGHEST_NUMBER {
         if let Some(file) = TableFile::create_new(&place(path, number), fields, stop)? {
@@ -441,7 +445,7 @@ mod tests {
         std::os::unix::fs::symlink(at("target"), at("log-000001.csv")).unwrap();
         nix::unistd::mkfifo(&at("log-000002.csv"), nix::sys::stat::Mode::S_IRWXU).unwrap();
         let rotation = Rotation { keep: Some(20_000), ..Rotation::default() };
-        // Two logs by one name.
+        // Two logs with the same name.
         let open = || Files::open(&path, fields(), rotation, &Interrupt::never()).unwrap();
         let mut both = [open(), open()];
         for update in 0..3000 {

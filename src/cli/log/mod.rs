@@ -5,7 +5,7 @@
 //! | `row` | the columns of a line; [`crate::table::csv`] writes it as text |
 //! | `files`, `series` | one file or a series of them; a full disk |
 //! | `trigger` | when to begin, and the rows from before it |
-//! | `wait` | what the log waits for, and says meanwhile |
+//! | `wait` | the waits of a log, and the notes about them |
 
 mod files;
 mod row;
@@ -32,13 +32,13 @@ use crate::client::{Board, Follower, Gap, Staleness, Step, View, identity};
 use crate::decode::ServoData;
 use crate::segment::{Identity, RegionId};
 
-/// How long to sleep before looking for updates again: a small part of what the segment keeps.
+/// The sleep between two looks for updates: a small part of the time for which the segment keeps an update.
 const TAKE_UPDATES_EVERY: Duration = Duration::from_millis(20);
-/// How long the board may take to tell the scales until the columns are decided without.
+/// The time that the board has to tell the scales. After it, the log fixes the columns without them.
 const SCALES: Duration = Duration::from_secs(5);
-/// A longer wait for them is said.
+/// After this time the log says that it waits for scales.
 const SCALES_SILENT: Duration = Duration::from_secs(1);
-/// A daemon that has run for so long has asked the board who it is, and what its scales are, if it ever does.
+/// A daemon of this age has asked the board for its type and its scales, if it asks at all.
 const ASKED: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Args)]
@@ -94,7 +94,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
     let mut run = Logging {
         options,
         stop,
-        // Without a trigger it begins at once.
+        // Without a trigger the log begins at once.
         end_ns: end_ns.filter(|_| options.trigger.is_none()),
         before: options.trigger.as_ref().map(|_| Before::new(options.before.as_nanos() as u64)),
         output: None,
@@ -114,7 +114,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         let may_tell = identity.board_type.is_some() || Duration::from_nanos(up_ns) < ASKED;
         run.can_tell = may_tell && lacks_scales(&identity, &options.motors);
         let mut came = false;
-        // Read the clock first: an update that comes while updates are taken must not count as missing.
+        // Read the clock first: an update that comes while the log takes updates must not count as missing.
         let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
         let stale = follower.advance(&mut board, |step| {
             came = true;
@@ -140,21 +140,21 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
 struct Logging<'a> {
     options: &'a Log,
     stop: Interrupt,
-    /// By the segment's clock; `None` while there is no end, or it is not known yet.
+    /// By the segment's clock; `None` without an end, and while the trigger has not set the end.
     end_ns: Option<u64>,
-    /// The rows from before the trigger, until it comes.
+    /// The rows from before the trigger; `None` after the trigger.
     before: Option<Before>,
     /// Since the first update.
     output: Option<Output>,
     servo_period_ns: Option<f64>,
-    /// Whether the board may tell its scales still: `pmacd` asks it, or has just begun.
+    /// Whether the board may still tell its scales: `pmacd` asks for them, or has just begun.
     can_tell: bool,
-    /// For what scales the values, and for the trigger.
+    /// The waits for scales and for the trigger.
     scales: LongWait,
     trigger: LongWait,
-    /// Whether an update from behind the end has come.
+    /// Whether an update from after the end has come.
     over: bool,
-    /// How long no update had come at the end, and why, where that is a pause.
+    /// A pause at the end: the time without an update, and its reason.
     silent: Option<(Duration, Option<Staleness>)>,
 }
 
@@ -190,7 +190,7 @@ impl Logging<'_> {
         }
     }
 
-    /// It ends now. Behind the last update there may be a pause, of which no further update tells.
+    /// Ends the log. A pause after the last update needs a row of its own: no later update reports that pause.
     fn end(&mut self, now_ns: u64, pause_ns: u64, stale: Option<Staleness>) -> Result<(), Failure> {
         let Some(Output { rows, files }) = self.output.as_mut().filter(|_| !self.over) else { return Ok(()) };
         let silent_ns = rows.silent_ns(self.end_ns.unwrap_or(now_ns).min(now_ns));
@@ -213,7 +213,7 @@ impl Logging<'_> {
         !lacking.is_empty() && self.can_tell && self.scales.go_on(SCALES_SILENT, told) < SCALES
     }
 
-    /// Says what it waits for, where updates come and the trigger does not.
+    /// Says that the log waits for the trigger, when updates come.
     fn say_what_triggers(&mut self) {
         if let (Some(trigger), Some(_), Some(_)) = (&self.options.trigger, &self.before, &self.output) {
             self.trigger.go_on(SAY_AFTER, || format!("waiting for {trigger}; ^C ends it"));
@@ -257,8 +257,8 @@ impl Logging<'_> {
     }
 }
 
-/// Whether the board has still to tell the servo period, or the scale of one of `motors`, which are all where none is
-/// named. A scale of 0 is told.
+/// Whether the board has yet to tell the servo period, or the scale of one of `motors` (all motors if empty). A scale
+/// of 0 counts as told.
 fn lacks_scales(identity: &Identity, motors: &[u8]) -> bool {
     let reported = identity.motor_mask.unwrap_or_default();
     let is_logged =
@@ -267,12 +267,12 @@ fn lacks_scales(identity: &Identity, motors: &[u8]) -> bool {
     identity.i10.is_none() || numbers.any(|motor| identity.ix08[usize::from(motor) - 1].is_none())
 }
 
-/// When it ends, if it begins at `began_ns`.
+/// The end of a log that begins at `began_ns`.
 fn end_after(options: &Log, began_ns: u64) -> Option<u64> {
     options.seconds.map(|time| began_ns.saturating_add(time.as_nanos() as u64))
 }
 
-/// The rows, as what was asked for is found in the first update.
+/// The rows: the user's motors and fields, by their places in the first update.
 fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>) -> Result<LogRows, Failure> {
     let motors: Vec<usize> = options.motors.iter().map(|motor| usize::from(*motor)).collect();
     let rows = LogRows::new(first, &motors, &options.fields, servo_period_ns)?;
@@ -358,7 +358,7 @@ fn finish(context: &mut Context, board: &mut Board, run: Logging) -> Result<Verd
     Err(Failure::Refused(said.join("; ")))
 }
 
-/// Why there is nothing to write.
+/// The message of a log without an update.
 fn no_update(board: &mut Board) -> String {
     let stale =
         board.snapshot().ok().and_then(|snapshot| snapshot.servo.map_or(snapshot.stale, |servo| servo.stale));
@@ -366,7 +366,7 @@ fn no_update(board: &mut Board) -> String {
     format!("no update came{why}")
 }
 
-/// The last line: what stands in the files, `present` the last of them.
+/// The last line: the counts of the files; `present` is the last file.
 fn summarize(
     context: &mut Context,
     options: &Log,
@@ -388,7 +388,7 @@ fn summarize(
     Ok(context.output.line(summary)?)
 }
 
-/// What is to be said of pauses.
+/// The note on pauses.
 fn said_of_pauses(Pauses { count, time }: Pauses) -> Option<String> {
     let plural = if count == 1 { "" } else { "s" };
     (count > 0).then(|| {
@@ -400,7 +400,7 @@ fn said_of_pauses(Pauses { count, time }: Pauses) -> Option<String> {
     })
 }
 
-/// What is to be said of lost updates: of those a row tells, or none does.
+/// The note on lost updates: `told` are in a row of the file, `at_end` in none.
 fn said_of_lost((told, at_end): (u64, u64)) -> Option<String> {
     let not_in = format!("{} updates are not in the file", told + at_end);
     match (told, at_end) {

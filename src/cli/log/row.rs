@@ -12,7 +12,7 @@ use crate::table::{Field, FieldKind};
 pub const DEFAULT_FIELDS: &[&str] =
     &["commanded_position", "actual_position", "following_error", "velocity", "servo_status"];
 
-/// One value of every row.
+/// A value that every row has.
 #[derive(Debug, Clone, PartialEq)]
 struct Column {
     /// The motor's number, and the value's place in [`crate::decode::ServoMotor::quantities`].
@@ -48,10 +48,10 @@ pub const TIME: usize = 1;
 const UNIX: usize = 2;
 
 impl LogRows {
-    /// Rows for the motors and fields named, of updates like `first`. Without `motors` all that are activated.
+    /// Rows for the named motors and fields, of updates like `first`. Without `motors`, rows for all activated motors.
     ///
     /// # Errors
-    /// [`Failure::Request`] names what the report does not have.
+    /// [`Failure::Request`] names the motor or field that the report does not have.
     pub fn new(
         first: &View<ServoData>,
         motors: &[usize],
@@ -100,15 +100,15 @@ impl LogRows {
         self.clock.servo_period_ns
     }
 
-    /// What the board has not told the scale of, in `update`: the time, and the columns of which it gives only an integer.
+    /// The columns whose scale the board has not told, in `update`: the time, and columns with a register's integer.
     pub fn unscaled(&self, update: &ServoData) -> Vec<&str> {
         let time = self.clock.servo_period_ns.is_none().then_some("time_s");
         let is_raw = |column: &&Column| column.quantity(update).is_some_and(|value| value.number().is_none());
         time.into_iter().chain(self.columns.iter().filter(is_raw).map(|column| &*column.field.name)).collect()
     }
 
-    /// Whether `update` has none of the scaled values that the first one had: a daemon that was started again does not know
-    /// the scales at first.
+    /// Whether `update` has none of the scaled values of the first update: a daemon that was started again does not
+    /// know the scales at first.
     pub fn lacks_scales(&self, update: &ServoData) -> bool {
         let mut scaled = self.columns.iter().filter(|column| column.is_scaled).peekable();
         scaled.peek().is_some() && scaled.all(|column| column.number(update).is_nan())
@@ -125,20 +125,20 @@ impl LogRows {
         row
     }
 
-    /// The row of an update whose scales are not known: with its number and times, missed, and without values.
+    /// The row of an update with unknown scales: the update's number and times, counted as missed, and without values.
     pub fn unscaled_update(&mut self, update: &View<ServoData>) -> &[f64] {
         self.update(update);
         self.gap(Gap { missed: 1, ..Gap::default() })
     }
 
-    /// Time 0 becomes that of the latest update. Returns what its time was until now.
+    /// Makes the time of the latest update time 0. Returns the update's old time.
     pub fn zero(&mut self) -> f64 {
         let Some((_, time)) = &mut self.last else { return 0.0 };
         self.zero.0 = self.last_timer;
         std::mem::take(time)
     }
 
-    /// The row of what is missing beside the update before: with its number and times, and without values.
+    /// The row of the updates missing after the last update: with that update's number and times, and without values.
     pub fn gap(&mut self, gap: Gap) -> &[f64] {
         self.row.resize(OWN + self.columns.len(), f64::NAN);
         self.row[GAP].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
@@ -151,8 +151,8 @@ impl LogRows {
         self.last.map_or(0, |(last_ns, _)| now_ns.saturating_sub(last_ns))
     }
 
-    /// The row of a pause that goes on at the end, `silent_ns` after the update before: with the number of that one, and the
-    /// times of the end.
+    /// The row of a pause that lasts until the end, `silent_ns` after the last update: with that update's number, and
+    /// the times of the end.
     pub fn pause_at_end(&mut self, silent_ns: u64) -> &[f64] {
         self.gap(Gap::default());
         let Some((_, last)) = self.last else { return &self.row };
@@ -162,13 +162,13 @@ impl LogRows {
         &self.row
     }
 
-    /// Before the next update board or daemon paused, or began anew.
+    /// Notes that board or daemon paused, or began anew, before the next update.
     pub fn pause(&mut self) {
         self.has_paused = true;
     }
 
-    /// By the board's servo timer. Over a pause, where that may begin anew, the host's clock says how long it has been
-    /// since the update before.
+    /// The time by the board's servo timer. After a pause, in which the timer may begin anew, the host's clock gives
+    /// the time since the last update.
     fn time(&mut self, update: &View<ServoData>) -> f64 {
         let View { servo_timer, time_ns, .. } = *update;
         if let Some((last_ns, last)) = self.last
@@ -220,7 +220,7 @@ impl Column {
         motor?.quantities()[self.place]
     }
 
-    /// Not a number where the report does not have it now, or its scale is not known any more.
+    /// NaN while the report lacks the value, or while its scale is unknown.
     fn number(&self, update: &ServoData) -> f64 {
         let number = self.quantity(update).and_then(|quantity| match self.is_scaled {
             true => quantity.value,

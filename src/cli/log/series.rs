@@ -1,4 +1,4 @@
-//! The files of a series: their names, and which of those in a directory are its own.
+//! The files of a series: their names, and the files in a directory that belong to the series.
 
 use std::ffi::OsStr;
 use std::fs::Metadata;
@@ -26,9 +26,9 @@ pub(super) fn place(path: &Path, number: u64) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// The files of the series `path` that are one's own: number, path, and the bytes that it takes. Where others may create
-/// files, too, theirs neither count nor go, and give no number; nor does a second name of one's own file, which others may
-/// have given it.
+/// The user's own files of the series `path`: number, path, and the bytes of each. In a directory where others may
+/// create files, the files of others neither count nor go, and take no number; neither does a second name of the user's
+/// own file, which another user may have given it.
 pub(super) fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     let directory = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let number = |name: &OsStr| {
@@ -53,12 +53,12 @@ pub(super) fn series(path: &Path) -> io::Result<Vec<(u64, PathBuf, u64)>> {
     Ok(files)
 }
 
-/// The bytes that a file takes: of one with holes, those that are on the disk.
+/// The bytes that a file takes on the disk: holes do not count.
 fn taken(metadata: &Metadata) -> u64 {
     metadata.len().min(metadata.blocks().saturating_mul(512))
 }
 
-/// The highest number in the series; 0 where there is none.
+/// The highest number in the series; 0 for a series without files.
 pub(super) fn newest(path: &Path) -> Result<u64, Failure> {
     let files = series(path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())))?;
     Ok(files.into_iter().map(|(number, ..)| number).max().unwrap_or(0))

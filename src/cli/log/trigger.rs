@@ -1,4 +1,4 @@
-//! When to begin: a condition on a motor's value or flag, and the rows from before it.
+//! The begin of a log: a condition on a motor's value or flag, and the rows from before.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -15,7 +15,7 @@ enum Comparison {
     Below,
 }
 
-/// What is looked at.
+/// The value or flag that the condition looks at.
 #[derive(Debug, Clone, PartialEq)]
 enum Test {
     /// A value against a limit.
@@ -24,7 +24,8 @@ enum Test {
     Flag { name: String, is_set: bool },
 }
 
-/// A condition on one motor, as it is typed: `1.following_error>100`, `|1.following_error|>100`, `1.open_loop`, `!1.open_loop`.
+/// A condition on one motor, as a user types it: `1.following_error>100`, `|1.following_error|>100`, `1.open_loop`,
+/// `!1.open_loop`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition {
     motor: usize,
@@ -58,7 +59,7 @@ impl FromStr for Condition {
     }
 }
 
-/// As it is typed.
+/// The condition as a user types it.
 impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let motor = self.motor;
@@ -74,7 +75,7 @@ impl fmt::Display for Condition {
 }
 
 impl Condition {
-    /// What is wrong with it, for updates like `first`.
+    /// The mistake in the condition, for updates like `first`.
     pub fn mistake(&self, first: &ServoData) -> Option<String> {
         let Some(motor) = first.motors.iter().find(|motor| motor.motor == self.motor) else {
             return Some(format!("--trigger: motor {} is not in the servo report", self.motor));
@@ -89,7 +90,7 @@ impl Condition {
         (!has).then(|| format!("--trigger: the servo report has no {name:?}; {FORM}"))
     }
 
-    /// Why it cannot be true yet: the board has not told what scales its value in `update`.
+    /// The reason that the condition cannot be true yet: the board has not told the scale of its value in `update`.
     pub fn lacks_scale(&self, update: &ServoData) -> Option<String> {
         let Test::Value { field, .. } = &self.test else { return None };
         let motor = update.motors.iter().find(|motor| motor.motor == self.motor)?;
@@ -99,7 +100,7 @@ impl Condition {
         })
     }
 
-    /// Whether it is true. A value that is not known makes no condition true.
+    /// Whether the condition is true. An unknown value makes no condition true.
     pub fn is_met(&self, update: &ServoData) -> bool {
         let Some(motor) = update.motors.iter().find(|motor| motor.motor == self.motor) else { return false };
         match &self.test {
@@ -137,7 +138,7 @@ impl Before {
         Self { span_ns, rows: VecDeque::new() }
     }
 
-    /// Keeps the row of an update at `time_ns`, and forgets those that are too old by then. Memory is used again.
+    /// Keeps the row of an update at `time_ns`, and forgets rows that are then too old. Reuses their memory.
     pub fn keep(&mut self, time_ns: u64, meaning: RowMeaning, row: &[f64]) {
         let mut spare = Vec::new();
         while self.rows.front().is_some_and(|kept| time_ns.saturating_sub(kept.time_ns) > self.span_ns) {
@@ -148,8 +149,8 @@ impl Before {
         self.rows.push_back(Kept { time_ns, meaning, row: spare });
     }
 
-    /// Keeps the row of what is missing behind the update before, for as long as that one. Before the first there is
-    /// nothing to miss.
+    /// Keeps the row of a gap after the last update, for as long as that update's row. Before the first update no gap
+    /// counts.
     pub fn keep_gap(&mut self, gap: Gap, row: &[f64]) {
         if let Some(Kept { time_ns, .. }) = self.rows.back() {
             let (time_ns, row) = (*time_ns, row.to_vec());

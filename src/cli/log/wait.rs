@@ -17,7 +17,7 @@ pub struct LongWait {
 }
 
 impl LongWait {
-    /// The wait goes on: says `text` once it has lasted `silent`. Returns how long it has lasted.
+    /// The wait goes on: says `text` after the time `silent`. Returns the time waited.
     pub fn go_on(&mut self, silent: Duration, text: impl FnOnce() -> String) -> Duration {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         if waited >= silent && !std::mem::replace(&mut self.said, true) {
