@@ -1,4 +1,4 @@
-//! What every command gets, and how it can end.
+//! The context that every command gets, and the ways in which a command can end.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ impl Failure {
         Self::Request(error.to_string())
     }
 
-    /// The same failure, with its place in front, unless it stands there.
+    /// The same failure with its place in front, unless the text begins with the place.
     pub fn at(self, place: impl std::fmt::Display) -> Self {
         let place = place.to_string();
         let told = |text: String| if text.starts_with(&place) { text } else { format!("{place}: {text}") };
@@ -99,14 +99,14 @@ fn is_silent(board: &Board) -> bool {
     matches!(stale, Some(Staleness::DaemonStopped { .. }))
 }
 
-/// The board that is meant where none is named.
+/// The name of the board when the user names none.
 const DEFAULT_NAME: &str = "pmac0";
 
-/// Why a command that writes nothing does not go on where the daemon does not know the board's family.
+/// The failure of a command that writes nothing, when the daemon does not know the board's family.
 pub const GIVE_FAMILY: &str =
     "pmacd does not know the board's family; give --family pmac, pmac2, turbo or turbo2";
 
-/// What every command gets.
+/// The context that every command gets.
 pub struct Context {
     /// `--name`.
     name: Option<SegmentName>,
@@ -121,17 +121,17 @@ impl Context {
         Ok(Self { name, socket, output })
     }
 
-    /// The board's name, if `--name` says it.
+    /// The board's name from `--name`, if given.
     pub fn told_name(&self) -> Option<&SegmentName> {
         self.name.as_ref()
     }
 
-    /// The daemon's socket, if `--socket` says it.
+    /// The daemon's socket from `--socket`, if given.
     pub fn told_socket(&self) -> Option<&Path> {
         self.socket.as_deref()
     }
 
-    /// The board's name: that of `--name`, else that of the daemon at `--socket`.
+    /// The board's name: from `--name`, else from the daemon at `--socket`.
     pub fn name(&self) -> Result<SegmentName, Failure> {
         match (&self.name, &self.socket) {
             (Some(name), _) => Ok(name.clone()),
@@ -142,7 +142,7 @@ impl Context {
         }
     }
 
-    /// The daemon's socket: that of `--socket`, else that of the board's name.
+    /// The daemon's socket: from `--socket`, else from the board's name.
     pub fn socket(&self) -> PathBuf {
         let name = self.name.as_ref().map_or(DEFAULT_NAME, SegmentName::as_str);
         self.socket.clone().unwrap_or_else(|| socket_place::socket_path(name))
@@ -153,14 +153,14 @@ impl Context {
         Ok(self.attach()?)
     }
 
-    /// As [`Self::board`], for whom an absent board is an answer.
+    /// As [`Self::board`], for a caller that takes an absent board for an answer.
     pub fn attach(&self) -> Result<Board, ClientError> {
         let name = match (&self.name, &self.socket) {
             (None, Some(socket)) => return Board::at_socket(socket),
             (name, _) => name.as_ref().map_or(DEFAULT_NAME, SegmentName::as_str),
         };
         let board = Board::attach(name);
-        // A daemon that gives no sign of life would tell nothing, and be waited for.
+        // Do not ask a daemon that gives no sign of life: the question would only wait.
         if !board.as_ref().is_ok_and(is_silent) {
             self.agree()?;
         }
@@ -175,7 +175,7 @@ impl Context {
     fn connect(&self) -> Result<Connection, CommandError> {
         let connection = Connection::open(&self.socket())?;
         match (&self.name, &self.socket) {
-            // The socket alone says which board is meant.
+            // Only the socket selects the board.
             (None, Some(_)) => Ok(connection),
             (Some(name), _) => connection.of_board(name),
             (None, None) => match self.name() {
@@ -185,8 +185,8 @@ impl Context {
         }
     }
 
-    /// Refuses a `--socket` at which a daemon answers that has another board than `--name` says: what is shown would be of
-    /// one board, and what is sent would go to another. The data can be looked at where no daemon answers.
+    /// Refuses a `--socket` whose daemon has another board than `--name`: the command would show data of one board and
+    /// send lines to the other. Without an answering daemon the data can be shown.
     pub fn agree(&self) -> Result<(), CommandError> {
         if self.name.is_none() || self.socket.is_none() {
             return Ok(());
@@ -197,10 +197,10 @@ impl Context {
         }
     }
 
-    /// The family of the daemon's board, and what else it tells of it; `None` where no daemon runs.
+    /// The family of the daemon's board, and the daemon's information on it; `None` without a running daemon.
     ///
     /// # Errors
-    /// [`Failure`], which names `--family`, where the daemon does not know it, or cannot be asked.
+    /// [`Failure`], which names `--family`, when the daemon does not know the family or does not answer.
     pub fn board_family(&self) -> Result<Option<(&'static Family, BoardInfo)>, Failure> {
         let info = match self.connect().and_then(|mut connection| connection.info()) {
             Ok(info) => info,
@@ -218,8 +218,8 @@ impl Context {
         }
     }
 
-    /// The family: `given`, or that of the board behind `connection`. One whose words lie elsewhere than the board's is
-    /// refused.
+    /// The family: `given`, or that of the board behind `connection`. Refuses a family whose DPRAM words have other
+    /// places than the board's.
     pub fn family(
         given: Option<&'static Family>,
         connection: &mut Connection,
@@ -238,7 +238,8 @@ impl Context {
     }
 }
 
-/// Refuses numbers of motors or coordinate systems that `family` does not have. Nothing has been sent to the board yet.
+/// Refuses numbers of motors or coordinate systems that `family` does not have, before the command sends a line to the
+/// board.
 pub fn check_numbers(family: &Family, for_motors: bool, numbers: &[u8]) -> Result<(), Failure> {
     let (what, count) = match for_motors {
         true => ("motor", family.motors),

@@ -54,10 +54,10 @@ pub struct Doctor {
     pub root: Option<PathBuf>,
 }
 
-/// How long a board has to come up after a reset, and how often to look. A large one that has saved much takes seconds, and
-/// `pmacd` asks a silent one again after 10 s.
+/// The time that a board has to come up after a reset. A large board that has saved much takes seconds, and `pmacd`
+/// asks a silent board again after 10 s.
 const COMES_UP: Duration = Duration::from_secs(15);
-/// How long what is seen may be from before the reset.
+/// Data seen within this time may be from before the reset.
 const GONE: Duration = Duration::from_secs(3);
 const CHECK_EVERY: Duration = Duration::from_millis(250);
 /// How long a reset is worth a word.
@@ -123,7 +123,7 @@ pub fn run(context: &mut Context, options: &Doctor) -> Result<Verdict, Failure> 
     tell(context, &report)
 }
 
-/// Checks everything; of a board that comes up after a reset, when it has, or has had the time to.
+/// Checks everything. After a reset of the board, repeats the checks until the board is up or its time is over.
 fn once_up(context: &Context, system: &System) -> Report {
     let mut is_told = false;
     loop {
@@ -144,7 +144,8 @@ fn once_up(context: &Context, system: &System) -> Report {
     }
 }
 
-/// Checks everything between this user and live data. How long ago the board was reset, if it was lately.
+/// Checks everything between this user and live data. Returns the time since the board's reset, if there was a recent
+/// reset.
 fn everything(report: &mut Report, context: &Context, system: &System) -> Option<Duration> {
     names::shared_memory(report);
     let attached = names::segment(report, context);
@@ -192,7 +193,7 @@ fn tell(context: &mut Context, report: &Report) -> Result<Verdict, Failure> {
     Ok(report.is_passed().into())
 }
 
-/// The daemon's information, and its settings if it gives them.
+/// The daemon's information, and its settings if the daemon gives them.
 fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSettings>)> {
     let asked = Connection::open(path)
         .and_then(|mut connection| Ok((connection.info()?, connection.settings().ok())));
@@ -213,7 +214,7 @@ fn socket(report: &mut Report, path: &Path) -> Option<(BoardInfo, Option<BoardSe
     }
 }
 
-/// What this user may do.
+/// The rights of this user.
 fn role(report: &mut Report, info: &BoardInfo) {
     let may = match info.role.as_deref() {
         Some("observe") => "look at the DPRAM",
@@ -245,7 +246,7 @@ fn unreachable(path: &Path, error: &CommandError) -> String {
     format!("{} is for the group {group}; have yourself added to it", path.display())
 }
 
-/// Checks the reports that the daemon `reads`. Those of a recording that `is_over` do not come again, whatever is sent.
+/// Checks the reports that the daemon `reads`. The reports of a recording that `is_over` never come again.
 fn data(report: &mut Report, board: &mut Board, is_over: bool, reads: impl Fn(Function) -> bool) {
     let condition = board.subscriber().condition();
     if condition.is_over() {
@@ -298,7 +299,7 @@ fn not_activated(report: &mut Report, board: &mut Board) {
     }
 }
 
-/// Motors whose scales the board has not told, though it answers.
+/// Motors whose scales the board has not told although it answers.
 fn unscaled(report: &mut Report, board: &mut Board) {
     let Ok(identity) = board.identity() else { return };
     let servo = board.snapshot().ok().and_then(|snapshot| snapshot.servo).filter(View::is_fresh);
@@ -315,7 +316,7 @@ fn unscaled(report: &mut Report, board: &mut Board) {
     }
 }
 
-/// What a missing report needs, as far as the board's settings are known.
+/// The settings that a missing report needs, as far as the board has told its own.
 fn missing(region: RegionId, identity: &Identity) -> String {
     let Some(family) = identity::family(identity) else {
         return "the board's family is not known to this program".to_owned();
@@ -381,7 +382,7 @@ fn missing(region: RegionId, identity: &Identity) -> String {
     format!("the board has {told}, which is enough; check that its {what} runs{other}")
 }
 
-/// Functions that the configuration switches off, and reports that it reads in part.
+/// Functions that the configuration switches off, and reports that the daemon reads in part.
 fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     let off = Function::ALL.into_iter().filter(|function| !settings.functions.has(*function));
     let (off, not_there): (Vec<_>, Vec<_>) = off.partition(|function| family.functions.contains(function));
@@ -405,7 +406,7 @@ fn left_out(report: &mut Report, family: &Family, settings: &BoardSettings) {
     }
 }
 
-/// What is said of a board that shows nothing.
+/// The text for a board that shows no sign of life.
 fn no_answer(info: &BoardInfo) -> String {
     let text = format!(
         "{} does not answer; check its power, cable and address; one with I48, I49 and I58 off looks alike",
