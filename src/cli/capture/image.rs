@@ -1,11 +1,11 @@
-//! Reads an image of the DPRAM through the daemon, a few words at a time. Command lines and responses are left out.
+//! Reads an image of the DPRAM through the daemon, a few words at a time. Leaves out command lines and responses.
 
 use crate::cli::context::Failure;
 use crate::client::Connection;
 use crate::map::{AsciiPort, HostOffset};
 use crate::protocol::READ_MAX;
 
-/// Pieces to read before somebody else has his turn.
+/// Pieces to read before another client gets a turn.
 const PIECES_A_STEP: usize = 8;
 
 /// An image under way.
@@ -22,7 +22,7 @@ impl ImageReading {
         Self { port, words: vec![0; bytes as usize / 2], next: 0, t_ns: None }
     }
 
-    /// Reads some of it; the time of its first word and the words, once all are there.
+    /// Reads some pieces; with the last piece, returns the time of the first word and all words.
     pub fn step(&mut self, connection: &mut Connection) -> Result<Option<(u64, Vec<u16>)>, Failure> {
         for _ in 0..PIECES_A_STEP {
             let Some((first, count)) = self.piece() else {

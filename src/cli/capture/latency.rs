@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-/// The most times that are kept of one kind.
+/// The most times kept of one kind.
 const MOST_TIMES: usize = 100_000;
 
 /// Times of one kind.
@@ -12,7 +12,7 @@ const MOST_TIMES: usize = 100_000;
 pub struct Times(Vec<u64>);
 
 impl Times {
-    /// Takes note of one.
+    /// Notes a time.
     pub fn note(&mut self, time: Duration) {
         if self.0.len() < MOST_TIMES {
             self.0.push(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));

@@ -1,9 +1,9 @@
 //! Keeps private texts out of a trace: command lines can hold programs and passwords, replies can hold listings.
 //!
-//! Only questions for variables and identity are shown, with their replies. Of all other lines the words become 0. Lines
-//! are known by the words that the daemon writes before it sets the flag that a line is there, whichever way its text is
-//! packed. Where accesses were dropped, another line may have come between: no text is shown until a new line begins behind
-//! the gap.
+//! The filter shows only questions for variables and identity, with their replies. The words of all other lines become
+//! 0. The filter knows a line by the words that the daemon writes before it sets the line's flag, in either packing of
+//! the text. Where the daemon dropped accesses, another line may have come between: the filter shows no text until a
+//! new line begins after the gap.
 
 use crate::format::TextOrder;
 use crate::map::functions::response;
@@ -15,14 +15,14 @@ pub const IDENTITY: [&str; 8] = ["TYPE", "VERSION", "DATE", "SIZE", "???", "CPU"
 /// The most accesses that may come before the flag of a line.
 const HELD: usize = 4096;
 
-/// Whether `line` consists of questions for variables and identity only, so that no user's text can be in it.
+/// Whether `line` consists of questions for variables and identity only, so that it holds no text of the user.
 fn is_question(line: &str) -> bool {
     let line = line.trim().to_ascii_uppercase();
     let is_of_question = |letter: char| letter.is_ascii_digit() || " ,.->IPQM".contains(letter);
     IDENTITY.contains(&line.as_str()) || (!line.is_empty() && line.chars().all(is_of_question))
 }
 
-/// `text`, in which others are named as `uid 1000 (pid 77)`, without the numbers.
+/// `text`, which names other processes as `uid 1000 (pid 77)`, without the numbers.
 pub fn without_users(text: &str) -> String {
     let mut rest = text;
     let mut shown = String::new();
@@ -38,10 +38,10 @@ pub fn without_users(text: &str) -> String {
     shown + rest
 }
 
-/// What to show of a trace's texts.
+/// Decides which texts of a trace to show.
 pub struct TextFilter {
     port: &'static AsciiPort,
-    /// The accesses since the first word of a line whose flag was not set.
+    /// The accesses since the first word of a line whose flag the daemon has not set.
     held: Vec<Access>,
     /// The words of that line.
     line: Vec<u16>,
@@ -49,14 +49,14 @@ pub struct TextFilter {
     continues: bool,
     /// The last line is a question.
     is_shown: bool,
-    /// What lies in the response buffer belongs to it.
+    /// The response buffer holds the reply to the last line.
     is_reply: bool,
     /// Accesses may be missing.
     has_gaps: bool,
 }
 
 impl TextFilter {
-    /// For a board with this port. Nothing is shown before the first line.
+    /// For a board with this port. The filter shows no text before the first line.
     pub fn new(port: &'static AsciiPort) -> Self {
         Self {
             port,
@@ -69,19 +69,19 @@ impl TextFilter {
         }
     }
 
-    /// Accesses are missing somewhere in what comes from now on. Nothing is shown until [`Self::trust`].
+    /// Accesses are missing somewhere from now on. The filter shows no text until [`Self::trust`].
     pub fn distrust(&mut self) {
         (self.has_gaps, self.is_shown) = (true, false);
     }
 
-    /// No access is missing from now on. What is next may be the rest of a line.
+    /// No access is missing from now on. The next access may belong to the rest of a line.
     pub fn trust(&mut self) {
         if std::mem::take(&mut self.has_gaps) {
             self.continues = true;
         }
     }
 
-    /// Takes in the next access; gives those to `kept` that are known to be shown or not.
+    /// Takes in the next access; adds to `kept` the accesses whose text the filter can now judge.
     pub fn take(&mut self, access: Access, kept: &mut Vec<Access>) {
         let Access { op, offset, value, .. } = access;
         if op == Op::Write && self.is_command(offset) {
@@ -109,7 +109,7 @@ impl TextFilter {
         }
     }
 
-    /// What is still held, at the end.
+    /// Adds the accesses still held, at the end.
     pub fn end(&mut self, kept: &mut Vec<Access>) {
         self.is_shown = false;
         self.release(kept);
@@ -120,14 +120,14 @@ impl TextFilter {
         offset >= command && offset < command.plus_words(self.port.command_bytes / 2)
     }
 
-    /// Whether the text that is read is to be hidden.
+    /// Whether to hide the text that the access reads.
     fn is_hidden(&self, access: &Access) -> bool {
         let words = usize::from(access.width / 16);
         let is_text = self.port.has_text_in(access.offset, words);
         is_text && !(self.is_shown && self.is_reply && !self.is_command(access.offset))
     }
 
-    /// Finds out what the line is.
+    /// Decides whether to show the line.
     fn judge(&mut self) {
         let text =
             |order: TextOrder| -> Vec<u8> { self.line.iter().flat_map(|&word| order.unpack(word)).collect() };
@@ -253,11 +253,11 @@ mod tests {
             kept
         };
         assert_eq!(show(|_| (), &question), question);
-        // The line before the gap is a question; what is read behind it may be a listing.
+        // The line before the gap is a question; a reply after the gap may be a listing.
         let reply = &question[question.len() - 3..];
         assert_eq!(show(TextFilter::distrust, reply), without_text(reply));
         assert_eq!(show(|_| (), &question), without_text(&question));
-        // The first line behind it may be the rest of one.
+        // The first line after the gap may be the rest of a line.
         assert_eq!(show(TextFilter::trust, &question), without_text(&question));
         assert_eq!(show(|_| (), &question), question);
         assert_eq!(show(TextFilter::trust, &question), question, "there was no gap");

@@ -1,4 +1,4 @@
-//! A capture under way. One thread does everything in turn, and the trace first: the daemon's memory for it is small.
+//! A capture under way. One thread does all work in turn, the trace first: the daemon has little memory for the trace.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -24,24 +24,24 @@ use crate::recording::{
 };
 use crate::segment::Counter;
 
-/// From one image to the next.
+/// The time from one image to the next.
 const INTERVAL_NS: u64 = 1_000_000_000;
-/// How long the trace goes on behind its time for the first image and the questions, which belong into it.
+/// The trace goes on for this time after its end, for the first image and the questions, which belong into it.
 const GRACE_NS: u64 = 1_000_000_000;
-/// How long the board may take for a question.
+/// The time that the board has for the answer to a question.
 const ANSWER_WITHIN: Duration = Duration::from_secs(2);
-/// How long to sleep when there is nothing to do.
+/// The sleep when the capture has no work.
 const IDLE_SLEEP: Duration = Duration::from_millis(2);
-/// How long the trace is taken in one turn, and how few accesses are worth no other reply.
+/// The time for the trace in one turn, and the number of accesses in a reply below which the turn ends.
 const TURN: Duration = Duration::from_millis(20);
 const FEW: usize = 1000;
-/// Stop at so many: what is still collected and one more reply fit below [`MOST_ACCESSES`].
+/// Stop at this many accesses: those still collected and one more reply fit below [`MOST_ACCESSES`].
 const ENOUGH: u64 = MOST_ACCESSES as u64 - (1 << 16);
-/// Replies that hold what is left at the end; more than the daemon has memory for.
+/// Replies that fetch the rest of the trace at the end; more than the daemon has memory for.
 const LAST_REPLIES: usize = 1000;
-/// Variables and definitions. What machine builders write is left out.
+/// Variables and definitions, but no programs: those are the machine builder's.
 const VARIABLES: [What; 5] = [What::I, What::P, What::Q, What::M, What::Axes];
-/// What every capture leaves out.
+/// The parts of the board that every capture leaves out.
 const LEFT_OUT: [&str; 4] = [
     "motion, PLC and kinematic programs, which are the machine builder's",
     "the text of command lines and replies, but for questions for variables and identity: its words are 0 in the trace, and all \
@@ -59,7 +59,7 @@ impl From<RecordingError> for Failure {
     }
 }
 
-/// What the last line and about.json tell.
+/// The contents of the last line and of about.json.
 pub struct Summary {
     pub updates: u64,
     pub accesses: u64,
@@ -83,12 +83,12 @@ pub struct Capture {
     pub no_variables: bool,
 }
 
-/// What has become of a capture that was begun.
+/// The outcome of a capture.
 pub struct Taken {
     pub summary: Summary,
-    /// Why it ended early, but for a signal.
+    /// The reason for an early end other than a signal.
     pub failure: Option<Failure>,
-    /// The directory that it is in, whatever its path leads to by now.
+    /// The directory of the capture, even if its path leads elsewhere by now.
     pub directory: File,
 }
 
@@ -106,7 +106,7 @@ pub struct Taking<'a> {
     writer: Writer,
     filter: TextFilter,
     updates_before: u64,
-    /// What errors name the socket by.
+    /// The socket's path, which errors may contain.
     socket: String,
     questions: Times,
     reads: Times,
@@ -186,7 +186,7 @@ impl<'a> Taking<'a> {
         self.writer.system(&self.system())?;
         self.variables()?;
         self.updates_before = self.board.subscriber().counter(Counter::Updates);
-        // The first call begins the trace, so that the first image shows what it begins with.
+        // The first call begins the trace, so that the first image shows the memory at the begin of the trace.
         self.trace(false)?;
         let (port, bytes): (&'static AsciiPort, u32) = (&self.family.ascii, self.about.dpram_bytes);
         let began_ns = self.board.subscriber().now_ns();
@@ -198,7 +198,7 @@ impl<'a> Taking<'a> {
         let mut is_traced = true;
         while !self.stop.came() {
             let now_ns = self.board.subscriber().now_ns();
-            // What a busy machine has not asked by then is asked behind the trace.
+            // On a busy machine the trace ends first, and the remaining questions come after it.
             if is_traced && now_ns >= end_ns.saturating_add(GRACE_NS) {
                 self.rest_of_trace()?;
                 is_traced = false;
@@ -208,7 +208,7 @@ impl<'a> Taking<'a> {
             if self.board.refresh()?.is_over() {
                 return Err(Failure::Refused("pmacd is gone".to_owned()));
             }
-            // Of a later image, what is there when the time is over is left out.
+            // The capture gives up a later image that is not whole when the time is over.
             let is_wanted = now_ns < end_ns || self.writer.images() == 0;
             if let Some(reading) = image.as_mut().filter(|_| is_wanted) {
                 let began = Instant::now();
@@ -237,7 +237,7 @@ impl<'a> Taking<'a> {
         Ok(())
     }
 
-    /// Ends the trace, and writes what is left of it.
+    /// Ends the trace, and writes the rest of it.
     fn rest_of_trace(&mut self) -> Result<(), Failure> {
         for _ in 0..LAST_REPLIES {
             if self.trace(true)? == 0 {
@@ -250,7 +250,7 @@ impl<'a> Taking<'a> {
         Ok(())
     }
 
-    /// Writes what is still to be written, and what became of it.
+    /// Writes the rest of the capture, and its outcome.
     pub fn finish(mut self, failure: Option<Failure>) -> Result<Taken, Failure> {
         let cut_short = match &failure {
             // Its path may name a user.
@@ -264,7 +264,7 @@ impl<'a> Taking<'a> {
         let updates = self.board.subscriber().counter(Counter::Updates);
         self.about.updates = updates.saturating_sub(self.updates_before);
         self.about.cut_short = cut_short;
-        // Who has no room for this has none for what follows, which tells.
+        // A disk without room for this has no room for the next file either, and that error is reported.
         let _ = self.writer.system(&self.system());
         let (updates, dropped, left_out) =
             (self.about.updates, self.about.dropped, self.about.left_out.clone());
@@ -297,7 +297,7 @@ impl<'a> Taking<'a> {
         kept.iter().try_for_each(|access| self.writer.access(access))?;
         let count = reply.accesses.len() / 4;
         if !is_gap && count < FEW {
-            // The daemon has no older ones left: what was dropped is behind.
+            // The daemon has no older accesses left: the gap is over.
             self.filter.trust();
         }
         if self.writer.accesses() >= ENOUGH {
@@ -306,7 +306,7 @@ impl<'a> Taking<'a> {
         Ok(count)
     }
 
-    /// Writes the variables, or says why there are none.
+    /// Writes the variables, or the reason for their absence.
     fn variables(&mut self) -> Result<(), Failure> {
         if self.options.no_variables {
             self.about.left_out.push(NO_VARIABLES.to_owned());
@@ -322,13 +322,13 @@ impl<'a> Taking<'a> {
         Ok(())
     }
 
-    /// What was not told, and why.
+    /// Notes a part that the board or the daemon did not tell, and the reason.
     fn lacks(&mut self, what: &str, why: &str) {
         self.lacks_answers = true;
         self.about.left_out.push(format!("{what}: {}", without_users(why)));
     }
 
-    /// Asks the board; what it refuses is an answer. A question enters no program buffer.
+    /// Asks the board; a refusal by the board is an answer. A question enters no program buffer.
     fn ask(&mut self, line: &str) -> Result<(), Failure> {
         let began = Instant::now();
         let reply = match control::parse(line) {
@@ -355,7 +355,7 @@ impl<'a> Taking<'a> {
         Ok(())
     }
 
-    /// What is known of the machine, and how long things took.
+    /// Facts of the machine, and the times of the capture's steps.
     fn system(&self) -> Value {
         let subscriber = self.board.subscriber();
         let counters: Map<String, Value> =
@@ -369,17 +369,17 @@ impl<'a> Taking<'a> {
     }
 }
 
-/// What is asked while the bus accesses are traced. The last three show how the board answers a control character, an
-/// error, and a line in two parts.
+/// The questions during the trace. The last three show the board's response to a control character, an error, and a
+/// line in two parts.
 fn questions(family: &Family) -> Vec<String> {
-    // Those of the processor and of the board's number are a Turbo's.
+    // Only Turbo boards know the questions for the processor and the board's number.
     let is_of_turbo = |line: &str| matches!(line, "CPU" | "CID" | "VID");
     let is_turbo = family.generation == Generation::Turbo;
     let asked = IDENTITY.into_iter().filter(|line| is_turbo || !is_of_turbo(line)).chain(["^F", "XYZZY"]);
     asked.map(str::to_owned).chain([["I122"; 40].join(" ")]).collect()
 }
 
-/// What the daemon asks at its start besides who the board is: how a reply ends, what is reported, which programs may report
+/// The daemon's questions at its start besides identity: the end of a reply, the reports, the programs that may report
 /// errors, and the motors' scales.
 fn driver_questions(family: &Family) -> Vec<String> {
     let i = &family.i;
@@ -393,7 +393,7 @@ fn driver_questions(family: &Family) -> Vec<String> {
     [reports].into_iter().chain(scales).collect()
 }
 
-/// The access that four numbers of the trace are, after the one at `t_ns`.
+/// The access in four numbers of the trace; the access before was at `t_ns`.
 fn access(numbers: &[u64], t_ns: u64) -> Option<Access> {
     let &[after_ns, kind, offset, value] = numbers else { return None };
     let (op, width) = match kind {
