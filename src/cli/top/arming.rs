@@ -1,8 +1,9 @@
-//! When a jog key may move a motor.
+//! Decides when a jog key may move a motor.
 //!
-//! The keys are armed for one motor. A motor jogs only while a key repeats, as a terminal makes it do that is held down: a
-//! single press moves nothing. Without a press for [`RELEASED`] the jog stops. Any other key disarms. Presses that come all at
-//! once lay waiting, while this program or the connection stood still: they are one, for the key may be released by now.
+//! The user arms the keys for one motor. A motor jogs only while a key repeats, as a terminal repeats a key that is
+//! held down: a single press moves no motor. Without a press for [`RELEASED`] the jog stops. Any other key disarms.
+//! Presses that arrive all at once were delayed while this program or the connection stood still: they count as one,
+//! for the user may have released the key by now.
 
 use std::time::{Duration, Instant};
 
@@ -15,18 +16,18 @@ pub const RELEASED: Duration = Duration::from_millis(200);
 const AT_ONCE: Duration = Duration::from_millis(10);
 /// A key that is held down begins to repeat sooner. Terminals wait 250 to 660 ms.
 const REPEATS: Duration = Duration::from_millis(800);
-/// Armed keys that nobody presses are disarmed.
+/// After this time without a press, armed keys are disarmed.
 pub const IDLE: Duration = Duration::from_secs(30);
 
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum Arming {
     #[default]
     Off,
-    /// The daemon is asked whether this user may jog.
+    /// The program asks the daemon whether this user may jog.
     Asked(u8),
     On {
         motor: u8,
-        /// When it was armed, or a jog key was last pressed.
+        /// The time at which the user armed the keys, or last pressed a jog key.
         used: Instant,
         press: Option<Press>,
     },
@@ -37,7 +38,7 @@ pub enum Arming {
 pub struct Press {
     action: PanelAction,
     at: Instant,
-    /// It has repeated, so the motor jogs.
+    /// The key has repeated, so the motor jogs.
     jogs: bool,
 }
 
@@ -50,14 +51,14 @@ impl Arming {
         }
     }
 
-    /// The daemon has allowed it, at `now`.
+    /// The daemon has allowed the jog, at `now`.
     pub fn allowed(&mut self, motor: u8, now: Instant) {
         if *self == Self::Asked(motor) {
             *self = Self::On { motor, used: now, press: None };
         }
     }
 
-    /// A jog key was pressed. `None` where the keys are not armed, else what the hand has to do now, if anything.
+    /// The user has pressed a jog key. `None` where the keys are not armed, else the hand's next order, if any.
     pub fn press(&mut self, action: PanelAction, now: Instant) -> Option<Option<Order>> {
         let Self::On { motor, used, press } = self else { return None };
         *used = now;
@@ -84,8 +85,8 @@ impl Arming {
         }
     }
 
-    /// At `now`: forgets a key that was released; then the hand has stopped by itself. Whether nobody has used the keys for so
-    /// long that they are disarmed.
+    /// At `now`: forgets a key that the user has released; the hand then has stopped by itself. True when the keys went
+    /// unused for so long that they are disarmed.
     pub fn idles(&mut self, now: Instant) -> bool {
         let Self::On { used, press, .. } = self else { return false };
         if press.is_some_and(|press| press.jogs && now.saturating_duration_since(press.at) >= RELEASED) {
@@ -124,7 +125,7 @@ mod tests {
         assert_eq!(arming.press(JogPlus, again), Some(Some(Order::Keep(again + RELEASED))));
         assert!(!arming.idles(again + MS(100)));
         assert_eq!(arming.press(JogPlus, again + MS(110)), Some(Some(Order::Keep(again + MS(310)))));
-        // Released: the next press is a first one again.
+        // Released: the next press is a first press again.
         assert!(!arming.idles(again + MS(310)));
         assert_eq!(arming.press(JogPlus, again + MS(320)), Some(None));
     }

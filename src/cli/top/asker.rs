@@ -1,4 +1,4 @@
-//! The thread that asks the daemon for what the segment does not tell, so that a daemon that is silent does not stop the
+//! The thread that asks the daemon for data that the segment does not have, so that a silent daemon does not stop the
 //! screen.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -11,10 +11,10 @@ use crate::cli::context::Context;
 use crate::cli::show::coordinates::Overrides;
 use crate::cli::show::status;
 
-/// How often it asks.
+/// The thread asks this often.
 const ASK_EVERY: Duration = Duration::from_secs(1);
 
-/// What the daemon answered last.
+/// The daemon's last answer.
 pub struct DaemonAnswer {
     pub at: Instant,
     /// The document of `status --json`.
@@ -40,7 +40,7 @@ impl Asker {
         asker
     }
 
-    /// From now on the values of these.
+    /// Asks for the values of these names from now on.
     pub fn watch(&self, names: Vec<String>) {
         // The thread ends only with the screen.
         let _ = self.names.send(names);

@@ -1,7 +1,8 @@
 //! The thread that holds a jog for `top`.
 //!
-//! It renews the lease only until the moment that the last key press gave it. So the motor stops when the screen hangs (a
-//! terminal that is gone or takes nothing more), and not only when the process ends: then the daemon stops it.
+//! The hand renews the lease only until the moment that the last key press gave it. So the motor also stops when the
+//! screen hangs (a terminal that is gone or takes no more output), not only when the process ends: then the daemon
+//! stops the motor.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -20,7 +21,7 @@ const ORDERS_WITHIN: Duration = Duration::from_millis(20);
 /// How long the end of the program waits for the stop of a jog.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
 
-/// What the hand is to do.
+/// An order to the hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// See whether this user may jog.
@@ -36,18 +37,18 @@ pub enum Order {
     Stop,
 }
 
-/// What has become of it.
+/// The outcome of an order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Told {
     Armed(u8),
-    /// Nothing moves, and the keys are to be disarmed.
+    /// No motor moves; the screen must disarm the keys.
     Refused(String),
     Jogs(u8),
     Stopping(u8),
     Stopped(u8),
     /// The jog is over, and more is to be said.
     Fault(String),
-    /// What the board made of a control character.
+    /// The board's answer to a control character.
     Character(u8, Result<(), String>),
 }
 
@@ -84,7 +85,7 @@ impl Hand {
 
     pub fn order(&self, order: Order) {
         if let Some(orders) = &self.orders {
-            // Nobody is there only after a panic, which has stopped the jog.
+            // The thread is gone only after a panic, which has stopped the jog.
             let _ = orders.send(order);
         }
     }
@@ -99,12 +100,12 @@ impl Hand {
         });
     }
 
-    /// What has happened since the last call.
+    /// The events since the last call.
     pub fn told(&self) -> impl Iterator<Item = Told> + '_ {
         self.told.try_iter()
     }
 
-    /// Stops what jogs, and says what is not known to have stopped.
+    /// Stops every jog, and names the motors that may not have stopped.
     pub fn end(mut self) -> Vec<String> {
         drop(self.orders.take());
         let deadline = Instant::now() + STOP_WITHIN;
@@ -194,7 +195,7 @@ impl Holder {
     }
 }
 
-/// Why this user may not jog. The daemon decides; it is asked, so that this is known before a key is pressed.
+/// The reason that this user may not jog. The daemon decides, so the hand asks before the user presses a key.
 fn may_jog(daemon: &Daemon) -> Result<(), String> {
     let asked =
         daemon.connect().and_then(|mut connection| Ok((connection.info()?, jogs_by_panel(&mut connection)?)));

@@ -1,18 +1,18 @@
-//! What each key of `top` does: the table that `?` shows.
+//! The effect of each key of `top`: the table that `?` shows.
 
 use ratatui::termion::event::Key;
 
 use crate::function::panel::PanelAction;
 
-/// What a key asks for.
+/// The action of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
-    /// The motor so many rows further down is selected.
+    /// Selects the motor this many rows further down.
     Select(isize),
-    /// The coordinate systems are shown from so many rows further down.
+    /// Shows the coordinate systems from this many rows further down.
     Scroll(isize),
     Arm,
-    /// While it is held down.
+    /// Jogs while the user holds the key down.
     Jog(PanelAction),
     Abort,
     Kill,
@@ -20,7 +20,7 @@ pub enum Action {
     Prompt,
     Status,
     Help,
-    /// Back to the motors; or only the end of what another key began.
+    /// Back to the motors; or only the end of another key's entry.
     Back,
     Suspend,
     Quit,
@@ -73,7 +73,7 @@ pub const BINDINGS: &[Binding] = &[
     binding(&[Key::Char('q'), Key::Ctrl('c'), Key::Ctrl('d')], "q, ^C", Action::Quit, "end"),
 ];
 
-/// What `key` asks for; any other key only ends a jog.
+/// The action of `key`; a key that the table lacks only ends a jog.
 pub fn action(key: Key) -> Action {
     let found = BINDINGS.iter().find(|binding| binding.keys.contains(&key));
     found.map_or(Action::Select(0), |binding| binding.action)

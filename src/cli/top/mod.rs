@@ -52,8 +52,8 @@ pub struct Top {
     pub rate: Duration,
 }
 
-/// The longest time between two pictures, whatever `--rate` says: in less the daemon's ring of updates is never overrun,
-/// and a stop that nobody confirms is said in time.
+/// The longest time between two pictures, whatever `--rate` says: within it the daemon's ring of updates never
+/// overruns, and the screen reports an unconfirmed stop in time.
 const SLOWEST: Duration = Duration::from_millis(400);
 /// The shortest time between two pictures while keys are pressed.
 const KEYS: Duration = Duration::from_millis(30);
@@ -98,7 +98,7 @@ pub fn run(context: &mut Context, options: &Top) -> Result<Verdict, Failure> {
     ended.map(|()| Verdict::Yes)
 }
 
-/// What has been signalled.
+/// The signals that have come.
 struct Signals {
     end: Interrupt,
     suspend: Arc<AtomicBool>,
@@ -122,14 +122,14 @@ struct Screen {
     hand: Hand,
     state: ScreenState,
     traces: Traces,
-    /// What the segment had at the last picture, or why it had nothing.
+    /// The segment's data at the last picture, or the reason for their absence.
     found: Result<Snapshot, String>,
     look: Look,
     tty: Tty,
 }
 
 impl Screen {
-    /// Until a key or a signal ends it, or the terminal is gone.
+    /// Shows pictures until a key or a signal ends it, or the terminal is gone.
     fn show(&mut self, every: Duration, signals: &Signals) -> Result<(), Failure> {
         loop {
             let began = Instant::now();
@@ -162,7 +162,7 @@ impl Screen {
         servo.is_some_and(|servo| servo.is_fresh())
     }
 
-    /// Looks at the segment, and at what the hand tells.
+    /// Reads the segment, and the hand's reports.
     fn read(&mut self) {
         self.found = self.source.look(&mut self.traces).map_err(|error| error.to_string());
         let now = Instant::now();
@@ -181,7 +181,7 @@ impl Screen {
         self.carry_out_orders(effects);
     }
 
-    /// Of what the state wants done, what the hand does.
+    /// Carries out the state's effects that are the hand's.
     fn carry_out_orders(&self, effects: Vec<Effect>) {
         for effect in effects {
             if let Effect::Hand(order) = effect {
@@ -220,7 +220,7 @@ impl Screen {
         self.tty.suspend()
     }
 
-    /// Does what the state wants done. Whether that is to end.
+    /// Carries out the state's effects. True when the screen must end.
     fn carry_out(&mut self, effects: Vec<Effect>) -> Result<bool, Failure> {
         for effect in effects {
             match effect {

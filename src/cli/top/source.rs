@@ -1,11 +1,11 @@
-//! What `top` reads from the segment for each picture.
+//! The data that `top` reads from the segment for each picture.
 
 use std::time::Instant;
 
 use super::trace::Traces;
 use crate::client::{Board, ClientError, Snapshot};
 
-/// The most samples looked at for one picture: what a ring has.
+/// The most samples read for one picture: the size of a ring.
 const MOST_SAMPLES: usize = 4096;
 
 pub struct Source {
@@ -20,18 +20,18 @@ impl Source {
         Self { board, next: 0, generation: 0 }
     }
 
-    /// What there is now. The servo updates since the last call go into the traces.
+    /// The present snapshot. The servo updates since the last call go into the traces.
     pub fn look(&mut self, traces: &mut Traces) -> Result<Snapshot, ClientError> {
         let snapshot = self.board.snapshot()?;
         let generation = self.board.subscriber().generation();
         if generation != self.generation {
-            // A new daemon counts from the beginning. What came before is not of this screen.
+            // A new daemon counts from the beginning. Earlier updates do not belong to this screen.
             (self.generation, self.next) = (generation, self.board.servo_sequence()?.max(1));
         }
         let history = self.board.history(self.next, MOST_SAMPLES)?;
         self.next = history.next;
         if history.lost > 0 {
-            // Nobody knows what was in them.
+            // The lost updates leave a gap in the traces.
             traces.add(&[], true, Instant::now());
         }
         let stale = !snapshot.servo.as_ref().is_some_and(|servo| servo.is_fresh());

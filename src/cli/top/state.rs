@@ -1,4 +1,4 @@
-//! What `top` is at: what is selected, armed and typed. Knows neither terminal nor board.
+//! The state of `top`: selection, arming and typed text. The state knows neither terminal nor board.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use crate::cli::act::hold;
 use crate::cli::console::late;
 use crate::protocol::control;
 
-/// What the whole screen shows.
+/// The page that fills the screen.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum Page {
     #[default]
@@ -23,7 +23,7 @@ pub enum Page {
 /// The lines of a page of text are fewer.
 const LONGEST_PAGE: usize = 100;
 
-/// What has to be done outside.
+/// An effect outside the state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Effect {
     Hand(Order),
@@ -65,12 +65,12 @@ pub struct ScreenState {
     /// The line that is typed.
     pub typed: Option<String>,
     pub message: Option<Message>,
-    /// The names of what is watched.
+    /// The names of the watched registers and variables.
     pub watches: Vec<String>,
     waiting: Vec<Waiting>,
-    /// The numbers of the motors there are.
+    /// The numbers of the board's motors.
     motors: Vec<usize>,
-    /// How many coordinate systems there are.
+    /// The number of coordinate systems.
     systems: usize,
 }
 
@@ -79,8 +79,8 @@ impl ScreenState {
         Self { watches, ..Self::default() }
     }
 
-    /// A picture has been read, with these motors and so many coordinate systems. Where it is not `live`, nobody can see
-    /// what a motor does.
+    /// Takes a new picture, with these motors and this many coordinate systems. Without `live` data the user cannot see
+    /// the motors move.
     pub fn saw(&mut self, motors: Vec<usize>, systems: usize, live: bool) -> Vec<Effect> {
         self.motors = motors;
         self.systems = systems;
@@ -192,7 +192,7 @@ impl ScreenState {
         }
     }
 
-    /// Stops what jogs, and disarms.
+    /// Stops every jog, and disarms.
     pub fn disarm(&mut self) -> Vec<Effect> {
         self.arming.disarm().map(Effect::Hand).into_iter().collect()
     }

@@ -9,9 +9,9 @@ use crate::decode::{ServoData, ServoMotor};
 
 /// How far back a trace goes.
 pub const WINDOW: Duration = Duration::from_secs(20);
-/// What the columns of a small trace are made of, from nothing to the largest.
+/// The column heights of a small trace, from nothing to the largest.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-/// Stands for a time of which nothing is known.
+/// Marks a time without data.
 const UNKNOWN: char = '·';
 
 /// The traces of all motors, by number.
@@ -29,12 +29,12 @@ struct Speeds {
     now: BTreeMap<usize, f64>,
 }
 
-/// One motor's: its following error in counts; `None` where no live data told it.
+/// One motor's trace: its following error in counts; `None` where live data lack it.
 #[derive(Debug, Default)]
 pub struct Trace(VecDeque<(Instant, Option<f64>)>);
 
 impl Traces {
-    /// Takes in what came since the last call, until `now`. What is empty, or `stale`, leaves a gap.
+    /// Takes in the samples since the last call, until `now`. No samples, or `stale` data, leave a gap.
     pub fn add(&mut self, samples: &[View<ServoData>], stale: bool, now: Instant) {
         if stale {
             self.speeds = Speeds::default();
@@ -59,7 +59,8 @@ impl Traces {
         self.errors.get(&motor)
     }
 
-    /// How fast `motor` went from the picture before to this one; `None` where its positions are not known in counts.
+    /// The speed of `motor` from the picture before to this picture; `None` where its positions are not known in
+    /// counts.
     pub fn velocity(&self, motor: usize) -> Option<f64> {
         self.speeds.now.get(&motor).copied()
     }
@@ -109,8 +110,8 @@ impl Trace {
         stretches
     }
 
-    /// The window in so many characters, the latest last: the size of the largest error in each part, in parts of the
-    /// largest of all, or of a count where that is less.
+    /// The window in `columns` characters, the latest last: the size of the largest error in each part, relative to the
+    /// largest error of all, or to a count where that is less.
     pub fn small(&self, columns: usize, now: Instant) -> String {
         let part = WINDOW.as_secs_f64() / columns as f64;
         let most = self.peak().unwrap_or_default().max(1.0);

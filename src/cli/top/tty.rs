@@ -27,7 +27,7 @@ pub struct Tty {
     bytes: VecDeque<u8>,
 }
 
-/// What the keyboard has.
+/// Input from the keyboard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Input {
     Key(Key),
@@ -130,7 +130,7 @@ impl Drop for Tty {
     }
 }
 
-/// Leaves the terminal as it was. Nothing more can be done where that fails.
+/// Restores the terminal. If that fails, the program can do no more.
 fn leave(before: &Termios) {
     let mut stdout = io::stdout();
     let _ = stdout.write_all(LEAVE.as_bytes()).and_then(|()| stdout.flush());

@@ -1,6 +1,7 @@
-//! The registers and variables that `top` shows the values of.
+//! The registers and variables whose values `top` shows.
 //!
-//! PMAC copies registers in its background (I55=1). Variables are asked for by command line, which needs the role engineer.
+//! PMAC copies registers in its background (I55=1). The program asks for variables by command line, which needs the
+//! role engineer.
 
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use crate::client::{Board, VariableWatch};
 /// How long the board may take for the variables.
 const VARIABLES_WITHIN: Duration = Duration::from_secs(2);
 
-/// What is watched now, by name and value, and why some have no value.
+/// The watched names and values, and the reasons for missing values.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Watched {
     pub values: Vec<(String, String)>,
@@ -23,11 +24,11 @@ pub struct Watched {
 #[derive(Default)]
 pub struct Watches {
     names: Vec<String>,
-    /// While there are registers among them, and a daemon that has them copied.
+    /// The watched registers, while a daemon has them copied.
     registers: Option<Registers>,
 }
 
-/// A name as it was typed, and with its value as it is shown.
+/// A name as the user typed it, and with its value as the screen shows it.
 type Found = (String, (String, String));
 
 struct Registers {
@@ -62,13 +63,13 @@ impl Watches {
         if names.is_empty() {
             return Ok(Vec::new());
         }
-        // Another daemon holds none of the last one's.
+        // A new daemon holds no registers of the last daemon.
         let mut registers = match self.registers.take() {
             Some(registers) => registers,
             None => Registers::begin(context, names)?,
         };
         registers.held.check()?;
-        // It stays held while the board has not copied anything yet.
+        // The watch stays held while the board has not copied any register yet.
         self.registers.insert(registers).values()
     }
 }
@@ -99,7 +100,7 @@ impl Registers {
     }
 }
 
-/// Asks the board for the variables. Q-variables are those of the addressed coordinate system.
+/// Asks the board for the variables. Q-variables belong to the addressed coordinate system.
 fn ask(context: &Context, names: &[String]) -> Result<Vec<Found>, Failure> {
     if names.is_empty() {
         return Ok(Vec::new());
