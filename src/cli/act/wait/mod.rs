@@ -1,10 +1,10 @@
-//! `--wait`: follows the board's reports until a motion has ended, and tells how.
+//! `--wait`: follows the board's reports until a motion has ended, and tells the outcome.
 //!
-//! It only looks. ^C and the time limit end the wait, never the motion.
+//! A wait only looks. ^C and the time limit end the wait, never the motion.
 //!
-//! A report may be older than the request: PMAC copies its registers into the DPRAM when it comes to that. So nothing is
-//! believed before two reports of each kind have come after the board took the request. Every servo sample since then is
-//! looked at, so no move is too short to be seen. Delays are measured by the reports' time stamps.
+//! A report may be older than the request: PMAC copies its registers into the DPRAM in its own time. So the wait
+//! believes no report before two reports of each kind have come after the board took the request. It looks at every
+//! servo sample since then, so it sees even the shortest move. The reports' time stamps measure delays.
 
 mod motors;
 mod stops;
@@ -30,15 +30,15 @@ pub use systems::{see_programs_begin, wait_for_programs};
 
 /// The longest sleep until the next look.
 const SAMPLE_WITHIN: Duration = Duration::from_millis(20);
-/// How long the reports may stay away. A board that stalls, or a `GATHER`, holds them up for a quarter of a second.
+/// The longest pause between reports. A board that stalls, or a `GATHER`, holds reports up for a quarter of a second.
 const NO_REPORT_FOR: Duration = Duration::from_secs(2);
-/// How long the board may take to begin with what it was asked for. It answers first and begins afterwards, at a real-time
-/// interrupt.
+/// The time that the board has to begin the requested motion. The board answers first and begins afterwards, at a
+/// real-time interrupt.
 const BEGINS: Duration = Duration::from_millis(500);
-/// How long a motor stands before it is said to have stopped in the wrong place. A motor that turns round stands for an
-/// instant.
+/// The time that a motor stands before the wait says that it stopped in the wrong place. A motor that turns round
+/// stands for an instant.
 const STOOD_FOR: Duration = Duration::from_millis(200);
-/// Samples looked at in one go.
+/// Samples per look.
 const SAMPLES: usize = 4096;
 /// Reports of each kind that may be older than the request.
 const OLD_REPORTS: u64 = 1;
@@ -55,28 +55,28 @@ pub struct Wait {
     pub timeout: Duration,
 }
 
-/// What the reports have shown of a motor since the watch began.
+/// The events of a motor that reports have shown since the watch began.
 #[derive(Debug, Clone, Copy, Default)]
 struct Seen {
-    /// It has moved.
+    /// The motor has moved.
     moved: bool,
-    /// It has decelerated because of an abort.
+    /// The motor has decelerated because of an abort.
     aborted: bool,
-    /// It has searched for home.
+    /// The motor has searched for home.
     homed: bool,
-    /// Samples of it were lost.
+    /// The watch missed samples of the motor.
     lost: bool,
 }
 
-/// What is waited for.
+/// The motions of a wait.
 struct Awaited<'a> {
     numbers: &'a [u8],
-    /// What each one is: `motor`.
+    /// The kind of each motion: `motor`.
     name: &'a str,
-    /// What may go on when the wait ends first.
+    /// The note on a motion that may go on when the wait ends first.
     moving: &'a str,
     timeout: Duration,
-    /// Whether what somebody has sent ends the one of this number.
+    /// Whether another client's stop ends the motion of this number.
     ends: &'a dyn Fn(u8, &SentStop, &Snapshot) -> bool,
 }
 
@@ -84,7 +84,7 @@ struct Awaited<'a> {
 pub struct Watch {
     board: Board,
     interrupt: Interrupt,
-    /// The daemon's segment: another one is of a daemon that has been started since.
+    /// The daemon's segment: a new generation means that a daemon has started since.
     generation: u64,
     /// How many resets of the board that daemon has found.
     resets: u64,
@@ -92,25 +92,25 @@ pub struct Watch {
     next: u64,
     /// Motor 1 first.
     seen: [Seen; MOTORS],
-    /// What other clients have sent that ends motions.
+    /// Lines of other clients that end motions.
     stops: Stops,
 }
 
-/// Whether one of those that are waited for is there.
+/// The progress of one awaited motion.
 #[derive(Debug, Clone, PartialEq)]
 enum Progress {
     GoesOn,
-    /// It has ended as it should.
+    /// The motion has ended at its goal.
     Done,
-    /// It has ended otherwise.
+    /// The motion has ended otherwise.
     Failed(String),
 }
 
 impl Watch {
-    /// Begins before the request is sent over `connection`. From here on ^C only ends the wait.
+    /// Begins before the command sends the request over `connection`. From here on ^C only ends the wait.
     ///
     /// # Errors
-    /// [`Failure::Refused`] if this is a replay, or the reports are not live: nobody could see the motion end.
+    /// [`Failure::Refused`] if this is a replay, or the reports are not live: the wait could not see the motion end.
     pub fn begin(context: &Context, connection: &mut Connection) -> Result<Self, Failure> {
         is_no_replay(connection)?;
         let mut board = context.board()?;
@@ -140,7 +140,7 @@ impl Watch {
         })
     }
 
-    /// What the board shows now.
+    /// The present snapshot of the board.
     ///
     /// # Errors
     /// When the segment cannot be read.
@@ -148,8 +148,8 @@ impl Watch {
         Ok(self.board.snapshot()?)
     }
 
-    /// Waits until `judge` is done with all that is `awaited`, or somebody ends it over another connection than this one.
-    /// Returns what went wrong.
+    /// Waits until `judge` is done with all that is `awaited`, or a stop over another connection ends it. Returns the
+    /// motions that failed.
     ///
     /// # Errors
     /// When the wait ends first.
@@ -214,7 +214,7 @@ impl Watch {
                 if is_over {
                     stops.ask(connection);
                 }
-                // What went to whatever was addressed may have ended something else.
+                // A stop without a number went to the addressed motor or system, and may have ended another motion.
                 let stop = stops.last(|stop| (stop.named || is_over) && ends(number, stop, &snapshot));
                 match (progress, stop) {
                     (Progress::GoesOn, None) => return true,
@@ -243,7 +243,7 @@ impl Watch {
         for sample in &history.samples {
             self.see(&sample.data);
         }
-        // What was not seen may have been a move.
+        // The lost samples may have shown a move.
         if history.lost > 0 {
             self.seen.iter_mut().for_each(|seen| (seen.moved, seen.lost) = (true, true));
         }
@@ -263,7 +263,7 @@ impl Watch {
     }
 }
 
-/// What a judge needs besides the reports.
+/// The facts that a judge needs besides the reports.
 struct Observed<'a> {
     seen: &'a [Seen; MOTORS],
     /// Since the board took the request.
@@ -276,7 +276,7 @@ fn since(earlier_ns: u64, now_ns: u64) -> Duration {
     Duration::from_nanos(now_ns.saturating_sub(earlier_ns))
 }
 
-/// Whether one of the reports has stayed away for too long, by the clock of the segment.
+/// Whether one of the reports has stayed away for too long, by the segment's clock.
 fn is_silent(snapshot: &Snapshot) -> bool {
     let ages = [
         snapshot.servo.as_ref().map(|servo| servo.age_ns),
@@ -285,7 +285,7 @@ fn is_silent(snapshot: &Snapshot) -> bool {
     ages.into_iter().flatten().any(|age_ns| age_ns > NO_REPORT_FOR.as_nanos() as u64)
 }
 
-/// Sees that there is something to move, whatever the data show.
+/// Checks that the daemon has a board that can move, not a replay, whatever the data show.
 ///
 /// # Errors
 /// [`Failure::Refused`] if this is a replay.

@@ -1,4 +1,4 @@
-//! Whether a motor has come to where it was sent.
+//! The wait for motors: whether each motor has come to its goal.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -19,7 +19,7 @@ use crate::segment::Counter;
 pub(super) const MOVES: [&str; 2] = ["definite_time_move", "home_search_in_progress"];
 /// Servo flag of a motor that is commanded to stand.
 pub(super) const STANDS_STILL: &str = "desired_velocity_zero";
-/// Flags of what ends a motion for good, and what is said of it. `open_loop` is last: it follows from the others.
+/// Flags of faults that end a motion for good, and their texts. `open_loop` is last: it follows from the others.
 const MOTOR_FAULTS: [(&str, &str); 6] = [
     ("fatal_following_error", "its following error is fatal (Ix11)"),
     ("integrated_fatal_following_error", "its integrated following error is fatal (Ix63)"),
@@ -34,18 +34,18 @@ const TARGET_WITHIN: f64 = 0.5;
 /// How long a motor has stood when the board will not tell its scale any more.
 const TOLD: Duration = Duration::from_secs(10);
 
-/// What is waited for.
+/// The goal of a wait.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// The motor stands at this position, in counts.
     At(f64),
-    /// It has found home.
+    /// The motor has found home.
     Home,
-    /// It stands.
+    /// The motor stands.
     Stands,
 }
 
-/// Refuses a motor that cannot move, or whose motion nobody would see.
+/// Refuses a motor that cannot move, or whose motion the reports would not show.
 fn can_move(motor: &Motor<'_>) -> Result<(), String> {
     let number = motor.servo.motor;
     match (motor.has("motor_activated"), motor.has("open_loop"), motor.has("in_position")) {
@@ -61,7 +61,8 @@ fn can_move(motor: &Motor<'_>) -> Result<(), String> {
 }
 
 impl Watch {
-    /// Refuses motors that cannot move, or whose end of motion nobody would see. Nothing has been sent yet.
+    /// Refuses motors that cannot move, or whose end of motion the reports would not show, before the command sends a
+    /// line.
     ///
     /// # Errors
     /// [`Failure::Refused`].
@@ -76,10 +77,10 @@ impl Watch {
         Ok(())
     }
 
-    /// Where motor `number` is commanded to stand, in counts.
+    /// The commanded position of the standing motor `number`, in counts.
     ///
     /// # Errors
-    /// [`Failure::Refused`] if it moves, or its position is not known.
+    /// [`Failure::Refused`] if the motor moves, or its position is unknown.
     pub fn standing_at(&mut self, number: u8) -> Result<f64, Failure> {
         let snapshot = self.snapshot()?;
         let motors = motors(&snapshot);
@@ -94,9 +95,9 @@ impl Watch {
         }
     }
 
-    /// How many counts motor `number` stands from `start`, where it stood before it was sent to `target`. `None` where it
-    /// moves or its loop is open, or where its positions may count from another place since: that of a home search, or of a
-    /// reset.
+    /// The counts from `start`, where motor `number` stood before its move to `target`, to its present place. `None`
+    /// where the motor moves or its loop is open, or where its positions may count from another zero since: after a
+    /// home search or a reset.
     pub fn away_from(&mut self, number: u8, start: f64, target: f64) -> Option<f64> {
         self.follow().ok()?;
         let subscriber = self.board.subscriber();
@@ -105,17 +106,18 @@ impl Watch {
         }
         let now = self.standing_at(number).ok()?;
         let seen = self.seen.get(usize::from(number).checked_sub(1)?)?;
-        // Of samples that were lost nobody knows what they showed. A motor that stands where it was sent has not searched for home.
+        // Lost samples may have shown a home search. A motor that stands at its target has not searched for home.
         let is_sure = !seen.homed && (!seen.lost || (now - target).abs() <= TARGET_WITHIN);
         (is_sure && (now - start).abs() > TARGET_WITHIN).then_some(now - start)
     }
 }
 
-/// Waits until every motor in `numbers` has come to its goal, and tells where it is. It was asked for over `connection`.
+/// Waits until every motor in `numbers` has come to its goal, and prints its position. The request went over
+/// `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a motor stands elsewhere, has a fault or was stopped by somebody else, or where the wait ends
-/// before the motion: by ^C, by the time limit, or because no report comes.
+/// [`Failure::Refused`] where a motor stands elsewhere, has a fault or was stopped by another client, or where the wait
+/// ends before the motion: by ^C, by the time limit, or because no report comes.
 pub fn wait_for_motors(
     context: &mut Context,
     connection: &mut Connection,
@@ -141,7 +143,7 @@ pub fn wait_for_motors(
     Verdict::without(&failed)
 }
 
-/// Waits until every motor in `numbers` has come to its goal, which was asked for over `connection`. Returns what went wrong.
+/// Waits until every motor in `numbers` has come to the goal of the request over `connection`. Returns the failures.
 ///
 /// # Errors
 /// [`Failure::Refused`] where the wait ends before the motion.
@@ -156,9 +158,9 @@ pub fn motors_end(
     let told = list.replace(',', ", ");
     let moving =
         format!("motor {told} MAY BE MOVING: only the wait has ended; pmacctl jog {list} stop stops it");
-    // Since when each one has stood.
+    // The time since which each motor has stood.
     let mut stood = BTreeMap::new();
-    // Who waits for a stop does not mind another one.
+    // A second stop does no harm to a wait for a stop.
     let ends = |number: u8, stop: &SentStop, snapshot: &Snapshot| {
         goal != Goal::Stands && stops_motor(number, stop, snapshot)
     };
@@ -180,7 +182,7 @@ pub fn motors_end(
     })
 }
 
-/// Whether it stands in position.
+/// Whether the motor stands in position.
 pub(super) fn stands(motor: &Motor<'_>) -> bool {
     let is = |flag| motor.has(flag) == Some(true);
     is(STANDS_STILL) && is("in_position") && !MOVES.iter().any(|flag| is(flag))
@@ -194,14 +196,14 @@ pub(super) fn fault(motor: &Motor<'_>) -> Option<&'static str> {
     off.or(why)
 }
 
-/// Where it is, in counts and in its user's unit.
+/// The motor's position, in counts and in its user's unit.
 pub(super) fn position(motor: &Motor<'_>) -> String {
     let counts = labelled(motor.servo.actual_position);
     motor.user_position().map_or_else(|| counts.clone(), |user| format!("{counts} ({user})"))
 }
 
-/// Where it is commanded to be, in counts. A Turbo board does not report that: there the following error is what the commanded
-/// position has more than the actual one.
+/// The commanded position, in counts. A Turbo board does not report it: there the commanded position is the actual
+/// position plus the following error.
 fn commanded(motor: &Motor<'_>) -> Option<f64> {
     let servo = motor.servo;
     match servo.commanded_position {
@@ -239,7 +241,8 @@ fn judge(motor: &Motor<'_>, goal: Goal, look: &Observed<'_>, stood: Duration) ->
         },
         Goal::Home => {
             let is_home = has_begun && motor.has("home_complete") == Some(true);
-            // The flag of an earlier search stands until another one begins, which the board may have dropped.
+            // The flag of an earlier search stays until another search begins, and the board may have dropped the
+            // request for one.
             match is_home && !seen.homed && !seen.lost {
                 true => Some(
                     "and has not searched for home: does a program run in its coordinate system?".to_owned(),

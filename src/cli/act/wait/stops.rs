@@ -1,16 +1,16 @@
-//! Stops by other clients that end the awaited motion. The daemon tells of them; the board's reports name nobody.
+//! Stops by other clients that end the awaited motion. The daemon reports them; the board's reports name no client.
 
 use std::time::{Duration, Instant};
 
 use crate::client::{Connection, Snapshot};
 use crate::protocol::board::SentStop;
 
-/// How often the daemon is asked.
+/// The wait asks the daemon this often.
 const ASK_STOPS_EVERY: Duration = Duration::from_millis(100);
 
-/// The stops that come from other connections than the one that asks.
+/// The stops that come from other connections than the asking connection.
 pub struct Stops {
-    /// The last one before the request; `None` when the daemon does not tell (any more).
+    /// The last stop before the request; `None` when the daemon does not tell stops (any more).
     last: Option<u64>,
     due: Instant,
     since: Vec<SentStop>,
@@ -36,8 +36,8 @@ impl Stops {
         let Some(last) = self.last else { return };
         self.due = Instant::now() + ASK_STOPS_EVERY;
         let told = connection.info().ok();
-        // A daemon that does not answer is not asked again: it would take over a new connection, and our own request for
-        // another's.
+        // Do not ask a silent daemon again: the question would go over a new connection, and our own request would
+        // count as another client's.
         self.last = told.as_ref().map(|info| info.stops.last().map_or(last, |stop| stop.number.max(last)));
         let new = told.into_iter().flat_map(|info| info.stops).filter(|stop| stop.number > last);
         self.since.extend(new);

@@ -1,10 +1,10 @@
-//! Whether the program of a coordinate system has ended, and its motors stand.
+//! The wait for programs: whether a coordinate system's program has ended, and its motors stand.
 //!
 //! The running bit is 0 as soon as the last move has been calculated, "even if the motors are still executing the last move"
 //! (Software Reference, `??`), so the motors of the coordinate system have to stand as well.
 //!
-//! No report tells a program that somebody ends by `Q` or at the end of a block from one that has come to its end. What clients
-//! send the daemon tells; what another host sends nobody does.
+//! No report distinguishes a program that a client ends by `Q` or at the end of a block from a program that has come to
+//! its end. The daemon tells the lines of its clients; lines of another host stay unknown.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use crate::client::{Connection, Snapshot, identity};
 use crate::decode::CoordinateSystem;
 use crate::map::DEFAULT_FAMILY;
 
-/// Flags of the program status word that say why a program has ended, and what is said of it.
+/// Flags of the program status word that give the cause of a program's end, and their texts.
 const PROGRAM_FAULTS: [(&str, &str); 5] = [
     ("run_time_error", "a run-time error"),
     ("circle_radius_error", "a circle whose radius does not fit (Ix96)"),
@@ -32,7 +32,8 @@ const PROGRAM_FAULTS: [(&str, &str); 5] = [
 ];
 
 impl Watch {
-    /// Refuses coordinate systems whose programs run already, or whose end nobody would see. Nothing has been sent yet.
+    /// Refuses coordinate systems whose programs already run, or whose end the reports would not show, before the
+    /// command sends a line.
     ///
     /// # Errors
     /// [`Failure::Refused`].
@@ -50,17 +51,17 @@ impl Watch {
     }
 }
 
-/// What is waited for.
+/// The name of the awaited motion.
 const PROGRAM: &str = "the program of coordinate system";
 
 /// How long the reports have to show that a program has begun.
 const SEEN_TO_BEGIN: Duration = Duration::from_secs(3);
 
-/// Waits until the programs of the coordinate systems `numbers` are seen to run, or to have moved their motors. They were
-/// started over `connection`.
+/// Waits until the reports show that the programs of the coordinate systems `numbers` run, or have moved their motors.
+/// The start went over `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where one is not.
+/// [`Failure::Refused`] where a program does not.
 pub fn see_programs_begin(
     connection: &mut Connection,
     watch: &mut Watch,
@@ -80,12 +81,12 @@ pub fn see_programs_begin(
     Verdict::without(&failed)
 }
 
-/// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand. They were started over
+/// Waits until the programs of the coordinate systems `numbers` have ended and their motors stand. The start went over
 /// `connection`.
 ///
 /// # Errors
-/// [`Failure::Refused`] where a program did not come to its end, or somebody ended it, or where the wait ends first: by ^C, by
-/// the time limit, or because no report comes.
+/// [`Failure::Refused`] where a program did not come to its end, or another client ended it, or where the wait ends
+/// first: by ^C, by the time limit, or because no report comes.
 pub fn wait_for_programs(
     context: &mut Context,
     connection: &mut Connection,
@@ -123,7 +124,7 @@ pub fn wait_for_programs(
     Verdict::without(&failed)
 }
 
-/// What has become of a program that does not run; `ran` if it was seen to.
+/// The outcome of a program that does not run; `ran`: the reports showed that it ran.
 fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Observed<'_>, ran: bool) -> Progress {
     let number = system.coordinate_system;
     let motors = motors(snapshot);
@@ -134,7 +135,7 @@ fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Observed<'_>, ra
         return Progress::GoesOn;
     }
     let has_run = ran || moved(&own, look);
-    // The flags of an earlier program stay until the next one runs.
+    // The flags of an earlier program stay until the next program runs.
     if let Some(why) = program_fault(system).filter(|_| has_run) {
         return failed(why);
     }
@@ -157,7 +158,7 @@ fn judge(system: &CoordinateSystem, snapshot: &Snapshot, look: &Observed<'_>, ra
     if has_run { Progress::Done } else { not_begun(system, &own) }
 }
 
-/// What has ended the last program, if its status tells.
+/// The cause of the last program's end, if its status tells it.
 fn program_fault(system: &CoordinateSystem) -> Option<&'static str> {
     let flags = system.program_status?;
     PROGRAM_FAULTS.iter().find(|(flag, _)| flags.has(flag)).map(|(_, why)| *why)
@@ -184,12 +185,12 @@ fn unseen_motors(snapshot: &Snapshot, numbers: &[u8]) -> Vec<String> {
         .collect()
 }
 
-/// Whether one of the motors was seen to move.
+/// Whether the reports showed a move of one of the motors.
 fn moved(own: &[&Motor<'_>], look: &Observed<'_>) -> bool {
     own.iter().any(|motor| look.seen.get(motor.servo.motor - 1).is_some_and(|seen| seen.moved))
 }
 
-/// What is told of a program that was not seen to run, with what may be the cause.
+/// The text for a program that the reports never showed running, with the likely cause.
 fn not_begun(system: &CoordinateSystem, own: &[&Motor<'_>]) -> Progress {
     let earlier = program_fault(system).map(|why| format!("; an earlier program was ended by {why}"));
     let faults =
