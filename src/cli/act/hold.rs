@@ -76,11 +76,11 @@ pub fn hold(
 
 /// The data that show the motors during the jog.
 struct Sight {
-    /// `None` where nothing could be seen from the start.
+    /// The segment; `None` where it was not readable at the start.
     board: Option<Board>,
-    /// Whether the servo data were live at the start: without them a jog can be held all the same.
+    /// Whether the servo data were live at the start: a jog can also be held without live data.
     has_servo: bool,
-    /// Since when nothing is live.
+    /// The time since when no data are live.
     blind_since: Option<Instant>,
 }
 
@@ -132,7 +132,7 @@ pub fn may_be_moving(numbers: &[u8]) -> String {
     )
 }
 
-/// The numbers as they are told: `1, 2`.
+/// The numbers as a sentence has them: `1, 2`.
 fn listed(numbers: &[u8]) -> String {
     let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
     numbers.join(", ")

@@ -57,7 +57,7 @@ fn destination(text: &str) -> Result<Destination, String> {
     Ok(Destination::Position(value, (!unit.is_empty()).then(|| unit.to_owned())))
 }
 
-/// How much of `text` is a number, with an exponent if one follows: `-1e3`, and of `1eV` only `1`.
+/// The length of the number at the begin of `text`, with an exponent if one follows: `-1e3`, and of `1eV` only `1`.
 fn number_length(text: &str) -> usize {
     let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
     let is_number = |character: char| character.is_ascii_digit() || "+-.".contains(character);
@@ -112,10 +112,10 @@ fn move_to(
     wait_for_motors(context, &mut connection, &mut watch, &[number], Goal::At(target), wait.timeout)
 }
 
-/// The number of the motor that is meant. `identity` knows the names.
+/// The number of the motor that the user means. `identity` knows the names.
 ///
 /// # Errors
-/// [`Failure::Request`] if there is none.
+/// [`Failure::Request`] for a name that no motor has.
 pub fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -> Result<u8, Failure> {
     if text.starts_with(|first: char| first.is_ascii_digit()) {
         let number = text.parse().ok().filter(|number| *number > 0);
@@ -130,7 +130,7 @@ pub fn motor(text: &str, identity: impl FnOnce() -> Result<Identity, Failure>) -
     })
 }
 
-/// The position in counts. A number alone is not taken where it could be meant in either of two units.
+/// The position in counts. Refuses a number alone where the user could mean either of two units.
 fn counts(value: f64, unit: Option<&str>, has: Option<UserUnit>, number: u8) -> Result<f64, Failure> {
     let (typed, has_name) = (short(value), has.as_ref().map(|unit| &unit.name[..]));
     match (unit, has) {

@@ -12,7 +12,7 @@ use crate::protocol::{CallError, OpenBufferInfo};
 /// Why the board did not acknowledge a line.
 #[derive(Debug)]
 pub enum LineError {
-    /// The board refused it.
+    /// The board refused the line.
     Board {
         /// The number of `ERRnnn`, if the board gave one.
         code: Option<u16>,
@@ -33,7 +33,7 @@ pub enum LineError {
 }
 
 impl LineError {
-    /// What the daemon tells of a line of a sequence, and what the board had answered before.
+    /// The daemon's failure of a line of a sequence, and the board's reply before the failure.
     pub fn of(failure: &LineFailure, lines: &[String]) -> Self {
         let lines = lines.to_vec();
         let text = failure.message.clone();

@@ -120,12 +120,13 @@ fn one_line(options: &Send) -> Result<&str, Failure> {
     }
 }
 
-/// Which programs run, if the board refused the line because of one.
+/// The running programs, if the board refused the line because of one.
 fn board_runs(context: &Context, code: Option<u16>) -> Option<String> {
     (code == Some(errors::PROGRAM_RUNS)).then(|| what_runs(&mut context.board().ok()?)).flatten()
 }
 
-/// What has to come first, of commands that a board refuses without telling so (Software Reference pp. 215, 273).
+/// The command that has to come first, for commands that a board refuses without saying so (Software Reference pp. 215,
+/// 273).
 fn comes_first(code: Option<u16>, line: &str) -> Option<&'static str> {
     const FIRST: &[(&str, &str)] = &[
         ("OPENROT", "no rotary buffer is defined: DEFINE ROT comes before OPEN ROT"),

@@ -1,13 +1,13 @@
 //! `pmacctl terminal`: sends lines to the board through the daemon, as you type them.
 //!
-//! A terminal has line editing and a history. The prompt shows the addressed motor and coordinate system. Messages that
-//! the board's programs send by themselves appear above the line being edited. In a pipe, lines come from stdin, replies
-//! go to stdout, errors and messages to stderr.
+//! A terminal has line editing and a history. The prompt shows the addressed motor and coordinate system. Messages of
+//! the board's programs appear above the line being edited. In a pipe, lines come from stdin, replies go to stdout,
+//! errors and messages to stderr.
 //!
-//! Others use the board, too. A line that goes by the address is sent only while that is what the user knows: what the
-//! prompt shows, or, in a pipe, what the lines before have addressed. A line that belongs into a program buffer which these
-//! lines have opened is sent only while that is open: the board would carry it out at once. None enters a buffer that
-//! another process has opened, be it the same user's.
+//! Other clients use the board, too. The terminal sends a line that depends on the address only while the user knows
+//! the address: from the prompt, or, in a pipe, from the lines before. It sends a line for a program buffer that its
+//! own lines have opened only while that buffer is open: otherwise the board would carry the line out at once. No line
+//! enters a buffer that another process has opened, not even a process of the same user.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -37,7 +37,7 @@ use crate::language::Meaning;
 use crate::protocol::board::SendReply;
 use crate::protocol::{CallError, Message, MessageKind, OpenBufferInfo, check_line, control};
 
-/// Time limit for asking what is addressed.
+/// Time limit for the question for the address.
 const ADDRESS: Duration = Duration::from_millis(500);
 /// How long the daemon may take to know that a buffer is closed.
 const CLOSING: Duration = Duration::from_millis(50);
@@ -114,15 +114,15 @@ struct Session {
     connection: Connection,
     timeout: Duration,
     all_taken: bool,
-    /// What the user knows to be addressed.
+    /// The address as the user knows it.
     addressed: Option<Addressed>,
     /// The program buffer that these lines have opened.
     own_buffer: OwnBuffer,
-    /// The program buffer into which the last line may have gone, though it is no program statement.
+    /// The program buffer that the last line may have entered, although the line is no program statement.
     entered: Option<OpenBufferInfo>,
 }
 
-/// The reply lines, and the error that ended them.
+/// The reply lines, and the error that ended the reply.
 type LineAnswer = (Vec<String>, Option<String>, Option<u16>);
 
 impl Session {
@@ -165,7 +165,7 @@ impl Session {
         }
     }
 
-    /// Sends a line, if that does what its user means.
+    /// Sends a line, if the board would do what the user means.
     fn send(&mut self, line: &str) -> Result<Vec<String>, LineError> {
         // A statement of a program goes by no address.
         let meaning = Meaning::of(line);
@@ -191,7 +191,7 @@ impl Session {
         }
     }
 
-    /// What is addressed, if the board answers in time.
+    /// The address, if the board answers in time.
     fn address(&mut self) -> Option<Addressed> {
         Addressed::of(&self.connection.question(Addressed::QUESTION, ADDRESS).ok()?)
     }
@@ -207,7 +207,7 @@ impl Session {
         }
     }
 
-    /// The prompt: what is addressed now, and the program buffer that is open. Says if somebody else has changed the address.
+    /// The prompt: the address, and the open program buffer. Says if another client has changed the address.
     fn prompt(&mut self) -> io::Result<String> {
         let open = self.open_buffer();
         let (before, now) = (self.addressed, self.address());
@@ -230,7 +230,7 @@ impl Session {
         self.connection.info().ok()?.open_buffer
     }
 
-    /// Says of the last line what [`entered_note`] does.
+    /// Prints the [`entered_note`] on the last line.
     fn tell_entered(&mut self, line: &str) {
         if let Some(open) = self.entered.take() {
             note(entered_note(line.trim(), &open));
@@ -409,7 +409,7 @@ fn piped(
     Ok(session.all_taken.into())
 }
 
-/// The thread that waits for messages of the board's programs. It ends on drop.
+/// The thread that waits for messages of the board's programs. The thread ends on drop.
 struct Listening {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,

@@ -1,5 +1,5 @@
-//! `pmacctl variable watch`: the values of registers that PMAC copies, and of P, Q, M and I variables, which are asked for by
-//! command line, side by side.
+//! `pmacctl variable watch`: the values of registers that PMAC copies, and of P, Q, M and I variables, which the
+//! program asks for by command line, side by side.
 
 use std::time::{Duration, Instant};
 
@@ -27,7 +27,7 @@ const FIRST: u32 = 5;
 const PRODUCT_DIGITS: usize = 15;
 /// The largest integer an f64 holds with all integers below it.
 const EXACT: f64 = 9_007_199_254_740_992.0;
-/// The most variables that one line asks for: its replies have room in every port.
+/// The most variables in one line: every port has room for their replies.
 const AT_ONCE: usize = 8;
 
 #[derive(Debug, ClapArgs)]
