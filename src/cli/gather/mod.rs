@@ -132,7 +132,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     if outcome.is_ok() {
         outcome = gather.until(&mut board, &mut connection, options.seconds, &stop);
     }
-    // In any case: nobody else can gather before.
+    // In every case: until the stop no other client can gather.
     let stopped = connection.gather_stop(None);
     if gather.is_silent && trouble(&stopped).is_none() {
         let seconds = gather.silence.as_secs_f64();
@@ -186,7 +186,7 @@ fn gather(context: &mut Context, options: &Gather, output: &Path) -> Result<Verd
     Err(Failure::Refused(said.join("; ")))
 }
 
-/// Refuses a line of `--then` that the board could not take, or that would keep it from more.
+/// Refuses a line of `--then` that the board could not take, or that would keep further lines from the board.
 fn check_then(line: &str) -> Result<(), Failure> {
     check_line(line).map_err(|reason| Failure::Request(format!("--then: invalid line: {reason}")))?;
     if Meaning::of(line).opens() {
@@ -209,7 +209,7 @@ fn send(connection: &mut Connection, line: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Why there are no samples after the last one, if the board was to go on.
+/// The reason that no samples follow the last one, if the board should have gone on.
 fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
     match phase {
         Some(GatherPhase::Redefined) => Some(
@@ -220,7 +220,7 @@ fn why_ended(phase: Option<GatherPhase>) -> Option<&'static str> {
     }
 }
 
-/// What is to be said of a daemon that is gone while samples come.
+/// The message when the daemon is gone during a gather.
 fn gone(samples: u64) -> String {
     format!(
         "pmacd is gone, or does not answer; {samples} samples came, which are kept; the board may go on gathering, and I-variables may \
@@ -228,7 +228,7 @@ fn gone(samples: u64) -> String {
     )
 }
 
-/// What is to be said of the end of a gather.
+/// The message on the end of a gather, if anything went wrong.
 fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
     let GatherStopReply { reason, notes, .. } = match stopped {
         Ok(reply) => reply,
@@ -239,8 +239,8 @@ fn trouble(stopped: &Result<GatherStopReply, CommandError>) -> Option<String> {
     (!said.is_empty()).then(|| said.join("; "))
 }
 
-/// How long the board may be silent: two periods, since one may just have begun, and [`NO_SAMPLE_FOR`]. If the servo period is
-/// unknown, assume the factory setting.
+/// The longest silence of the board: two periods, since a period may just have begun, and [`NO_SAMPLE_FOR`]. If the
+/// servo period is unknown, assumes the factory setting.
 fn silence(clock: &SampleClock, layout: &Layout) -> Duration {
     let factory = || Scales { motors: Vec::new(), i10: Some(layout.family().default_i10) }.servo_period_ns();
     let cycle_ns = clock.servo_period_ns.or_else(factory).unwrap_or_default();
@@ -255,7 +255,7 @@ struct Gathering<'a> {
     /// Time limit without a sample.
     silence: Duration,
     out: TableFile,
-    /// A row of it.
+    /// A row of the file.
     row: Vec<f64>,
     /// Samples written.
     samples: u64,
@@ -294,7 +294,7 @@ impl Gathering<'_> {
         }
     }
 
-    /// Takes samples until there are enough, somebody interrupts, or the gather has ended.
+    /// Takes samples until there are enough, the user interrupts, or the gather has ended.
     fn until(
         &mut self,
         board: &mut Board,

@@ -1,4 +1,4 @@
-//! A gather before it begins: what is sampled, and whether the board and its daemon can do that.
+//! A gather before its begin: the sources, and whether board and daemon can gather them.
 
 use crate::cli::context::{Context, Failure};
 use crate::cli::layout::board_layout;
@@ -10,7 +10,7 @@ use crate::protocol::{BoardSettings, Function};
 /// A gather that has not begun.
 pub struct Prepared {
     pub board: Board,
-    /// Whose gather it is, from [`Prepared::begin`] on.
+    /// The owner of the gather, from [`Prepared::begin`] on.
     pub connection: Connection,
     pub layout: Layout,
     pub plan: GatherPlan,
@@ -18,10 +18,10 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Of what `sources` name on the board; `buffer` longs, or all that the daemon reserves. Nothing is sent yet.
+    /// A gather of the `sources` on the board; `buffer` longs, or all that the daemon reserves. Sends no line yet.
     ///
     /// # Errors
-    /// [`Failure`] says what cannot be gathered.
+    /// [`Failure`] says what board or daemon cannot gather.
     pub fn new(
         context: &Context,
         sources: impl FnOnce(&Layout) -> Result<Vec<Source>, SourceError>,
@@ -49,10 +49,10 @@ impl Prepared {
         Ok(Self { board, connection, layout, plan, clock })
     }
 
-    /// Begins it; returns when the board gathers.
+    /// Begins the gather; returns when the board gathers.
     ///
     /// # Errors
-    /// [`Failure`]. The board is left as it was found then.
+    /// [`Failure`]. The board is then as before.
     pub fn begin(&mut self) -> Result<GatherRun, Failure> {
         let Self { board, connection, layout, plan, clock } = self;
         let follower = board.follow_gather()?;
