@@ -98,7 +98,7 @@ pub fn backup(context: &mut Context, options: &Backup) -> Result<Verdict, Failur
     Ok(Verdict::Yes)
 }
 
-/// What the board holds of `items`, asked in a sequence of its own.
+/// The board's values of `items`, read in a sequence of their own.
 fn held_of(
     context: &Context,
     kind: &str,
@@ -146,7 +146,7 @@ pub fn diff(context: &mut Context, options: &Diff) -> Result<Verdict, Failure> {
     Ok(differences.is_empty().into())
 }
 
-/// The lines that differ, with their signs. Of a program only what stands between the parts that are the same, by line.
+/// The lines that differ, with their signs. Of a program, only the lines between its equal parts.
 fn differing(item: Item, one: Option<&str>, other: Option<&str>) -> Vec<String> {
     let sides = [('-', one), ('+', other)];
     if !item.is_program() {
@@ -228,7 +228,7 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    /// Sends the changes in the file's order, then reads them back and compares.
+    /// Sends the changes in the file's order, then reads the values back and compares.
     fn send(&mut self, connection: &mut Connection) -> Result<(), Failure> {
         let mut board = begin(connection, "restore", true);
         keep_address(&mut board, self.changes.iter().map(|entry| entry.item))?;
@@ -297,7 +297,7 @@ impl Report<'_> {
         let held = held?;
         for entry in accepted().collect::<Vec<_>>() {
             let now = held.get(&entry.item).map_or("", String::as_str);
-            // A register that hardware also writes changes by itself. Report it all the same.
+            // A register that hardware also writes changes by itself. Report the difference all the same.
             if !entry.item.same(&entry.text, now) {
                 let now = if entry.item.is_program() { "another program" } else { now };
                 let lines = entry.item.lines(&entry.text);
@@ -345,8 +345,8 @@ impl<'a> Report<'a> {
         self.errors.push((entry, what));
     }
 
-    /// Takes note of the reset that the end of the sequence tells of, at the line where it was noticed; `first` is the
-    /// number of the first of `lines` in the sequence. Whether there was one.
+    /// Notes a reset that the end of the sequence reports, at the line at which the daemon noticed it; `first` is the
+    /// number of the first of `lines` in the sequence. True when a reset came.
     fn reset(
         &mut self,
         over: &RunLinesReply,
@@ -356,7 +356,7 @@ impl<'a> Report<'a> {
     ) -> bool {
         let Some(failure) = &over.failure else { return false };
         let behind = over.line.unwrap_or(0).saturating_sub(first.unwrap_or(0));
-        // Where it was noticed at what was asked afterwards, it took all of them.
+        // If the daemon noticed the reset at a later question, the board took all lines: blame the last line.
         let number = usize::try_from(behind).unwrap_or(usize::MAX).min(lines.len().saturating_sub(1));
         match (owners.get(number), lines.get(number)) {
             (Some(entry), Some(line)) => self.fail(entry, failure.message.clone(), line),
@@ -371,7 +371,7 @@ fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
     let bytes = read(path, LARGEST_FILE).map_err(|why| Failure::Request(format!("{file}: {why}")))?;
     let text = file_text::read(&bytes).map_err(|reason| Failure::Request(format!("{file}: {reason}")))?;
     let mut entries = parse(&file, &text).map_err(|mistakes| mistaken(&mistakes))?;
-    // A file of another program may set timers. They have gone on before anybody can compare them.
+    // A file of another program may set timers. Their values have changed before the program can compare them.
     entries.retain(|entry| !matches!(entry.item, Item::I(number) if IVariables::is_timer(number)));
     Ok(entries)
 }

@@ -1,8 +1,8 @@
-//! `pmacctl download`: program and command files, line by line, with errors told by file and line.
+//! `pmacctl download`: program and command files, line by line; errors name file and line.
 //!
-//! The daemon runs the lines as one sequence. Lines that follow an `OPEN` go into a buffer until `CLOSE`. A buffer that an
-//! error, an interruption, the end of the file or the end of this process leaves open is closed by the daemon. A buffer
-//! that somebody else has open is left alone: nothing is sent then.
+//! The daemon runs the lines as one sequence. Lines that follow an `OPEN` go into a buffer until `CLOSE`. The daemon
+//! closes a buffer that an error, an interruption, the end of the file or the end of this process leaves open. While
+//! another client has a buffer open, the daemon leaves that buffer alone and sends no line.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -146,7 +146,7 @@ impl Downloading<'_> {
         self.line_failed(&over);
         let is_whole = next == texts.len() && self.failed.is_empty();
         if is_whole {
-            // Asked now: the file may have set it.
+            // Ask now: the file may have set the variable.
             for (system, place) in circles_of(self.lines) {
                 if let Some(warning) = circles::warning(&mut connection, place, system) {
                     note(format_args!("{warning}"));
@@ -160,7 +160,7 @@ impl Downloading<'_> {
         }
     }
 
-    /// What became of a line.
+    /// Prints the outcome of a line.
     fn told(
         &mut self,
         context: &mut Context,
@@ -179,7 +179,7 @@ impl Downloading<'_> {
         Ok(())
     }
 
-    /// Takes note of the failure that `reply` tells of, if it does.
+    /// Notes the failure in `reply`, if any.
     fn line_failed(&mut self, reply: &RunLinesReply) {
         let line = reply.line.and_then(|number| self.lines.get(usize::try_from(number).ok()?));
         if let (Some(failure), Some(line)) = (&reply.failure, line) {
@@ -192,7 +192,7 @@ impl Downloading<'_> {
         }
     }
 
-    /// Says what is on the board now.
+    /// Says which lines are on the board now.
     fn leave(&self, notes: &[String], is_whole: bool) {
         if is_whole {
             notes.iter().for_each(|warning| note(format_args!("warning: {warning}")));

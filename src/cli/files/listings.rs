@@ -1,4 +1,4 @@
-//! What is not a variable, read from a board: axis definitions, and the programs as the board lists them.
+//! Readings of a board other than variables: axis definitions, and programs as the board lists them.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +7,9 @@ use super::settings_file::{Item, keep_address, read_variables};
 use crate::cli::context::Failure;
 use crate::client::command::lines::LineSequence;
 
-/// Axis definitions that one line asks for.
+/// Axis definitions in one question.
 const AXES_A_LINE: usize = 16;
-/// The board has no such program.
+/// The board's error for a program that it does not have.
 const MISSING: u16 = 3;
 /// ERR002: the board's password protects the program (Software Reference p. 25).
 const PROTECTED: u16 = 2;

@@ -11,8 +11,8 @@ pub fn same_number(one: &str, other: &str) -> bool {
     matches!((answer::number(one), answer::number(other)), (Some(one), Some(other)) if same_when_listed(one, other))
 }
 
-/// The lines of a program that do something, each as [`same_line`] compares it. A program ends at its end with and without the
-/// `RETURN` there.
+/// The lines of a program that have an effect, each as [`same_line`] compares it. A program means the same with and
+/// without `RETURN` at its end.
 pub fn program(text: &str) -> Vec<&str> {
     let mut lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     while lines.pop_if(|line| same_line(line, "RETURN")).is_some() {}

@@ -7,7 +7,7 @@ use crate::cli::context::Failure;
 /// The most mistakes to print.
 const MISTAKES_MAX: usize = 50;
 
-/// Prints each mistake as `FILE:LINE: message` on stderr. Nothing is sent if there is any.
+/// Prints each mistake as `FILE:LINE: message` on stderr. With any mistake, the command sends no line.
 pub fn mistaken(mistakes: &[Mistake]) -> Failure {
     for mistake in mistakes.iter().take(MISTAKES_MAX) {
         note(mistake);

@@ -1,11 +1,12 @@
 //! Turns program files into lines for the board.
 //!
-//! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment; `/*` and `*/`
-//! enclose one, also over lines. The directives are `#include "FILE"` (relative to the file it stands in; the quotes may be
-//! missing), `#define NAME text`, `#undef NAME`, `#ifdef NAME`, `#ifndef NAME`, `#else` and `#endif`, each alone on its line,
-//! in upper or lower case. A defined name is replaced wherever it is a whole word, also in the text of other names. Behind `$`
-//! hex digits may follow it: with `#define BASE 30`, `$BASE10` is `$3010`; no command of a board looks like that, and files of
-//! sites build addresses so. Names are case-sensitive. Text in double quotes never changes.
+//! The host resolves comments, names and includes; the board knows none of them. `;` and `//` start a comment; `/*` and
+//! `*/` enclose a comment, also over several lines. The directives are `#include "FILE"` (relative to the including
+//! file; the quotes may be missing), `#define NAME text`, `#undef NAME`, `#ifdef NAME`, `#ifndef NAME`, `#else` and
+//! `#endif`, each alone on its line, in upper or lower case. The host replaces a defined name wherever it is a whole
+//! word, also in the text of other names. After `$`, hex digits may follow the name: with `#define BASE 30`, `$BASE10`
+//! is `$3010`; no command of a board looks like that, and files of sites build addresses so. Names are case-sensitive.
+//! Text in double quotes never changes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -46,7 +47,7 @@ impl fmt::Display for Place {
 /// A line for the board, with its place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceLine {
-    /// Where it stands.
+    /// The line's place.
     pub place: Place,
     /// The line with its names replaced.
     pub text: String,
@@ -56,9 +57,9 @@ pub struct SourceLine {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {what}")]
 pub struct Mistake {
-    /// Where it stands.
+    /// The mistake's place.
     pub place: Place,
-    /// What is wrong.
+    /// The mistake.
     pub what: String,
 }
 
@@ -230,7 +231,7 @@ impl Preprocessor<'_> {
         Ok(())
     }
 
-    /// Replaces defined names in `text` until none is left.
+    /// Replaces defined names in `text` until no name is left.
     fn replace(&self, text: &str) -> Result<String, String> {
         let mut text = text.to_owned();
         for _ in 0..ROUNDS_MAX {
@@ -243,7 +244,7 @@ impl Preprocessor<'_> {
         Err("the defined names refer to each other in a circle".to_owned())
     }
 
-    /// `None` if there is nothing to replace.
+    /// `None` if `text` has no defined name.
     fn replaced_once(&self, text: &str) -> Option<String> {
         let mut out = String::new();
         let mut found = false;
@@ -272,13 +273,13 @@ impl Preprocessor<'_> {
         found.then_some(out)
     }
 
-    /// The longest name that `word` behind a `$` begins with, when hex digits are all that follows it. A number is none.
+    /// The longest name that `word` after a `$` begins with, if only hex digits follow the name. A number is no name.
     fn name_before_hex<'w>(&self, word: &'w str) -> &'w str {
         let is_hex = |text: &str| text.chars().all(|c| c.is_ascii_hexdigit());
         if is_hex(word) || self.names.contains_key(word) {
             return word;
         }
-        // A part that is no word may be one letter of several bytes.
+        // A character that is no word may take several bytes.
         let starts = word.char_indices().rev().map(|(at, _)| word.split_at(at));
         starts
             .filter(|(name, rest)| self.names.contains_key(*name) && is_hex(rest))
@@ -327,7 +328,7 @@ fn name(text: &str) -> Result<&str, String> {
     if starts && text.chars().all(is_word) { Ok(text) } else { Err(format!("{text:?} is not a name")) }
 }
 
-/// `line` without its comments. `open` says where a comment that goes over lines began.
+/// `line` without its comments. `open` is the begin of a comment that goes over several lines.
 fn without_comments(line: &str, place: &Place, open: &mut Option<Place>) -> String {
     let mut out = String::new();
     let mut quoted = false;

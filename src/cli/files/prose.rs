@@ -1,8 +1,8 @@
-//! Whether a file can be one of PMAC's at all. A letter that was meant for another program would be carried out by the board,
-//! word by word: the first line of "A note to the operators" aborts.
+//! Decides whether a file can be a PMAC file at all. The board would carry out a letter to another program word by
+//! word: the first line of "A note to the operators" aborts.
 //!
-//! It looks at how each line begins. A file is refused when most of its lines begin with nothing that PMAC knows, so that a
-//! few lines of another firmware keep no file of a real machine out.
+//! The check looks at the begin of each line. It refuses a file when most of its lines begin with no word that PMAC
+//! knows, so that a few lines of another firmware keep no file of a real machine out.
 
 use super::preprocess::{Mistake, SourceLine};
 
@@ -56,8 +56,8 @@ fn begins_as_pmac(text: &str) -> bool {
     }
 }
 
-/// Whether a run of letters can stand at the beginning of a line, with `behind` behind it. PMAC needs no blanks, so it may be
-/// several words, and end with a letter that has a number.
+/// Whether a run of letters can begin a line, with `behind` after it. PMAC needs no blanks, so the run may be several
+/// words, and end with a letter that has a number.
 fn letters(run: &str, behind: &str) -> bool {
     let is_word = |run: &str| WORDS.split_ascii_whitespace().any(|word| word == run);
     if is_word(run) {

@@ -1,4 +1,4 @@
-//! What a board holds, asked for in one sequence: variables, definitions and programs, and the lines that set them again.
+//! A board's settings, read in one sequence: variables, definitions and programs, and the lines that set them again.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -44,7 +44,7 @@ pub enum What {
     Plcs,
 }
 
-/// What a board holds, and who it says it is.
+/// A board's settings, and its identity.
 pub struct Saved {
     info: BoardInfo,
     board_type: String,
@@ -55,11 +55,11 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Asks the board for `wanted`, in a sequence that others are told is a `kind`; of motion programs, for those of the range
-    /// `programs`. A `stop` that comes ends it behind the line under way.
+    /// Asks the board for `wanted`, in a sequence that the daemon calls a `kind` to other clients; of motion programs,
+    /// for those in the range `programs`. A `stop` ends the sequence after the line under way.
     ///
     /// # Errors
-    /// The board refuses a question or gives an unexpected answer, or cannot be asked.
+    /// The board refuses a question or gives an unexpected answer, or the daemon cannot ask it.
     pub fn ask(
         connection: &mut Connection,
         kind: &str,
@@ -73,10 +73,10 @@ impl Saved {
             board.stop_on(stop.flag());
         }
         let items = items(wanted, programs, &info.family);
-        // Ask the board: a daemon that has just started does not know them yet.
+        // Ask the board: a daemon that has just started does not know the answers yet.
         let said = ask(&mut board, &["TYPE", "VERSION", "DATE"]);
         let held = said.and_then(|said| Ok((said, settings(&mut board, items)?)));
-        // Also after a refusal: who asks next is not to wait until the daemon misses this client.
+        // Also after a refusal: the next client must not wait until the daemon misses this client.
         finish(board)?;
         let (said, held) = held?;
         let say = |index: usize| said.get(index).map_or(String::new(), |reply| reply.join(" "));
@@ -99,7 +99,7 @@ impl Saved {
     /// As JSON.
     ///
     /// # Errors
-    /// It does not serialise.
+    /// JSON cannot hold the settings.
     pub fn document(&self) -> Result<String, Failure> {
         let variables: Vec<_> =
             self.held.iter().map(|(item, text)| json!({ "variable": name(*item), "value": text })).collect();
@@ -117,7 +117,7 @@ fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
     let is_wanted = |kind| wanted.contains(&kind);
     let mut items: Vec<Item> = Vec::new();
     if is_wanted(What::I) {
-        // A timer has gone on before anybody can compare it or put it back.
+        // A timer's value has changed before the program can compare it or put it back.
         items.extend((0..count).filter(|&number| !IVariables::is_timer(number)).map(Item::I));
     }
     if is_wanted(What::P) {
@@ -134,10 +134,10 @@ fn items(wanted: &[What], programs: (u16, u16), family: &str) -> Vec<Item> {
     items
 }
 
-/// What the board holds of `items`, and the values of the M-variables that point nowhere.
+/// The board's values of `items`, and the values of the M-variables that point nowhere.
 fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<Item, String>, Failure> {
     let mut held = read(board, items)?;
-    // What is not there is no setting: it would be deleted nowhere.
+    // A missing definition or program is no setting: `restore` deletes none.
     held.retain(|item, text| match item {
         Item::Axis { .. } => text != "0",
         item => !item.is_program() || !text.is_empty(),
@@ -153,7 +153,7 @@ fn settings(board: &mut LineSequence<'_>, items: Vec<Item>) -> Result<BTreeMap<I
     Ok(held)
 }
 
-/// What is asked for besides variables.
+/// The items besides variables.
 fn others(wanted: &[What], programs: (u16, u16), family: &Family) -> Vec<Item> {
     let is_wanted = |kind| wanted.contains(&kind);
     let systems = || 1..=family.coordinate_systems as u8;
@@ -209,7 +209,7 @@ fn variables_of(family: &str) -> u16 {
     }
 }
 
-/// Ends a sequence, and says what it leaves on the board.
+/// Ends a sequence, and prints what the sequence leaves on the board.
 pub fn finish(sequence: LineSequence<'_>) -> Result<(), Failure> {
     let over = sequence.finish()?;
     over.notes.iter().for_each(note);

@@ -8,10 +8,11 @@ use crate::client::Connection;
 use crate::client::command::lines::{LineSequence, LinesOptions};
 use crate::protocol::board::{LineFailure, LineOutcome};
 
-/// How long a line may take: one question asks for as many as a hundred variables.
+/// The time limit of a line: a question asks for as many as a hundred variables.
 const LINE_WITHIN: Duration = Duration::from_secs(30);
 
-/// Begins a sequence that others are told is a `kind`. A refused line ends it unless it is to `keep_going`.
+/// Begins a sequence that the daemon calls a `kind` to other clients. A refused line ends the sequence unless
+/// `keep_going`.
 pub fn begin<'c>(connection: &'c mut Connection, kind: &'c str, keep_going: bool) -> LineSequence<'c> {
     connection.lines(LinesOptions { kind, timeout: LINE_WITHIN, keep_going })
 }
@@ -25,16 +26,16 @@ pub fn left(taken: u64, lines: usize, notes: &[String]) -> String {
 /// The board's answer to each of `lines`.
 ///
 /// # Errors
-/// When it refuses one, or cannot be asked.
+/// When the board refuses a line, or the daemon cannot ask it.
 pub fn ask(sequence: &mut LineSequence<'_>, lines: &[&str]) -> Result<Vec<Vec<String>>, Failure> {
     let replies = answers(sequence, lines, |_| false)?;
     Ok(replies.into_iter().flatten().collect())
 }
 
-/// The board's answer to each of `lines`, or why the board refuses the line. The sequence must go on after a refused line.
+/// The board's answer to each of `lines`, or its refusal of the line. The sequence must go on after a refused line.
 ///
 /// # Errors
-/// When it cannot be asked.
+/// When the daemon cannot ask the board.
 pub fn try_ask(
     sequence: &mut LineSequence<'_>,
     lines: &[String],

@@ -1,10 +1,10 @@
-//! What a board is set to, as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), axis definitions
+//! A board's settings as sorted lines that can be sent again: variables (`I100=1`, `M1->Y:$FFC2,0`), axis definitions
 //! (`#1->100X`), and programs, each from its `OPEN` to its `CLOSE`.
 //!
-//! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses one for the
-//! following lines; the default is `&1`. Everything stays as the board lists it (I9 chooses hex for addresses, and short or
-//! long words), and is compared by what it means. A listing has fewer digits than the register, so equal listings count as
-//! equal values.
+//! Q-variables, axis definitions and kinematic programs belong to a coordinate system. A line `&2` addresses a system
+//! for the following lines; the default is `&1`. All text stays as the board lists it (I9 chooses hex for addresses,
+//! and short or long words); the comparison goes by the meaning. A listing has fewer digits than the register, so equal
+//! listings count as equal values.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -19,10 +19,10 @@ use crate::map::m_definition::MDefinition;
 use crate::protocol::answer;
 use crate::protocol::check_line;
 
-/// The most answers to one line. The board answers nobody else meanwhile.
+/// The most answers to one line. The board answers no other client meanwhile.
 const ANSWERS_MAX: usize = 100;
 
-/// What a line can set.
+/// An item that a line can set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Item {
     /// An I-variable.
@@ -69,7 +69,7 @@ impl Item {
         }
     }
 
-    /// The coordinate system that it belongs to.
+    /// The item's coordinate system.
     pub const fn system(self) -> Option<u8> {
         match self {
             Self::Q { system, .. } | Self::Axis { system, .. } | Self::Kinematics { system, .. } => {
@@ -79,12 +79,12 @@ impl Item {
         }
     }
 
-    /// Whether it is an axis definition.
+    /// Whether the item is an axis definition.
     pub const fn is_axis(self) -> bool {
         matches!(self, Self::Axis { .. })
     }
 
-    /// Whether it is a program, of several lines.
+    /// Whether the item is a program, of several lines.
     pub const fn is_program(self) -> bool {
         matches!(self, Self::Kinematics { .. } | Self::Program(_) | Self::Plc(_))
     }
@@ -116,7 +116,7 @@ impl Item {
         }
     }
 
-    /// Its text in what the board tells. A long listing (odd I9) starts with its name.
+    /// The item's text in the board's listing. A long listing (odd I9) starts with the item's name.
     pub fn told(self, line: &str) -> String {
         let name = format!("{}{}", self.short(), self.sign());
         line.strip_prefix(&name).unwrap_or(line).trim().to_owned()
@@ -190,7 +190,7 @@ impl fmt::Display for Item {
 pub struct Entry {
     /// The item.
     pub item: Item,
-    /// The text to set it to.
+    /// The text that the item is set to.
     pub text: String,
     /// The line's number.
     pub line: usize,
@@ -225,7 +225,7 @@ pub fn parse(file: &str, text: &str) -> Result<Vec<Entry>, Vec<Mistake>> {
             program.text += code;
             continue;
         }
-        // A program stands where it begins.
+        // A program's place is its first line.
         let (entry, at) = match open.take() {
             Some(program) => (Ok(Line::Entry(program.item, program.text)), program.line),
             None => (entry(code, system), number),
@@ -253,7 +253,7 @@ enum Line {
     Entry(Item, String),
 }
 
-/// `line` without the comment behind it. What stands in quotes is text.
+/// `line` without the comment after it. Text in quotes is no comment.
 fn code(line: &str) -> &str {
     let mut is_text = false;
     let comment = line.find(|letter| {
@@ -326,8 +326,8 @@ fn entry(code: &str, system: u8) -> Result<Line, String> {
     Ok(Line::Entry(item, text.to_owned()))
 }
 
-/// The addressed motor and coordinate system are everybody's: has the daemon address them again at the end, where `items` need
-/// others. What the board answers becomes part of a line then: it has to be a number and nothing else.
+/// All clients share the addressed motor and coordinate system: has the daemon address them again at the end, where
+/// `items` need others. The board's answer becomes part of a line then, so it has to be a number alone.
 ///
 /// # Errors
 /// As `ask`.
@@ -348,7 +348,7 @@ pub fn keep_address(
     Ok(())
 }
 
-/// The motor or coordinate system that a reply names; `None` where it says anything else.
+/// The motor or coordinate system that a reply names; `None` for any other reply.
 fn addressed(reply: &str) -> Option<&str> {
     let text = reply.trim();
     let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
