@@ -32,7 +32,7 @@ pub fn sending(lines: usize, to: &str) -> String {
     }
 }
 
-/// The board that the lines would go to: as its daemon calls it, because a socket alone does not show that.
+/// The board that the lines would go to, by its daemon's name for it: a socket alone does not show the board.
 pub fn board_of(context: &Context) -> Result<String, Failure> {
     Ok(format!("the board of {}", context.name()?.as_str()))
 }

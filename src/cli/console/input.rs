@@ -13,7 +13,7 @@ pub fn shown(path: impl AsRef<Path>) -> String {
 /// At most the first `most` bytes of a file.
 ///
 /// # Errors
-/// Those of the system.
+/// The system's error.
 pub fn read_some(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
     let (path, mut bytes) = (path.as_ref(), Vec::new());
     let mut source: Box<dyn Read> =

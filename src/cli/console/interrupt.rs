@@ -27,12 +27,12 @@ impl Interrupt {
         Self(Arc::default())
     }
 
-    /// What becomes true when one comes.
+    /// The flag that a signal sets.
     pub fn flag(&self) -> &AtomicBool {
         &self.0
     }
 
-    /// Whether one has come.
+    /// Whether a signal has come.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

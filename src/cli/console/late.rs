@@ -12,7 +12,7 @@ pub const WARN_AFTER: Duration = Duration::from_secs(1);
 pub const UNANSWERED: &str = "pmacd has not answered for a second: nothing is known to stand; use the emergency stop, or ^A \
                               over the serial port";
 
-/// Does `stop`. If that takes longer than a second, says meanwhile that nothing is known to stand.
+/// Does `stop`. If `stop` takes longer than a second, warns meanwhile that the motors may still move.
 pub fn warn_if_late<T>(stop: impl FnOnce() -> T) -> T {
     std::thread::scope(|scope| {
         let (done, over) = channel::<()>();

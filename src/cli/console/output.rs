@@ -40,7 +40,7 @@ impl Output {
         !self.quiet && self.stdout.get_ref().is_terminal()
     }
 
-    /// One or more lines. They may contain the board's text, so control characters are shown as escapes.
+    /// Prints one or more lines. They may contain the board's text, so the program shows control characters as escapes.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
         if self.quiet {
             return Ok(());
@@ -88,7 +88,8 @@ impl Output {
     }
 }
 
-/// A document whose strings have no control characters, which JSON allows from U+007F on: a terminal obeys CSI (U+009B).
+/// A document whose strings have no control characters. JSON allows them from U+007F on, but a terminal obeys CSI
+/// (U+009B).
 fn visible(document: &str) -> Cow<'_, str> {
     let acts = |c: char| ('\u{7f}'..='\u{9f}').contains(&c);
     if !document.contains(acts) {

@@ -17,10 +17,10 @@ const EVERY_ELSEWHERE: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct Progress {
     on_terminal: bool,
-    /// The time between two displays; `None`: nothing is shown.
+    /// The time between two displays; `None`: no display.
     every: Option<Duration>,
     last: Instant,
-    /// Whether the terminal's line shows it.
+    /// Whether the terminal's line shows the progress.
     shown: bool,
 }
 
@@ -48,7 +48,7 @@ impl Progress {
         self.every.is_some_and(|every| self.last.elapsed() >= every)
     }
 
-    /// Shows `text`, which is told whether it goes to a terminal, if the next display is due.
+    /// Shows `text` if the next display is due. The argument of `text`: whether the output is a terminal.
     pub fn show(&mut self, text: impl FnOnce(bool) -> String) {
         if !self.is_due() {
             return;

@@ -1,5 +1,5 @@
-//! Output files. `-` is stdout. Follows symbolic links, and writes straight to devices and FIFOs. When a file is cut off
-//! (by a full disk), whole rows remain. A file that another program deletes or truncates while it is written is an error.
+//! Output files. `-` is stdout. Follows symbolic links, and writes straight to devices and FIFOs. When a full disk cuts
+//! a file off, whole rows remain. It is an error if another program deletes or truncates the file meanwhile.
 
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -132,7 +132,7 @@ pub struct Rows {
     /// Whether the header is being rewritten.
     rewinds: bool,
     emptied: bool,
-    /// It had a name when it was opened.
+    /// The file had a name at its opening.
     is_linked: bool,
 }
 
@@ -147,8 +147,8 @@ enum FileKind {
 }
 
 impl Rows {
-    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. Where it `appends`, a regular file gets
-    /// each row at its end, wherever that is by then; the header cannot be rewritten.
+    /// Opens `path`. Waits for a FIFO's reader until a signal in `stop` arrives. With `appends`, each row goes to the
+    /// present end of a regular file; the header cannot be rewritten.
     ///
     /// # Errors
     /// [`Failure`], which names the file.
@@ -161,7 +161,7 @@ impl Rows {
         opened.and_then(|opened| Self::over(path, opened, stop)).map_err(|error| failed(path, error))
     }
 
-    /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
+    /// As [`Self::open`], but only a new file; `None` where any file exists.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -234,7 +234,7 @@ impl Rows {
         }
     }
 
-    /// Looks whether the file still has what was written to it.
+    /// Checks that the file still has the written bytes.
     fn check_kept(&self) -> io::Result<()> {
         if !self.is_regular() {
             return Ok(());
@@ -274,7 +274,8 @@ impl Rows {
             self.rows += whole as u64;
             self.length += whole.checked_sub(1).map_or(0, |last| ends[last] as u64);
             if outcome.is_err() && self.is_regular() {
-                // Cut off a partial row: it would read as a different one. If that fails too, report the first error.
+                // Cut off a partial row: a reader would take it for another row. If that fails too, report the first
+                // error.
                 let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::End(0)));
             }
         }
@@ -483,7 +484,7 @@ mod tests {
         drop(first);
         assert!(Rows::open(&path, true, &stop).is_ok());
         assert!(Rows::create_new(&path, true, &stop).unwrap().is_none());
-        // Who can only read it cannot pass for its writer.
+        // A process that can only read the file cannot pass for its writer.
         let reader = File::open(&path).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_RDLCK))).unwrap();
         fcntl(&reader, FcntlArg::F_OFD_SETLK(&lock_of(libc::F_WRLCK))).unwrap_err();

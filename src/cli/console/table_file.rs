@@ -1,4 +1,4 @@
-//! A file of rows, CSV or NumPy. After an error it holds the rows before it, and their number.
+//! A file of rows, CSV or NumPy. After an error the file holds the rows before the error, and their number.
 
 use std::io;
 use std::path::Path;
@@ -31,7 +31,7 @@ impl TableFile {
         Self::over(Rows::open(path, format == FileFormat::Csv, stop)?, format, fields)
     }
 
-    /// As [`Self::open`], but only a file that is not there yet; `None` where there is one, whatever it is.
+    /// As [`Self::open`], but only a new file; `None` where any file exists.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -77,7 +77,7 @@ impl TableFile {
         put.and_then(|()| self.output().end_row()).map_err(|error| self.cut_off(error))
     }
 
-    /// How many bytes there are in the file, and still to be written to it.
+    /// The bytes in the file, and those still to be written.
     pub fn bytes(&mut self) -> u64 {
         self.output().bytes()
     }
@@ -87,7 +87,7 @@ impl TableFile {
         self.output().rows().saturating_sub(1)
     }
 
-    /// Goes on after an error that only said that there is no room; `false` after any other. The rows that found none are gone.
+    /// Goes on after a lack of room; `false` after any other error. The rows that found no room are lost.
     pub fn resume_full(&mut self) -> bool {
         use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
         let is_full = matches!(self.failed, Some(StorageFull | QuotaExceeded | FileTooLarge));
@@ -118,7 +118,7 @@ impl TableFile {
         self.output().discard();
     }
 
-    /// Saves what it can after `error`, and returns the error with the number of rows.
+    /// Saves what fits after `error`, and returns the error with the number of rows.
     fn cut_off(&mut self, error: io::Error) -> Failure {
         self.failed = Some(error.kind());
         if is_taken(&error) {
