@@ -1,8 +1,8 @@
 //! `pmacctl rotary check`: sends a few program lines as binary commands, has the board list them, and compares.
 //!
-//! Nothing runs: the lines are taken out of the board's rotary buffer again. The manual's drawing has the code of ABS, INC
-//! and FRAX in two places, and a board of the other one would take an INC for an ABS and move elsewhere. What it lists is
-//! what it would do.
+//! No program runs: the command takes the lines out of the board's rotary buffer again. The manual's drawing has the
+//! code of ABS, INC and FRAX in two places. A board with the other place would take an INC for an ABS and move
+//! elsewhere. The board's listing shows how the board would act.
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ use crate::map::DEFAULT_FAMILY;
 use crate::map::readings::RotaryCode2;
 use crate::rotary::{Item, Line, Program, Settings, compile, decompile};
 
-/// The commands whose code may stand in two places, and others of each kind.
+/// The commands whose code may be in two places, and others of each kind.
 const SAMPLE: &[u8] = b"ABS(X)\nINC(X,Y)\nFRAX(X,Y)\nM1|=6\nLINEAR\nX10 Y-2.5\nDWELL100\n";
 /// Where HOME can name more motors than PMAC has, that is worked out.
 const MORE_MOTORS: &[u8] = b"HOME9,24\n";
@@ -110,12 +110,12 @@ pub fn run(context: &mut Context, options: &Check) -> Result<Verdict, Failure> {
 
 /// The board has not taken all lines.
 struct Stopped {
-    /// How many it has taken.
+    /// The number of lines that the board has taken.
     taken: usize,
     problem: String,
 }
 
-/// Has the board take the whole program into its own rotary buffer; `Some` when it does not.
+/// Feeds the whole program into the board's own rotary buffer; `Some` when the board does not take all lines.
 fn feed(
     board: &mut Connection,
     program: &Program,
@@ -173,7 +173,7 @@ fn words(text: &str, settings: &Settings) -> Option<Vec<Vec<(u32, u32)>>> {
     Some(program.lines.iter().map(line).collect())
 }
 
-/// Where the board lists something else than was sent.
+/// The lines at which the board's listing differs from the lines sent.
 fn differences(name: &str, program: &Program, listing: &[String], settings: &Settings) -> Vec<String> {
     let lines = program.lines.iter().map(Some).chain(std::iter::repeat(None));
     let listed = listing.iter().map(Some).chain(std::iter::repeat(None));

@@ -12,10 +12,10 @@ use crate::client::{Connection, circles};
 use crate::map::readings::RotaryCode2;
 use crate::rotary::{Compiled, Line, Program, Refused, Report, Settings, compile, compile_stream};
 
-/// Largest file. It is above any machine's program and below the memory.
+/// Largest file: above any machine's program and below the memory.
 const LARGEST_PROGRAM: u64 = 256 << 20;
 
-/// What to try with a board that has never taken a line.
+/// A hint for a board that has never taken a line.
 pub const NOTHING_TAKEN: &str = "; a board that has never taken a line may have start and size the other way round in the \
     buffer's header (docs/evidence.md)";
 
@@ -89,8 +89,8 @@ fn reported<T>(file: &str, outcome: Result<(Compiled, T), Refused>) -> Result<(P
     }
 }
 
-/// The warning for the first circle of `program`, from the file `name`, if the board would make none of it in coordinate
-/// system `cs`.
+/// The warning for the first circle of `program`, from the file `name`, if the board would not draw a circle in
+/// coordinate system `cs`.
 pub fn circle_warning(board: &mut Connection, name: &str, program: &Program, cs: u8) -> Option<String> {
     let has_circle = |line: &&Line| line.commands.iter().any(|command| circles::is_circle(&command.text));
     let line = program.lines.iter().find(has_circle)?;

@@ -22,7 +22,7 @@ use crate::rotary::Program;
 
 /// Time limit of a command line.
 const LINE_PATIENCE: Duration = Duration::from_secs(5);
-/// Print a hint after the board has taken nothing for this long.
+/// Print a hint after the board has taken no line for this long.
 const PUZZLED: Duration = Duration::from_secs(3);
 /// Period of the checks whether the board has taken the rest.
 const ASK_STATE_EVERY: Duration = Duration::from_millis(20);
@@ -200,7 +200,7 @@ pub(super) fn own_buffer(family: &Family, cs: u8) -> u8 {
 /// A running stream.
 struct Streaming<'a> {
     options: &'a Stream,
-    /// Which buffer it feeds, from 1.
+    /// The number of the buffer, from 1.
     buffer: u8,
     family: &'static Family,
     program: &'a Program,
@@ -214,7 +214,7 @@ struct Streaming<'a> {
 }
 
 impl Streaming<'_> {
-    /// Whether the coordinate system runs a program. Abort, kill or an error may have ended it.
+    /// Whether the coordinate system runs a program. An abort, a kill or an error may have ended it.
     fn runs(&mut self) -> bool {
         let reply = self.board.send(&format!("&{}??", self.options.cs), LINE_PATIENCE).unwrap_or_default();
         let tables = self.family.status.coordinate_system;
@@ -238,7 +238,7 @@ impl Streaming<'_> {
             self.look_at(&state)?;
         }
         feed.finish()?;
-        // Wait until the board has taken everything: it takes nothing after the end.
+        // Wait until the board has taken all lines: it takes none after the end.
         loop {
             feed.renew()?;
             let state = self.board.rotary_state(self.buffer)?;
@@ -284,7 +284,7 @@ impl Streaming<'_> {
         Ok(())
     }
 
-    /// Ends the stream. An error names the line and what is left.
+    /// Ends the stream. An error names the line, and the lines left in the buffers.
     fn end(
         &mut self,
         feed: &mut RotaryFeed<'_>,
@@ -296,7 +296,7 @@ impl Streaming<'_> {
             Err(other) => return Err(other),
         };
         let (stop, state) = match (feed.stop(), reason.clone()) {
-            // After a reset nothing is known of the buffer any more.
+            // After a reset the state of the buffer is unknown.
             (Ok(stop), _) => (stop, self.board.rotary_state(self.buffer).unwrap_or_default()),
             (Err(error), None) => return Err(error.into()),
             (Err(error), Some(reason)) => {
@@ -304,7 +304,7 @@ impl Streaming<'_> {
                 return Err(Failure::Refused(self.placed(feed.inside(), &text)));
             }
         };
-        // If the daemon has ended the stream, it knows best why.
+        // A daemon that has ended the stream knows the reason best.
         let stopped = stop.reason.clone().or(reason).map(|reason| {
             let ahead = usize::try_from(stop.ahead_lines).unwrap_or(usize::MAX);
             let (inside, total, left) = (feed.inside(), self.program.lines.len(), self.left(&stop));
@@ -317,7 +317,7 @@ impl Streaming<'_> {
         Ok((state, stopped))
     }
 
-    /// What the end of a stream has left in the buffers.
+    /// The lines that the end of a stream has left in the buffers.
     fn left(&self, stop: &RotaryStopReply) -> String {
         let cs = self.options.cs;
         let mut text = match stop.ahead_lines {
@@ -364,7 +364,7 @@ fn bar(sent: usize, total: usize, ahead: u64, seconds: f64) -> String {
     format!("[{done}{left}] {sent} of {total} lines, {ahead} ahead, {seconds:.1} s")
 }
 
-/// Measures how long the board has taken nothing.
+/// Measures the time since the board last took a line.
 struct Patience {
     limit: Duration,
     since: Instant,
@@ -385,7 +385,7 @@ impl Patience {
         Self { limit, since: Instant::now(), taken: 0, said: false }
     }
 
-    /// What to try with a board that has never taken a line.
+    /// A hint for a board that has never taken a line.
     fn hint(&self) -> &'static str {
         if self.taken > 0 {
             return "";
