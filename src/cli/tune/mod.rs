@@ -1,6 +1,7 @@
-//! `pmacctl tune`: makes the move by which a loop's gains are judged, and tells how the motor followed it.
+//! `pmacctl tune`: makes the move by which a user judges a loop's gains, and reports how the motor followed the move.
 //!
-//! The daemon has both ends: a sequence of lines puts the motor's jog variables back, and the gather ends, whoever dies.
+//! The daemon owns both ends: a sequence of lines restores the motor's jog variables, and the gather ends, whichever
+//! process dies.
 
 mod moves;
 mod recorder;
@@ -31,10 +32,11 @@ use crate::table::{Field, FieldKind};
 /// How long the motor may take to stand in position after the recording, and to come back.
 const STANDS_WITHIN: Duration = Duration::from_secs(10);
 
-/// How much of a recording is drawn: so many times what the motor takes to settle.
+/// The part of a recording to draw: this many times the motor's settling time.
 const SHOWN: f64 = 4.0;
 
-/// How far from its end, in counts, the commanded position of a whole move may be: the board rounds it so.
+/// The largest distance, in counts, of the commanded position from the end of a whole move: the board rounds the
+/// position so.
 const END_WITHIN: f64 = 1.0 / 32.0;
 
 /// `tune`.
@@ -101,7 +103,7 @@ fn above_0(text: &str) -> Result<f64, String> {
     limit.ok_or_else(|| "must be a number of counts above 0".to_owned())
 }
 
-/// What is asked for.
+/// The move that the user wants.
 struct WantedMove<'a> {
     what: TuneMove,
     size: f64,
@@ -161,7 +163,7 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     if !confirm(&tuning.question(context)?, common.yes)? {
         return Ok(Verdict::No);
     }
-    // Somebody may have set another one since the question.
+    // Another client may have changed the settings since the question.
     let now = ask(&mut connection, number).map_err(not_sent)?;
     if now != *settings {
         let why = settings.changes(&now, number);
@@ -198,12 +200,13 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
         let back = back(context, recorder.connection(), number, start);
         failed.extend(back.unwrap_or_else(|failure| vec![failure.to_string()]));
     }
-    // It is not brought back: after a disturbance nobody expects another move. That it is not is told.
+    // The command does not bring the motor back: after a disturbance no user expects another move. It reports the
+    // distance.
     let away = watch.away_from(number, start, start + size).filter(|away| {
         (record.interrupted || !failed.is_empty()) && !(common.stay && (away - size).abs() <= END_WITHIN)
     });
     failed.extend(away.map(|away| is_away(number, start, away)));
-    // Of a move that did not come to its end, or was not seen to, there is nothing to tell.
+    // A move that did not come to its end, or whose end the reports did not show, has no response to report.
     let is_seen = record.failure.is_none() && !record.interrupted && has_stopped;
     let is_whole =
         |response: &Response| is_seen && (response.size - size).abs() <= END_WITHIN + 0.01 * size.abs();
@@ -226,7 +229,7 @@ fn tune(context: &mut Context, wanted: &WantedMove) -> Result<Verdict, Failure> 
     Verdict::without(&failed)
 }
 
-/// A move that nothing speaks against.
+/// A move without an obstacle.
 struct Tuning<'a> {
     wanted: &'a WantedMove<'a>,
     number: u8,
@@ -312,7 +315,7 @@ fn is_away(number: u8, start: f64, away: f64) -> String {
     )
 }
 
-/// What the motor's variables are.
+/// The motor's variables.
 fn ask(connection: &mut Connection, number: u8) -> Result<Settings, Failure> {
     let names = ASKED.map(|which| format!("I{}", IVariables::motor(number.into(), which)));
     let reply = connection.question(&names.join(" "), deadlines::PLAIN)?;
@@ -335,7 +338,7 @@ fn run_lines(sequence: &mut LineSequence<'_>, lines: &[String]) -> Result<(), Fa
     }
 }
 
-/// Jogs to where the motor came from. What went wrong.
+/// Jogs the motor back to its start. Returns the failure.
 fn back(
     context: &Context,
     connection: &mut Connection,
@@ -386,7 +389,7 @@ fn plot(
 ) -> Result<(), Failure> {
     let recording = &record.recording;
     let begin = response.map_or(0.0, |response| response.begin);
-    // Long after it has settled there is nothing to see.
+    // The drawing ends soon after the motor has settled.
     let end = response.and_then(|response| Some(begin + SHOWN * (response.settled? - begin)));
     let shown = recording.times.iter().take_while(|time| end.is_none_or(|end| **time <= end));
     let places: Vec<f64> = shown.map(|time| (time - begin) * 1e3).collect();

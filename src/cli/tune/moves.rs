@@ -1,5 +1,5 @@
-//! The moves by which a motor is tuned, as jogs: what the motor's jog variables are set to for each, and what speaks
-//! against it.
+//! The moves by which a user tunes a motor, as jogs: the settings of the motor's jog variables for each move, and the
+//! obstacles to the move.
 //!
 //! A jog takes Ix20 ms, or 2*Ix21 if that is more, to come to its speed Ix22, of which Ix21 at both ends are S-curve; Ix19
 //! bounds the acceleration. Ix20=1 with Ix21=0 is the shortest (Software Reference pp. 75-76). A jog needs no axis, no
@@ -7,26 +7,28 @@
 
 use crate::map::IVariables;
 
-/// What a motor is to do.
+/// A move of the motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TuneMove {
-    /// The commanded position goes to its end in 2 ms: it begins to slow down when it has come to its speed.
+    /// The commanded position goes to its end in 2 ms: the motor begins to slow down as soon as it has come to its
+    /// speed.
     Step,
-    /// It takes this time, in ms. Its velocity is made of parabolas: up in one half of the time, down in the other.
+    /// The move takes this time, in ms. Its velocity is made of parabolas: up in one half of the time, down in the
+    /// other.
     Parabolic(u32),
 }
 
-/// I-variables of the motor, in the order they are asked for: fatal limit, software limits, fastest and steepest of
+/// I-variables of the motor, in the order of the questions: fatal limit, software limits, fastest and steepest of
 /// programs, and of jogs.
 pub const ASKED: [usize; 9] = [11, 13, 14, 16, 17, 19, 20, 21, 22];
-/// Those of them that a move sets.
+/// The asked variables that a move sets.
 pub const SET: [usize; 5] = [11, 19, 20, 21, 22];
 /// Parts of a count in Ix11.
 const PER_COUNT: f64 = 16.0;
-/// The largest Ix11. A larger one is another number on the board, 0 among them, by which it kills nothing.
+/// The largest Ix11. The board turns a larger value into another number, even 0, at which it never kills the motor.
 const LARGEST_IX11: f64 = 8_388_607.0;
 
-/// What the board has answered, in the order of [`ASKED`].
+/// The board's answers, in the order of [`ASKED`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings([String; ASKED.len()]);
 
@@ -64,13 +66,13 @@ impl Settings {
         changed.collect::<Vec<_>>().join("; ")
     }
 
-    /// The lines that put back what [`Plan::lines`] sets.
+    /// The lines that restore the variables set by [`Plan::lines`].
     pub fn put_back(&self, motor: u8) -> Vec<String> {
         SET.map(|number| line(motor, number, self.text(number))).into()
     }
 }
 
-/// A move that nothing speaks against.
+/// A move without an obstacle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// How long the commanded position takes, in seconds.
@@ -81,11 +83,11 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// A move by `size` counts from `start`, on a motor with `settings`. `limit` is the following error in counts at which
-    /// the board is to kill the motor, where its own (Ix11) is not smaller.
+    /// A move by `size` counts from `start`, on a motor with `settings`. `limit` is the following error in counts at
+    /// which the board is to kill the motor, unless the motor's own limit (Ix11) is smaller.
     ///
     /// # Errors
-    /// What speaks against it, and what to do.
+    /// The obstacle to the move, and its cure.
     pub fn new(
         what: TuneMove,
         motor: u8,
@@ -113,7 +115,7 @@ impl Plan {
                 x(11)
             ));
         }
-        // A step leaves the motor behind by all of it.
+        // At a step, the following error is the whole length at once.
         if what == TuneMove::Step && length >= limit {
             return Err(format!(
                 "a step of {length} counts would be a fatal following error: the limit is {limit} counts ({}); choose a smaller --size",

@@ -14,25 +14,25 @@ use crate::map::Layout;
 
 /// The register of the commanded position, which Turbo boards do not report.
 const COMMANDED: &str = "commanded_position";
-/// How long to sleep if there are no samples.
+/// The sleep when no samples have come.
 const TAKE_SAMPLES_EVERY: Duration = Duration::from_millis(5);
 /// How often to tell the daemon that somebody still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
 /// How long the board may be silent, and how long a motor may take to begin.
 const NO_SAMPLE_FOR: Duration = Duration::from_secs(5);
-/// The part of the recording that is kept from before the move.
+/// The part of the recording from before the move.
 const BEFORE: f64 = 0.1;
 
-/// What was recorded.
+/// A recording.
 #[derive(Debug, Default)]
 pub struct Record {
     pub recording: Recording,
-    /// Samples that are missing in it, and the indices of those before which they are.
+    /// Samples missing from the recording, and the indices of the samples after each gap.
     pub lost: u64,
     pub gaps: Vec<usize>,
-    /// The user ended it; the motor was stopped.
+    /// The user interrupted the recording; the motor was stopped.
     pub interrupted: bool,
-    /// What ended it otherwise.
+    /// Another cause that ended the recording.
     pub failure: Option<String>,
     /// The number of the next sample.
     next: u64,
@@ -47,7 +47,7 @@ pub struct Recorder {
     cycle_s: f64,
 }
 
-/// What is gathered of motor `number`, the actual position last.
+/// The sources for motor `number`, the actual position last.
 fn sources(number: u8, layout: &Layout) -> Result<Vec<Source>, SourceError> {
     let source = |name: &str| Source::parse(&format!("{number}.{name}"), layout);
     let commanded = source(COMMANDED).or_else(|_| source("following_error"))?;
@@ -55,7 +55,7 @@ fn sources(number: u8, layout: &Layout) -> Result<Vec<Source>, SourceError> {
 }
 
 impl Recorder {
-    /// Of motor `number`. Nothing is sent yet.
+    /// A recorder of motor `number`. Sends no line yet.
     ///
     /// # Errors
     /// [`Failure`] says what cannot be recorded.
@@ -78,11 +78,11 @@ impl Recorder {
         &mut self.prepared.connection
     }
 
-    /// Has `jog` move the motor once the board gathers, and records until so many seconds after the beginning of the
-    /// motion. Meanwhile the sequence `lines` is kept.
+    /// Has `jog` move the motor once the board gathers, and records until so many seconds after the begin of the
+    /// motion. Meanwhile keeps the sequence `lines` alive.
     ///
     /// # Errors
-    /// What `jog` returns, or [`Failure`] if the board does not gather. What goes wrong later is told in the record.
+    /// The failure of `jog`, or [`Failure`] if the board does not gather. The record tells later failures.
     pub fn record(
         &mut self,
         lines: &mut LineSequence<'_>,
@@ -180,7 +180,7 @@ impl Record {
         commanded.iter().position(|position| *position != commanded[0])
     }
 
-    /// Takes away what was recorded long before the move.
+    /// Drops samples from long before the move.
     fn trim(&mut self) {
         let Some(begin) = self.begin() else { return };
         let Recording { times, commanded, actual } = &mut self.recording;

@@ -1,4 +1,4 @@
-//! What a motor's answer to a move comes to: rise time, overshoot, settling time, following error.
+//! The measures of a motor's response to a move: rise time, overshoot, settling time, following error.
 
 use serde::Serialize;
 
@@ -10,7 +10,7 @@ const RISE: [f64; 2] = [0.1, 0.9];
 /// From when the settling time counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Settles {
-    /// From the beginning of the move: it is short beside the answer.
+    /// From the begin of the move: the move is short beside the response.
     AfterBegin,
     /// From its end: before, the motor is not to be there yet.
     AfterEnd,
@@ -24,7 +24,7 @@ pub struct Recording {
     pub actual: Vec<f64>,
 }
 
-/// What it comes to. What the recording does not show is `None`.
+/// The measures of a response. A measure that the recording does not show is `None`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Response {
     /// When the move begins, in seconds.
@@ -34,11 +34,11 @@ pub struct Response {
     pub size: f64,
     /// From 10 % to 90 % of the move.
     pub rise_time_s: Option<f64>,
-    /// How far beyond the end of the move, as a part of it in percent.
+    /// The overshoot beyond the end of the move, in percent of the move.
     pub overshoot_percent: f64,
     /// Until the motor stays within [`BAND`] of the end.
     pub settling_time_s: Option<f64>,
-    /// When it stays there, by the clock of `begin`.
+    /// The time from which the motor stays at the end, by the clock of `begin`.
     #[serde(skip)]
     pub settled: Option<f64>,
     /// From the beginning of the move on, in counts.
@@ -53,17 +53,17 @@ impl Recording {
         self.commanded.iter().zip(&self.actual).map(|(commanded, actual)| commanded - actual).collect()
     }
 
-    /// What it comes to; `None` if the commanded position does not move in it.
+    /// The response; `None` if the commanded position does not move in the recording.
     pub fn response(&self, settles: Settles) -> Option<Response> {
         let (base, end) = (*self.commanded.first()?, *self.commanded.last()?);
         let size = end - base;
         let first = self.commanded.iter().position(|commanded| *commanded != base)?;
         let last = self.commanded.iter().rposition(|commanded| *commanded != end)? + 1;
-        // It ends where it began: no move to a place.
+        // The move ends at its start: it goes to no other place.
         if size == 0.0 || first == 0 {
             return None;
         }
-        // The sample before the first that has moved is where it begins.
+        // The move begins at the sample before the first sample that has moved.
         let from = first - 1;
         let part = |index: usize| (self.actual[index] - base) / size;
         let moved = || from..self.actual.len();
@@ -90,7 +90,7 @@ impl Recording {
         })
     }
 
-    /// When, between the sample before `index` and it, the motor goes up through `level`.
+    /// The time between the sample before `index` and that sample at which the motor goes up through `level`.
     fn crossing(&self, index: usize, level: f64, part: impl Fn(usize) -> f64) -> Option<f64> {
         let (before, after) = (part(index - 1), part(index));
         let (earlier, later) = (self.times[index - 1], self.times[index]);
@@ -124,7 +124,7 @@ mod tests {
         Recording { commanded: at(&commanded), actual: at(&actual), times }
     }
 
-    /// What a loop of the second order, at rest at `base`, makes of a step at time 0: `damping`, and 100 rad/s undamped.
+    /// The response of a second-order loop, at rest at `base`, to a step at time 0: `damping`, and 100 rad/s undamped.
     fn second_order(damping: f64, base: f64, size: f64) -> Recording {
         let (w, z) = (100.0_f64, damping);
         let answer = move |t: f64| {
