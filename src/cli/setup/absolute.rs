@@ -1,4 +1,4 @@
-//! `pmacctl board absolute`: explains what an absolute-position setting makes PMAC read, and decodes given words.
+//! `pmacctl board absolute`: explains what PMAC reads with an absolute-position setting, and decodes given words.
 
 use std::fmt::Write;
 
@@ -42,10 +42,10 @@ struct Document<'a> {
     position: Option<i64>,
 }
 
-/// Answers `absolute …`, with the content of the registers as far as it is known.
+/// Answers `absolute …`, with the known content of the registers.
 ///
 /// # Errors
-/// Why the words are invalid; exit status 2.
+/// The reason that the words are invalid; exit status 2.
 pub fn answer(options: &Absolute, format: &AbsoluteFormat, words: &[Word]) -> Result<Explanation, String> {
     let position = match words {
         [] => None,

@@ -1,4 +1,4 @@
-//! What a calculator says, before printing.
+//! The answer of a calculator, before printing.
 
 use serde::Serialize;
 use serde_json::Value;

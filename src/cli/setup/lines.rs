@@ -130,7 +130,7 @@ pub struct OfBoard {
 }
 
 impl OfBoard {
-    /// The family, or PMAC while it is not known.
+    /// The family, or PMAC while the family is unknown.
     pub fn known(&self) -> &'static Family {
         self.family.unwrap_or(&PMAC)
     }

@@ -1,4 +1,4 @@
-//! The M-variables of a board that point into its DPRAM, as the board tells them.
+//! The M-variables of a board that point into its DPRAM, read from the board.
 
 use std::time::Duration;
 
@@ -7,31 +7,31 @@ use crate::client::Connection;
 use crate::map::word_use::{self, m_variables};
 use crate::map::{Family, TypedAddress};
 
-/// So many definitions are asked for in one line: a longer reply would hold up other callers' lines.
+/// The definitions in one question: a longer reply would hold up other clients' lines.
 const A_QUESTION: u16 = 50;
 /// Time limit of one question.
 const QUESTION_WITHIN: Duration = Duration::from_secs(10);
 
-/// One M-variable that points into the DPRAM.
+/// An M-variable that points into the DPRAM.
 pub struct Pointer {
     /// The variable's number.
     pub number: u16,
     /// Its definition, without the variable.
     pub text: String,
-    /// Where it points.
+    /// The address that the M-variable points to.
     pub at: TypedAddress,
 }
 
-/// All of them.
+/// The M-variables of a board.
 pub struct Pointers {
-    /// Those that point into the DPRAM, by number.
+    /// The M-variables that point into the DPRAM, by number.
     pub found: Vec<Pointer>,
-    /// Of those that the board does not tell of, what it says instead.
+    /// The board's answers that are no definitions.
     pub unclear: Vec<String>,
 }
 
 impl Pointers {
-    /// Asks the board. Nothing is changed.
+    /// Asks the board, and changes nothing on it.
     pub fn asked(connection: &mut Connection, family: &Family) -> Result<Self, Failure> {
         let count = m_variables(family);
         let (mut found, mut unclear) = (Vec::new(), Vec::new());

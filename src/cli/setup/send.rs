@@ -36,7 +36,7 @@ pub struct Setup {
     pub sending: Sending,
 }
 
-/// What is set up: the board, or pmacd.
+/// The part to set up: the board, or pmacd.
 #[derive(Debug, Subcommand)]
 pub enum Part {
     #[command(flatten)]
@@ -112,8 +112,8 @@ pub fn run(context: &mut Context, options: &Setup) -> Result<Verdict, Failure> {
     report(context, answer.document, commands, sent)
 }
 
-/// Asks the board at the serial line for its family, and refuses lines for another one. A `TYPE` that is not known leaves it
-/// to the user.
+/// Asks the board at the serial line for its family, and refuses lines for another family. After an unknown `TYPE` the
+/// user decides.
 fn told_over(serial: &mut SerialLine, command: &mut SetupCommand) -> Result<(), Failure> {
     let answer = serial.send("TYPE", LINE_WITHIN).map_err(LineError::from)?.concat();
     match Family::of_type(&answer) {
@@ -165,7 +165,7 @@ pub fn absolute(context: &mut Context, options: &Absolute) -> Result<Verdict, Fa
     print(context, &absolute::answer(options, &format, &words).map_err(Failure::Request)?)
 }
 
-/// What the registers of `format` hold on the board; nothing where no daemon has a board of that generation.
+/// The content of the registers of `format` on the board; empty unless a daemon has a board of that generation.
 fn words_on_board(context: &Context, format: &AbsoluteFormat) -> Vec<Word> {
     let Some(mut connection) = context.connection().ok().filter(|_| !format.registers.is_empty()) else {
         return Vec::new();
@@ -236,7 +236,7 @@ fn send_over(serial: &mut SerialLine, commands: &[String]) -> Sent {
     Sent { taken: commands.len(), error: None }
 }
 
-/// Sends one. The board need not acknowledge a reset; then it is waited for until it answers again.
+/// Sends one line. The board need not acknowledge a reset; the command then waits until the board answers again.
 fn send_line(serial: &mut SerialLine, line: &str) -> Result<(), SerialError> {
     let meaning = Meaning::of(line);
     match serial.send(line, meaning.deadline(LINE_WITHIN)) {
