@@ -1,4 +1,4 @@
-//! What an image holds of gathering, the variable tables, the rotary buffers and the control panel, on a few lines.
+//! The words of gathering, variable tables, rotary buffers and control panel in an image, on a few lines.
 
 use std::fmt::Write;
 

@@ -13,8 +13,8 @@ use crate::decode::{BackgroundData, CoordinateSystem, Ports, Quantity};
 use crate::function::panel::{FeedOverride, PanelWords};
 use crate::map::AXES;
 
-/// The control panel's overrides of the feed rate, as far as they can be asked for. `%` and whatever else Ix93 points at are
-/// the board's own.
+/// The control panel's overrides of the feed rate, if the daemon tells them. `%` and other words that Ix93 may point at
+/// belong to the board.
 #[derive(Debug, Default)]
 pub struct Overrides {
     words: Option<PanelWords>,
@@ -22,7 +22,7 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// Asks the daemon for the panel's words: the segment has none of them.
+    /// Asks the daemon for the panel's words: the segment does not have them.
     pub fn ask(context: &Context, i10: Option<u32>) -> Self {
         let words = || {
             let mut connection = context.connection().ok()?;
@@ -66,7 +66,7 @@ pub struct Systems<'a> {
 }
 
 impl<'a> Systems<'a> {
-    /// Of `snapshot`, with the overrides of the feed rate, which are asked for.
+    /// The coordinate systems of `snapshot`. Asks the daemon for the overrides of the feed rate.
     pub fn new(context: &Context, snapshot: &'a Snapshot) -> Self {
         Self { snapshot, overrides: Overrides::ask(context, snapshot.identity.i10) }
     }
@@ -161,7 +161,7 @@ fn mode(system: &CoordinateSystem) -> String {
     system.motion_mode.map_or_else(|| unknown.to_owned(), |mode| format!("{mode:?}").to_lowercase())
 }
 
-/// The programmed feed rate, or the time of a move where moves are programmed by time. Turbo boards alone report it.
+/// The programmed feed rate, or the time of a move where programs give times. Only Turbo boards report it.
 fn feed(system: &CoordinateSystem) -> String {
     match system.turbo.map(|turbo| (turbo.feed_rate, turbo.move_time_ms)) {
         Some((Some(rate), _)) => format!("F{}", short(rate)),

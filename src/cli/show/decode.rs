@@ -47,7 +47,7 @@ pub fn run(context: &mut Context, options: &Decode) -> Result<Verdict, Failure> 
         |error: &dyn std::fmt::Display| Failure::Request(format!("{}: {error}", options.file.display()));
     let image = Image::from_bytes(&bytes, options.family, options.word_order.into()).map_err(|error| {
         if bytes.len() > largest() {
-            // Only one byte more was read: how long the file is nobody knows.
+            // The program has read only one byte more, so the file's length is unknown.
             let ImageError { family, expected, .. } = &error;
             let most = largest();
             return fault(&format_args!(
@@ -98,7 +98,8 @@ fn largest() -> usize {
     FAMILIES.iter().flat_map(|family| family.lengths()).max().map_or(0, |bytes| bytes as usize)
 }
 
-/// The documents of `motors` and `coordinates` in one, with the other functions' words. An image has no time and is never live.
+/// The documents of `motors` and `coordinates` together, with the other functions' words. An image has no time and is
+/// never live.
 fn document(
     servo: &ServoData,
     background: &BackgroundData,

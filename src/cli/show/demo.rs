@@ -1,7 +1,7 @@
 //! `pmacctl demo`: runs the whole system without hardware or privilege, in a private directory.
 //!
-//! It starts the daemon on a simulated board, jogs motors back and forth, and shows them live from the shared memory,
-//! as any program could. The last line gives the counts.
+//! The demo starts the daemon on a simulated board, jogs motors back and forth, and shows them live from the shared
+//! memory, as any program could. The last line gives the counts.
 
 use std::time::{Duration, Instant};
 
@@ -42,7 +42,7 @@ const JOGS: [&str; 4] = ["#1J=20000 #2J=8000", "#3J=-5000 #4J^2500", "#1J=0 #2J=
 
 pub fn run(context: &mut Context, options: &Demo) -> Result<Verdict, Failure> {
     let signal = Interrupt::listen()?;
-    // With the name and the socket that were told; else with its own.
+    // With the name and the socket of the command line, else with its own.
     let own = || SegmentName::new(&format!("pmac-demo-{}", std::process::id()));
     let name = context.told_name().cloned().map_or_else(own, Ok).map_err(Failure::request)?;
     let simulated = format!("sim,family={}", options.family.name);

@@ -17,7 +17,7 @@ pub fn documents(all: &[Elsewhere]) -> Vec<Value> {
     all.iter().map(document).collect()
 }
 
-/// What is so, and since when.
+/// The fact, and the time of its begin.
 fn sentence(one: &Elsewhere, now: SystemTime) -> String {
     let since = one.ago_ms.and_then(|ago| clock(now.checked_sub(Duration::from_millis(ago))?));
     let since = since.map_or_else(String::new, |time| format!(" since {time}"));

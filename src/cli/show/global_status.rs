@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::decode::{BackgroundData, Flags, ServoData};
 
-/// The words and the names of their flags, from the report that has them; null where neither does.
+/// The words and the names of their flags, from the report that has them; null where neither report does.
 pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) -> Value {
     let flags = servo.and_then(ServoData::global_flags);
     let flags = flags.or_else(|| background.and_then(BackgroundData::global_flags));
@@ -14,7 +14,7 @@ pub fn document(servo: Option<&ServoData>, background: Option<&BackgroundData>) 
     })
 }
 
-/// What [`document`] says, on a line; `None` where it says nothing.
+/// The content of [`document`] on a line; `None` for an empty document.
 pub fn text(document: &Value) -> Option<String> {
     let join = |values: &Value| {
         let values = values.as_array()?.iter().filter_map(Value::as_str);

@@ -51,7 +51,7 @@ fn table(records: &[MapRecord]) -> Table {
             record.confidence.unwrap_or_default().to_owned(),
         ]);
     }
-    // Only a family whose registers do not all stand in its own DPRAM manual has it.
+    // Confidence exists only for a family whose registers are not all in its own DPRAM manual.
     if records.iter().all(|record| record.confidence.is_none()) {
         table.drop_column("confidence");
     }

@@ -63,7 +63,7 @@ impl Live for Motors<'_> {
     }
 }
 
-/// The motors of the servo report, with what fresh background data add.
+/// The motors of the servo report, with fresh background data.
 pub fn motors(snapshot: &Snapshot) -> Vec<Motor<'_>> {
     let Some(servo) = &snapshot.servo else { return Vec::new() };
     let background = snapshot.background.as_ref().filter(|background| background.is_fresh());
@@ -97,19 +97,19 @@ pub fn stamp<T>(view: Option<&View<T>>, otherwise: Option<Staleness>) -> Value {
     })
 }
 
-/// Columns that a narrow screen can do without, first those that are missed least.
+/// Columns that a narrow screen can do without, the least important first.
 const SPARE: [&str; 6] = ["target", "commanded", "velocity", "following error", "name", "position"];
 
 /// Why data are not live, as a sentence. Only the daemon knows that a replay is over.
 pub fn reason(board: &mut Board, stale: Staleness) -> String {
-    // Else the daemon may not answer.
+    // For other reasons the daemon may not answer.
     let may_be_over = matches!(stale, Staleness::BoardSilent | Staleness::NoUpdates { .. } | Staleness::Off);
     let is_over =
         may_be_over && board.connection().and_then(Connection::info).is_ok_and(|info| info.is_over());
     if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
 }
 
-/// The motors, in counts, counts a second, and where the configuration has one in their unit.
+/// The motors, in counts and counts a second, and in the configuration's unit if a motor has one.
 pub fn table(motors: &[Motor<'_>]) -> Table {
     let mut table =
         Table::new(">motor|name|>target|>commanded|>actual|>position|>following error|>velocity|flags");

@@ -19,8 +19,8 @@ pub fn documents(data: Option<&BackgroundData>) -> Vec<Value> {
     documents.collect()
 }
 
-/// Which programs run, and how to end them; `None` if no fresh report tells of a program. For a user whose line the board
-/// refused because a program runs.
+/// The running programs, and the way to end them; `None` if no fresh report shows a program. For a user whose line the
+/// board refused because of a running program.
 pub fn what_runs(board: &mut Board) -> Option<String> {
     let background = board.snapshot().ok()?.background.filter(View::is_fresh)?;
     let documents = documents(Some(&background.data));
@@ -32,7 +32,7 @@ pub fn what_runs(board: &mut Board) -> Option<String> {
     Some(format!("{} {run}; {first}Q ends it after the move under way, {first}A at once", systems.join(" ")))
 }
 
-/// One of them in words.
+/// A program in words.
 pub fn text(document: &Value) -> String {
     let runs = match document["running"].as_bool() {
         Some(true) => "runs",

@@ -20,7 +20,7 @@ type Size = (usize, usize);
 /// The display for live data.
 pub struct Screen {
     repaint: bool,
-    /// What stands below the title.
+    /// The text below the title.
     note: String,
 }
 
@@ -56,15 +56,15 @@ impl Screen {
     }
 }
 
-/// What is shown live.
+/// Data to show live.
 pub trait Live {
-    /// The number of the update, and whether it is live.
+    /// The number of the update, and whether the update is live.
     fn update(&self) -> (u64, bool);
     /// As JSON.
     fn document(&self) -> Value;
-    /// As a table, as narrow as `width` if that is given; `why` explains in a sentence why data are stale.
+    /// The data as a table, at most `width` wide if given; `why` explains stale data in a sentence.
     fn text(&self, width: Option<usize>, why: &mut dyn FnMut(Staleness) -> String) -> String;
-    /// On one line.
+    /// The data on one line.
     fn line(&self) -> String;
 }
 
@@ -74,7 +74,7 @@ fn size() -> Option<Size> {
     (size.ws_col > 0 && size.ws_row > 0).then(|| (size.ws_col.into(), size.ws_row.into()))
 }
 
-/// The whole line, in as many as it needs in the window.
+/// The whole line, wrapped to the window.
 fn wrapped(line: &str, size: Option<Size>) -> String {
     let columns = size.map_or(usize::MAX, |(columns, _)| columns);
     let characters: Vec<char> = line.chars().collect();
@@ -96,7 +96,7 @@ fn fitting(text: &str, size: Option<Size>) -> Vec<String> {
     lines.take(shown).chain(std::iter::once(rest.as_str())).map(cut).collect()
 }
 
-/// The number of the update in `view`, and whether it is live.
+/// The number of the update in `view`, and whether the update is live.
 pub fn update<T>(view: Option<&View<T>>) -> (u64, bool) {
     view.map_or((0, false), |view| (view.sequence, view.is_fresh()))
 }

@@ -16,7 +16,7 @@ const ENDS_WITHIN: Duration = Duration::from_secs(5);
 /// Time limit of the daemon's start and of the simulator's.
 const STARTS_WITHIN: Duration = Duration::from_secs(20);
 
-/// The daemon, which starts the simulator and ends it. Dropped, it ends.
+/// The daemon, which starts the simulator and ends it. The daemon ends on drop.
 pub struct Stage {
     daemon: Child,
     directory: PathBuf,
@@ -24,7 +24,7 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Starts `pmacd` on `board`, with the name `name`; without `socket` with one in its own directory.
+    /// Starts `pmacd` on `board` with the name `name`; without `socket`, with a socket in its own directory.
     pub fn set(board: &str, name: &str, socket: Option<&Path>) -> Result<Self, Failure> {
         let own = std::process::id();
         let template = std::env::temp_dir().join(format!("pmac-demo-{own}-XXXXXX"));
@@ -42,7 +42,7 @@ impl Stage {
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
                 .stderr(log)
-                // Keep ^C from the daemon: it is ended in order.
+                // Keep ^C from the daemon: the stage ends it in order.
                 .process_group(0)
                 .spawn()
         });
@@ -82,7 +82,7 @@ impl Stage {
         }
     }
 
-    /// The last lines of the daemon's log, in one line.
+    /// The last lines of the daemon's log, joined to one line.
     fn said(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join("log")).unwrap_or_default();
         let mut said = String::new();

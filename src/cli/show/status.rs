@@ -43,8 +43,8 @@ fn absent(context: &Context, error: &ClientError) -> Value {
 
 const ABSENT: &str = "absent";
 
-/// The board's global status, and what its coordinate systems run, while the data that they stand in are fresh: else null
-/// and none.
+/// The board's global status, and the programs of its coordinate systems, from fresh data; null and none without fresh
+/// data.
 fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     let (servo, background) =
         board.snapshot().ok().map(|snapshot| (snapshot.servo, snapshot.background)).unzip();
@@ -55,7 +55,7 @@ fn reported(board: &mut Board) -> (Value, Vec<Value>) {
     (global_status, programs)
 }
 
-/// What keeps the whole from being live, and why; `None` when it is. Data that the board was never told to report are no
+/// The part that is not live, and the reason; `None` if all is live. A report that no setting asks the board for is no
 /// fault.
 fn fault(
     board: &mut Board,
@@ -152,7 +152,7 @@ fn in_mask(mask: u32) -> Vec<usize> {
     (1..=u32::BITS as usize).filter(|motor| mask >> (motor - 1) & 1 == 1).collect()
 }
 
-/// How many motors are reported, and which, unless they are the first ones.
+/// The number of reported motors, and their numbers unless they are the first motors.
 fn reports(motors: &[Value]) -> String {
     let plural = if motors.len() == 1 { "" } else { "s" };
     let count = format!("{} motor{plural}", motors.len());
@@ -174,7 +174,7 @@ fn named_motors(identity: &Identity) -> Vec<Value> {
     named.map(document).collect()
 }
 
-/// The daemon, as it is reached through its socket.
+/// The daemon's answer over its socket.
 fn socket(context: &Context, board: &mut Board) -> Value {
     let path = context.socket();
     let asked = board
@@ -195,14 +195,14 @@ fn socket(context: &Context, board: &mut Board) -> Value {
     }
 }
 
-/// M-variables that point into a function's words: the fields, and how they are told.
+/// M-variables that point into a function's words: the fields, and their text.
 fn program_words(words: &ProgramWords) -> Value {
     let mut document = json!(words);
     document["text"] = words.to_string().into();
     document
 }
 
-/// The program buffer that is open: its fields, and how it is told.
+/// The open program buffer: its fields, and its text.
 fn open_buffer(open: Option<&OpenBufferInfo>) -> Value {
     open.map_or(Value::Null, |open| {
         json!({ "name": open.name, "uid": open.uid, "pid": open.pid, "sequence": open.sequence,
@@ -221,7 +221,7 @@ fn text(document: &Value) -> String {
     lines.into_iter().map(|(what, value)| format!("{what:<15} {value}\n")).collect()
 }
 
-/// Each known fact of the document: what it is about, and what there is to say.
+/// Each known fact of the document: its subject, and its text.
 pub fn lines(document: &Value) -> Vec<(String, String)> {
     let mut lines = Vec::new();
     let mut say = |what: &str, value: String| lines.push((what.to_owned(), Visible(value).to_string()));
@@ -288,7 +288,7 @@ fn plain(value: &Value) -> String {
     }
 }
 
-/// Says what the daemon told over its socket.
+/// Prints the daemon's answer over its socket.
 fn socket_lines(socket: &Value, mut say: impl FnMut(&str, String)) {
     if let Some(text) = socket["replay"]["text"].as_str() {
         say("replay", text.to_owned());

@@ -10,7 +10,7 @@ use crate::client::{Snapshot, Staleness, UserValues, identity};
 use crate::decode::Value;
 use crate::map::{DEFAULT_FAMILY, Family, Space};
 
-/// What is shown of values that the board was writing whenever the daemon read them.
+/// Stands for values that the board was writing at each of the daemon's reads.
 const NOT_WHOLE: &str = "not whole";
 
 /// The words, as they are shown.

@@ -15,7 +15,7 @@ use crate::cli::show::user::Words;
 use crate::client::Snapshot;
 use crate::segment::RegionId;
 
-/// What is shown.
+/// The part to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Part {
     Motors,
