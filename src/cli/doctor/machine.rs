@@ -1,4 +1,4 @@
-//! `pmacctl doctor --boards` and `--probe`: finds devices that may be boards, and tells what is in a window.
+//! `pmacctl doctor --boards` and `--probe`: finds devices that may be boards, and reports the content of a window.
 
 use super::report::{Check, Level, Report};
 use crate::cli::context::Failure;
@@ -11,7 +11,7 @@ use crate::map::{DEFAULT_FAMILY, Family, TURBO2};
 
 /// The kernel options that decide how a board can be opened.
 const OPTIONS: [&str; 5] = ["STRICT_DEVMEM", "IO_STRICT_DEVMEM", "UIO", "UIO_PCI_GENERIC", "VME_BUS"];
-/// Where the DPRAM of an ISA board usually lies: the factory's address (Turbo User Manual p. 399), and the one that a
+/// The usual addresses of an ISA board's DPRAM: the factory's (Turbo User Manual p. 399), and the address that a
 /// Windows program for both families sets (I93=$D, I94=$5).
 const USUAL_ISA: [&str; 2] = ["mem:0xD4000", "mem:0xD0000"];
 
@@ -78,7 +78,7 @@ fn candidate_check(candidate: Candidate) -> Check {
     Check { candidate: Some(candidate), ..Check::new(level, "candidate", text) }
 }
 
-/// Opens the window of a board of `family`, reads it, and tells what seems to be there. Never writes to the board.
+/// Opens the window of a board of `family`, reads it, and reports the likely device. Never writes to the board.
 pub fn probe_board(
     report: &mut Report,
     spec: &BoardSpec,
@@ -118,7 +118,7 @@ fn family_by_size(spec: &BoardSpec) -> &'static Family {
     if spec.file_bytes() == Some(TURBO2.length) { &TURBO2 } else { DEFAULT_FAMILY }
 }
 
-/// `family` with as much DPRAM as the board has, if it is a file.
+/// `family` with the DPRAM size of a board that is a file.
 fn of_size(family: &'static Family, spec: &BoardSpec) -> &'static Family {
     spec.file_bytes().and_then(|bytes| family.with_length(bytes)).unwrap_or(family)
 }

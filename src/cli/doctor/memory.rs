@@ -1,7 +1,8 @@
-//! `pmacctl doctor --memory`: which stretch of the DPRAM the daemon uses, and which the board's own programs.
+//! `pmacctl doctor --memory`: the stretches of the DPRAM that the daemon uses, and those that the board's own programs
+//! use.
 //!
-//! Sites keep data of their own in the DPRAM: M-variables that point into it. Where one points into the words of a function,
-//! what the one writes the other takes for its own.
+//! Sites keep data of their own in the DPRAM: M-variables that point into it. Where an M-variable points into the words
+//! of a function, the board's program and the function take each other's writes for their own.
 
 use super::report::Report;
 use crate::cli::context::{Context, Failure};
@@ -9,13 +10,13 @@ use crate::cli::setup::pointers::{Pointer, Pointers};
 use crate::map::{Region, TypedAddress};
 use crate::protocol::{BoardInfo, BoardSettings, Function};
 
-/// So many definitions of a stretch are shown.
+/// The most definitions shown for a stretch.
 const SHOWN: usize = 8;
-/// What to do where both use the same words.
+/// The cure where both use the same words.
 const CURE: &str =
     "leave the function out of `functions` in pmacd's configuration, or move them to the user area";
 
-/// One M-variable that points into the DPRAM.
+/// An M-variable that points into the DPRAM.
 struct Definition {
     text: String,
     at: TypedAddress,
@@ -47,7 +48,7 @@ pub fn memory(report: &mut Report, context: &Context) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is told of answers that are no definitions.
+/// The text for answers that are no definitions.
 fn not_told(unclear: &[String]) -> String {
     let shown = unclear[..unclear.len().min(SHOWN)].join(", ");
     let more = match unclear.len() {
@@ -73,7 +74,7 @@ fn uses(region: &Region, settings: &BoardSettings, info: &BoardInfo) -> Vec<&'st
     all.filter(has).map(Function::name).collect()
 }
 
-/// Reports a stretch: a warning where both use it.
+/// Reports a stretch: a warning where both daemon and programs use it.
 fn tell(report: &mut Report, region: &Region, functions: &[&str], found: &[&Definition]) {
     let first =
         found.iter().take(SHOWN).map(|definition| definition.text.as_str()).collect::<Vec<_>>().join(" ");

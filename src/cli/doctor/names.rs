@@ -1,4 +1,4 @@
-//! Whether segment and socket are there, and what follows where one of them is not.
+//! Whether segment and socket exist, and the conclusions if one is missing.
 
 use std::path::Path;
 
@@ -63,7 +63,7 @@ pub fn segment(report: &mut Report, context: &Context) -> Result<Board, ClientEr
     Ok(board)
 }
 
-/// What follows where one of the daemon's two names, segment and socket, leads to it and the other does not.
+/// The conclusions if only one of the daemon's two names, segment and socket, leads to the daemon.
 pub fn conclude(
     report: &mut Report,
     attached: &Result<Board, ClientError>,
@@ -81,7 +81,7 @@ pub fn conclude(
     report.fail("names", text);
 }
 
-/// Whether nothing of a daemon's is there.
+/// Whether no segment of a daemon is there.
 fn is_lost(error: &SegmentError) -> bool {
     matches!(
         error,
@@ -98,7 +98,7 @@ fn segment_lost(info: &BoardInfo) -> String {
     )
 }
 
-/// What follows where the daemon publishes and its socket has no file.
+/// The conclusion if the daemon publishes but its socket has no file.
 fn socket_lost(board: &Board) -> String {
     format!(
         "pmacd (process {}) runs, and no socket is at that path: it has another (give --socket), or somebody has removed the file. \

@@ -1,5 +1,5 @@
-//! `pmacctl doctor --report`: one file to send to somebody who is to help. A tar of text files and a short capture, without
-//! names and paths of the user's.
+//! `pmacctl doctor --report`: one file to send to a helper. A tar of text files and a short capture, without the user's
+//! names and paths.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -27,15 +27,15 @@ const INSIDE: &str = "pmac-report";
 /// Keys of documents that name users.
 const USERS: [&str; 2] = ["owner_uid", "uid"];
 
-/// Writes what `report` and `status` say and a short capture to the new file `path`; tells what is in it. Whether nothing
-/// has cut the capture short.
+/// Writes `report`, `status` and a short capture to the new file `path`; prints its contents. True unless the capture
+/// was cut short.
 pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool, Failure> {
     let failed = |error: io::Error| Failure::Request(format!("{}: {error}", path.display()));
     let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(failed)?;
     let packed = Packed::of(path, file);
     let written = Own::make().and_then(|directory| fill(context, report, packed, &directory.0));
     let (note, is_whole) = written.inspect_err(|_| {
-        // A part of it is of no use.
+        // A part of the file is of no use.
         let _ = fs::remove_file(path);
     })?;
     context.output.line(&note)?;
@@ -48,11 +48,12 @@ pub fn write(context: &mut Context, report: &Report, path: &Path) -> Result<bool
     Ok(is_whole)
 }
 
-/// A directory that nobody else can reach into, and that is gone in the end.
+/// A private directory, which no other user can reach into. It is removed in the end.
 struct Own(PathBuf);
 
 impl Own {
-    /// Where temporary files go. Nobody else can write into it, and it is read by the descriptor that it was written by.
+    /// The directory for temporary files. No other user can write into it, and the program reads each file by the
+    /// descriptor that wrote it.
     fn make() -> Result<Self, Failure> {
         let path = std::env::temp_dir().join("pmac-report-XXXXXX");
         let made = mkdtemp(&path).map_err(|error| Failure::Request(format!("{}: {error}", path.display())));
@@ -62,7 +63,7 @@ impl Own {
 
 impl Drop for Own {
     fn drop(&mut self) {
-        // If it cannot be removed, it is told by its name.
+        // If the removal fails, the name tells what the directory is.
         let _ = fs::remove_dir_all(&self.0);
     }
 }
@@ -89,7 +90,7 @@ fn fill(
     Ok((note, taken.is_ok_and(|taken| taken.summary.cut_short.is_none() && !taken.summary.lacks_answers)))
 }
 
-/// What is in the file and what is not.
+/// The note on the contents of the file, and on the parts left out.
 fn note(taken: &Result<Taken, Failure>) -> String {
     let mut note = format!(
         "What {INSIDE} holds, of pmacctl {}:\n  doctor.json, status.json: what pmacctl doctor and pmacctl status say\n",
@@ -112,11 +113,11 @@ fn note(taken: &Result<Taken, Failure>) -> String {
     note + "  paths of the socket and of your home directory, numbers of users"
 }
 
-/// What documents tell of the user: texts to replace, and by what.
+/// The user's texts in the documents, and their replacements.
 struct Private(Vec<(String, String)>);
 
 impl Private {
-    /// What is known by `status` and by the environment, and the `socket`, also where nobody serves it.
+    /// The texts known from `status` and from the environment, and the `socket`, even without a daemon there.
     fn of(status: &Value, socket: &Path) -> Self {
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         let home = std::env::var("HOME").unwrap_or_default();
@@ -125,19 +126,19 @@ impl Private {
         let all = [
             (board, shown),
             (socket.display().to_string(), "SOCKET".to_owned()),
-            // Of root it is in many names.
+            // Root's home occurs in many names.
             (if home == "/" { String::new() } else { home }, "~".to_owned()),
         ];
         Self(all.into_iter().filter(|(from, _)| !from.is_empty()).collect())
     }
 
-    /// The text, without them and without numbers of users.
+    /// The text without the user's texts and without user numbers.
     fn shown(&self, text: &str) -> String {
         let told = self.0.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));
         capture::without_users(&told)
     }
 
-    /// The document, without them.
+    /// The document without the user's texts.
     fn text(&self, document: &Value) -> Result<Vec<u8>, Failure> {
         let mut document = document.clone();
         self.clean(&mut document);

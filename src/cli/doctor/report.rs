@@ -1,4 +1,4 @@
-//! The checks of doctor, each with its level and what to do.
+//! The checks of doctor, each with its level and its cure.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ pub enum Level {
     Fail,
 }
 
-/// One check.
+/// A check.
 #[derive(Debug, Serialize)]
 pub struct Check {
     pub check: &'static str,
@@ -24,7 +24,7 @@ pub struct Check {
     /// A device that may be a board.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub candidate: Option<Candidate>,
-    /// What the window holds.
+    /// The content of the window.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probe: Option<Probe>,
 }
