@@ -10,16 +10,18 @@
 //! | `response_count` | | writes the number of characters, the NUL included; the host does not need it |
 //! | `response` | reads, up to the NUL | writes, only while `response_control` is 0 |
 //!
-//! A line that does not fit the command buffer goes in two parts: the first fills the buffer and has no NUL (the last
-//! byte of the buffer is not taken as a character but must not be NUL), the second has one.
+//! The host sends a line that does not fit the command buffer in two parts. The first part fills the buffer and has no
+//! NUL (the board does not take the buffer's last byte as a character, but that byte must not be NUL). The second part
+//! ends with a NUL.
 //!
-//! PMAC programs put texts of their own into the same response buffer. The control word marks them, so the port never takes them for a
-//! reply. But a late reply to an abandoned command looks like the next command's reply. So the port empties an untaken line where it
-//! lies, and when its flag has fallen the caller sends a probe, a line whose reply is unmistakable: PMAC answers lines in their order.
-//! The probe also settles whose an error is (`error`), and where a control character's reply ends, which has no `<ACK>`.
+//! PMAC programs put texts of their own into the same response buffer. The control word marks them, so the port never
+//! takes them for a reply. But a late reply to an abandoned command looks like the next command's reply. So the port
+//! empties an untaken line in the buffer. When the flag has fallen the caller sends a probe, a line whose reply is
+//! unmistakable: PMAC answers lines in their order. The probe also settles which line or program caused an error
+//! (`error`), and where a control character's reply ends: that reply has no `<ACK>`.
 //!
-//! A reply ends with `<ACK>` (p. 28, step 6); under it lies no text. On Turbo boards I3 does not change that (Turbo Software
-//! Reference p. 37); other boards need I3=2.
+//! A reply ends with `<ACK>` (p. 28, step 6), which comes without a text. On Turbo boards I3 does not change that
+//! (Turbo Software Reference p. 37); other boards need I3=2.
 
 pub mod control;
 mod error;
@@ -39,13 +41,13 @@ use crate::map::AsciiPort;
 use crate::map::functions::response;
 use crate::protocol::control::CANCEL;
 
-/// How long the port rests at the start, behind `^X` and behind an abandoned command: the board may still be reading the line that
-/// lies there.
+/// How long the port rests at the start, behind `^X` and behind an abandoned command: the board may still be reading
+/// the line in the buffer.
 pub const PORT_REST: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum DpramState {
-    /// Nothing under way.
+    /// No command is under way.
     Idle,
     /// A part of the line is in the buffer, its flag set; `sent` characters have been handed over with it.
     Loaded { sent: usize },
@@ -53,9 +55,9 @@ enum DpramState {
     Replying,
     /// A control character that has a reply waits in its word.
     Control,
-    /// Responses may still come that are the command's: see [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
+    /// More responses to the command may come: see [`AsciiEvent::Error`] and [`AsciiEvent::Taken`].
     Unsettled,
-    /// An emptied line lies there: its flag falls when the board is done with it.
+    /// An emptied line is in the buffer: the board clears its flag when it is done with the line.
     Emptied,
     /// The port's own control character goes first.
     Held(Hold),
@@ -73,9 +75,9 @@ pub struct DpramPort {
     length: usize,
     /// The control character that waits in its word.
     lying: Option<Lying>,
-    /// The board was seen to take a control character by its word alone.
+    /// The port has seen the board take a control character by its word alone.
     takes_characters: bool,
-    /// The board has taken the control character under way, and a newer one lies in the word.
+    /// The board has taken the control character under way, and a newer character is in the word.
     question_taken: bool,
     /// The board did not take the last line or control character.
     unheard: bool,
@@ -83,7 +85,7 @@ pub struct DpramPort {
     open_ended: bool,
     /// Another host may have left the first part of a line without the second, and the board has had no `^X` since.
     half_left: bool,
-    /// The stop that goes once more before the next line is begun.
+    /// The stop that the port sends once more before it begins the next line.
     stop_again: Option<u8>,
 }
 
@@ -107,8 +109,8 @@ impl DpramPort {
         }
     }
 
-    /// Clears all that this host or a dead one left in the port: the command flag, the control character (a deaf board must not
-    /// act on it later), and the response, which nobody waits for.
+    /// Clears the leftovers of this host or a dead one: the command flag, the control character (a deaf board must not
+    /// act on it later), and the response, which no caller waits for.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -147,7 +149,7 @@ impl DpramPort {
         let rest = &self.line[from..self.length];
         let first_of_two = rest.len() > self.first_part();
         let part = &rest[..rest.len().min(self.first_part())];
-        // NUL ends the line. The byte behind a first part must be another one.
+        // NUL ends the line, so the byte behind a first part must not be NUL.
         let (end, fill) = if first_of_two { (self.first_part(), b' ') } else { (part.len(), 0) };
         let byte = |index: usize| part.get(index).copied().unwrap_or(if index <= end { fill } else { 0 });
         for word in 0..=end / 2 {
@@ -169,8 +171,8 @@ impl DpramPort {
         Ok(bus.read16(self.words.control_character)? == u16::MAX)
     }
 
-    /// The first N characters of the last line that any host sent: the board leaves it in the command buffer. The first byte of an
-    /// emptied line is 0. N/2 reads.
+    /// The first N characters of the last line that any host sent: the board leaves the line in the command buffer.
+    /// The first byte of an emptied line is 0. N/2 reads.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -192,8 +194,9 @@ impl DpramPort {
         Ok(bus.read16(self.words.response_control)? != 0)
     }
 
-    /// Takes back the command under way if the board has taken nothing of it; the port is idle then, and the command may go through
-    /// another port. `Ok(false)`: the board has taken some of it, or no command is under way.
+    /// Takes back the command under way if the board has taken no part of it. The port is idle then, and the caller
+    /// may send the command through another port. `Ok(false)`: the board has taken a part of the command, or no
+    /// command is under way.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -235,8 +238,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Begins nothing for a while. A dead host may have left the board at a line; and `^X` clears the control words (DPRAM manual
-    /// p. 27), which does not say when.
+    /// Begins no line for a while. A dead host may have left the board reading a line; and `^X` makes the board clear
+    /// the control words (DPRAM manual p. 27; the manual does not say when).
     pub fn rest(&mut self, now: Instant) {
         match self.state {
             DpramState::Idle if self.half_left => self.state = DpramState::Held(Hold::new(CANCEL, now)),
@@ -247,8 +250,9 @@ impl DpramPort {
         }
     }
 
-    /// Ends a line that the board has not been seen to take. A NUL over its first byte empties a line of one part. That is one byte, so
-    /// the board finds the whole line or none, and the flag still falls when the board is done. A part without an end loses its flag.
+    /// Ends a line that the port has not seen the board take. A NUL over the first byte empties a line of one part.
+    /// The port changes one byte, so the board finds the whole line or none, and still clears the flag when it is
+    /// done. A part without an end loses its flag.
     fn end_line(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), BusError> {
         if self.length > self.first_part() {
             self.withdraw_line(bus)?;
@@ -263,7 +267,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Drops all that still comes. With `has_half` the board may hold the first half of a line and would join the next line to it.
+    /// Drops every response that still comes. With `has_half` the board may hold the first half of a line and would
+    /// join the next line to that half.
     fn abandon(&mut self, has_half: bool, now: Instant) {
         self.open_ended = false;
         self.state = if has_half {
@@ -273,12 +278,12 @@ impl DpramPort {
         };
     }
 
-    /// Whose a response is.
+    /// Decides which line or program a response belongs to.
     fn classify(&mut self, control: u16, text: ResponseText, now: Instant) -> AsciiEvent {
         match control {
             response::TO_PROGRAM => return AsciiEvent::ProgramResponse(text),
             response::MESSAGE => return AsciiEvent::ProgramMessage(text),
-            // Nothing is there.
+            // The board is absent.
             u16::MAX => return AsciiEvent::Stale(control),
             response::LINE | response::ACKNOWLEDGE => {}
             _ => return self.classify_error(control, now),
@@ -290,7 +295,7 @@ impl DpramPort {
             ) => AsciiEvent::Stale(control),
             (_, response::LINE) => AsciiEvent::Line(text),
             (DpramState::Control, _) => AsciiEvent::Stale(control),
-            // The board has not all of the line: this is no end of its reply.
+            // The board has only a part of the line, so this `<ACK>` does not end its reply.
             (DpramState::Loaded { sent }, _) if sent < self.length => AsciiEvent::Stale(control),
             (state, _) => {
                 if !self.open_ended && state != DpramState::Unsettled {
@@ -323,7 +328,7 @@ impl LinePort for DpramPort {
         if !self.is_idle() || self.lying.is_some() || line.len() > self.words.line_limit {
             return Ok(false);
         }
-        // Nobody waits for a response that is there now. A poll takes it first.
+        // No caller waits for a response that is in the buffer now. A poll takes it first.
         if self.has_response(bus)? || self.is_loaded(bus)? {
             return Ok(false);
         }
@@ -391,7 +396,7 @@ impl LinePort for DpramPort {
                 self.unheard = self.is_loaded(bus)?;
                 return Ok(self.end_line(bus, now)?);
             }
-            // A newer control character may lie there by now.
+            // A newer control character may be in the word by now.
             DpramState::Control if std::mem::take(&mut self.question_taken) => {}
             DpramState::Control => self.withdraw_control(bus)?,
             DpramState::Unsettled if self.is_loaded(bus)? => return Ok(self.end_line(bus, now)?),

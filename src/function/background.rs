@@ -1,19 +1,20 @@
-//! The background report: what PMAC copies between its PLC scans (DPRAM manual p. 17-21). [`BackgroundBlock`] says
-//! where it lies.
+//! The background report: data that PMAC copies between its PLC scans (DPRAM manual p. 17-21). [`BackgroundBlock`]
+//! says where the report lies.
 //!
-//! Data-Ready belongs to both: PMAC sets it after an update, the host clears it to have another.
-//! While it is set PMAC leaves the buffer alone, so a reader that waits for it cannot be overtaken. While it is clear PMAC
-//! makes a report at its next background pass, some milliseconds later at most, and that one lies there until it is
-//! cleared again. So Data-Ready is cleared when a report is wanted, not when the last one has been read: what is
-//! read then is as new as the polls for it are close together.
+//! PMAC and the host share Data-Ready: PMAC sets it after an update, the host clears it to ask for another. While
+//! Data-Ready is set PMAC leaves the buffer alone, so PMAC cannot overtake a reader that waits for it. While it is
+//! clear PMAC makes a report at its next background pass, some milliseconds later at most, and keeps that report until
+//! the host clears Data-Ready again. So the host clears Data-Ready when it wants a report, not when it has read the
+//! last one: the closer together the host polls, the newer is the report that it reads.
 //!
-//! A Turbo board may make reports by itself, the next one before the last is read (Turbo User Manual p. 403). Such a report is
-//! dropped. Behind one Host-Busy is set while the next is read: PMAC makes none then (p. 405). It is set when a report is there,
-//! so nobody waits for one that does not come.
+//! A Turbo board may make reports by itself, the next one before the host has read the last (Turbo User Manual p.
+//! 403). The reader drops a report that the board overtook. It then sets Host-Busy while it reads the next one: PMAC
+//! makes no report meanwhile (p. 405). The reader sets Host-Busy only when a report is there, so it never waits for
+//! one that PMAC holds back.
 //!
-//! Which register an axis target position comes from is PMAC's choice (the manual's Note 1), told by the program
-//! status of the same report: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the
-//! cutter-compensated one; else the programmed one.
+//! PMAC chooses the register that an axis target position comes from (the manual's Note 1). The program status of the
+//! same report tells which: bit 7 set and bit 5 clear, the segmented move's target; else bit 9 set, the
+//! cutter-compensated target; else the programmed target.
 
 use std::ops::Range;
 
@@ -21,45 +22,46 @@ use crate::device::{Bus, BusError};
 use crate::map::functions::Flag;
 use crate::map::{BackgroundBlock, Motors, Selection, Systems, WholeBoard};
 
-/// What a poll of the background report gave.
+/// The result of a poll of the background report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BackgroundPoll {
     /// PMAC has nothing ready.
     Nothing,
-    /// A part of a report was read; poll again for the rest.
+    /// The reader has read a part of a report; poll again for the rest.
     Partial,
     /// [`BackgroundReader::image`] holds a whole report; the value is its servo timer.
     Report(u32),
 }
 
-/// Reads the background fixed data of motors and coordinate systems 1 to `numbers`, or what was selected of it.
+/// Reads the background fixed data of motors and coordinate systems 1 to `numbers`, or the selected part.
 ///
-/// A report is long, and the servo data must not wait for it, so each poll reads one block. That is safe: PMAC leaves
-/// the buffer alone until the host clears Data-Ready, which it does to ask for the next report.
+/// A report is long, and the servo data must not wait for it, so each poll reads one block. Reading in parts is safe:
+/// PMAC leaves the buffer alone until the host clears Data-Ready to ask for the next report.
 pub struct BackgroundReader {
     block: &'static BackgroundBlock,
     selection: Selection,
     numbers: usize,
-    /// Of these so many at most, as the board was told by somebody else; `None` where the host tells it.
+    /// The count of blocks that another host set; the reader reads no more of them. `None` where this host sets the
+    /// count.
     as_found: Option<usize>,
-    /// What is read of a block, in words from its start.
+    /// The words that the host reads of a block, from the block's start.
     runs: Vec<Range<usize>>,
     image: Box<[u16]>,
-    /// The count as it was found, and as it was written over that.
+    /// The count as the host found it, and as the host wrote it.
     count_found: Option<[u16; 2]>,
-    /// The next block to read, while a report is being read.
+    /// The next block to read, while the host reads a report.
     next_block: Option<usize>,
-    /// The last report was followed by another while it was read.
+    /// PMAC made another report while the host read the last one.
     was_overtaken: bool,
     /// Host-Busy is set: PMAC makes no other report meanwhile.
     holds: bool,
 }
 
-/// Of the count's word the bits that are the count.
+/// The bits of the count's word that hold the count.
 const COUNT: u16 = 0xFF;
 
 impl BackgroundReader {
-    /// As [`BackgroundReader::new`], but of the blocks only what `selection` has.
+    /// A reader of the parts of `block` that `selection` names.
     #[must_use]
     pub fn new(block: &'static BackgroundBlock, selection: Selection) -> Self {
         let mut runs = Vec::new();
@@ -86,14 +88,14 @@ impl BackgroundReader {
         self.block.timer.bits()
     }
 
-    /// Reads blocks 1 to `numbers` from now on; no more than the report has.
+    /// Reads blocks 1 to `numbers` from now on, but no more than the report has.
     pub fn set_numbers(&mut self, numbers: usize) {
         self.numbers = numbers.min(self.block.blocks.count);
         self.next_block = None;
     }
 
-    /// Whether to leave the report's count as it is found, and read so many blocks: the words of the others may be somebody's.
-    /// Returns whether that changes anything.
+    /// Sets whether to leave the report's count as the host finds it, and to read that many blocks: another program
+    /// may use the words of the further blocks. Returns whether the setting changed.
     pub fn keep_as_found(&mut self, as_found: bool) -> bool {
         let keeps = as_found && self.block.count.is_some();
         if self.as_found.is_some() == keeps {
@@ -103,34 +105,35 @@ impl BackgroundReader {
         true
     }
 
-    /// How many blocks are read at most.
+    /// The most blocks that the host reads.
     fn count(&self) -> usize {
         self.as_found.map_or(self.numbers, |found| found.min(self.numbers))
     }
 
-    /// The buffer as last taken, from the region's first word on, up to the last block read. Words the host does not read
-    /// (the spares, what was not selected) are 0.
+    /// The last report, from the region's first word up to the last block read. Words that the host does not read (the
+    /// spares, words that were not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
         let numbers = self.selection.last_number(self.count());
         &self.image[..self.block.blocks.words_from(self.block.region.start, numbers)]
     }
 
-    /// What the last report says of the whole board; `None` where the report does not tell.
+    /// The state of the whole board in the last report; `None` where the report does not tell.
     #[must_use]
     pub fn whole_board(&self) -> Option<WholeBoard> {
         let status = self.block.global_status.as_ref()?;
         Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
-    /// The motors whose amplifier was off at the last report: killed ones; only of those whose status is read.
+    /// The motors whose amplifier was off at the last report (killed motors), among those whose status the host reads.
     #[must_use]
     pub fn amplifiers_off(&self) -> Motors {
         let Some(flag) = self.block.amplifier_enabled else { return Motors::NONE };
         self.flags(flag).filter_map(|(motor, is_set)| (!is_set).then_some(motor)).collect()
     }
 
-    /// The coordinate systems that ran a motion program at the last report; `None` where not every one's status is read.
+    /// The coordinate systems that ran a motion program at the last report; `None` unless the host reads the status of
+    /// every system.
     #[must_use]
     pub fn programs_run(&self) -> Option<Systems> {
         let flags = || self.flags(self.block.program_runs);
@@ -138,7 +141,7 @@ impl BackgroundReader {
             .then(|| flags().filter_map(|(system, is_set)| is_set.then_some(system)).collect())
     }
 
-    /// A flag of each block that is read, by the blocks' numbers, from 1.
+    /// A flag of each block that the host reads, with the block's number, from 1.
     fn flags(&self, flag: Flag) -> impl Iterator<Item = (usize, bool)> + '_ {
         let blocks = &self.block.blocks;
         let word = flag.word.words_since(blocks.first);
@@ -151,7 +154,7 @@ impl BackgroundReader {
             .map(move |(number, word)| (number, flag.is_set(*word)))
     }
 
-    /// Gives up whatever is in the buffer, so that the next report is a new one, and holds PMAC off no more.
+    /// Gives up the report in the buffer, so that the next report is a new one, and clears Host-Busy.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -164,8 +167,8 @@ impl BackgroundReader {
         Ok(())
     }
 
-    /// Asks for a report made from now on; what is in the buffer is given up. 1 write, and one each for a host-busy word and
-    /// a count, where the report has them; the first time 1 read of the count.
+    /// Asks for a new report, and gives up the one in the buffer. 1 write, and one each for a host-busy word and a
+    /// count, where the report has them; the first time 1 read of the count.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -185,7 +188,7 @@ impl BackgroundReader {
         Self::release(self.block, bus)
     }
 
-    /// Whether a report lies there that PMAC has made. 1 read.
+    /// Whether PMAC has made a report. 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -193,7 +196,7 @@ impl BackgroundReader {
         Ok(self.block.ready.is_set(bus.read16(self.block.ready.word)?))
     }
 
-    /// Puts the count back as it was found, unless somebody has written another one since.
+    /// Restores the count that the host found, unless another host has written another count since.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -207,14 +210,15 @@ impl BackgroundReader {
         Ok(())
     }
 
-    /// Forgets a report half read, as after the board was silent or reset.
+    /// Forgets a half-read report, for instance after the board was silent or reset.
     pub fn reset(&mut self) {
         self.next_block = None;
     }
 
-    /// Polls once: reads the next part of the report if there is one. After its last part it stays until another is asked
-    /// for. 1 access when there is nothing; a report of n blocks of 62 words costs 62n + 11 in all: 1 to ask for it, 8 to
-    /// begin with, 62 a poll, and in the last poll 2 more, to see that it still stands. 3 more behind one that did not.
+    /// Polls once: reads the next part of the report, if PMAC has made one. After its last part the report stays until
+    /// the host asks for another. 1 access without a report; a report of n blocks of 62 words costs 62n + 11 in all: 1
+    /// to ask for it, 8 to begin with, 62 a poll, and in the last poll 2 more, to see that PMAC made no other report.
+    /// 3 more after an overtaken report.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -234,7 +238,7 @@ impl BackgroundReader {
         }
         self.next_block = None;
         bus.order_reads();
-        // A board that was reset meanwhile may have begun, or made, another report (`tests/models/background.pml`).
+        // A board that was reset meanwhile may have begun or made another report (`tests/models/background.pml`).
         let [ready, timer] = [self.block.ready.word, self.block.timer.low];
         self.was_overtaken = false;
         for word in [ready, timer] {
@@ -256,7 +260,7 @@ impl BackgroundReader {
         Ok(())
     }
 
-    /// The first block from `next` on that is to be read.
+    /// The first selected block from `next` on.
     fn selected_from(&self, next: usize) -> Option<usize> {
         (next..self.count()).find(|block| self.selection.has_number(block + 1))
     }
@@ -264,7 +268,7 @@ impl BackgroundReader {
     /// Reads the global words if PMAC has a report ready.
     fn poll_for_report(&mut self, bus: &mut impl Bus) -> Result<BackgroundPoll, BusError> {
         let block = self.block;
-        // All ones is what an absent board reads as, not a report: most bits are reserved and 0.
+        // An absent board reads as all ones. A report never does: most bits are reserved and 0.
         let is_report = |ready| block.ready.is_set(ready) && ready != u16::MAX;
         let mut ready = bus.read16(block.ready.word)?;
         if let Some(host_busy) = block.host_busy.filter(|_| self.was_overtaken && is_report(ready)) {

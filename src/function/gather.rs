@@ -1,16 +1,17 @@
-//! Reading of gathered samples out of the DPRAM while the board writes them (DPRAM manual p. 25-26).
+//! Reads gathered samples out of the DPRAM while the board writes them (DPRAM manual p. 25-26).
 //!
-//! The board stores a sample every I19 servo cycles at its index (longs from the buffer's start), and writes the buffer's
-//! size, as `DEFINE GATHER` had it, and the index beside it. A sample never parts at the buffer's end: the real length
-//! is the size rounded up to whole samples. The host only reads; nothing tells the board how far it has come. So
-//! with I45=3 the board overwrites what was not read in time, and the index alone cannot tell a whole turn from none:
-//! the reader is told the servo cycles as well, and knows from both how many samples there have been, exactly.
+//! The board stores a sample every I19 servo cycles at its index (longs from the buffer's start), and writes the
+//! buffer's size, as `DEFINE GATHER` had it, and the index beside it. A sample never parts at the buffer's end: the
+//! real length is the size rounded up to whole samples. The host only reads and cannot tell the board how far it has
+//! read. So with I45=3 the board overwrites samples that the host did not read in time, and the index alone cannot
+//! tell a whole turn from none. The caller therefore also gives the reader the servo cycles; from index and cycles the
+//! reader knows the exact number of samples.
 //!
-//! How many samples came between two polls is the number that fits the index and lies between what the least and the
-//! most time between the polls allow. When the host was held up between two accesses of a poll for a quarter of the
-//! buffer, the poll is thrown away and the next one tells. While the clock stands still and the index moves on, as when the
-//! servo report pauses, nothing is taken until the clock goes on. After a copy the index is read again, and what the board may have overwritten
-//! meanwhile is dropped and counted as lost.
+//! The number of samples between two polls fits the index and lies between the least and the most that the time
+//! between the polls allows. If the host was held up between two accesses of a poll for a quarter of the buffer, the
+//! reader discards the poll; the next one tells. While the clock stands still and the index moves on, as when the
+//! servo report pauses, the reader takes no samples until the clock goes on. After a copy the reader reads the index
+//! again, drops the samples that the board may have overwritten meanwhile, and counts them as lost.
 
 use super::servo;
 use crate::device::{Bus, BusError};
@@ -18,16 +19,16 @@ use crate::function::servo_timer::ServoTimer;
 use crate::gather::GatherMode;
 use crate::map::{GatherPlace, ServoBlock};
 
-/// Longs copied in one poll at most, unless a single sample has more.
+/// The most longs that one poll copies, unless a single sample has more.
 const CHUNK_LONGS: u32 = 64;
 /// Longs of the longest sample of any family: 48 sources of two longs.
 const MOST_LONGS: usize = 96;
-/// By how many samples the count may be off that the servo cycles give: the clock itself comes once a sample or so.
+/// By how many samples the count from the servo cycles may be off: the clock itself advances about once a sample.
 const SLACK_SAMPLES: u64 = 2;
-/// The shortest buffer that can be gone round in, in samples: the cycles must leave less than a turn open.
+/// The shortest buffer in samples for I45=3: the cycles must leave less than a turn open.
 pub const LEAST_WRAP_SAMPLES: u32 = 16;
 
-/// Longs that one poll copies at most on a board whose longest sample has `longest_sample` of them.
+/// The most longs that one poll copies on a board whose longest sample has `longest_sample` longs.
 #[must_use]
 pub const fn chunk_longs(longest_sample: u32) -> usize {
     if longest_sample > CHUNK_LONGS { longest_sample as usize } else { CHUNK_LONGS as usize }
@@ -36,7 +37,7 @@ pub const fn chunk_longs(longest_sample: u32) -> usize {
 /// The buffer as it was defined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GatherBuffer {
-    /// Where the board's firmware has it.
+    /// Where the board's firmware keeps the buffer.
     pub place: GatherPlace,
     /// Longs from the buffer's start to the DPRAM's end.
     pub room_longs: u32,
@@ -46,13 +47,13 @@ pub struct GatherBuffer {
     pub sample_longs: u32,
     /// Longs of the longest sample of the board's family.
     pub longest_sample: u32,
-    /// What happens at its end.
+    /// Whether the board stops or wraps at the buffer's end.
     pub mode: GatherMode,
     /// Servo cycles from one sample to the next (I19).
     pub period: u32,
 }
 
-/// A buffer that cannot be read.
+/// A buffer that the host cannot read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GatherError {
@@ -61,21 +62,21 @@ pub enum GatherError {
     Sample {
         /// Longs of one sample.
         longs: u32,
-        /// The most there can be.
+        /// The most that a sample can have.
         most: u32,
     },
     /// No such period.
     #[error("samples cannot come every 0 servo cycles; 1 or more are possible")]
     Period,
-    /// It does not fit into the DPRAM.
+    /// The buffer does not fit into the DPRAM.
     #[error("a gather buffer of {longs} longs is not possible; there is room for 1 to {room}")]
     Size {
         /// Its real length in longs.
         longs: u32,
-        /// The room there is.
+        /// The longs that the DPRAM has room for.
         room: u32,
     },
-    /// Too short to be gone round in.
+    /// The buffer is too short for I45=3.
     #[error(
         "a gather buffer of {samples} samples is too short to be read while the board goes round in it; \
          {LEAST_WRAP_SAMPLES} are needed, or a gather that ends when the buffer is full"
@@ -92,14 +93,14 @@ pub enum GatherStart {
     /// At the first sample after `DEFINE GATHER`. The first poll must come before a whole buffer has been gathered;
     /// between the definition and `GATHER` is best.
     Defined,
-    /// At the sample that the board stores next of the first poll: gathering runs already.
+    /// At the next sample that the board stores after the first poll: gathering runs already.
     Running,
 }
 
-/// What a poll gave. Numbers of samples count from 0 at the [`GatherStart`].
+/// The result of a poll. Sample numbers count from 0 at the [`GatherStart`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GatherPoll {
-    /// No complete sample that was not taken yet.
+    /// The board has stored no complete sample that the reader has not taken.
     Idle,
     /// Samples, whole and in order, lie in [`GatherReader::longs`]. The first one's number is higher than the last one's
     /// before it by more than 1 where samples were lost.
@@ -109,26 +110,27 @@ pub enum GatherPoll {
         /// How many.
         count: usize,
     },
-    /// Gathering is over (I45=2 and the buffer full, or [`GatherReader::stopped`]) and every sample was taken.
+    /// Gathering is over (I45=2 and the buffer full, or [`GatherReader::stopped`]) and the reader has taken every
+    /// sample.
     Ended,
-    /// The host was held up between its accesses for so long that they say nothing; nothing was taken. Look again.
+    /// The host was held up between its accesses for too long to trust them, and took no sample. Poll again.
     Disturbed,
-    /// The index lies outside the buffer: not the board's doing. Nothing was taken.
+    /// The index lies outside the buffer, where no board puts it. The reader took no sample.
     OutOfRange {
-        /// What the index word held.
+        /// The value of the index word.
         index: u16,
     },
-    /// Size or index are not those of the buffer this reader was made for: a `DEFINE GATHER`, a `DELETE GATHER` or a
-    /// reset. Nothing is read until [`GatherReader::restart`].
+    /// Size or index do not fit this reader's buffer any more: a `DEFINE GATHER`, a `DELETE GATHER` or a reset. The
+    /// reader reads no more until [`GatherReader::restart`].
     Redefined {
-        /// What the size word held, in longs.
+        /// The value of the size word, in longs.
         size: u16,
-        /// What the index word held.
+        /// The value of the index word.
         index: u16,
     },
-    /// Gathering paused, for how many samples cannot be known because nobody polled in a whole turn of the buffer.
-    /// Nothing is read until [`GatherReader::restart`]. A pause that took as long as whole turns cannot be told from
-    /// those turns; who sends `ENDGATHER` himself says so with [`GatherReader::stopped`].
+    /// Gathering paused. The caller did not poll for a whole turn of the buffer, so the reader cannot know for how
+    /// many samples. The reader reads no more until [`GatherReader::restart`]. It cannot tell a pause as long as whole
+    /// turns from those turns; a caller that sends `ENDGATHER` itself says so with [`GatherReader::stopped`].
     Interrupted,
 }
 
@@ -139,13 +141,13 @@ pub struct GatherReader {
     /// Samples the buffer holds.
     capacity: u64,
     start: GatherStart,
-    /// By how many samples the count may be off that the clock gives.
+    /// By how many samples the count from the clock may be off.
     slack: u64,
     /// The slot of sample 0.
     base: u64,
     /// Complete samples the board has stored since sample 0.
     written: u64,
-    /// Samples dealt with: taken or lost.
+    /// Samples that the reader has taken or lost.
     read: u64,
     lost: u64,
     /// The servo cycles just before and just after the last index was read.
@@ -153,7 +155,7 @@ pub struct GatherReader {
     /// Gathering has ended at the next poll.
     stopping: bool,
     stopped: bool,
-    /// The clock when the index had moved further than the clock allows.
+    /// The clock's reading when the index had moved further than the clock allows.
     doubted: Option<u64>,
     /// What ended the reading.
     broken: Option<GatherPoll>,
@@ -174,7 +176,7 @@ impl GatherReader {
     /// A reader that has not polled yet.
     ///
     /// # Errors
-    /// [`GatherError`] for a buffer that no board can have or that could not be read.
+    /// [`GatherError`] for a buffer that no board can have or that the host could not read.
     pub fn new(buffer: GatherBuffer, start: GatherStart) -> Result<Self, GatherError> {
         let GatherBuffer { size_longs, sample_longs, room_longs: room, .. } = buffer;
         let most = buffer.longest_sample.min(MOST_LONGS as u32);
@@ -221,14 +223,14 @@ impl GatherReader {
     }
 
     /// The clock is not the board's own: its cycles may be off by an eighth of a turn, which still leaves less than a
-    /// turn open (a quarter for each of two brackets, an eighth on either side). A buffer that somebody else defines
-    /// anew within that distance of its end looks as if gathering went on.
+    /// turn open (a quarter for each of two brackets, an eighth on either side). If another host defines a new buffer
+    /// within that distance of its end, gathering seems to go on.
     pub fn doubt_clock(&mut self) {
         self.slack = SLACK_SAMPLES.max(self.capacity / 8);
     }
 
-    /// The board has answered `ENDGATHER`: after the next poll no further samples come, and time that
-    /// passes says nothing any more. What is left is still read.
+    /// The board has answered `ENDGATHER`: after the next poll no further samples come, and passing time no longer
+    /// counts. The reader still reads the remaining samples.
     pub fn stopped(&mut self) {
         self.stopping = true;
     }
@@ -251,13 +253,13 @@ impl GatherReader {
         self.written
     }
 
-    /// Samples that were overwritten before they could be taken.
+    /// Samples that the board overwrote before the reader took them.
     #[must_use]
     pub const fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Samples in the buffer that are not taken yet, as of the last poll.
+    /// Samples in the buffer that the reader has not taken, as of the last poll.
     #[must_use]
     pub const fn waiting(&self) -> u64 {
         self.written - self.read
@@ -266,8 +268,9 @@ impl GatherReader {
     /// Polls once and takes up to [`chunk_longs`] longs of samples.
     ///
     /// `cycles` gives the servo cycles that the board has run, from any beginning: the servo report's timer
-    /// ([`report_cycles`]), or the host's clock divided by the servo period. It must not run ahead of or behind the
-    /// board by more than two samples, and not stand still while the board gathers. It is used with I45=3 only.
+    /// ([`report_cycles`]), or the host's clock divided by the servo period. `cycles` must not run ahead of or behind
+    /// the board by more than two samples, and not stand still while the board gathers. The reader uses `cycles` with
+    /// I45=3 only.
     ///
     /// Costs 2 reads, and one more with 2 for each long when there are samples; and with I45=3 what `cycles` costs,
     /// twice, or three times when there are samples.
@@ -325,7 +328,8 @@ impl GatherReader {
         poll
     }
 
-    /// Takes an index that was read within `bracket`, in servo cycles. Returns the poll's result if the index ends it.
+    /// Takes an index that the host read within `bracket`, in servo cycles. Returns the poll's result if the index
+    /// ends the poll.
     fn learn(&mut self, size: u16, index: u16, bracket: (u64, u64)) -> Option<GatherPoll> {
         // A board may move its index long by long; only whole samples count.
         let slot = u64::from(index) / u64::from(self.buffer.sample_longs);
@@ -351,8 +355,8 @@ impl GatherReader {
             }
             (Some(last), _) => match self.samples_since(slot, last, bracket) {
                 Ok(samples) => self.written += samples,
-                // The clock may pause: the servo report is held off while gathering goes on. Its next reading says for
-                // how long, so it is waited for once.
+                // The clock may pause: Host-Busy holds off the servo report while gathering goes on. The clock's next
+                // reading says for how long, so the reader waits for it once.
                 Err(Misfit::TooMany) if self.doubted.is_none_or(|clock| clock == bracket.1) => {
                     self.doubted = Some(bracket.1);
                     return Some(GatherPoll::Idle);
@@ -368,7 +372,8 @@ impl GatherReader {
         None
     }
 
-    /// How many samples the board has stored since the index was read within `last`, now that it points to `slot`.
+    /// How many samples the board has stored since the host read the index within `last`, now that the index points to
+    /// `slot`.
     fn samples_since(&self, slot: u64, last: (u64, u64), now: (u64, u64)) -> Result<u64, Misfit> {
         let here = (self.base + self.written) % self.capacity;
         let ahead = (slot % self.capacity + self.capacity - here) % self.capacity;
@@ -381,14 +386,14 @@ impl GatherReader {
         // The most samples that fit the index and the time. No other number fits: brackets and slack leave less than a
         // turn open, under 5 + 5 + 6 samples of 16 in the shortest buffer.
         let samples = ahead + (most - ahead) / self.capacity * self.capacity;
-        // Fewer than the time asks for: gathering paused. Within one turn the index still tells.
+        // The time asks for more samples: gathering paused. Within one turn the index still tells.
         if samples < least && samples >= self.capacity {
             return Err(Misfit::TooFew);
         }
         Ok(samples)
     }
 
-    /// Gives up what the board has overwritten, or may be overwriting now with the sample it stores next.
+    /// Gives up samples that the board has overwritten, or may be overwriting now with its next sample.
     fn skip_overwritten(&mut self) {
         let keeps = match self.buffer.mode {
             GatherMode::Wrap if !self.stopped => self.capacity - 1,
@@ -401,7 +406,7 @@ impl GatherReader {
         }
     }
 
-    /// Copies the next samples, as many as fit, and tells how many.
+    /// Copies as many of the next samples as fit, and returns how many.
     fn copy(&mut self, bus: &mut impl Bus) -> Result<usize, BusError> {
         let sample_longs = self.sample_longs();
         let chunk = chunk_longs(self.buffer.longest_sample).min(MOST_LONGS);
@@ -423,9 +428,9 @@ impl GatherReader {
     }
 }
 
-/// The servo cycles by the timer of the servo report, extended by `timer`: a clock for [`GatherReader::poll`] while that
-/// report runs and is not held off. Costs one read where the timer has one word. Must be called at least once a turn of
-/// the timer, 14 s with 15 bits.
+/// The servo cycles by the timer of the servo report, extended by `timer`: a clock for [`GatherReader::poll`] while
+/// the board makes that report and no host holds it off. Costs one read where the timer has one word. The caller must
+/// call it at least once a turn of the timer, 14 s with 15 bits.
 ///
 /// # Errors
 /// When the bus cannot be reached.

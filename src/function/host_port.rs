@@ -8,15 +8,15 @@
 //! | 10 | - | mask, 1 = **enabled** |
 //! | 11 | - | 1 = level, 0 = edge |
 //!
-//! A DPRAM ASCII response raises line 7 of a PMAC(1) (EQU4, by jumper E55) and bit 5 of a PMAC2. Other lines of the
-//! same controller may be somebody else's, so the mask is changed by the one bit only.
+//! A DPRAM ASCII response raises line 7 of a PMAC(1) (EQU4, by jumper E55) and bit 5 of a PMAC2. Other hosts or
+//! drivers may own other lines of the same controller, so this host changes one bit of the mask only.
 //!
-//! In which order to serve: read the response, write 0 to 0x06D0, acknowledge here, then look at 0x06D0 once more. A
-//! response that comes before the acknowledgement is found by that look; one that comes after it raises the line
-//! again. The line has no latch on the board: an interrupt with 0x06D0 = 0 is an old one that was served already.
+//! The order of service: read the response, write 0 to 0x06D0, acknowledge here, then look at 0x06D0 once more. That
+//! look finds a response that came before the acknowledgement; a later response raises the line again. The line has no
+//! latch on the board: an interrupt with 0x06D0 = 0 is an old one that the host has served already.
 //!
-//! That a write of ones clears a PMAC2's latched lines is inferred from "write clears"; how a PMAC(1) leaves its 8259
-//! at power-on is told nowhere, so its initialisation is a setting, and off.
+//! We infer from the manual's "write clears" that a write of ones clears a PMAC2's latched lines. No manual tells how
+//! a PMAC(1) leaves its 8259 at power-on, so the initialisation is a setting, and off.
 
 use crate::device::{ByteBus, ByteBusError};
 use crate::map::Controller;
@@ -34,7 +34,7 @@ mod register {
 /// 8259: specific end of interrupt, the line in bits 2-0.
 const SPECIFIC_END: u8 = 0x60;
 
-/// The three words that make an 8259 ready, in the order in which they are written: ICW1, ICW2, ICW4.
+/// The three words that make an 8259 ready, in the order in which the host writes them: ICW1, ICW2, ICW4.
 pub type Initialisation = [u8; 3];
 
 /// The controller of one board and the line that is ours.
@@ -56,7 +56,7 @@ impl HostPort {
     /// A PMAC2, whose DPRAM ASCII interrupt is bit 5.
     pub const PMAC2: Self = Self { controller: Controller::Pmac2, line: 5, initialisation: None };
 
-    /// The usual line of a board with this controller, which is left as it is.
+    /// The usual line of a board with this controller, without an initialisation.
     #[must_use]
     pub const fn usual(controller: Controller) -> Self {
         match controller {
@@ -69,9 +69,9 @@ impl HostPort {
         1 << (self.line & 7)
     }
 
-    /// Lets the line through, after ending whatever interrupt of it was never ended. The other lines stay as they
-    /// are, or, where the controller is initialised, closed. Gives whether the line was open already. 1 read and
-    /// 2 writes; 4 more with an initialisation.
+    /// Ends the line's last interrupt, in case no host has ended it, and opens the line. The other lines stay as they
+    /// are; an initialisation closes them. Returns whether the line was open already. 1 read and 2 writes; 4 more with
+    /// an initialisation.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -87,7 +87,7 @@ impl HostPort {
         self.change_mask(bus, true)
     }
 
-    /// Shuts the line, and leaves the others as they are. 1 read, 1 write.
+    /// Closes the line, and leaves the others as they are. 1 read, 1 write.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -110,7 +110,7 @@ impl HostPort {
         Ok(())
     }
 
-    /// Whether the line is let through. 1 read.
+    /// Whether the line is open. 1 read.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -119,7 +119,7 @@ impl HostPort {
         Ok((bus.read8(register)? & self.bit() != 0) == one_is_enabled)
     }
 
-    /// The mask's register, and whether a 1 in it lets a line through.
+    /// The mask's register, and whether a 1 in it opens a line.
     const fn mask(&self) -> (u32, bool) {
         match self.controller {
             Controller::Pic8259 => (register::PIC_MASK, false),
@@ -127,7 +127,7 @@ impl HostPort {
         }
     }
 
-    /// Opens or shuts the line; gives whether it was open.
+    /// Opens or closes the line; returns whether it was open.
     fn change_mask(&self, bus: &mut impl ByteBus, enabled: bool) -> Result<bool, ByteBusError> {
         let (register, one_is_enabled) = self.mask();
         let mask = bus.read8(register)?;

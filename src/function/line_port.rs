@@ -1,10 +1,10 @@
-//! A port for command lines, whichever way the lines go: the DPRAM's ASCII buffers ([`super::ascii`]) or the VME mailboxes
-//! ([`super::mailbox`]).
+//! A port for command lines: the DPRAM's ASCII buffers ([`super::ascii`]) or the VME mailboxes ([`super::mailbox`]).
 //!
-//! The two end a control character's reply in different ways. Through the DPRAM a line of the daemon's own settles by the board's
-//! order of answers where the reply ends ([`AsciiEvent::Taken`]). The mailboxes hold the host's group and the board's in the same
-//! sixteen registers (User Manual p. 263-267): a line sent while the reply is due would be written over it, or it over the line. So
-//! there an `<ACK>` ends the reply, or a silence.
+//! The two ports find the end of a control character's reply in different ways. Through the DPRAM the daemon sends a
+//! line of its own: the board answers in order, so the answer to that line shows where the reply ended
+//! ([`AsciiEvent::Taken`]). The mailboxes hold the host's group and the board's in the same sixteen registers (User
+//! Manual p. 263-267): a line sent while the reply is due would overwrite the reply, or the reply the line. So there
+//! an `<ACK>` or a silence ends the reply.
 
 use std::time::Instant;
 
@@ -26,15 +26,17 @@ pub enum AsciiEvent {
     ProgramResponse(ResponseText),
     /// A `SEND"..."` from a PMAC program.
     ProgramMessage(ResponseText),
-    /// A dropped response, for which nobody waits any more; the value is its control word.
+    /// A dropped response, which no caller waits for any more; the value is its control word.
     Stale(u16),
-    /// The board has taken the control character under way, whose reply has no end mark. What comes is told as its reply's until
-    /// the caller has settled by a line of his own where that ends ([`LinePort::settled`]).
+    /// The board has taken the control character under way, whose reply has no end mark. The port reports later
+    /// responses as part of that reply until the caller has settled with a line of its own where the reply ended
+    /// ([`LinePort::settled`]).
     Taken,
-    /// An error came while a line was under way: the line's own, which is over then, or a program's. What comes is told as the
-    /// line's until the caller has settled which ([`LinePort::settled`]). 0: a control word that no manual has.
+    /// An error came while a line was under way: the line's own, which ends the line, or a program's. The port reports
+    /// later responses as the line's until the caller has settled which error it was ([`LinePort::settled`]). 0: a
+    /// control word that no manual names.
     Error(u16),
-    /// A program's error; no command caused it.
+    /// A program's error, not a command's.
     ProgramError(u16),
 }
 
@@ -43,9 +45,9 @@ pub enum AsciiEvent {
 pub enum Stopped {
     /// No line is under way, or the board has all of it.
     Nothing,
-    /// The board has not got the line's end, so it carries out nothing.
+    /// The board has not got the line's end, so it does not carry the line out.
     Unsent,
-    /// The board may have carried out some of it, or all.
+    /// The board may have carried out a part of the line, or all of it.
     Uncertain,
 }
 
@@ -63,13 +65,13 @@ pub enum PortError {
 
 /// The host's half of a port: one command line at a time. Each method that takes the `bus` fails when the port cannot be reached.
 pub trait LinePort {
-    /// Whether a line may be begun.
+    /// Whether the caller may begin a line.
     fn is_idle(&self) -> bool;
 
     /// Whether the board has taken the whole command under way, as far as polls have seen.
     fn was_taken(&self) -> bool;
 
-    /// Whether a line of ours lies before the board, which may take its flag for a control character's.
+    /// Whether a line of ours waits for the board. The board may read the line's flag as a control character's.
     fn line_lies(&self) -> bool {
         false
     }
@@ -79,8 +81,9 @@ pub trait LinePort {
         false
     }
 
-    /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later. The line must
-    /// have passed [`crate::protocol::check_line`]; the port does not send a longer one than the board takes.
+    /// Starts sending `line`. `Ok(false)`: the port is not idle, or the board still holds an earlier line; try later.
+    /// The line must have passed [`crate::protocol::check_line`]; the port does not send a line that is longer than
+    /// the board takes.
     ///
     /// # Errors
     /// [`PortError`].
@@ -129,7 +132,8 @@ pub trait LinePort {
     /// [`PortError`].
     fn withdraw_control(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError>;
 
-    /// Ends the line under way before a control character that goes over it. From a mailbox nothing can be taken back.
+    /// Ends the line under way before a control character that replaces it. The port cannot take back a mailbox's
+    /// line.
     ///
     /// # Errors
     /// [`PortError`].
@@ -137,14 +141,15 @@ pub trait LinePort {
         Ok(Stopped::Nothing)
     }
 
-    /// Gives up the command under way; the board may have done it or may yet do it. The port becomes idle only when the board has
-    /// shown, as far as it can, that it is free.
+    /// Gives up the command under way; the board may have carried it out or may still do so. The port becomes idle
+    /// only when the board has shown, as far as it can, that it is free.
     ///
     /// # Errors
     /// [`PortError`].
     fn give_up(&mut self, bus: &mut dyn Bus, now: Instant) -> Result<(), PortError>;
 
-    /// Takes back, at once, all that lies before the board and is ours. From a mailbox nothing can be taken back.
+    /// Takes back at once every line and character of ours that the board has not taken. The port cannot take back a
+    /// mailbox's.
     ///
     /// # Errors
     /// [`PortError`].
@@ -152,7 +157,7 @@ pub trait LinePort {
         Ok(())
     }
 
-    /// Does the work that is due and returns the next event, if there is one.
+    /// Does the work that is due and returns the next event, if any.
     ///
     /// # Errors
     /// [`PortError`].

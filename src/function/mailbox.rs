@@ -7,19 +7,20 @@
 //! | mailbox 0-15 | reads, up to `<CR>`, `<ACK>`, `<BELL>` or all 16 | fills, then interrupts with vector v |
 //! | base + 0x121 | writes bits A19-A14 of the DPRAM's address after every reset | selects the page |
 //!
-//! Mailbox n is the byte at base + 2n + 1. A line ends with `<CR>`, which may be a group of its own. A control
-//! character goes alone to mailbox 0. Behind the last character of a group stand characters of older ones.
+//! Mailbox n is the byte at base + 2n + 1. A line ends with `<CR>`, which may be a group of its own. The host writes a
+//! control character alone to mailbox 0. The mailboxes behind a group's last character hold characters of older
+//! groups.
 //!
-//! The registers tell nothing about where PMAC is: the two interrupts do ([`MailboxPort::signal`]). So it is the host
-//! who remembers whether mailbox 1 has been written since the last group: writing it while a group lies unread would
-//! let PMAC put the next one over it.
+//! The registers do not tell how far PMAC is; the two interrupts do ([`MailboxPort::signal`]). So the host remembers
+//! whether it has written mailbox 1 since the last group: if the host wrote it while a group is unread, PMAC would put
+//! the next group over the unread one.
 //!
-//! The `<BELL>` of an error ends a group for one driver in production, on Turbo boards (epics-modules/tpmac); for another, on PMAC
-//! boards, its text is in the same group (Gemini pmaclib). What stands behind it tells: an older group never has just what I6 asks
-//! for there.
+//! For one driver in production, on Turbo boards, the `<BELL>` of an error ends a group (epics-modules/tpmac); for
+//! another, on PMAC boards, the error's text is in the same group (Gemini pmaclib). The characters behind the `<BELL>`
+//! show which: an older group never has exactly the text that I6 asks for there.
 //!
 //! Needs I3 = 2 (or 3): without `<ACK>` a reply has no end. The text of a program's `CMD"..."` or `SEND"..."` looks
-//! like a line of a reply; what comes while no reply is awaited is given as a program's message.
+//! like a line of a reply; the port reports a line that comes while no caller awaits a reply as a program's message.
 
 use std::time::{Duration, Instant};
 
@@ -27,22 +28,24 @@ use super::line_port::{AsciiEvent, ResponseText};
 use crate::device::{ByteBus, ByteBusError};
 use crate::protocol::control::CANCEL;
 
-/// How long the port must have been silent before it is used again after it gave up on a reply.
+/// How long the board must be silent after the port gave up a reply, before the port is used again.
 pub const MAILBOX_SETTLE: Duration = Duration::from_millis(50);
-/// How long a group of a line may stay untaken before a control character that cannot wait goes over it: an interrupt may be lost.
+/// How long a group of a line may stay untaken before an urgent control character replaces it: an interrupt may be
+/// lost.
 pub const MAILBOX_GROUP_LIES: Duration = Duration::from_millis(50);
-/// How long the board may take to take the `<CTRL-X>`. Until it has, more of the reply given up may come.
+/// How long the board may leave the `<CTRL-X>` untaken. Until the board takes it, more of the abandoned reply may
+/// come.
 pub const MAILBOX_CANCEL_TAKEN: Duration = Duration::from_secs(1);
-/// How long after its last line a control character's reply counts as complete if no `<ACK>` ends it. An `<ACK>` may not
-/// come. On the DPRAM port a line of the daemon's settles the end; here the host's line and the board's reply share the registers, so
-/// the line could overwrite a group of the reply (User Manual p. 263-267).
+/// How long after its last line a control character's reply counts as complete if no `<ACK>` ends the reply. On the
+/// DPRAM port a line of the daemon's own settles the end; here the host's line and the board's reply share the
+/// registers, so that line could overwrite a group of the reply (User Manual p. 263-267).
 pub const MAILBOX_REPLY_SILENCE: Duration = Duration::from_millis(50);
 
-/// Characters of a group the host sends at most: mailbox 1 stays out.
+/// The most characters of a group that the host sends: the host leaves mailbox 1 out.
 const SEND_GROUP: usize = 15;
-/// Characters of a group PMAC sends at most.
+/// The most characters of a group that PMAC sends.
 const RECEIVE_GROUP: usize = 16;
-/// Characters of a reply line at most.
+/// The most characters of a reply line.
 const LINE_LIMIT: usize = 255;
 
 const ACKNOWLEDGE: u8 = 0x06;
@@ -63,8 +66,8 @@ pub enum MailboxSignal {
     ReplyReady,
 }
 
-/// How the board reports an error (I6). What follows a `<BELL>` in the mailboxes may be an old group's, so it must be
-/// known.
+/// How the board reports an error (I6). The port must know, because the characters behind a `<BELL>` may belong to an
+/// old group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ErrorReport {
@@ -81,10 +84,11 @@ pub enum ErrorReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EnableReplies {
-    /// After every group read, the last one too, so that messages of programs come at any time. The manual's way.
+    /// After every group that the host reads, also the last, so that messages of programs come at any time. The
+    /// manual's way.
     #[default]
     Always,
-    /// Only while a reply is awaited, anew for each command: some boards have been seen not to keep it.
+    /// Only while the host awaits a reply, anew for each command: some boards do not keep the permission.
     WithCommand,
 }
 
@@ -101,22 +105,22 @@ pub struct MailboxSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum MailboxState {
     Idle,
-    /// A group of the line waits in the mailboxes; `sent` characters went with it and those before it. A poll saw it there
-    /// first at `since`.
+    /// A group of the line waits in the mailboxes; the host sent `sent` characters with this group and the earlier
+    /// ones. A poll first saw the group waiting at `since`.
     Sending {
         sent: usize,
         since: Option<Instant>,
     },
     /// PMAC has the whole line.
     Replying,
-    /// An error came: the line's own, or a program's, as at [`AsciiEvent::Error`]. Where replies are let come with
-    /// commands alone, the next one is not let come into the line that is sent next.
+    /// An error came: the line's own, or a program's, as at [`AsciiEvent::Error`]. With [`EnableReplies::WithCommand`]
+    /// the host does not let the next reply come, so that it does not mix with the next line.
     Refused,
-    /// A control character with a reply was sent; a line came last at `quiet_since`.
+    /// The host sent a control character with a reply; the last line came at `quiet_since`.
     ControlReply {
         quiet_since: Instant,
     },
-    /// Something may still come that belongs to a command given up; nothing did since `quiet_since`.
+    /// More of an abandoned command's reply may come; none has come since `quiet_since`.
     Settling {
         quiet_since: Instant,
         since: Instant,
@@ -126,9 +130,9 @@ enum MailboxState {
 /// A character alone in mailbox 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Lone {
-    /// Somebody's control character.
+    /// A client's control character.
     Control,
-    /// The `<CTRL-X>` that ends a command given up.
+    /// The `<CTRL-X>` that ends an abandoned command.
     Cancel,
 }
 
@@ -139,21 +143,21 @@ pub struct MailboxPort {
     /// The line with its `<CR>`.
     line: Box<[u8]>,
     length: usize,
-    /// What waits alone in mailbox 0.
+    /// The character that waits alone in mailbox 0.
     lone: Option<Lone>,
-    /// A `<CTRL-X>` is still to be sent: a control character was in its way.
+    /// The port must still send a `<CTRL-X>`: a control character was in its way.
     owes_cancel: bool,
-    /// Vector v-1 came and was not acted on yet.
+    /// Vector v-1 came and no poll has acted on it yet.
     group_taken: bool,
-    /// Vector v came and the group was not read yet.
+    /// Vector v came and no poll has read the group yet.
     reply_ready: bool,
-    /// Mailbox 1 was written since the last group came.
+    /// The host has written mailbox 1 since the last group came.
     enabled: bool,
     text: [u8; LINE_LIMIT + RECEIVE_GROUP],
     text_length: usize,
-    /// A `<BELL>` came; the line that follows tells the error's number.
+    /// A `<BELL>` came; the next line tells the error's number.
     error: bool,
-    /// The caller says which reply was the line's.
+    /// The caller decides which reply is the line's.
     open_ended: bool,
 }
 
@@ -182,8 +186,8 @@ impl MailboxPort {
         }
     }
 
-    /// Makes the port ready, after a reset of the board or of the host: whatever reply was under way is let pass, and
-    /// dropped. Poll until [`MailboxPort::is_idle`]. 1 write, 1 read.
+    /// Makes the port ready after a reset of the board or of the host: the port drops the reply that was under way.
+    /// Poll until [`MailboxPort::is_idle`]. 1 write, 1 read.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -209,19 +213,19 @@ impl MailboxPort {
         }
     }
 
-    /// Whether the last command was given up, and something may still come of it.
+    /// Whether the port gave up the last command, and more of its reply may come.
     #[must_use]
     pub fn is_settling(&self) -> bool {
         matches!(self.state, MailboxState::Settling { .. })
     }
 
-    /// Whether somebody's control character waits in mailbox 0 for the board to take it, as far as polls have seen.
+    /// Whether a client's control character waits in mailbox 0 for the board to take it, as far as polls have seen.
     #[must_use]
     pub fn control_pending(&self) -> bool {
         self.lone == Some(Lone::Control)
     }
 
-    /// Notes an interrupt. It is acted on by the next step.
+    /// Notes an interrupt. The next poll acts on it.
     pub fn signal(&mut self, signal: MailboxSignal) {
         match signal {
             MailboxSignal::GroupTaken => self.group_taken = true,
@@ -233,11 +237,11 @@ impl MailboxPort {
     }
 
     /// Starts sending `line`, without its `<CR>`. `Ok(false)`: the port is not idle, or a group lies unread; try
-    /// later. 1 write a character and 1 for the `<CR>`, in groups; nothing waits in between.
+    /// later. 1 write a character and 1 for the `<CR>`, in groups; the port does not wait between them.
     ///
     /// # Errors
-    /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; one that is too
-    /// long is not sent.
+    /// When the registers cannot be reached. The line must have passed [`crate::protocol::check_line`]; the port does
+    /// not send a line that is too long.
     pub fn begin(&mut self, bus: &mut impl ByteBus, line: &[u8]) -> Result<bool, ByteBusError> {
         let has_half_a_line = self.state == MailboxState::Refused && self.text_length > 0;
         if !self.is_idle() || self.reply_ready || has_half_a_line || line.len() >= self.line.len() {
@@ -253,8 +257,8 @@ impl MailboxPort {
         Ok(true)
     }
 
-    /// As [`MailboxPort::begin`], of a line whose reply the caller knows when he sees it: replies come, late ones of other lines
-    /// first, until [`MailboxPort::finish`].
+    /// As [`MailboxPort::begin`], for a line whose reply the caller recognises: the port reports all replies, late
+    /// ones of other lines first, until [`MailboxPort::finish`].
     ///
     /// # Errors
     /// As [`MailboxPort::begin`].
@@ -264,7 +268,7 @@ impl MailboxPort {
         Ok(begun)
     }
 
-    /// The error was the line's, or a program's: the line is over.
+    /// The caller has settled whether the error was the line's or a program's: the line is over.
     pub fn settled(&mut self) {
         if self.state == MailboxState::Refused {
             self.state = MailboxState::Idle;
@@ -279,11 +283,12 @@ impl MailboxPort {
     }
 
     /// Sends a control character. `Ok(false)`: a group of a line, or an earlier control character, still waits in the
-    /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` its lines come as
-    /// [`AsciiEvent::Line`] and end with `<ACK>` or a silence. 1 write.
+    /// mailboxes, or the character's reply would mix with another; try later. With `has_reply` the port reports the
+    /// reply's lines as [`AsciiEvent::Line`]; the reply ends with `<ACK>` or a silence. 1 write.
     ///
-    /// One without a reply may be what stops a machine: a group that has lain for [`MAILBOX_GROUP_LIES`] is written over and its
-    /// command given up ([`MailboxPort::is_settling`]); whether the board has taken it nobody knows. A `<CTRL-X>` follows.
+    /// A character without a reply may be the machine's stop, so it replaces a group that has waited for
+    /// [`MAILBOX_GROUP_LIES`]. The port then gives up that group's command ([`MailboxPort::is_settling`]), which the
+    /// board may or may not have taken, and sends a `<CTRL-X>`.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -318,16 +323,15 @@ impl MailboxPort {
         Ok(true)
     }
 
-    /// Gives up on the command under way: has the board empty its queues, lets pass what still comes, and drops it.
-    /// 2 writes, 1 read; without a control character
-    /// that has to be taken first.
+    /// Gives up the command under way: makes the board empty its queues, and drops every reply that still comes. 2
+    /// writes, 1 read, if the board need not take a control character first.
     ///
     /// # Errors
     /// When the registers cannot be reached.
     pub fn give_up(&mut self, bus: &mut impl ByteBus, now: Instant) -> Result<(), ByteBusError> {
         let has_reply = matches!(self.state, MailboxState::ControlReply { .. });
         if self.lone == Some(Lone::Control) && !has_reply {
-            // It may be what stops the machine, and is not written over.
+            // The character may be the machine's stop, so the port does not replace it.
             self.owes_cancel = true;
             self.state = MailboxState::Settling { quiet_since: now, since: now };
         } else if !self.is_idle() || self.state == MailboxState::Refused {
@@ -336,7 +340,7 @@ impl MailboxPort {
         Ok(())
     }
 
-    /// Takes back a control character that the board has not taken, as far as that can be: a `<CTRL-X>` goes over it. 2
+    /// Takes back a control character that the board has not taken, as far as possible: a `<CTRL-X>` replaces it. 2
     /// writes, 1 read.
     ///
     /// # Errors
@@ -349,15 +353,16 @@ impl MailboxPort {
         self.open_ended = false;
         self.owes_cancel = false;
         self.send_alone(bus, Lone::Cancel, CANCEL)?;
-        // A board that lost an interrupt would wait for this for ever; what it overwrites is dropped anyway.
+        // If an interrupt was lost, the board would wait for this for ever. The port drops the group that the board
+        // then overwrites anyway.
         self.reply_ready = false;
         self.enable(bus)?;
         self.state = MailboxState::Settling { quiet_since: now, since: now };
         Ok(())
     }
 
-    /// Acts on what was signalled and tells what was found; `None` when there is nothing (more) to find. Costs
-    /// nothing unless something was signalled; then a group: at most 16 reads, or 15 writes, and 1 write and 1 read.
+    /// Acts on the signalled interrupts and returns the next event; `None`: no (further) event. Costs nothing without
+    /// an interrupt; with one, a group: at most 16 reads, or 15 writes, and 1 write and 1 read.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -370,12 +375,13 @@ impl MailboxPort {
             }
         }
         let sent_all = matches!(self.state, MailboxState::Sending { sent, .. } if sent == self.length);
-        // PMAC could not have filled the mailboxes before it took what lay in them, whichever interrupt is seen first.
+        // PMAC cannot fill the mailboxes before it has taken the host's group, whichever interrupt the host sees
+        // first.
         if sent_all && (taken || self.reply_ready) {
             self.state = MailboxState::Replying;
         }
         if std::mem::take(&mut self.reply_ready) {
-            // The rest of the line waits until the group has been read: it would be written over it.
+            // The rest of the line waits until the port has read the group: the line would overwrite it.
             self.group_taken = taken && matches!(self.state, MailboxState::Sending { .. });
             return self.take_group(bus, now);
         }
@@ -411,9 +417,9 @@ impl MailboxPort {
         Ok(None)
     }
 
-    /// Writes the next group of the line: characters 2 and later to the mailboxes of their numbers, the first last.
+    /// Writes the next group of the line: the later characters first, from mailbox 2 on, and the first character last.
     fn send_group(&mut self, bus: &mut impl ByteBus, from: usize) -> Result<(), ByteBusError> {
-        // No group is out: an interrupt not acted on yet was another's.
+        // The board has no group to take: a pending interrupt belongs to an earlier one.
         self.group_taken = false;
         let group = &self.line[from..self.length.min(from + SEND_GROUP)];
         for (index, &character) in group.iter().enumerate().skip(1) {
@@ -439,12 +445,12 @@ impl MailboxPort {
         self.enabled = true;
         bus.write8(mailbox(1), 0)?;
         bus.order_accesses();
-        // A bridge may hold the write back until something is read.
+        // A bridge may hold the write back until the host reads.
         bus.read8(mailbox(1))?;
         Ok(())
     }
 
-    /// Reads the group that lies in the mailboxes, and lets PMAC send the next.
+    /// Reads the group from the mailboxes, and lets PMAC send the next.
     fn take_group(
         &mut self,
         bus: &mut impl ByteBus,
@@ -460,7 +466,7 @@ impl MailboxPort {
         for number in 0..RECEIVE_GROUP {
             let character = bus.read8(mailbox(number))?;
             if behind_bell && !self.follows_bell(character) {
-                // The bell stands alone: this is an older group's.
+                // The bell stands alone: this character belongs to an older group.
                 self.text_length = 0;
                 break;
             }
@@ -494,7 +500,7 @@ impl MailboxPort {
         Ok(event)
     }
 
-    /// Whether `character` is what I6 has behind a `<BELL>`, after what was read of it: `ERRnnn<CR>`, or with I6=3 a `<CR>`.
+    /// Whether `character` continues the text that I6 puts behind a `<BELL>`: `ERRnnn<CR>`, or with I6=3 a `<CR>`.
     fn follows_bell(&self, character: u8) -> bool {
         match (self.settings.error_report, self.text_length) {
             (_, 0) if character == LINE_FEED => true,
@@ -505,7 +511,7 @@ impl MailboxPort {
         }
     }
 
-    /// What a group that ended with `end` (`None`: 16 characters of a line that goes on) completes.
+    /// The event that a group completes which ended with `end` (`None`: 16 characters of a line that goes on).
     fn judge(&mut self, end: Option<u8>) -> Option<AsciiEvent> {
         let settling = matches!(self.state, MailboxState::Settling { .. });
         let awaited = self.open_ended
@@ -515,7 +521,7 @@ impl MailboxPort {
             );
         let stale = |end: u8| Some(AsciiEvent::Stale(end.into()));
         let number_follows = self.settings.error_report == ErrorReport::NextLine;
-        // A PMAC sends no longer line; of one that is, a character at the seam is lost.
+        // A PMAC sends no longer line; a longer one would lose a character at the seam.
         let text = ResponseText::cut(&self.text[..self.text_length]);
         match end {
             None if self.text_length < LINE_LIMIT => return None,
@@ -540,8 +546,8 @@ impl MailboxPort {
 
     fn end_reply(&mut self, awaited: bool, result: Result<(), u16>, end: u8) -> Option<AsciiEvent> {
         match (self.state, result) {
-            // The board has no whole line, nor a control character to answer.
-            // No manual has a board refuse a control character.
+            // The board has no whole line, nor a control character to answer. No manual says that a board refuses a
+            // control character.
             (MailboxState::ControlReply { .. }, Err(number)) => {
                 return Some(AsciiEvent::ProgramError(number));
             }
@@ -555,7 +561,7 @@ impl MailboxPort {
             _ => {}
         }
         if matches!(self.state, MailboxState::ControlReply { .. }) {
-            // It was taken, whether its interrupt was seen or not.
+            // The board has taken the character, whether the host saw its interrupt or not.
             self.lone = None;
         }
         if !self.open_ended {
@@ -565,7 +571,7 @@ impl MailboxPort {
     }
 }
 
-/// The number in `ERRnnn`, 0 when the text is another.
+/// The number in `ERRnnn`; 0 for any other text.
 fn error_number(text: &[u8]) -> u16 {
     let digits = text.strip_prefix(b"ERR").and_then(|digits| std::str::from_utf8(digits).ok());
     digits.and_then(|digits| digits.trim().parse().ok()).unwrap_or(0)

@@ -1,27 +1,30 @@
 //! The host's half of each automatic function, one per file (layer 3).
 //!
-//! A function never waits. Each poll looks at the bus, does what can be done now, and returns. How often to poll, and when
-//! to give up, is the caller's business. A function writes only the bits the host owns. It knows no address: it is given
-//! its descriptor of [`crate::map::functions`], so that it works on the board of any family.
+//! A function never waits. Each poll looks at the bus, does the work that is possible now, and returns. The caller
+//! decides how often to poll and when to give up. A function writes only the bits that the host owns. A function knows
+//! no address: its caller passes a descriptor of [`crate::map::functions`], so the function works on the board of any
+//! family.
 //!
 //! # A new function
-//! It has two files of its own, besides tests:
+//! A function has two files of its own, besides tests:
 //! * here: what host and PMAC write in which order;
-//! * in `daemon/bus/work/`, a `BoardFunction`: when it is due, what it does then, how it is acquired and left. If it fills
-//!   a region of the segment, that is a mirror with a few lines in `daemon/bus/work/mirrored.rs`.
+//! * in `daemon/bus/work/`, a `BoardFunction`: when the function is due, what it does then, how the daemon acquires
+//!   and leaves it. A function that fills a region of the segment is a mirror with a few lines in
+//!   `daemon/bus/work/mirrored.rs`.
 //!
-//! It has lines in these, which the compiler asks for once the name and the descriptor are there:
+//! A function also has lines in these files; the compiler asks for them once the name and the descriptor exist:
 //! * `map/functions.rs` and `map/family/mod.rs`: its descriptor, and each family's;
 //! * `protocol/function.rs`: its name in the configuration;
 //! * `daemon/bus/function_table.rs`: its row in the table, and who gets its commands;
-//! * `daemon/bus/board_loop.rs`: whether its polls say anything of the board;
+//! * `daemon/bus/board_loop.rs`: whether its polls show that the board runs;
 //! * `setup/enable.rs`: what switches it on;
 //! * `daemon/shared/job.rs`, `daemon/socket/jobs.rs` and `daemon/socket/methods.rs`: its commands, if it takes any.
 //!
 //! # What each function costs
-//! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for several n. *Necessary* are the data and the words
-//! by which host and PMAC hand them over; what is counted beyond them makes sure that the data are whole, that nobody
-//! else meddled, or that a write has arrived. An idle poll finds nothing to do.
+//! Bus accesses of 16 bits (the mailboxes' of 8, and 32 of data where the board takes them), counted by tests for
+//! several n. *Necessary* are the data and the words by which host and PMAC hand them over. The further accesses make
+//! sure that the data are whole, that no other host meddled, or that a write has arrived. An idle poll finds nothing
+//! to do.
 //!
 //! | what | necessary | counted | for example |
 //! |---|---|---|---|
@@ -73,18 +76,18 @@
 //! | mailbox line of n, reply of m characters | n + m + 4 + ceil((m+1)/16) | n + m + 5 + 2 ceil((m+1)/16) | n = m = 20: 49 |
 //! | released at start and end: servo, background, variable read, variable write, panel | 7 | 7 | 1 + 1 + 2 + 1 + 2: 7 |
 //!
-//! By 32 bits (`,access=32` behind the board) are read the data that PMAC owns meanwhile, two words of one location by one
-//! access; the words by which host and PMAC hand them over never are. A function that the configuration switches off
-//! makes no access at all.
+//! With `,access=32` behind the board, the host reads the data that PMAC has handed over by 32 bits, two words of one
+//! location by one access. It never reads the words of the handover by 32 bits. A function that the configuration
+//! switches off makes no access at all.
 //!
-//! Halves of n and m, and quarters, are rounded down. A poll of the variable reader meets as many entries of a table as
-//! [`variable_read::POLL_WORDS`] words allow and goes on with the next ones; in single-user mode a report costs the
-//! same in however many polls it is read. Open words are written by the daemon itself. The site's own words are read up to four
-//! times if the board writes them meanwhile.
+//! Halves and quarters of n and m are rounded down. A poll of the variable reader looks at as many entries of a table
+//! as [`variable_read::POLL_WORDS`] words allow; the next poll goes on with the next ones. In single-user mode the
+//! cost of a report does not depend on the number of polls. The daemon itself writes open words. The host reads the
+//! site's own words up to four times if the board writes them meanwhile.
 //!
 //! # What a command line costs
-//! Bus accesses of a line of n characters that is answered by one line of m characters, counted by a test. The DPRAM's are
-//! of 16 bits, the mailboxes' of 8:
+//! Bus accesses for a line of n characters that the board answers with one line of m characters, counted by a test.
+//! Accesses of the DPRAM have 16 bits, those of the mailboxes 8:
 //!
 //! | | DPRAM ([`ascii`], n up to 159) | VME mailboxes ([`mailbox`]) |
 //! |---|---|---|

@@ -1,5 +1,5 @@
-//! The control panel: jog, home, run, stop and feed rate override without a command line (DPRAM manual p. 12-13). Where
-//! its words lie, and for how many numbers, says a [`PanelBlock`].
+//! The control panel: jog, home, run, stop and feed rate override without a command line (DPRAM manual p. 12-13). A
+//! [`PanelBlock`] says where the panel's words lie, and for how many numbers.
 //!
 //! | word | host | PMAC |
 //! |---|---|---|
@@ -8,14 +8,14 @@
 //! | `feed_override` | writes the override of coordinate system 1, 2, ... | reads |
 //! | `override_enable` | sets, last, and clears whose override is taken from here | reads, never clears |
 //!
-//! PMAC looks only while the panel is enabled (I2=3); no word tells whether it is, so a request that is never taken is
-//! all that shows. PMAC clears all of `request_enable`, so the next request waits until it is 0: a bit set in between
-//! would be lost. It clears them "on taking action" (p. 13): a request that the host takes back while PMAC acts on it is cleared
-//! all the same, and that wipes out what the host has put there meanwhile. Who took one back waits for [`PANEL_REST`], or asks
-//! twice.
+//! PMAC looks only while the panel is enabled (I2=3). No word tells whether it is enabled: the host only sees that
+//! PMAC never takes a request. PMAC clears all of `request_enable`, so the next request waits until that word is 0: a
+//! bit set in between would be lost. PMAC clears the word "on taking action" (p. 13). If the host takes a request back
+//! while PMAC acts on it, PMAC still clears the word, and wipes out a request that the host has put there meanwhile.
+//! After taking a request back the host therefore waits for [`PANEL_REST`], or asks twice.
 //!
-//! Motor n and coordinate system n share a request word. The manual says what two jog bits together mean (stop), and
-//! about no other pair of requests to the same motor or the same coordinate system; such pairs are refused here.
+//! Motor n and coordinate system n share a request word. The manual says that two jog bits together mean stop. It is
+//! silent on every other pair of requests to the same motor or coordinate system, so the driver refuses those pairs.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -24,14 +24,14 @@ use crate::device::{Bus, BusError};
 use crate::map::functions::panel_request as bit;
 use crate::map::{HostOffset, PanelBlock};
 
-/// How long after a request was taken back nothing but stops goes into the panel: PMAC may be acting on it.
+/// How long after it took a request back the host writes only stops to the panel: PMAC may be acting on that request.
 pub const PANEL_REST: Duration = Duration::from_millis(50);
-/// The bits a motor acts on.
+/// The bits that a motor acts on.
 const MOTOR_BITS: u16 = bit::JOG_MINUS | bit::JOG_PLUS | bit::PRE_JOG | bit::HOME;
 /// The most numbers a panel can have: an enable word has a bit for each.
 const MOST_NUMBERS: usize = 16;
 
-/// Something a panel can ask for.
+/// An action that a panel can ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PanelAction {
@@ -85,7 +85,7 @@ impl PanelAction {
         }
     }
 
-    /// Whether it is for motors; the others are for coordinate systems.
+    /// Whether the action is for motors; the other actions are for coordinate systems.
     #[must_use]
     pub const fn is_for_motors(self) -> bool {
         self.bits() & MOTOR_BITS != 0
@@ -125,7 +125,7 @@ impl FromStr for PanelAction {
     }
 }
 
-/// Why a panel request or an override was refused. Nothing has been written then.
+/// Why the driver refused a panel request or an override. It has written nothing then.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PanelError {
@@ -138,9 +138,9 @@ pub enum PanelError {
     /// No such motor or coordinate system.
     #[error("the panel has numbers 1 to {numbers}, not {number}")]
     Number {
-        /// What was asked for.
+        /// The requested number.
         number: usize,
-        /// How many there are.
+        /// How many the panel has.
         numbers: usize,
     },
     /// Two actions that exclude each other.
@@ -151,23 +151,23 @@ pub enum PanelError {
         /// The action that came second.
         action: PanelAction,
     },
-    /// A percentage that is none.
+    /// Not a percentage.
     #[error("{0} % is not a feed rate override; write 0 or more")]
     Percent(f64),
-    /// A raw override the word has no room for.
+    /// A raw override that the word has no room for.
     #[error("a feed rate override is 0 to 32767 (in 1/32768 ms), not {0}")]
     Raw(u32),
-    /// A servo period of nothing.
+    /// A servo period of 0.
     #[error("with I10 = 0 a percentage means nothing; give the override as a raw value or say what I10 is")]
     NoServoPeriod,
 }
 
-/// What is asked of which motors and coordinate systems, all at once.
+/// A request to several motors and coordinate systems at once.
 #[derive(Clone, Copy, PartialEq, Eq, Default)]
 pub struct PanelRequest {
     /// Whose words count: bit 0 is number 1.
     mask: u32,
-    /// The request words, of number 1 first.
+    /// The request words, number 1 first.
     words: [u16; MOST_NUMBERS],
 }
 
@@ -183,7 +183,8 @@ impl PanelRequest {
     /// Also asks `action` of `number`. Jog minus and jog plus add up to stop.
     ///
     /// # Errors
-    /// A number that `panel` has not; two actions for one motor, or for one coordinate system, that exclude each other.
+    /// A number that `panel` does not have; two actions for one motor, or for one coordinate system, that exclude each
+    /// other.
     pub fn and(mut self, panel: &PanelBlock, action: PanelAction, number: usize) -> Result<Self, PanelError> {
         check_number(panel, number)?;
         let jogs = bit::JOG_MINUS | bit::JOG_PLUS;
@@ -206,7 +207,7 @@ impl PanelRequest {
         Self { mask, words: std::array::from_fn(word) }
     }
 
-    /// Two requests as one. Does not check for conflicts: only for stops, which never conflict.
+    /// Two requests as one. Does not check for conflicts: use it only for stops, which never conflict.
     #[must_use]
     pub fn together_with(mut self, other: &Self) -> Self {
         self.mask |= other.mask;
@@ -222,7 +223,7 @@ impl PanelRequest {
         self.mask
     }
 
-    /// What it asks, where that is the same of all its numbers.
+    /// The action, if the request asks the same of all its numbers.
     #[must_use]
     pub fn action(&self) -> Option<PanelAction> {
         let (_, first) = self.asked().next()?;
@@ -230,25 +231,25 @@ impl PanelRequest {
         self.asked().all(|(_, word)| word == first).then_some(action)
     }
 
-    /// The numbers it is for, and the request word of each.
+    /// The numbers that the request is for, and the request word of each.
     fn asked(&self) -> impl Iterator<Item = (usize, u16)> {
         (1..).zip(self.words).filter(|(number, _)| self.mask >> (number - 1) & 1 != 0)
     }
 
-    /// The motors it stops jogging, and of which it wants nothing else: bit 0 is number 1.
+    /// The motors whose jog the request stops and of which it asks no other action: bit 0 is number 1.
     #[must_use]
     pub fn stops(&self) -> u32 {
         let stops = self.asked().filter(|(_, word)| *word == PanelAction::JogStop.bits());
         stops.fold(0, |mask, (number, _)| mask | 1 << (number - 1))
     }
 
-    /// Whether it only stops motors that jog.
+    /// Whether the request only stops motors that jog.
     #[must_use]
     pub fn is_stop(&self) -> bool {
         self.stops() == self.mask
     }
 
-    /// Whether it only stops, aborts and holds, so that PMAC may be asked twice.
+    /// Whether the request only stops, aborts and holds, so that the host may ask PMAC twice.
     #[must_use]
     pub fn ends_motion(&self) -> bool {
         let jogs = PanelAction::JogStop.bits();
@@ -288,12 +289,11 @@ impl FeedOverride {
         }
     }
 
-    /// `percent` of real time with the servo period `i10` (I10, in 1/8388608 ms). More than the word has room for
-    /// becomes [`FeedOverride::MAXIMUM`]; what was meant and what was made of it differ then, which
-    /// [`FeedOverride::percent`] tells.
+    /// `percent` of real time with the servo period `i10` (I10, in 1/8388608 ms). A value that the word has no room
+    /// for becomes [`FeedOverride::MAXIMUM`]; [`FeedOverride::percent`] tells the percentage that applies then.
     ///
     /// # Errors
-    /// A negative percentage, or one that is no number; I10 = 0.
+    /// A negative percentage, or not a number; I10 = 0.
     pub fn from_percent(percent: f64, i10: u32) -> Result<Self, PanelError> {
         if !percent.is_finite() || percent < 0.0 {
             return Err(PanelError::Percent(percent));
@@ -311,7 +311,7 @@ impl FeedOverride {
         self.0
     }
 
-    /// In percent of real time with the servo period `i10`; `None` when that is 0.
+    /// The override in percent of real time with the servo period `i10`; `None` if `i10` is 0.
     #[must_use]
     pub fn percent(self, i10: u32) -> Option<f64> {
         (i10 != 0).then(|| f64::from(self.0) * UNITS_OF_I10 * 100.0 / f64::from(i10))
@@ -324,18 +324,18 @@ const UNITS_OF_I10: f64 = 256.0;
 /// The panel as it lies in the DPRAM.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PanelWords {
-    /// Whose request PMAC has not taken yet.
+    /// The numbers whose request PMAC has not taken yet.
     pub request_enable: u16,
-    /// Whose override comes from here.
+    /// The coordinate systems whose override PMAC takes from the panel.
     pub override_enable: u16,
-    /// The request words, of number 1 first, as last written.
+    /// The request words, number 1 first, as last written.
     pub requests: Vec<u16>,
-    /// The overrides, of coordinate system 1 first, valid or not.
+    /// The overrides, coordinate system 1 first, valid or not.
     pub overrides: Vec<u16>,
 }
 
 impl PanelWords {
-    /// The panel out of `words`, which begin at its region's start. Words that are not there count as 0.
+    /// The panel in `words`, which begin at the region's start. Missing words count as 0.
     #[must_use]
     pub fn of(panel: &PanelBlock, words: &[u16]) -> Self {
         let word =
@@ -350,7 +350,7 @@ impl PanelWords {
     }
 }
 
-/// Where the word of number `index + 1` lies, that of number 1 being at `first`.
+/// Where the word of number `index + 1` lies, if the word of number 1 is at `first`.
 const fn place(panel: &PanelBlock, first: HostOffset, index: usize) -> HostOffset {
     first.plus_words(index * panel.stride)
 }
@@ -359,7 +359,7 @@ const fn place(panel: &PanelBlock, first: HostOffset, index: usize) -> HostOffse
 #[derive(Debug)]
 pub struct Panel {
     words: &'static PanelBlock,
-    /// The host's enable bits of the overrides, once they were read.
+    /// The host's enable bits of the overrides, once the host has read them.
     override_enable: Option<u16>,
 }
 
@@ -370,9 +370,9 @@ impl Panel {
         Self { words, override_enable: None }
     }
 
-    /// Takes over from whatever host was there before: a request PMAC has not taken is withdrawn, since nobody waits
-    /// for it any more; the overrides in force are adopted as they are, since to end one changes the speed of a
-    /// machine that runs. 1 read, 1 write. Also to be called after a reset of the board.
+    /// Takes over from an earlier host. Withdraws a request that PMAC has not taken, since no client waits for it any
+    /// more. Keeps the overrides in force, since ending one changes the speed of a running machine. 1 read, 1 write.
+    /// The caller also calls this after a reset of the board.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -383,8 +383,8 @@ impl Panel {
         Ok(())
     }
 
-    /// Puts `request` to PMAC. `Ok(false)`: PMAC has not taken the last one, or there is no board; try later.
-    /// 1 read, and 1 write more than numbers are concerned.
+    /// Hands `request` to PMAC. `Ok(false)`: PMAC has not taken the last request, or the board is absent; try later. 1
+    /// read, 1 write, and 1 write a number.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -401,7 +401,7 @@ impl Panel {
         Ok(true)
     }
 
-    /// Whether PMAC has taken the last request. 1 read. An absent board, which reads as all ones, has not.
+    /// Whether PMAC has taken the last request. 1 read. An absent board reads as all ones and has not taken it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -409,8 +409,8 @@ impl Panel {
         Ok(bus.read16(self.words.request_enable)? == 0)
     }
 
-    /// Takes back a request PMAC has not taken. PMAC may take it in this very moment; whether it did cannot be known.
-    /// 1 write.
+    /// Takes back a request that PMAC has not taken. PMAC may take the request at this very moment; the host cannot
+    /// know whether it did. 1 write.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -420,9 +420,10 @@ impl Panel {
         Ok(())
     }
 
-    /// Sets the override of coordinate system `number` and has PMAC take it from here until it is released, across
-    /// restarts of the host too. It acts only while the coordinate system's Ix93 points to the register PMAC copies
-    /// it to ([`crate::map::Family::override_register`]). `Ok(false)`: there is no board. 2 writes; 1 read the first time.
+    /// Sets the override of coordinate system `number`. PMAC takes the override from the panel until the host releases
+    /// it, also across restarts of the host. The override acts only while the coordinate system's Ix93 points to the
+    /// register that PMAC copies the override to ([`crate::map::Family::override_register`]). `Ok(false)`: the board
+    /// is absent. 2 writes; 1 read the first time.
     ///
     /// # Errors
     /// A number there is not, or the bus cannot be reached.
@@ -440,8 +441,8 @@ impl Panel {
         Ok(true)
     }
 
-    /// Has PMAC take the override of coordinate system `number` from here no longer. `Ok(false)`: there is no board.
-    /// PMAC keeps the last value in its own register. 1 write; 1 read the first time.
+    /// Makes PMAC stop taking the override of coordinate system `number` from the panel. `Ok(false)`: the board is
+    /// absent. PMAC keeps the last value in its own register. 1 write; 1 read the first time.
     ///
     /// # Errors
     /// A number there is not, or the bus cannot be reached.
@@ -460,7 +461,7 @@ impl Panel {
     fn enabled_overrides(&mut self, bus: &mut impl Bus) -> Result<Option<u16>, BusError> {
         if self.override_enable.is_none() {
             let word = bus.read16(self.words.override_enable)?;
-            // An enable word of ones is no board.
+            // An enable word of all ones means an absent board.
             self.override_enable = (word != u16::MAX).then_some(word & self.used_bits());
         }
         Ok(self.override_enable)

@@ -1,29 +1,30 @@
 //! The binary rotary program buffers: motion program lines that PMAC copies, without reading text, into its own rotary
-//! program buffer (DPRAM manual p. 30-31; the second buffer's header, at 0x07DC, is not in the manual). Where the headers
-//! lie says [`crate::map::RotaryHeaders`]; what stands in one, [`rotary_header`].
+//! program buffer (DPRAM manual p. 30-31; the second buffer's header, at 0x07DC, is not in the manual).
+//! [`crate::map::RotaryHeaders`] says where the headers lie, [`rotary_header`] what a header holds.
 //!
-//! A buffer is a ring of 32-bit longs in the user area of the DPRAM, two a command, low 24 bits used. The host writes
-//! at its index, PMAC reads at its own up to the host's; equal means empty. At the host's index stands an end marker,
-//! which the next command overwrites. The buffer counts as full when PMAC's index is four longs ahead of the host's, so
-//! a line and the marker behind it never reach what PMAC still has to read. A line must be complete in the buffer
-//! before the host's index moves.
+//! A buffer is a ring of 32-bit longs in the user area of the DPRAM: two longs a command, the low 24 bits of each
+//! used. The host writes at its index, PMAC reads from its own index up to the host's; equal indexes mean an empty
+//! ring. At the host's index stands an end marker, which the next command overwrites. The buffer counts as full when
+//! PMAC's index is four longs ahead of the host's, so a line and the marker behind it never reach commands that PMAC
+//! has not read. A line must be complete in the buffer before the host's index moves.
 //!
-//! The host owns the ring, its index, and, while the transfer is disabled, the header; PMAC owns the status word
-//! and its index. On PMAC I57 enables the transfer. On Turbo boards, where each coordinate system has a buffer of its own, no such
-//! I-variable is told, but binary entry is opened by itself (Turbo Software Reference p. 290); besides, a header whose size is 0 is
-//! not in use, so that the size is written last. PMAC's internal buffer holds further lines: an empty ring does not mean yet that the motors wait.
+//! The host owns the ring, its index, and, while the transfer is disabled, the header; PMAC owns the status word and
+//! its index. On PMAC I57 enables the transfer. On Turbo boards each coordinate system has a buffer of its own. The
+//! manuals name no such I-variable for them, but a command that opens binary entry (Turbo Software Reference p. 290).
+//! A header whose size is 0 is not in use, so the host writes the size last. PMAC's internal buffer holds further
+//! lines, so the motors need not wait yet when the ring is empty.
 
 use crate::device::{Bus, BusError};
 use crate::map::functions::rotary_header;
 use crate::map::{Family, HostOffset};
 use crate::rotary::{END_MARKER, START_OF_LINE};
 
-/// Longs before PMAC's index that are never filled (manual p. 30, rule 3); the end marker takes two of them.
+/// Longs before PMAC's index that the host never fills (manual p. 30, rule 3); the end marker takes two of them.
 const KEPT_FREE: u32 = 4;
 /// The smallest buffer in longs: one command a line.
 pub const LEAST_LONGS: u32 = 2 + KEPT_FREE;
 
-/// Where a buffer lies and what it feeds.
+/// Where a buffer lies and which coordinate system it feeds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RotarySetup {
     /// The ring's first location (its Y half), in the user area.
@@ -32,12 +33,12 @@ pub struct RotarySetup {
     pub size_longs: u32,
     /// The coordinate system, from 1, that has the rotary program buffer.
     pub coordinate_system: u8,
-    /// The number the header holds for coordinate system 1: 1 or 0. No text says which; see
+    /// The number that the header holds for coordinate system 1: 1 or 0. No manual says which; see
     /// [`crate::rotary::Settings::coordinate_system_base`].
     pub coordinate_system_base: u8,
 }
 
-/// Why a rotary buffer cannot be set up, or a line not be put into it.
+/// Why the host cannot set up a rotary buffer, or put a line into it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RotaryError {
@@ -49,7 +50,7 @@ pub enum RotaryError {
         "a rotary buffer of {size} longs is not possible; take an even number from {LEAST_LONGS} to {most}"
     )]
     Size {
-        /// What was asked for.
+        /// The requested size.
         size: u32,
         /// The longs of the user area.
         most: u32,
@@ -75,12 +76,12 @@ pub enum RotaryError {
     CoordinateSystem {
         /// The coordinate system.
         number: u8,
-        /// How many there are.
+        /// How many the board has.
         systems: usize,
-        /// What the first one is called.
+        /// The number of the first one.
         base: u8,
     },
-    /// No buffer was set up, or the board has forgotten it since.
+    /// The host has set up no buffer, or the board has forgotten it since.
     #[error("the rotary buffer has not been set up")]
     NotSetUp,
     /// The line has no command.
@@ -89,14 +90,14 @@ pub enum RotaryError {
     /// The line can never fit.
     #[error("a line of {commands} commands does not fit a rotary buffer of {size} longs, which takes {most}")]
     TooLong {
-        /// Its commands.
+        /// How many commands the line has.
         commands: usize,
         /// The buffer's length in longs.
         size: u32,
         /// The most commands of a line.
         most: u32,
     },
-    /// The words are not those of one line.
+    /// The words do not form one line.
     #[error(
         "command {number} of the line is ${word1:06X}, ${word2:06X}; words have 24 bits, and bit 11 of the first \
          word is set in a line's first command and in no other"
@@ -109,7 +110,7 @@ pub enum RotaryError {
         /// Its second word.
         word2: u32,
     },
-    /// The header does not say what it must: another host wrote it, or the board lost it.
+    /// The header does not hold the values it must: another host wrote it, or the board lost it.
     #[error(
         "the rotary header at {header} has host index {host} (this host left {expected}) and PMAC index {pmac}, which \
          cannot come about by reading; set the buffer up again"
@@ -126,7 +127,7 @@ pub enum RotaryError {
     },
 }
 
-/// How far PMAC is.
+/// How far PMAC has read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct RotaryState {
     /// Longs in the ring that PMAC has not taken.
@@ -135,17 +136,18 @@ pub struct RotaryState {
     pub ahead_commands: u32,
     /// Lines in the ring that PMAC has not taken wholly.
     pub ahead_lines: u64,
-    /// PMAC's index stands inside a line: of the first of these it has taken a part.
+    /// PMAC's index stands inside a line: PMAC has taken a part of the first of these lines.
     pub is_inside_line: bool,
     /// Lines put into the ring so far.
     pub sent_lines: u64,
-    /// PMAC's internal rotary buffer is full: it takes nothing until motion goes on.
+    /// PMAC's internal rotary buffer is full: PMAC takes no command until motion goes on.
     pub busy: bool,
-    /// PMAC has reported an error: its code, the meaning of which no text gives.
+    /// The code of an error that PMAC has reported. No manual tells what the codes mean.
     pub error: Option<u8>,
-    /// How often the ring was found empty though the stream was not finished. A ring that ran empty is found so at the
-    /// next line at the latest, so none is missed. When PMAC's internal buffer is full for the first time the count
-    /// starts over: until then PMAC takes all there is, and that is no sign that the motors wait.
+    /// How often the host found the ring empty though the stream was not finished. The host finds a ring that ran
+    /// empty at the next line at the latest, so it misses none. The count starts over when PMAC's internal buffer is
+    /// full for the first time: until then PMAC takes every line at once, and an empty ring does not show that the
+    /// motors wait.
     pub underruns: u64,
 }
 
@@ -155,7 +157,7 @@ pub struct RotaryStream {
     family: &'static Family,
     header: HostOffset,
     start: HostOffset,
-    /// The ring's length in longs; 0 as long as the buffer has not been set up.
+    /// The ring's length in longs; 0 until the host has set up the buffer.
     size: u32,
     /// The host's index, as the board has it.
     host: u32,
@@ -163,21 +165,21 @@ pub struct RotaryStream {
     ahead: u32,
     sent_longs: u64,
     sent_lines: u64,
-    /// A bit for each place of a command in the ring: whether a line ends there.
+    /// A bit for each command's place in the ring: whether a line ends there.
     line_ends: Box<[u64]>,
     /// Lines that PMAC has not taken wholly.
     ahead_lines: u64,
     underruns: u64,
     /// PMAC's internal buffer has been full.
     filled: bool,
-    /// The ring has been counted as run empty since the last line.
+    /// The host has already counted the ring as empty since the last line.
     dry: bool,
     finished: bool,
 }
 
 impl RotaryStream {
-    /// A stream for each of the family's buffers, in the order of their headers. None is set up yet. What it needs of
-    /// the host's memory it has from now on.
+    /// A stream for each of the family's buffers, in the order of their headers. None is set up yet. Each stream
+    /// allocates its memory here, and none later.
     #[must_use]
     pub fn of_family(family: &'static Family) -> Vec<Self> {
         let places = family.user_area.words() / 4;
@@ -200,10 +202,10 @@ impl RotaryStream {
         family.rotary.headers.iter().map(stream).collect()
     }
 
-    /// Sets the buffer up, empty. Where an I-variable enables the transfer, it must be 0 until this has returned.
+    /// Sets the buffer up, empty. If an I-variable enables the transfer, it must be 0 until this has returned.
     ///
-    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves anything in it), one more
-    /// where no I-variable enables the transfer.
+    /// Costs 1 read and 9 writes; one write more to clear a status word that is not 0 (power-on leaves any value in
+    /// it), one more where no I-variable enables the transfer.
     ///
     /// # Errors
     /// [`RotaryError::Size`], [`RotaryError::Place`], [`RotaryError::CoordinateSystem`] before anything is written;
@@ -224,10 +226,10 @@ impl RotaryStream {
         if !(1..=systems).contains(&coordinate_system.into()) || base > 1 {
             return Err(RotaryError::CoordinateSystem { number: coordinate_system, systems, base });
         }
-        // Should the board go away meanwhile, the buffer is not set up.
+        // If the board goes away meanwhile, the buffer counts as not set up.
         self.reset();
         if self.family.i.rotary_enable.is_none() {
-            // No I-variable keeps PMAC out: a header that is not in use does.
+            // No I-variable keeps PMAC out, so a header that is not in use must.
             self.clear_unused(bus)?;
         }
         let header = self.header;
@@ -249,8 +251,8 @@ impl RotaryStream {
         Ok(())
     }
 
-    /// Marks a buffer that has not been set up as not in use, whatever power-on left in its header: its size is 0. To be called before
-    /// a transfer is enabled: that is for all buffers.
+    /// Marks a buffer that is not set up as not in use, by size 0, whatever power-on left in its header. Call this
+    /// before enabling a transfer: enabling applies to all buffers.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -262,7 +264,7 @@ impl RotaryStream {
         Ok(())
     }
 
-    /// The board has forgotten the buffer, as by a reset: it has to be set up again.
+    /// The board has forgotten the buffer, for instance by a reset: the host must set it up again.
     pub fn reset(&mut self) {
         self.line_ends.fill(0);
         *self = Self {
@@ -281,7 +283,7 @@ impl RotaryStream {
         };
     }
 
-    /// Whether the buffer has been set up, and the board has not forgotten it since.
+    /// Whether the host has set up the buffer, and the board has not forgotten it since.
     #[must_use]
     pub const fn is_set_up(&self) -> bool {
         self.size != 0
@@ -305,16 +307,17 @@ impl RotaryStream {
         (self.size - KEPT_FREE) / 2
     }
 
-    /// No line will follow: from now on an empty ring is no underrun. A line offered all the same makes it go on.
+    /// No line will follow: from now on an empty ring is no underrun. A line offered all the same makes the stream go
+    /// on.
     pub fn finish(&mut self) {
         self.finished = true;
     }
 
-    /// Puts `line`, the words of its commands in order, into the ring. `Ok(false)`: there is no room for all of it yet,
-    /// and nothing was written.
+    /// Puts `line`, the words of its commands in order, into the ring. `Ok(false)`: the ring has no room for the whole
+    /// line yet, and the host wrote nothing.
     ///
-    /// The words and the new end marker are in place before the host's index moves, and the old end marker, which
-    /// begins a line as the first command does, is overwritten last.
+    /// The words and the new end marker are in place before the host's index moves. The host overwrites the old end
+    /// marker last: that marker begins a line, as the first command does.
     ///
     /// Costs 2 reads, and 4 writes a command with 5 more when there is room; 1 read more when there is none, until PMAC's
     /// internal buffer has been full.
@@ -356,7 +359,7 @@ impl RotaryStream {
         Ok(true)
     }
 
-    /// How far PMAC is. Costs 3 reads.
+    /// Tells how far PMAC has read. Costs 3 reads.
     ///
     /// # Errors
     /// [`RotaryError::NotSetUp`]; [`RotaryError::Header`]; [`RotaryError::Bus`].
@@ -391,7 +394,8 @@ impl RotaryStream {
         bus.read_block(self.header.plus_words(rotary_header::HOST_INDEX), &mut words)?;
         let [host, pmac] = words;
         let error = RotaryError::Header { header: self.header, host, expected: self.host, pmac };
-        // At the ring's end PMAC's index may be the size: rule 3 (p. 30) takes the remainder of the host's alone.
+        // At the ring's end PMAC's index may equal the size: rule 3 (p. 30) takes the remainder of the host's index
+        // alone.
         if u32::from(host) != self.host || u32::from(pmac) > self.size || !pmac.is_multiple_of(2) {
             return Err(error);
         }
@@ -431,7 +435,7 @@ impl RotaryStream {
         *word = if ends { *word | bit } else { *word & !bit };
     }
 
-    /// The line's length in longs, if it is one that can be sent.
+    /// The line's length in longs, if the host can send the line.
     fn check(&self, line: &[(u32, u32)]) -> Result<u32, RotaryError> {
         self.check_set_up()?;
         if line.is_empty() {
@@ -460,7 +464,7 @@ impl RotaryStream {
     }
 }
 
-/// Writes a command's two longs, zero-extended. A ring's size is even, so they never part at its end.
+/// Writes a command's two longs, zero-extended. A ring's size is even, so its end never parts the two longs.
 fn put(bus: &mut impl Bus, at: HostOffset, (word1, word2): (u32, u32)) -> Result<(), BusError> {
     bus.write16(at, word1 as u16)?;
     bus.write16(at.plus_words(1), (word1 >> 16) as u16)?;

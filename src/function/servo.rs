@@ -1,5 +1,5 @@
 //! The servo report: motor data that PMAC copies into the DPRAM every so many servo cycles (DPRAM manual p. 14-17,
-//! Turbo User Manual p. 402-403). [`ServoBlock`] says where it lies.
+//! Turbo User Manual p. 402-403). [`ServoBlock`] says where the report lies.
 //!
 //! | PMAC and PMAC2 | Turbo | host | PMAC |
 //! |---|---|---|---|
@@ -10,20 +10,20 @@
 //! | - | 0x0070 | writes which motors it wants | copies those |
 //!
 //! PMAC tests Host-Busy before it sets its own flag, so Host-Busy alone does not protect a slow read: an update may
-//! begin right after the host polled. So in both ways of reading the status is read again after the data, and unless
-//! both readings are equal and not busy, the copy is discarded. Of a status in two words the flag is read first: PMAC
-//! stores the timer before it says that the data are whole. What this cannot show: a bus that returned something else
-//! in the middle of a copy, for less than a servo period; and, in optimistic reading, a servo counter that is set back
-//! by one update at that moment, so that two updates in a row have the same number.
+//! begin right after the host polled. So in both ways of reading the host reads the status again after the data, and
+//! discards the copy unless both readings are equal and not busy. Of a status in two words the host reads the flag
+//! first: PMAC stores the timer before it says that the data are whole. This check does not catch a bus that returns
+//! other data in the middle of a copy, for less than a servo period; nor, in optimistic reading, a servo counter that
+//! is set back by one update at that moment, so that two updates in a row have the same number.
 //!
-//! On request (I47=0) a Turbo board waits until the host has taken an update before it makes the next one (p. 403). The host
-//! always clears the flag: to reports that come by themselves it makes no difference but for an update that became ready between
-//! the last look and the write; that one counts as missed.
+//! On request (I47=0) a Turbo board waits until the host has taken an update before it makes the next one (p. 403).
+//! The host always clears the flag. For reports that the board makes by itself this matters only if an update becomes
+//! ready between the host's last look and its write; that update counts as missed.
 //!
-//! The mask is the host's, but any host can write it. It is read again now and then, and what another host took out of it is
-//! not read any more: PMAC leaves those blocks as they are.
+//! The mask is the host's, but any host can write it. The reader reads the mask again now and then, and no longer
+//! reads the motors that another host took out: PMAC leaves their blocks as they are.
 //!
-//! Host-Busy left set by a host that died stops the updates for ever; [`ServoReader::release`] clears it.
+//! If a host dies with Host-Busy set, PMAC makes no more updates; [`ServoReader::release`] clears Host-Busy.
 
 use std::ops::Range;
 
@@ -32,32 +32,32 @@ use crate::device::{Bus, BusError};
 use crate::format::{join32, split32};
 use crate::map::{BusyRule, Flag, HostOffset, Motors, Selection, ServoBlock, WholeBoard};
 
-/// How the buffer is read.
+/// How the host reads the buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ServoReading {
-    /// PMAC's status word serves as a sequence number; the host sets no bit and PMAC never skips an update.
-    /// Not the procedure the manual gives; not yet confirmed on a card.
+    /// PMAC's status word serves as a sequence number; the host sets no bit and PMAC never skips an update. The manual
+    /// gives another procedure; no test on a card has confirmed this one yet.
     #[default]
     Optimistic,
     /// The manual's procedure: Host-Busy is set around each read, and PMAC skips updates that fall into it.
     Handshake,
 }
 
-/// A copy that took longer is thrown away: the shortest timer comes round after 32768 servo cycles, 14.5 s at the
+/// The reader discards a copy that took longer: the shortest timer comes round after 32768 servo cycles, 14.5 s at the
 /// default rate.
 const LONGEST_COPY_NS: u64 = 1_000_000_000;
-/// After so many updates the mask is read again, a tenth of a second at the default rate.
+/// After so many updates the host reads the mask again: a tenth of a second at the default rate.
 const MASK_UPDATES: u32 = 256;
-/// How often PMAC's flag is read after Host-Busy was set, before this update is given up.
+/// How often the host reads PMAC's flag after it set Host-Busy, before it gives up this update.
 const BUSY_POLLS: usize = 8;
 
-/// What a poll of the servo report gave.
+/// The result of a poll of the servo report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ServoPoll {
     /// No update since the last one taken.
     Unchanged,
-    /// The first poll: the value is the timer of the update from before, which is not taken.
+    /// The first poll: the value is the timer of an earlier update, which the host does not take.
     First(u32),
     /// PMAC is writing the buffer.
     Busy,
@@ -67,7 +67,7 @@ pub enum ServoPoll {
     Update(u32),
 }
 
-/// Which motors move. A motor of which nothing is known is in neither.
+/// Which motors move. A motor whose status the host does not read is in neither set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Motion {
     /// Their loops are closed and their desired velocity is not zero.
@@ -76,45 +76,45 @@ pub struct Motion {
     pub standing: Motors,
 }
 
-/// PMAC's flag and the servo timer, as they were read.
+/// PMAC's flag and the servo timer, as the host read them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Status {
     flag: u16,
     timer_low: u16,
 }
 
-/// Reads the servo report of the motors that the board reports, or what was selected of it.
+/// Reads the servo report of the motors that the board reports, or the selected part.
 pub struct ServoReader {
     block: &'static ServoBlock,
     reading: ServoReading,
     selection: Selection,
-    /// The motors the board is said to report; `None` until somebody says it.
+    /// The motors that the caller said the board reports; `None` until then.
     told: Option<Motors>,
-    /// Of those the ones it does report.
+    /// Those of them that the board does report.
     motors: Motors,
-    /// The report's mask is to be written.
+    /// The host must write the report's mask.
     mask_due: bool,
-    /// But not now: words of motors that the board was not told to report may be somebody's.
+    /// The host leaves the mask as it found it: another program may use the words of motors outside the mask.
     as_found: bool,
-    /// The mask as it was found, and as it was written over that.
+    /// The mask as the host found it, and as the host wrote it.
     mask_found: Option<[u32; 2]>,
-    /// So many updates more until the mask is read again.
+    /// Updates left until the host reads the mask again.
     mask_updates: u32,
-    /// Of the motors told, those that somebody else has taken out of the mask, and whether that has changed.
+    /// The motors of `told` that another host has taken out of the mask, and whether that set has changed.
     taken_out: Motors,
     taken_out_changed: bool,
-    /// What is read of the motors' blocks, in words from the first one's start.
+    /// The words that the host reads of the motors' blocks, from the first block's start.
     runs: Vec<Range<usize>>,
     last_timer: Option<u32>,
     clock: Clock,
     image: Box<[u16]>,
-    /// What the motors' status in it says.
+    /// The motors' status in the image.
     open_loops: Motors,
     motion: Motion,
 }
 
 impl ServoReader {
-    /// As [`ServoReader::new`], but of the motors' blocks only what `selection` has.
+    /// A reader of the parts of the motors' blocks that `selection` names.
     #[must_use]
     pub fn new(block: &'static ServoBlock, reading: ServoReading, selection: Selection) -> Self {
         let mut reader = Self {
@@ -129,7 +129,7 @@ impl ServoReader {
             mask_updates: 0,
             taken_out: Motors::NONE,
             taken_out_changed: false,
-            // Room for any selection, so that it is not allocated later.
+            // Room for any selection, so that the bus thread does not allocate later.
             runs: Vec::with_capacity(block.motors.count * block.motors.words),
             last_timer: None,
             clock: Clock::real(),
@@ -148,7 +148,7 @@ impl ServoReader {
         self
     }
 
-    /// How the buffer is read.
+    /// How the host reads the buffer.
     #[must_use]
     pub fn reading(&self) -> ServoReading {
         self.reading
@@ -160,8 +160,8 @@ impl ServoReader {
         self.block.timer.bits()
     }
 
-    /// Reads from now on the motors that the board reports. PMAC leaves the blocks of the others as
-    /// they are, so those are not read. Where the report has a mask, the next poll has the board report them.
+    /// Reads from now on the motors that the board reports. PMAC leaves the blocks of the other motors as they are, so
+    /// the host does not read those. Where the report has a mask, the next poll writes `motors` to it.
     pub fn set_motors(&mut self, motors: Motors) {
         self.told = Some(motors);
         self.mask_due = self.block.mask.is_some();
@@ -169,18 +169,18 @@ impl ServoReader {
         self.read_motors(motors);
     }
 
-    /// Which motors somebody else has taken out of the mask, if that has changed since the last call.
+    /// Which motors another host has taken out of the mask, if that set has changed since the last call.
     pub fn take_taken_out(&mut self) -> Option<Motors> {
         std::mem::take(&mut self.taken_out_changed).then_some(self.taken_out)
     }
 
-    /// The motors that are not read because the report's mask is left as it is found.
+    /// The motors that the host does not read because it leaves the report's mask as it found it.
     #[must_use]
     pub fn left_out(&self) -> Motors {
         if self.as_found { self.told.unwrap_or_default().without(self.motors) } else { Motors::NONE }
     }
 
-    /// Whether to leave the report's mask as it is found, and read the motors that it has.
+    /// Sets whether to leave the report's mask as the host finds it, and to read the motors in the mask.
     pub fn keep_as_found(&mut self, as_found: bool) {
         if self.as_found == as_found {
             return;
@@ -207,29 +207,29 @@ impl ServoReader {
         self.selection.among(self.motors.bits())
     }
 
-    /// The buffer as last taken, from the region's first word on, up to the last motor read. The mask, where the report
-    /// has one, tells which motors were read. Words the host does not read (its own status, the global spares, what was
-    /// not selected) are 0.
+    /// The last update, from the region's first word up to the last motor read. The mask, where the report has one,
+    /// tells which motors the host read. Words that the host does not read (its own status, the global spares, words
+    /// that were not selected) are 0.
     #[must_use]
     pub fn image(&self) -> &[u16] {
         let motors = self.reported().last_number(self.block.motors.count);
         &self.image[..self.block.motors.words_from(self.block.region.start, motors)]
     }
 
-    /// What the last update says of the whole board; `None` where the report does not tell.
+    /// The state of the whole board in the last update; `None` where the report does not tell.
     #[must_use]
     pub fn whole_board(&self) -> Option<WholeBoard> {
         let status = self.block.global_status.as_ref()?;
         Some(status.whole_board(status.words(&self.image, self.block.region.start)?))
     }
 
-    /// The motors whose loop was open at the last update; only of those whose status is read.
+    /// The motors whose loop was open at the last update, among those whose status the host reads.
     #[must_use]
     pub fn open_loops(&self) -> Motors {
         self.open_loops
     }
 
-    /// Which motors moved at the last update; only of those whose status is read.
+    /// Which motors moved at the last update, among those whose status the host reads.
     #[must_use]
     pub fn motion(&self) -> Motion {
         self.motion
@@ -247,20 +247,21 @@ impl ServoReader {
         (1..).zip(status).filter_map(|(motor, words)| flag.is_set(words[0]).then_some(motor)).collect()
     }
 
-    /// Forgets the last update: what is in the buffer at the next poll counts as old. Only a change after it is an
-    /// update, so data from before a reset or a restart are never taken for new.
+    /// Forgets the last update: the data in the buffer at the next poll count as old. Only a later change counts as an
+    /// update, so the host never takes data from before a reset or a restart for new.
     pub fn reset(&mut self) {
         self.last_timer = None;
         self.mask_is_lost();
     }
 
-    /// The board was reset: what became of the mask is not documented. The next poll writes it, where motors were told.
+    /// The board was reset, and no manual says whether the mask survives. The next poll writes the mask, if the caller
+    /// has set motors.
     pub fn mask_is_lost(&mut self) {
         self.mask_due = self.block.mask.is_some() && self.told.is_some();
         self.mask_updates = 0;
     }
 
-    /// Puts the mask back as it was found, unless somebody has written another one since.
+    /// Restores the mask that the host found, unless another host has written another mask since.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -273,7 +274,7 @@ impl ServoReader {
         Ok(())
     }
 
-    /// Clears the host's bit, whoever set it.
+    /// Clears Host-Busy, whichever host set it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -283,7 +284,7 @@ impl ServoReader {
         Ok(())
     }
 
-    /// Polls once, and takes the update if there is a new one.
+    /// Polls once, and takes a new update, if any.
     ///
     /// # Errors
     /// When the bus cannot be reached; Host-Busy may then be left set.
@@ -292,7 +293,7 @@ impl ServoReader {
             self.keep_mask(bus, mask)?;
         }
         let Some(status) = self.status(bus)? else {
-            // A flag that the host clears is clear because PMAC writes, or because there is nothing new.
+            // A flag that the host clears is clear while PMAC writes, or until PMAC has a new update.
             return Ok(if self.host_takes() { ServoPoll::Unchanged } else { ServoPoll::Busy });
         };
         let timer = self.timer(status);
@@ -324,7 +325,7 @@ impl ServoReader {
         Ok(poll)
     }
 
-    /// Writes the mask when that is due, and now and then reads what another host has made of it.
+    /// Writes the mask when that is due, and reads now and then whether another host has changed it.
     fn keep_mask(&mut self, bus: &mut impl Bus, mask: HostOffset) -> Result<(), BusError> {
         let writes = self.mask_due && !self.as_found;
         if !writes && self.mask_updates > 0 {
@@ -336,12 +337,12 @@ impl ServoReader {
         if motors != self.motors {
             self.read_motors(motors);
         }
-        // What is left as it is found says nothing of others.
+        // A mask that this host leaves as found does not show which motors another host took out.
         let taken_out =
             if self.as_found { self.taken_out } else { self.told.unwrap_or_default().without(motors) };
         self.taken_out_changed |= std::mem::replace(&mut self.taken_out, taken_out) != taken_out;
         if !before.has_all(motors) {
-            // In the update that lies there, the blocks of the motors that come in now are old, or somebody's.
+            // In the present update the blocks of the added motors are old, or belong to another program.
             self.last_timer = None;
         }
         if writes {
@@ -356,7 +357,7 @@ impl ServoReader {
         Ok(())
     }
 
-    /// The motors that are read.
+    /// The motors that the host reads.
     fn masked(&self) -> Motors {
         Motors::from_bits(self.reported().mask(self.block.motors.count))
     }
@@ -366,7 +367,7 @@ impl ServoReader {
         self.block.busy == BusyRule::ClearWhileWriting
     }
 
-    /// Tells PMAC that the data have been taken, where the host has to.
+    /// Tells PMAC that the host has taken the data, where the board waits for that.
     fn take(&self, bus: &mut impl Bus, status: Status) -> Result<(), BusError> {
         if !self.host_takes() {
             return Ok(());
@@ -407,7 +408,7 @@ impl ServoReader {
         Ok(ServoPoll::Busy)
     }
 
-    /// Copies the buffer; `before` is the status read before. Accepts the copy only if it still stands.
+    /// Copies the buffer; `before` is the status read before. Accepts the copy only if the status is still the same.
     fn copy(&mut self, bus: &mut impl Bus, before: Status) -> Result<ServoPoll, BusError> {
         let block = self.block;
         bus.order_reads();
@@ -420,7 +421,7 @@ impl ServoReader {
         }
         bus.order_reads();
         let after = self.status(bus)?;
-        // A timer that comes round while this thread is held up looks as if nothing had happened.
+        // If the timer comes round while this thread is held up, it looks as if PMAC had written nothing.
         if after != Some(before) || self.clock.ns().saturating_sub(began_ns) > LONGEST_COPY_NS {
             return Ok(ServoPoll::Torn);
         }
@@ -449,7 +450,7 @@ fn write32(bus: &mut impl Bus, first: HostOffset, value: u32) -> Result<(), BusE
     bus.write16(first.plus_words(1), high)
 }
 
-/// Reads the servo timer of the last update. 1 read; where it has two words, 3 and rarely 5.
+/// Reads the servo timer of the last update. 1 read; for a timer of two words 3, rarely 5.
 ///
 /// # Errors
 /// When the bus cannot be reached.
@@ -460,7 +461,8 @@ pub fn read_timer(bus: &mut impl Bus, report: &ServoBlock) -> Result<u32, BusErr
         return Ok(timer.value(high, 0));
     }
     let mut low = 0;
-    // The two words are of one update if the high one is the same before and after; it changes once in 65536 cycles.
+    // The two words belong to one update if the high word is the same before and after; the high word changes once in
+    // 65536 cycles.
     for _ in 0..2 {
         low = bus.read16(timer.low)?;
         let again = bus.read16(pmac_status.word)?;

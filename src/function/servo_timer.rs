@@ -1,4 +1,4 @@
-//! The servo timer: how many servo cycles the board has run, as far as the DPRAM tells.
+//! The servo timer: how many servo cycles the board has run, as far as the DPRAM shows.
 //!
 //! PMAC counts its servo cycles in 24 bits (X:$0000). On PMAC and PMAC2 the servo report has the low 15 of them, the
 //! background report the low 16 (DPRAM manual p. 14, 17); on Turbo both have all 24. Extended to 64 bits it orders everything the board reports.
@@ -12,15 +12,15 @@ pub struct ServoTimer {
 }
 
 impl ServoTimer {
-    /// A timer of which `bits` (at most 24) are seen.
+    /// A timer of which the DPRAM shows `bits` (at most 24).
     #[must_use]
     pub fn new(bits: u32) -> Self {
         Self { bits: bits.min(24), last: None, extended: 0 }
     }
 
     /// Takes the timer's present reading. Returns the extended count and how many servo cycles passed since the last
-    /// reading: `None` for the first one. A board that was silent for a whole turn of the counter, or was reset,
-    /// cannot be told from one that was silent for less; the caller who knows better calls [`ServoTimer::reset`].
+    /// reading: `None` for the first one. The timer cannot tell a board that was reset, or silent for a whole turn of
+    /// the counter, from a board that was silent for less; a caller that knows better calls [`ServoTimer::reset`].
     pub fn advance(&mut self, reading: u32) -> (u64, Option<u32>) {
         let mask = (1u32 << self.bits) - 1;
         let reading = reading & mask;

@@ -1,4 +1,4 @@
-//! For the tests of the functions, which run over every family of [`crate::map::FAMILIES`].
+//! Helpers for the tests of the functions, which run over every family of [`crate::map::FAMILIES`].
 
 use crate::device::FileBoard;
 use crate::map::Family;

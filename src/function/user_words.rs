@@ -1,14 +1,14 @@
 //! The site's own words, which its PLCs and motion programs write whenever they like.
 //!
-//! No handshake says when they are whole. Words under a guard are taken only if the guard is even, and the same before and behind.
-//! Without one, a value of several words is read twice and taken only if both readings are equal: two halves of different values never
-//! make a third.
+//! No handshake says when the words are whole. The reader takes words under a guard only if the guard is even, and
+//! equal before and after them. Without a guard it reads a value of several words twice and takes the value only if
+//! both readings are equal: two halves of different values never make a third.
 
 use crate::device::{Bus, BusError};
 use crate::map::HostOffset;
 use crate::map::user_word::UserWord;
 
-/// So many times the words are read at once if the board writes them meanwhile.
+/// How often one poll reads the words if the board writes them meanwhile.
 const TRIES: usize = 4;
 /// Words of the longest value.
 const LONGEST_VALUE: usize = 4;
@@ -16,7 +16,7 @@ const LONGEST_VALUE: usize = 4;
 /// Words that are whole together.
 struct Group {
     guard: Option<HostOffset>,
-    /// Each with its number and its place in the image.
+    /// Each word's number and its place in the image.
     members: Vec<(usize, usize)>,
 }
 
@@ -50,13 +50,13 @@ impl UserWordsReader {
         &self.words
     }
 
-    /// The words as they were read last.
+    /// The words as the reader read them last.
     #[must_use]
     pub fn image(&self) -> &[u16] {
         &self.image
     }
 
-    /// Reads all words; gives those that are whole, bit 0 being the first.
+    /// Reads all words; returns which are whole, bit 0 for the first.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -76,7 +76,7 @@ impl UserWordsReader {
 }
 
 impl Group {
-    /// Reads the group once; whether it is whole.
+    /// Reads the group once; returns whether it is whole.
     fn read(&self, bus: &mut impl Bus, words: &[UserWord], image: &mut [u16]) -> Result<bool, BusError> {
         let before = self.guard.map(|guard| bus.read16(guard)).transpose()?;
         if before.is_some_and(|guard| !guard.is_multiple_of(2)) {
@@ -95,7 +95,7 @@ impl Group {
     }
 }
 
-/// Reads the values of `word`; whether each is one value.
+/// Reads the values of `word`; returns whether each value is whole.
 fn read_values(bus: &mut impl Bus, word: &UserWord, image: &mut [u16]) -> Result<bool, BusError> {
     let length = word.location.space.words();
     for (index, value) in image.chunks_exact_mut(length).enumerate() {

@@ -1,4 +1,4 @@
-//! Background variable data, the host's half: up to 128 registers of the host's choice (DPRAM manual p. 21-24).
+//! Background variable data, the host's half: up to 128 registers that the host chooses (DPRAM manual p. 21-24).
 //!
 //! | word | host | PMAC |
 //! |---|---|---|
@@ -11,15 +11,16 @@
 //! | table, X words | writes the kinds; clears bit 15 when it took a value (multi-user mode) | sets bit 15 |
 //! | behind the table | reads | writes the values, 2 or 4 words an entry |
 //!
-//! A table is changed in the order count 0, silence, start, table, control, count. PMAC may be in the middle of a pass when the
-//! count becomes 0, and no word tells when that pass ends: it is over after the silence ([`READ_PASS_SILENCE`]).
+//! The host changes a table in the order count 0, silence, start, table, control, count. PMAC may be in the middle of
+//! a pass when the count becomes 0, and no word tells when that pass ends: the pass is over after the silence
+//! ([`READ_PASS_SILENCE`]).
 //!
-//! A report of single-user mode is read in many polls, in which the board may be reset or lose its power. So the servo
-//! timer is read before and after its words, and the control word once more after them: unless both are as they were,
-//! the report is not taken, and nothing is written.
+//! The host reads a report of single-user mode in many polls, during which the board may be reset or lose its power.
+//! So the host reads the servo timer before and after the report's words, and the control word once more after them:
+//! unless both are unchanged, the host drops the report and writes nothing.
 //!
-//! Needs I55 = 1. A register that is read has the value it had at that moment of the pass: the values of one report
-//! come from one pass, but not from one servo cycle.
+//! Needs I55 = 1. PMAC copies each register at its own moment of the pass: the values of one report come from one
+//! pass, but not from one servo cycle.
 
 use std::time::{Duration, Instant};
 
@@ -29,15 +30,15 @@ use crate::map::functions::{VARIABLE_READ_ENTRIES, VARIABLE_READ_ENTRY_READY, VA
 use crate::map::{HostOffset, Region, StartRule, VariableKind, VariableName, VariableRead};
 pub use crate::protocol::VariableMode;
 
-/// How long after the count became 0 the table is left alone: longer than a pass lasts.
+/// How long the host leaves the table alone after the count became 0: longer than a pass lasts.
 pub const READ_PASS_SILENCE: Duration = Duration::from_millis(50);
-/// Words of the table or its data that one poll reads or writes at most, so that servo data need not wait.
+/// The most words of the table or its data that one poll reads or writes, so that servo data need not wait.
 pub const POLL_WORDS: usize = 32;
 
 /// One register or function block to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct VariableEntry {
-    /// Its PMAC address; of a function block its number.
+    /// Its PMAC address; for a function block its number.
     pub address: u32,
     /// What kind of register it is.
     pub kind: VariableKind,
@@ -49,7 +50,7 @@ impl From<VariableName> for VariableEntry {
     }
 }
 
-/// Why a table was refused. Nothing has been written then.
+/// Why the reader refused a table. It has written nothing then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VariableReadError {
@@ -61,25 +62,25 @@ pub enum VariableReadError {
         "{entries} entries with their data take {needed} words, the plan keeps {place}; enlarge its variable_read_entries"
     )]
     NoRoom {
-        /// How many were asked for.
+        /// How many the client asked for.
         entries: usize,
-        /// Words they take.
+        /// The words that they take.
         needed: usize,
-        /// Words there are.
+        /// The words that the plan keeps.
         place: usize,
     },
 }
 
-/// What a poll of the function gave.
+/// The result of a poll.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VariablePoll {
     /// No table is set up.
     Off,
-    /// A table is being set up; poll again.
+    /// The reader is setting up a table; poll again.
     SettingUp,
     /// Nothing new.
     Nothing,
-    /// A part was read; poll again for the rest.
+    /// The reader has read a part; poll again for the rest.
     Partial,
     /// Single-user mode: every value is new. The servo timer at the end of PMAC's pass.
     Report(u16),
@@ -95,14 +96,14 @@ pub struct VariableValue {
     /// The low 16 bits of the servo counter: in single-user mode at the end of the pass that wrote the value, in
     /// multi-user mode at the end of that pass or of the one before or after.
     pub timer: u16,
-    /// How many values have been taken since the table was set up; 0: none yet.
+    /// How many values the reader has taken since it set up the table; 0: none yet.
     pub updates: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ReaderState {
     Off,
-    /// The count is 0; the table may be touched after this moment.
+    /// The count is 0; the host may change the table after this moment.
     Silent {
         until: Instant,
     },
@@ -131,7 +132,7 @@ pub struct VariableReader {
     /// Where each entry's data begin, in words from the place's start.
     data: [u16; VARIABLE_READ_ENTRIES],
     values: [VariableValue; VARIABLE_READ_ENTRIES],
-    /// Values being read, before the whole report is known to stand.
+    /// Values of the report being read, before the reader has checked the whole report.
     pending: [[u16; VARIABLE_READ_DATA_WORDS]; VARIABLE_READ_ENTRIES],
     count: usize,
     /// The servo timer of the report being read, when its reading began.
@@ -159,7 +160,8 @@ impl VariableReader {
         }
     }
 
-    /// Stops the function, whoever started it. To be called at the start and on every way out. 2 writes.
+    /// Stops the function, whichever host started it. The caller calls this at the start and on every way out. 2
+    /// writes.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -171,11 +173,11 @@ impl VariableReader {
         Ok(())
     }
 
-    /// Replaces the table by `entries`; none stops the function. From here on there are no values until polls bring
-    /// them. 1 write; the polls that follow write 2 words an entry and 3 more.
+    /// Replaces the table by `entries`; none stops the function. The old values are gone; polls bring new ones. 1
+    /// write; the polls that follow write 2 words an entry and 3 more.
     ///
     /// # Errors
-    /// A table that cannot be, or a bus out of reach.
+    /// A refused table, or a bus out of reach.
     pub fn begin(
         &mut self,
         bus: &mut impl Bus,
@@ -203,11 +205,11 @@ impl VariableReader {
         Ok(())
     }
 
-    /// Checks that `entries` can be read with the place there is. Any table of as many entries must fit, whatever
-    /// kinds they have: a pass that is under way during a change may still work by the kinds of the last table.
+    /// Checks that `entries` fit the plan's place. Any table of as many entries must fit, whatever kinds they have: a
+    /// pass that is under way during a change may still work by the kinds of the last table.
     ///
     /// # Errors
-    /// What cannot be.
+    /// Too many entries, or too little room.
     pub fn check(&self, entries: &[VariableEntry]) -> Result<(), VariableReadError> {
         if entries.len() > VARIABLE_READ_ENTRIES {
             return Err(VariableReadError::TooMany(entries.len()));
@@ -241,15 +243,16 @@ impl VariableReader {
         matches!(self.state, ReaderState::Running { .. } | ReaderState::Reading { .. })
     }
 
-    /// How often a word of the table or the mode was not as set, and was set again.
+    /// How often the reader found a word of the table or the mode changed, and set it again.
     #[must_use]
     pub fn repairs(&self) -> u64 {
         self.repairs
     }
 
-    /// Does what can be done now: a part of the set-up, or of a report. Costs at most [`POLL_WORDS`] words of the
-    /// table or its data and 3 more: 1 read when there is nothing in single-user mode, for a report its words and 5; in multi-user mode
-    /// 1 read, 1 an entry looked at, for each value its words and 1 write, and 1 read more when there was a value.
+    /// Does the work that is possible now: a part of the set-up, or of a report. Costs at most [`POLL_WORDS`] words of
+    /// the table or its data and 3 more: In single-user mode 1 read without a report, for a report its words and 5. In
+    /// multi-user mode 1 read, 1 an entry looked at, for each value its words and 1 write, and 1 read more if a value
+    /// came.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -277,7 +280,7 @@ impl VariableReader {
         }
     }
 
-    /// An entry as the table holds it: the Y word, and what the host writes of the X word.
+    /// An entry as the table holds it: the Y word, and the host's part of the X word.
     const fn words(&self, index: usize) -> [u16; 2] {
         let VariableEntry { address, kind } = self.entries[index];
         [address as u16, self.read.kind_word(kind)]
@@ -308,7 +311,7 @@ impl VariableReader {
             return Ok(VariablePoll::Nothing);
         }
         let multi_user = self.mode == VariableMode::MultiUser;
-        // In multi-user mode PMAC has no business in this word.
+        // In multi-user mode PMAC does not write this word.
         let VariableRead { ready, multi_user: many, .. } = self.read;
         let ours = many.mask | if multi_user { ready.mask } else { 0 };
         if control & ours != self.control() {
@@ -349,12 +352,13 @@ impl VariableReader {
         }
         bus.order_reads();
         let control = bus.read16(self.read.ready.word)?;
-        // Only now: a pass that ends in between has written it before the ready bit (`tests/models/variable_read.pml`).
+        // Read the timer only now: a pass that ends in between has written the timer before the ready bit
+        // (`tests/models/variable_read.pml`).
         bus.order_reads();
         let timer = bus.read16(self.read.timer)?;
         self.state = ReaderState::Running { next: 0 };
-        // PMAC touches neither until the host clears the ready bit. A board that was reset meanwhile did, and may have made
-        // another report already, which is left for the next polls.
+        // PMAC changes neither until the host clears the ready bit. A board that was reset meanwhile has changed them,
+        // and may have made another report already; the next polls take that one.
         let is_ready = self.read.ready.is_set(control) && !self.read.multi_user.is_set(control);
         if timer != self.report_timer || !is_ready || control == u16::MAX {
             return Ok(VariablePoll::Nothing);
@@ -399,7 +403,8 @@ impl VariableReader {
         Ok(VariablePoll::Values(new))
     }
 
-    /// Takes the value PMAC announced with the X word `word`, unless that is not as set, and asks for the next.
+    /// Takes the value that PMAC announced with the X word `word`, unless that word's kind was changed, and asks for
+    /// the next.
     fn take_entry(&mut self, bus: &mut impl Bus, index: usize, word: u16) -> Result<bool, BusError> {
         let [_, kind] = self.words(index);
         let as_set = self.read.of_host(word) == kind;

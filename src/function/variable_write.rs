@@ -1,4 +1,4 @@
-//! Background variable write, the host's half: registers or bits of them set without a command line (DPRAM manual
+//! Background variable write, the host's half: sets registers, or bits of them, without a command line (DPRAM manual
 //! p. 24-25, firmware 1.15G and later).
 //!
 //! | word | host | PMAC |
@@ -9,15 +9,15 @@
 //!
 //! A record: the register's address; bits 2-0 its kind, 7-3 the width, 12-8 the offset, 15-13 the sort of special
 //! register (0); the data, two longs. Kinds 4 and 6 (firmware 1.16) are the Y and X word of a compiled PLC's function
-//! block, whose number stands for the address. The data begin at bit 0, whatever the offset. The manual prints 0x07E6 and
-//! 0x07E8 for the first two words, which are the variable-read function's. More than 32 records go in several cycles, in their
-//! order; each cycle is done in one background pass, the whole is not.
+//! block, whose number stands for the address. The data begin at bit 0, whatever the offset. The manual prints 0x07E6
+//! and 0x07E8 for the first two words, which are the variable-read function's. The host hands over more than 32
+//! records in several cycles, in their order. PMAC does each cycle in one background pass, but not the whole.
 //!
-//! A Turbo board has the function, too (Turbo User Manual p. 410), but no text tells how its records are made up: it is given
-//! none.
+//! A Turbo board has the function, too (Turbo User Manual p. 410), but no manual tells the form of its records: the
+//! host gives it none.
 //!
-//! Needs I55 = 1. Nothing tells that a record was refused; PMAC writes where it is told to. Address 0 is the servo
-//! clock: writing it trips the watchdog, so it is refused.
+//! Needs I55 = 1. PMAC refuses no record; it writes to any address. Address 0 is the servo clock: writing it trips the
+//! watchdog, so the driver refuses it.
 
 use std::time::{Duration, Instant};
 
@@ -31,24 +31,24 @@ use crate::map::{
 };
 use crate::protocol::board::VariableRecord;
 
-/// How long after the count was taken back the records are left alone: PMAC may be at work on them, and clears the count when it is
-/// done.
+/// How long the host leaves the records alone after it took back the count: PMAC may be at work on them, and clears
+/// the count when it is done.
 pub const WITHDRAWN_RECORDS_REST: Duration = Duration::from_millis(50);
-/// Records that one poll writes at most, so that servo data need not wait.
+/// The most records that one poll writes, so that servo data need not wait.
 pub const POLL_RECORDS: usize = 5;
 /// Bits in a PMAC word.
 const WORD_BITS: u8 = 24;
-/// Widths PMAC writes, in bits.
+/// The widths that PMAC writes, in bits.
 const WIDTHS: [u8; 7] = [1, 4, 8, 12, 16, 20, WORD_BITS];
 
-/// Why a record was refused.
+/// Why the driver refused a record.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordError {
     /// The servo clock.
     #[error("address 0 is PMAC's servo clock; writing it would trip the watchdog")]
     AddressZero,
-    /// A register of two words where one is wanted, or the other way round.
+    /// A register of two words for a value of one, or the other way round.
     #[error("{0} is not as many words as the value")]
     Words(PmacRegister),
     /// A width PMAC does not write.
@@ -62,7 +62,7 @@ pub enum RecordError {
         /// The first bit.
         offset: u8,
     },
-    /// A value of more bits.
+    /// A value that does not fit the width.
     #[error("{value} does not fit in {width} bits, which hold {least} to {most}")]
     Value {
         /// The value.
@@ -82,11 +82,11 @@ pub enum RecordError {
     Float48(f64),
 }
 
-/// One register, or some bits of one, and what to write there.
+/// One register, or some of its bits, and the value to write there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteRecord {
     register: PmacRegister,
-    /// The word is a function block's, and the register's address its number.
+    /// The word belongs to a function block, and the register's address is the block's number.
     block: bool,
     /// As in the record: 0 is the whole word.
     width: u16,
@@ -96,10 +96,10 @@ pub struct WriteRecord {
 }
 
 impl WriteRecord {
-    /// What a client asks for, on a board of `family`.
+    /// The record that a client asks for, on a board of `family`.
     ///
     /// # Errors
-    /// In words, with the register: what is not written so, or does not fit.
+    /// A text that names the register and tells which part is wrong or does not fit.
     pub fn of(record: &VariableRecord, family: &Family) -> Result<Self, String> {
         let VariableRecord { register: text, offset, width, value } = record;
         let name = VariableName::parse(text, family).map_err(|error| error.to_string())?;
@@ -137,7 +137,7 @@ impl WriteRecord {
     /// may be meant signed or unsigned: with 4 bits, -8 to 15.
     ///
     /// # Errors
-    /// What PMAC could not do, or not do without harm.
+    /// A record that PMAC cannot carry out, or not without harm.
     pub fn word(register: PmacRegister, width: u8, offset: u8, value: i64) -> Result<Self, RecordError> {
         if register.kind() == VariableKind::Long {
             return Err(RecordError::Words(register));
@@ -166,7 +166,7 @@ impl WriteRecord {
         Ok(Self { block: true, ..Self::word(word, width, offset, value)? })
     }
 
-    /// Writes a `D:` or `L:` register as two words; of each, bits 31-24 do not matter.
+    /// Writes a `D:` or `L:` register as two words; bits 31-24 of each do not matter.
     ///
     /// # Errors
     /// Address 0, or a register of one word.
@@ -224,38 +224,39 @@ impl WriteRecord {
     }
 }
 
-/// What a poll gave.
+/// The result of a poll.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WritePoll {
     /// Nothing is under way; [`VariableWriter::begin`] may be called.
     Idle,
-    /// Records are being handed over, PMAC has not done them yet, or the records rest after a job was given up.
+    /// The host is handing over records, PMAC has not done them yet, or the host lets them rest after it gave up a
+    /// job.
     Waiting,
-    /// PMAC has done this many records more, and more follow.
+    /// PMAC has done this many more records, and further ones follow.
     Progress(usize),
-    /// PMAC has done them all; the job is over.
+    /// PMAC has done all records; the job is over.
     Done,
 }
 
-/// What became of a job that was given up.
+/// The outcome of an abandoned job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GivenUp {
     /// Records, from the first on, that PMAC has done.
     pub done: usize,
-    /// Records behind those that PMAC may have done, in part or in whole.
+    /// The records behind those, which PMAC may have done in part or in whole.
     pub uncertain: usize,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum WriterState {
     Idle,
-    /// Of the cycle's records, those before `next` are written.
+    /// The host has written the cycle's records before `next`.
     Loading {
         next: usize,
     },
     /// The count is set; PMAC has the cycle's records.
     Handed,
-    /// A count was taken back at this moment.
+    /// The host took back a count at this moment.
     Settling {
         since: Instant,
     },
@@ -273,8 +274,8 @@ pub struct VariableWriter {
 }
 
 impl VariableWriter {
-    /// A writer on a board of `family` that keeps its records in `place` (a plan's). With less room than one record it can
-    /// write nothing.
+    /// A writer on a board of `family` that keeps its records in `place` (a plan's). With less room than one record it
+    /// writes nothing.
     #[must_use]
     pub fn new(family: &'static Family, place: Region) -> Self {
         Self {
@@ -287,8 +288,8 @@ impl VariableWriter {
         }
     }
 
-    /// Takes back records a host, this one or a dead one, left for PMAC. To be called at the start and on every way
-    /// out. 1 write.
+    /// Takes back records that this host or a dead one left for PMAC. The caller calls this at the start and on every
+    /// way out. 1 write.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -310,9 +311,9 @@ impl VariableWriter {
         (self.place.words() / VARIABLE_WRITE_RECORD_WORDS).min(VARIABLE_WRITE_RECORDS)
     }
 
-    /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle, has no room, or PMAC
-    /// still works for another host, or there is no board; try later. No record is no job: it is done at once.
-    /// 1 read; each cycle costs 6 writes a record and 2 more, and the reads of the polls that wait.
+    /// Starts writing `records`, in their order. `Err` gives them back: the writer is not idle or has no room, PMAC
+    /// still works for another host, or the board is absent; try later. An empty job is done at once. 1 read; each
+    /// cycle costs 6 writes a record and 2 more, and the reads of the polls that wait.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -330,7 +331,7 @@ impl VariableWriter {
         Ok(Ok(()))
     }
 
-    /// Does what can be done now. At most [`POLL_RECORDS`] records and 2 words are written, or 1 is read.
+    /// Does the work that is possible now. Writes at most [`POLL_RECORDS`] records and 2 words, or reads 1 word.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -367,8 +368,8 @@ impl VariableWriter {
         }
     }
 
-    /// Ends the job under way: takes the count back, so that PMAC does nothing more of it from the next pass on, and
-    /// tells what it did. 1 write when PMAC has records. A job that is not under way has done nothing.
+    /// Ends the job under way: takes the count back, so that PMAC does no more of the job from the next pass on, and
+    /// tells which records PMAC did. 1 write when PMAC has records. Without a job under way PMAC has done none.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -388,8 +389,8 @@ impl VariableWriter {
         Ok(GivenUp { done: self.done, uncertain })
     }
 
-    /// After [`VariableWriter::release`]: gives up the job under way, and lets the records rest in any case, since PMAC may
-    /// be at work on those of the host before.
+    /// After [`VariableWriter::release`]: gives up the job under way, and lets the records rest in any case, since
+    /// PMAC may be at work on an earlier host's records.
     pub fn acquire(&mut self, now: Instant) -> GivenUp {
         let uncertain = if self.state == WriterState::Handed { self.cycle() } else { 0 };
         self.state = WriterState::Settling { since: now };

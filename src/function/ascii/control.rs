@@ -1,9 +1,10 @@
 //! Control characters in the word of their own (DPRAM manual p. 28, firmware 1.15 and later).
 //!
-//! Drivers in production write the register alone. The manual's "the read/write procedure is exactly as described above" might mean
-//! that the host must set the command flag, too. So for `^A`, `^K`, `^O` and `^Q`, until the board has
-//! taken one that reports by its word alone, the flag follows after [`CHARACTER_FLAG_AFTER`], with an empty line, if no line of ours lies
-//! untaken. A board that was only slow then finds that line, which does nothing; it may acknowledge it.
+//! Drivers in production write the register alone. The manual's "the read/write procedure is exactly as described
+//! above" might mean that the host must set the command flag, too. So the port sets the flag for `^A`, `^K`, `^O` and
+//! `^Q` after [`CHARACTER_FLAG_AFTER`], with an empty line, if no line of ours is untaken. It stops doing so when the
+//! board has taken a reporting character by its word alone. A board that was only slow finds the empty line, which
+//! does nothing; the board may acknowledge it.
 
 use std::time::{Duration, Instant};
 
@@ -14,24 +15,26 @@ use crate::function::line_port::LinePort;
 use crate::map::HostOffset;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT, STEP, only_reports};
 
-/// How long the board may take for a character before the flag is set too.
+/// How long the board may take for a character before the port also sets the flag.
 pub const CHARACTER_FLAG_AFTER: Duration = Duration::from_millis(20);
 /// A control character in its word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Lying {
     character: u8,
     since: Instant,
-    /// The flag was set for it, with an empty line.
+    /// The port set the flag for the character, with an empty line.
     flagged: bool,
-    /// It went over another one that the board may have been at: the word it clears may be that one's.
+    /// The character replaced another one that the board may have been taking: the board may clear the word for that
+    /// earlier character.
     again: bool,
 }
 
 impl DpramPort {
-    /// Hands a control character to the board, which may be done at any time. `Ok(false)`: the board has not taken
-    /// the last one yet, or its reply would mix with another; try later. With `has_reply`, `AsciiEvent::Taken` comes, and its
-    /// lines as `AsciiEvent::Line`; without, nothing comes. `^A`, `^K` and `^X` go over one with a reply that the board has
-    /// not taken, which is given up, and over one of the port's own.
+    /// Hands a control character to the board, at any time. `Ok(false)`: the board has not taken the last character
+    /// yet, or the new character's reply would mix with another; try later. With `has_reply` the port reports
+    /// `AsciiEvent::Taken` and the reply's lines as `AsciiEvent::Line`; without, it reports nothing. `^A`, `^K` and
+    /// `^X` replace an untaken character: a reporting one, which the port then gives up, or one that the port itself
+    /// sent.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -45,7 +48,7 @@ impl DpramPort {
         let is_urgent = [ABORT, KILL, CANCEL].contains(&character);
         let found = bus.read16(self.words.control_character)?;
         let over_own = is_urgent && found != 0 && self.own_lies();
-        // Another host's character may lie there for ever.
+        // Another host's character may stay in the word for ever.
         let is_foreign = self.lying.is_none() && !matches!(found, 0 | u16::MAX);
         let over_foreign = is_foreign && goes_over_foreign(character, found.to_le_bytes()[0]);
         let is_over = over_own || over_foreign;
@@ -66,7 +69,7 @@ impl DpramPort {
         Ok(true)
     }
 
-    /// Whether a reporting character, or the port's own, lies in the word.
+    /// Whether the word holds a reporting character, or one that the port itself sent.
     const fn own_lies(&self) -> bool {
         match self.state {
             DpramState::Control => true,
@@ -75,7 +78,7 @@ impl DpramPort {
         }
     }
 
-    /// Writes `character` to its word, `over` one that may lie there.
+    /// Writes `character` to its word; with `over` it replaces a character that may be there.
     pub(super) fn put_control(
         &mut self,
         bus: &mut dyn Bus,
@@ -90,8 +93,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Looks after the control character in its word. Whether one still waits there for the board to take it. 1 read, and 1
-    /// more and 2 writes when the flag is set for it.
+    /// Looks after the control character in its word. Tells whether the character still waits for the board to take
+    /// it. 1 read; 1 more and 2 writes when the port sets the flag for the character.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -104,7 +107,7 @@ impl DpramPort {
             return Ok(false);
         }
         if word == 0 {
-            // The board may have cleared the word for the earlier character. A stop does no harm when it comes twice.
+            // The board may have cleared the word for the earlier character. A stop that comes twice does no harm.
             self.put_control(bus, lying.character, false, now)?;
             return Ok(true);
         }
@@ -120,13 +123,14 @@ impl DpramPort {
         Ok(true)
     }
 
-    /// Whether a control character with a reply is under way that the board has not been seen to take.
+    /// Whether a control character with a reply is under way that the port has not seen the board take.
     #[must_use]
     pub fn is_asking(&self) -> bool {
         self.state == DpramState::Control
     }
 
-    /// Whether the board was seen to take a control character by its word alone: one that reports, while no line's flag was set.
+    /// Whether the port has seen the board take a control character by its word alone: a reporting character, while no
+    /// line's flag was set.
     #[must_use]
     pub const fn takes_characters(&self) -> bool {
         self.takes_characters
@@ -138,18 +142,18 @@ impl DpramPort {
         self.words.control_character
     }
 
-    /// The board may be another one, so the port must see again how it takes control characters.
+    /// The board may have been replaced, so the port must see again how the board takes control characters.
     pub const fn forget_characters(&mut self) {
         self.takes_characters = false;
     }
 
-    /// Whether the flag was set for the control character that lies in its word.
+    /// Whether the port set the flag for the control character in the word.
     #[must_use]
     pub fn flag_is_characters(&self) -> bool {
         self.lying.is_some_and(|lying| lying.flagged)
     }
 
-    /// Takes back a control character the board has not taken, and the flag that was set for it.
+    /// Takes back a control character that the board has not taken, and the flag that the port set for it.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -165,7 +169,7 @@ impl DpramPort {
     }
 }
 
-/// Whether this control character is worth a line that lies before the board: it stops what moves or runs, or cancels.
+/// Whether this control character may end a waiting line: it stops motion or programs, or cancels.
 #[must_use]
 pub fn goes_over_line(character: u8) -> bool {
     const DISABLE_PLCS: u8 = 0x04;

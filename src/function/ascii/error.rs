@@ -12,11 +12,12 @@ use crate::function::line_port::AsciiEvent;
 use crate::map::errors;
 
 impl DpramPort {
-    /// Decides whose an error is. A control word that no manual has counts as an error without a number.
+    /// Decides which line or program an error belongs to. A control word that no manual names counts as an error
+    /// without a number.
     pub(super) fn classify_error(&mut self, control: u16, now: Instant) -> AsciiEvent {
         let number = errors::from_control(control).unwrap_or(0);
         match self.state {
-            // No manual has a board refuse a control character.
+            // No manual says that a board refuses a control character.
             DpramState::Idle | DpramState::Control => AsciiEvent::ProgramError(number),
             DpramState::Emptied | DpramState::Held(_) | DpramState::Resting { .. } => {
                 AsciiEvent::Stale(control)

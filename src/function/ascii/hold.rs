@@ -1,5 +1,5 @@
-//! The port's own control character before the next line: `^X`, so that the board forgets the first half of a line, or a stop that goes
-//! once more ([`super::stop`]).
+//! The control character that the port itself sends before the next line: `^X`, so that the board forgets the first
+//! half of a line, or a repeated stop ([`super::stop`]).
 
 use std::time::{Duration, Instant};
 
@@ -7,11 +7,11 @@ use super::{DpramPort, DpramState, PORT_REST};
 use crate::device::{Bus, BusError};
 use crate::protocol::control::CANCEL;
 
-/// How long the board may leave the character. Boards take characters within milliseconds.
+/// How long the board may leave the character untaken. Boards take characters within milliseconds.
 pub const HELD_CHARACTER_TAKEN: Duration = Duration::from_millis(300);
 /// How soon the port hands a withdrawn character over again.
 pub const HELD_CHARACTER_AGAIN: Duration = Duration::from_millis(500);
-/// How long the board may leave another host's control character.
+/// How long the board may leave another host's control character untaken.
 const FOREIGN_CHARACTER_TAKEN: Duration = Duration::from_secs(1);
 
 /// The character, and where it is.
@@ -23,9 +23,9 @@ pub(super) struct Hold {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum HoldPlace {
-    /// The port hands it over from then on.
+    /// The port hands the character over at this time or later.
     Due(Instant),
-    /// In its word since then.
+    /// The character has been in its word since this time.
     Lies(Instant),
 }
 
@@ -45,15 +45,17 @@ impl Hold {
 }
 
 impl DpramPort {
-    /// Whether the board may hold the first part of a line. An empty line would end that part, and the board run it.
+    /// Whether the board may hold the first part of a line. An empty line would end that part, and the board would run
+    /// it.
     pub(super) const fn has_half_a_line(&self) -> bool {
         matches!(self.state, DpramState::Held(Hold { character: CANCEL, .. }))
     }
 
-    /// Looks whether another host may have died in a line of two parts: the first has no NUL (DPRAM manual p. 28) and leaves the last
-    /// byte of the buffer set. The board may keep that part, and would put our first line behind it. So it is told to forget it.
-    /// A long line that was finished leaves the same byte, and so does memory that was never written: then the `^X` cancels
-    /// nothing. It is one try: a board that does not take it (firmware before 1.15) is sent lines as if nothing were there. 2 reads.
+    /// Looks whether another host may have died in a line of two parts: the first has no NUL (DPRAM manual p. 28) and
+    /// leaves the last byte of the buffer set. The board may keep that part, and would put our first line behind it.
+    /// So the port tells the board to forget the part. A long line that was finished leaves the same byte, and so does
+    /// memory that was never written: then the `^X` cancels nothing. The port tries once: to a board that does not
+    /// take the `^X` (firmware before 1.15) it sends lines as if no part were left. 2 reads.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -68,7 +70,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Takes back at once all of ours that lies before the board, which has forgotten the rest.
+    /// Takes back at once the line and the control character that the board has not taken. The board has forgotten the
+    /// rest.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -97,7 +100,7 @@ impl DpramPort {
         match hold.place {
             HoldPlace::Due(from) if now >= from && self.lying.is_none() => {
                 let found = bus.read16(self.words.control_character)?;
-                // Another host's character may lie there for ever.
+                // Another host's character may stay in the word for ever.
                 if found == 0 || now >= from + FOREIGN_CHARACTER_TAKEN && found != u16::MAX {
                     self.put_control(bus, hold.character, false, now)?;
                     hold.place = HoldPlace::Lies(now);

@@ -1,4 +1,4 @@
-//! The response buffer: its text is read, and handed back.
+//! The response buffer: the port reads the text and hands the buffer back to the board.
 
 use super::DpramPort;
 use crate::device::{Access, Bus, BusError};
@@ -6,7 +6,7 @@ use crate::function::line_port::ResponseText;
 use crate::map::functions::{RESPONSE_BYTES, response};
 
 impl DpramPort {
-    /// Reads the text that goes with `control`; an error and an `<ACK>` have none.
+    /// Reads the text that belongs to `control`; an error and an `<ACK>` have no text.
     pub(super) fn read_response(
         &mut self,
         bus: &mut dyn Bus,

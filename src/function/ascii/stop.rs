@@ -1,17 +1,18 @@
-//! A stop goes over the line under way.
+//! A stop ends the line under way.
 //!
-//! An abort or kill also covers lines sent before: a line that the board carries out behind the stop would move the machine again. So
-//! the port hands over no more of a line and takes back the untaken part. PMAC looks at a control character before the waiting line,
-//! which it keeps for later (User Manual p. 28).
+//! An abort or kill also covers lines sent before: a line that the board carries out after the stop would move the
+//! machine again. So the port hands over no more of the line and takes back the untaken part. PMAC looks at a control
+//! character before the waiting line, and keeps that line for later (User Manual p. 28).
 //!
-//! The port empties a line of one part where it lies; its flag still falls when the board is done with it.
+//! The port empties a line of one part in the buffer; the board still clears the flag when it is done with the line.
 //!
-//! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28) or takes a `^X` ([`super::hold`]). Until then no
-//! NUL may lie under the flag: an empty line would end that part, and the board would carry it out. So a part only loses its flag.
+//! A board keeps the first part of a line until it finds a NUL (DPRAM manual p. 28) or takes a `^X` ([`super::hold`]).
+//! Until then the port must not hand over a NUL: an empty line would end that part, and the board would carry it out.
+//! So the port only clears the part's flag.
 //!
-//! The board may have taken the line just now and carry it out behind the stop. So the port sends the stop once more when the board
-//! has answered a later line. The same holds for a line that the board took before and that may move something
-//! ([`DpramPort::stop_again_behind`]).
+//! The board may have taken the line just now and may carry it out after the stop. So the port sends the stop once
+//! more when the board has answered a later line. The port does the same for a line that the board took before and
+//! that may move a motor ([`DpramPort::stop_again_behind`]).
 
 use std::time::Instant;
 
@@ -20,12 +21,12 @@ use crate::device::{Bus, BusError};
 use crate::function::line_port::Stopped;
 use crate::protocol::control::{ABORT, CANCEL, HOLD, KILL, QUIT};
 
-/// Whether this character does no harm when it comes twice. A second step would be another step.
+/// Whether the board may get this character twice without harm. A second step would be another step.
 pub(super) const fn may_come_twice(character: u8) -> bool {
     matches!(character, ABORT | KILL | HOLD | QUIT)
 }
 
-/// The stronger of the stop `before` and the new `character`: that stop goes once more.
+/// The stronger of the stop `before` and the new `character`: the port sends that stop once more.
 fn stronger(before: Option<u8>, character: u8) -> Option<u8> {
     let strength = |character: &u8| [HOLD, QUIT, ABORT, KILL].iter().position(|stop| stop == character);
     before.into_iter().chain(may_come_twice(character).then_some(character)).max_by_key(strength)
@@ -60,8 +61,8 @@ impl DpramPort {
         Ok(if lacks_end { Stopped::Unsent } else { Stopped::Uncertain })
     }
 
-    /// The port has handed over the stop `character`. The board may carry out an unfinished line that `may_move` something behind it,
-    /// so the stop goes once more then; also if an earlier stop was to.
+    /// The port has handed over the stop `character`. An unfinished line that `may_move` a motor may be carried out
+    /// after the stop. The port then sends the stop once more; it also does so if an earlier stop was due again.
     pub fn stop_again_behind(&mut self, character: u8, may_move: bool) {
         if let DpramState::Held(hold) = &mut self.state
             && hold.character != CANCEL
@@ -74,7 +75,7 @@ impl DpramPort {
         }
     }
 
-    /// The machine is to go on: no stop goes once more.
+    /// The machine shall go on: the port does not send a stop once more.
     pub fn forget_stop(&mut self) {
         self.stop_again = None;
         if let DpramState::Held(hold) = self.state
