@@ -1,4 +1,4 @@
-//! What a board answers to a query of a variable, in any of the forms that I9 chooses.
+//! A board's answer to a query of a variable, in any of the forms that I9 chooses.
 
 /// The value in a line of a reply: `96`, `$60`, `I108=96` and `I108=$60` say the same.
 #[must_use]

@@ -6,7 +6,7 @@ use super::program_words::{DefinitionsRead, ProgramWords};
 use crate::map::{Family, Function, UnknownFamily};
 use serde::{Deserialize, Serialize};
 
-/// Whether the data in the segment can be trusted now. The segment holds the number.
+/// Whether clients can trust the data in the segment now. The segment holds the number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
@@ -23,7 +23,7 @@ pub enum State {
 }
 
 impl State {
-    /// The state of that number; an unknown one cannot be trusted and counts as dead.
+    /// The state with that number; an unknown number counts as dead.
     #[must_use]
     pub const fn from_number(number: u64) -> Self {
         match number {
@@ -45,9 +45,9 @@ bitflags::bitflags! {
         const BACKGROUND = 1 << 1;
         /// ASCII communication (I58).
         const ASCII = 1 << 2;
-        /// The interrupt that announces a reply (I56): it is connected, and comes.
+        /// The interrupt that announces a reply (I56): the host has connected it, and it comes.
         const INTERRUPT = 1 << 3;
-        /// Data gathering, as the report tells that has the board's global status.
+        /// Data gathering, according to the report that has the board's global status.
         const GATHER = 1 << 4;
     }
 }
@@ -60,15 +60,15 @@ impl Enabled {
     }
 }
 
-/// What is said of a board whose replies have no end.
+/// The message about a board whose replies have no end.
 pub const NO_REPLY_END: &str = "the board does not mark the end of its replies, so each command line waits out its time and is told as \
                                 one that may have been carried out; send I3=2";
 
-/// What is said of a board that answers the daemon's own lines otherwise.
+/// The message about a board that answers the daemon's own lines otherwise.
 pub const ANSWERS_OTHERWISE: &str = "the board answers `I3 I10 I3` otherwise than it asks, so nobody could tell whose its replies are: no command \
                                      line is sent; send it over the serial port, and tell us what comes";
 
-/// What is said of a board that does not take control characters.
+/// The message about a board that does not take control characters.
 pub const NO_CONTROL_CHARACTERS: &str = "the board did not take ^F by the DPRAM word of control characters, so ^A and ^K may not reach \
                                          it; move nothing before step 9 of docs/first-board.md has decided it. \
                                          `pmacctl abort 1` and `&1A` go another way";
@@ -80,24 +80,24 @@ pub struct BoardInfo {
     pub name: String,
     /// The version of pmacd.
     pub version: String,
-    /// How the board is reached, as in `--board`.
+    /// How the daemon reaches the board, as in `--board`.
     pub board: String,
     /// The board's family: `pmac`, `pmac2`, `turbo`, `turbo2`.
     pub family: String,
-    /// The answer to `VERSION`, when it is known.
+    /// The answer to `VERSION`, if known.
     pub firmware: Option<String>,
-    /// The answer to `TYPE`, when it is known.
+    /// The answer to `TYPE`, if known.
     pub board_type: Option<String>,
-    /// How many bytes its DPRAM has, as far as `pmacd` uses it; `None` while the family is not known.
+    /// How many bytes of the board's DPRAM `pmacd` uses; `None` while the family is not known.
     #[serde(default)]
     pub dpram_bytes: Option<u32>,
     /// How many motors the board reports.
     pub motors: u32,
-    /// The servo cycle in nanoseconds, when it is known.
+    /// The servo cycle in nanoseconds, if known.
     pub servo_period_ns: Option<u64>,
-    /// Whether the data in the segment can be trusted now.
+    /// Whether clients can trust the data in the segment now.
     pub state: State,
-    /// Differs for every start of the daemon.
+    /// A number that differs for every start of the daemon.
     pub generation: u64,
     /// The daemon's process.
     pub pid: u32,
@@ -117,51 +117,52 @@ pub struct BoardInfo {
     /// The caller's role: observe, stop, operate or engineer.
     #[serde(default)]
     pub role: Option<String>,
-    /// What ends of sequences still have to do on the board, when they can, and jogs that go on without their panel: sentences.
+    /// The work that ended sequences must still do on the board, and jogs that go on without their panel: sentences.
     #[serde(default)]
     pub unfinished: Vec<String>,
-    /// What others do on the board, or have changed there: another host, or a program.
+    /// Work or changes of another host or of a program on the board.
     #[serde(default)]
     pub elsewhere: Vec<Elsewhere>,
-    /// What clients have sent last that ends programs, motions or gathers, the latest last.
+    /// The clients' last commands that end programs, motions or gathers, the latest last.
     #[serde(default)]
     pub stops: Vec<SentStop>,
-    /// How long ago the board was sent a reset, or was seen to come up again, in milliseconds, as far as known.
+    /// How long ago the daemon sent the board a reset, or saw it come up again, in milliseconds, if known.
     #[serde(default)]
     pub reset_ago_ms: Option<u64>,
-    /// Functions that are not used yet: the board is asked where its M-variables point.
+    /// Functions that the daemon does not use yet, while it asks the board where its M-variables point.
     #[serde(default)]
     pub waiting: Vec<Function>,
-    /// Functions into whose words M-variables of the board point.
+    /// The functions into whose words the board's M-variables point.
     #[serde(default)]
     pub program_words: Vec<ProgramWords>,
-    /// Of a replay, what it has come to; `None` for a board.
+    /// The state of a replay; `None` for a board.
     #[serde(default)]
     pub replay: Option<Replay>,
 }
 
-/// How the board takes command lines, as the bus thread tells it and `GetInfo` passes it on.
+/// How the board takes command lines: the bus thread reports it, `GetInfo` passes it on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct CommandLinesInfo {
-    /// Which port command lines go through now.
+    /// The port that command lines use now.
     pub command_port: CommandPort,
-    /// What became of the last command line.
+    /// Whether the board answered the last command line.
     pub command_state: CommandState,
     /// The board answers command lines through the DPRAM, but marks no end of its replies.
     pub reply_end_missing: bool,
-    /// The board answers the daemon's own lines otherwise than they ask, so that it gets no other line.
+    /// The board does not answer the daemon's own lines as expected, so the daemon sends it no other line.
     pub answers_otherwise: bool,
-    /// Whether the board takes control characters by the DPRAM word of their own; `None`: it was not asked yet.
+    /// Whether the board takes control characters by their own DPRAM word; `None`: the daemon has not tried yet.
     pub control_characters: Option<bool>,
-    /// The board does not say whether another host has opened a program buffer: no report tells, and it refuses the question.
+    /// The board does not say whether another host has opened a program buffer: no report tells, and the board refuses
+    /// the question.
     pub open_buffer_unsaid: bool,
     /// How far the board has told where its M-variables point.
     pub definitions: DefinitionsRead,
 }
 
 impl CommandLinesInfo {
-    /// What is wrong with the DPRAM's command port, as far as the board has shown: a sentence each, with the cure.
+    /// The faults of the DPRAM's command port that the board has shown: a sentence each, with the cure.
     #[must_use]
     pub fn port_faults(&self) -> Vec<&'static str> {
         let faults = [
@@ -177,7 +178,7 @@ impl BoardInfo {
     /// The board's family, with as much DPRAM as the board has.
     ///
     /// # Errors
-    /// A family that is not known here, or not known to the daemon.
+    /// A family that this program or the daemon does not know.
     pub fn known_family(&self) -> Result<&'static Family, UnknownFamily> {
         Family::by_name(&self.family).map(|family| self.sized(family))
     }
@@ -202,13 +203,13 @@ impl BoardInfo {
     }
 }
 
-/// What is to be said of data that do not come because a replay is over.
+/// The message about data that do not come because a replay is over.
 pub const REPLAY_OVER: &str = "the recording is over; a pmacd that is started again replays it";
 
-/// What a replay of a recording has come to.
+/// The state of a replay of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Replay {
-    /// Whether it has come to its end: what it shows is stale.
+    /// Whether the replay has ended: its data are stale.
     pub over: bool,
     /// Words and lines that the driver asked for and the recording does not know; the log names them at the end.
     pub differences: u32,
@@ -229,38 +230,39 @@ impl fmt::Display for Replay {
     }
 }
 
-/// Something that others do on the board, or have changed there.
+/// Work or a change of another host or of a program on the board.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Elsewhere {
-    /// What: an I-variable (`I2`), `program_buffer` (one is open), `gather` (the board gathers), or `command_lines` (none is
-    /// answered, though the board lives).
+    /// The subject: an I-variable (`I2`), `program_buffer` (one is open), `gather` (the board gathers), or
+    /// `command_lines` (the board lives but answers none).
     pub what: String,
-    /// Of a variable, its value before.
+    /// A variable's value before.
     pub was: Option<i64>,
-    /// Of a variable, its value now.
+    /// A variable's value now.
     pub is: Option<i64>,
-    /// How long ago the board was last seen to be as before, in milliseconds, where that is known.
+    /// How long ago the daemon last saw the board as before, in milliseconds, if known.
     pub ago_ms: Option<u64>,
 }
 
-/// Something that a client has sent, and the board may have carried out, that ends programs, motions or a gather.
+/// A client's command that ends programs, motions or a gather, and that the board may have carried out.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct SentStop {
     /// Counts up since the daemon's start.
     pub number: u64,
-    /// The commands that do it: `&1Q`, `^A`, `panel stop`.
+    /// The commands that end them: `&1Q`, `^A`, `panel stop`.
     pub what: String,
     /// The user who sent it.
     pub uid: u32,
-    /// His process.
+    /// The user's process.
     pub pid: i32,
-    /// Whether it names what it ends, or is for all; otherwise it went to what was addressed.
+    /// Whether the command names its motors or coordinate systems, or is for all; otherwise it went to the addressed
+    /// ones.
     pub named: bool,
-    /// The coordinate systems whose programs it may have ended.
+    /// The coordinate systems whose programs the command may have ended.
     pub coordinate_systems: Vec<u32>,
-    /// The motors that it may have stopped, or sent elsewhere.
+    /// The motors that the command may have stopped, or sent elsewhere.
     pub motors: Vec<u32>,
-    /// Whether it may have ended a gather.
+    /// Whether the command may have ended a gather.
     pub gather: bool,
 }
 
@@ -288,36 +290,36 @@ pub enum CommandPort {
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum CommandState {
-    /// None was sent since the daemon's start or the last change of the port.
+    /// The daemon has sent none since its start or the last change of the port.
     #[default]
     Unknown = 0,
-    /// The last one was answered.
+    /// The board answered the last one.
     Answers = 1,
-    /// The last one was not.
+    /// The board did not answer the last one.
     Silent = 2,
 }
 
-/// A program buffer that is open on the board: lines become program lines.
+/// An open program buffer on the board: lines become program lines.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct OpenBufferInfo {
-    /// Which, as `PROG 77`, where it was opened through the daemon; what follows, too.
+    /// Its name, as `PROG 77`, if a client opened it through the daemon; the fields below, too.
     pub name: Option<String>,
-    /// Who has opened it.
+    /// The user who opened it.
     pub uid: Option<u32>,
-    /// His process, where it is known.
+    /// The user's process, if known.
     pub pid: Option<i32>,
-    /// A sequence of his has opened it, and closes it.
+    /// A sequence of that user opened the buffer, and closes it.
     pub sequence: bool,
 }
 
 impl OpenBufferInfo {
-    /// Whether the lines that the user `uid` types enter it.
+    /// Whether lines that the user `uid` types enter the buffer.
     #[must_use]
     pub fn takes_lines_of(&self, uid: u32) -> bool {
         !self.sequence && self.uid == Some(uid)
     }
 
-    /// Its name, or what there is instead.
+    /// Its name, or "a program buffer".
     #[must_use]
     pub fn name(&self) -> &str {
         self.name.as_deref().filter(|name| !name.is_empty()).unwrap_or("a program buffer")
@@ -352,15 +354,15 @@ pub struct HostPortInfo {
 /// The interrupts of a host port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct HostPortCounts {
-    /// Interrupts served.
+    /// Interrupts that the daemon served.
     pub served: u32,
-    /// Of these, how many were old ones: no response was there any more.
+    /// The served interrupts that were old: no response was there any more.
     pub old: u32,
     /// Responses whose interrupt never came.
     pub unannounced: u32,
 }
 
-/// What of a PMAC program caused a text.
+/// The statement of a PMAC program that caused a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MessageKind {
@@ -375,13 +377,13 @@ pub enum MessageKind {
 /// A text that a PMAC program sent by itself: one reply of `Messages`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Message {
-    /// CLOCK_MONOTONIC when the text was read, nanoseconds.
+    /// CLOCK_MONOTONIC when the daemon read the text, nanoseconds.
     pub time_ns: u64,
     /// The statement that caused it.
     pub kind: MessageKind,
     /// The text.
     pub text: String,
-    /// How many texts were dropped before this one because this caller read too slowly.
+    /// How many texts the daemon dropped before this one because this caller read too slowly.
     pub lost: u64,
 }
 
@@ -394,50 +396,50 @@ pub struct Done {}
 pub struct SendReply {
     /// The reply, one element a line.
     pub lines: Vec<String>,
-    /// The program buffer that was open when the board acknowledged the line without a reply: what is a program statement in it went
-    /// in there, if it is its user's; or no manual says whether a command of it did.
+    /// The program buffer that was open when the board acknowledged the line without a reply. The line's program
+    /// statements entered the buffer, if it is the user's; or no manual says whether a command of the line did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub entered: Option<OpenBufferInfo>,
 }
 
-/// What became of a line that failed.
+/// The outcome of a line that failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LineOutcome {
-    /// The board refused it.
+    /// The board refused the line.
     Refused,
-    /// It may or may not have been carried out.
+    /// The board may or may not have carried out the line.
     Uncertain,
-    /// It was not sent.
+    /// The daemon did not send the line.
     NotSent,
-    /// The board was reset: what this line and those before it have set may be gone.
+    /// The board was reset: the settings of this line and the earlier ones may be gone.
     Reset,
 }
 
 /// Why a line of `RunLines` failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LineFailure {
-    /// What became of the line.
+    /// The line's outcome.
     pub outcome: LineOutcome,
-    /// The number of `ERRnnn`, when the board refused it.
+    /// The number of `ERRnnn`, if the board refused the line.
     pub code: Option<u16>,
-    /// Why.
+    /// The reason.
     pub message: String,
 }
 
-/// The replies of `RunLines`: one a line, then the last one.
+/// The replies of `RunLines`: one a line, then a last one.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunLinesReply {
-    /// The line's number in the sequence, counted from 0; `None` in the last reply, unless that says at which line a reset of the
-    /// board was noticed.
+    /// The line's number in the sequence, counted from 0; `None` in the last reply, unless that reply says at which
+    /// line the daemon noticed a reset of the board.
     pub line: Option<u64>,
-    /// What the board answered, one element a line.
+    /// The board's answer, one element a line.
     pub lines: Vec<String>,
     /// Why the line failed, if it did.
     pub failure: Option<LineFailure>,
     /// How many lines of the sequence the board has taken.
     pub taken: u64,
-    /// In the last reply: what the sequence leaves on the board that its caller should know, one sentence each.
+    /// In the last reply: effects that the sequence leaves on the board and the caller should know, one sentence each.
     pub notes: Vec<String>,
     /// Whether the sequence is over.
     pub over: bool,
@@ -446,24 +448,24 @@ pub struct RunLinesReply {
 /// The reply of `GatherStop`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GatherStopReply {
-    /// Whether there was a gather to end.
+    /// Whether a gather was running.
     pub gathered: bool,
-    /// Whose it was: the user and the process. The caller's own where nobody began it through the socket.
+    /// The gather's user; the caller if no client began the gather through the socket.
     pub uid: u32,
-    /// The process.
+    /// The gather's process.
     pub pid: i32,
-    /// Why it ended, if its owner did not end it.
+    /// Why the gather ended, if its owner did not end it.
     pub reason: Option<String>,
-    /// The period of gathering (I19) as the board has it now, as far as is known.
+    /// The board's present period of gathering (I19), if known.
     pub period: Option<String>,
-    /// What the end could not put back, one sentence each.
+    /// Settings that the daemon could not restore, one sentence each.
     pub notes: Vec<String>,
 }
 
 /// The reply of `RotaryStart`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RotaryStartReply {
-    /// Lines that were left in the board's own rotary buffer.
+    /// Lines that the daemon found in the board's own rotary buffer.
     pub found_lines: u64,
 }
 
@@ -472,13 +474,13 @@ pub struct RotaryStartReply {
 pub struct RotaryStopReply {
     /// Why the stream ended, if its owner did not end it.
     pub reason: Option<String>,
-    /// Lines in the DPRAM that the board has not taken. It takes them no more.
+    /// Lines in the DPRAM that the board has not taken, and will not take.
     pub ahead_lines: u64,
-    /// Lines in the board's own rotary buffer; `None` if the board could not be asked.
+    /// Lines in the board's own rotary buffer; `None` if the daemon could not ask the board.
     pub left_lines: Option<u64>,
-    /// Whether the program was ended with `Q`.
+    /// Whether the daemon ended the program with `Q`.
     pub quit: bool,
-    /// What the end could not do, one sentence each.
+    /// Steps of the end that failed, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -492,7 +494,7 @@ pub struct ResetsReply {
 /// The reply of `JogRenew`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct JogRenewReply {
-    /// Whether a motor may still jog that is to stop with the connection.
+    /// Whether a motor that stops with the connection may still jog.
     pub going: bool,
 }
 
@@ -508,8 +510,8 @@ pub struct ReadReply {
 /// The reply of `Trace`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TraceReply {
-    /// Four numbers an access: nanoseconds since the access before (of the first, CLOCK_MONOTONIC), what it was (0 a word read,
-    /// 1 a word written, 2 two words read at once), host offset, value.
+    /// Four numbers an access: nanoseconds since the previous access (for the first, CLOCK_MONOTONIC), the kind (0 a
+    /// word read, 1 a word written, 2 two words read at once), host offset, value.
     pub accesses: Vec<u64>,
     /// How many accesses found no place in the daemon's memory since the trace began.
     pub dropped: u64,
@@ -518,7 +520,7 @@ pub struct TraceReply {
 /// The reply of `FeedOverride`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NotesReply {
-    /// What the caller should know of the effect, one sentence each; none when all is as it should be.
+    /// Remarks on the effect that the caller should know, one sentence each; none if the override acts as asked.
     pub notes: Vec<String>,
 }
 
@@ -527,7 +529,7 @@ pub struct NotesReply {
 pub struct WatchReply {
     /// How many registers.
     pub watched: usize,
-    /// The number of the first table that has them all, as the segment's variable region tells it.
+    /// The number of the first table that has all of them, as in the segment's variable region.
     pub table: u32,
 }
 
@@ -537,10 +539,10 @@ pub struct WatchReply {
 pub struct VariableRecord {
     /// `Y:$0770`, `X:$0771`, `D:$0778` or `L:$1005`.
     pub register: String,
-    /// Of a Y or X word, the lowest bit to write; 0 when not given.
+    /// The lowest bit to write of a Y or X word; default: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset: Option<u8>,
-    /// Of a Y or X word, how many bits to write: 1, 4, 8, 12, 16, 20 or 24; 24 when not given.
+    /// How many bits to write of a Y or X word: 1, 4, 8, 12, 16, 20 or 24; default: 24.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub width: Option<u8>,
     /// The value; whole for all but `L:`.
@@ -554,13 +556,13 @@ pub struct RotaryStateReply {
     pub ahead_commands: u32,
     /// Lines in the buffer that the board has not taken wholly.
     pub ahead_lines: u64,
-    /// Lines put into the buffer since it was set up.
+    /// Lines that the daemon has put into the buffer since it set it up.
     pub sent_lines: u64,
     /// The board's internal rotary buffer is full.
     pub busy: bool,
     /// The board's error code, if it reports one.
     pub error: Option<u8>,
-    /// How often the buffer was found empty though more lines were to follow.
+    /// How often the daemon found the buffer empty though more lines were to follow.
     pub underruns: u64,
 }
 

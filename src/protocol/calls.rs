@@ -1,5 +1,5 @@
-//! The parameters of the methods of `io.github.pmac-dpram.Board`, one structure a method. What a method does with them is
-//! told in the interface's definition.
+//! The parameters of the methods of `io.github.pmac-dpram.Board`, one structure a method. The interface's definition
+//! tells how each method uses them.
 
 use serde::{Deserialize, Deserializer, Serialize, de};
 
@@ -31,13 +31,13 @@ impl From<Offset> for u32 {
     }
 }
 
-/// What becomes of lines that an earlier program has left in the board's own rotary buffer.
+/// How the daemon treats lines that an earlier program has left in the board's own rotary buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LeftLines {
-    /// They are taken away.
+    /// The daemon clears them.
     Clear,
-    /// They run before those of the stream.
+    /// The board runs them before the lines of the stream.
     Continue,
 }
 
@@ -51,7 +51,7 @@ fn milliseconds<'de, D: Deserializer<'de>, const MAX: u64>(deserializer: D) -> R
     }
 }
 
-/// Makes the structures: every one refuses fields that it does not have, and leaves out what is not given.
+/// Makes the structures: each structure refuses unknown fields, and leaves out fields without a value.
 macro_rules! parameters {
     ($($(#[$about:meta])* $name:ident { $($(#[$field_about:meta])* $field:ident: $type:ty,)* })*) => {$(
         $(#[$about])*
@@ -62,34 +62,35 @@ macro_rules! parameters {
 }
 
 parameters! {
-    /// Of a method without parameters.
+    /// Parameters of a method without parameters.
     NoParameters {}
 
-    /// Of `GetInterfaceDescription`.
+    /// Parameters of `GetInterfaceDescription`.
     GetInterfaceDescription {
         /// The interface's name.
         interface: String,
     }
 
-    /// Of `Send`.
+    /// Parameters of `Send`.
     Send {
         /// The line, 1 to 200 printable ASCII characters.
         line: String,
         /// When to give up.
         #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
         timeout_ms: Option<u64>,
-        /// Whether it is a question, which must not become a line of an open program buffer; it is a line when not given.
+        /// Whether the line is a question, which must not enter an open program buffer; default: an ordinary line.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         question: Option<bool>,
-        /// Whether it belongs into the program buffer that its process has open, or opens one: it is refused if that is closed, or
-        /// another one's is open. If not, it enters none, and is refused while one is open. When not given, it enters the one that its
-        /// user has open, and goes as a command otherwise.
+        /// `true`: the line opens a program buffer or belongs into the one that its process has open; the daemon
+        /// refuses the line if that buffer is closed, or another process has one open. `false`: the line enters no
+        /// buffer; the daemon refuses it while one is open. Default: the line enters the buffer that its user has
+        /// open, and goes as a command otherwise.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         into_buffer: Option<bool>,
-        /// Whether a jog without an end that it begins ends with the connection; it goes on when not given.
+        /// Whether an endless jog that the line begins ends with the connection; default: the jog goes on.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         while_connected: Option<bool>,
-        /// How long nothing may be called over the connection meanwhile until such a jog ends, too; however long when not given.
+        /// After how long without a call over the connection the daemon also ends that jog; default: never.
         #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
         silence_ms: Option<u64>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
@@ -97,22 +98,22 @@ parameters! {
         confirmed: Option<bool>,
     }
 
-    /// Of `RunLines`.
+    /// Parameters of `RunLines`.
     RunLines {
-        /// What the sequence is called, in lower-case letters: `download`.
+        /// The name of the sequence, in lower-case letters: `download`.
         kind: String,
-        /// The lines, each as that of `Send`; at most [`super::RUN_LINES_MAX`].
+        /// The lines, each as in `Send`; at most [`super::RUN_LINES_MAX`].
         lines: Vec<String>,
         /// When to give up on a line.
         #[serde(default, deserialize_with = "milliseconds::<_, TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
         timeout_ms: Option<u64>,
-        /// Whether to go on after a line that the board refuses; not when not given.
+        /// Whether to go on after a line that the board refuses; default: no.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         keep_going: Option<bool>,
-        /// Lines for the end, whatever it is; those that an earlier call gave when not given.
+        /// The lines that the daemon sends at the end, however the sequence ends; default: those of an earlier call.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         at_end: Option<Vec<String>>,
-        /// Whether the sequence ends with these lines; it does when not given.
+        /// Whether the sequence ends with these lines; default: yes.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         last: Option<bool>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
@@ -120,11 +121,11 @@ parameters! {
         confirmed: Option<bool>,
     }
 
-    /// Of `SendControl`.
+    /// Parameters of `SendControl`.
     SendControl {
         /// `^A` to `^_`, or the character itself.
         character: String,
-        /// `^A` and `^K` leave the lines that wait where they are. They are not sent any more when this is not given.
+        /// Whether the daemon keeps waiting lines after `^A` and `^K`; default: it discards them.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         keep_queue: Option<bool>,
         /// Whether it is sent though it ends command lines for everybody (`^Z`, `I58=0`); refused when not given.
@@ -132,7 +133,7 @@ parameters! {
         confirmed: Option<bool>,
     }
 
-    /// Of `Read`.
+    /// Parameters of `Read`.
     Read {
         /// The first word.
         host_offset: Offset,
@@ -140,71 +141,72 @@ parameters! {
         words: usize,
     }
 
-    /// Of `Trace`.
+    /// Parameters of `Trace`.
     Trace {
-        /// Whether to keep no more accesses; goes on when not given.
+        /// Whether the daemon stops keeping accesses; default: the trace goes on.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         end: Option<bool>,
     }
 
-    /// Of `Panel` and `PanelHold`.
+    /// Parameters of `Panel` and `PanelHold`.
     Panel {
         /// The action's name.
         action: String,
         /// Motors or coordinate systems.
         numbers: Vec<usize>,
-        /// Whether programs are started though they run lines that a rotary stream which ended early left; refused when not given.
+        /// Whether to start programs although they run lines that a rotary stream left when it ended early; default:
+        /// the daemon refuses.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         confirmed: Option<bool>,
     }
 
-    /// Of `JogTo`.
+    /// Parameters of `JogTo`.
     JogTo {
         /// The motor, from 1 on.
         motor: usize,
-        /// Where to, in counts from home; rounded to 1/32.
+        /// The target, in counts from home; rounded to 1/32.
         position: f64,
     }
 
-    /// Of `FeedOverride`.
+    /// Parameters of `FeedOverride`.
     FeedOverride {
         /// The coordinate system.
         coordinate_system: usize,
-        /// The override in 1/32768 ms; the board's own when not given.
+        /// The override in 1/32768 ms; default: the board's own override.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         raw: Option<u32>,
     }
 
-    /// Of `Write`.
+    /// Parameters of `Write`.
     Write {
         /// The first word.
         host_offset: Offset,
         /// The values, 1 to 64.
         words: Vec<u16>,
-        /// As many masks: only bits that are set here are changed. All when not given.
+        /// One mask a value: the daemon changes only bits that are set here; default: all bits.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         masks: Option<Vec<u16>>,
-        /// Also where an automatic function owns the words.
+        /// Whether to write words that an automatic function owns.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         anywhere: Option<bool>,
     }
 
-    /// Of `WatchVariables`.
+    /// Parameters of `WatchVariables`.
     WatchVariables {
         /// The registers, `Y:$0003`.
         registers: Vec<String>,
     }
 
-    /// Of `WriteVariables`.
+    /// Parameters of `WriteVariables`.
     WriteVariables {
-        /// What to write, in this order.
+        /// The records to write, in this order.
         records: Vec<VariableRecord>,
         /// When to give up.
         #[serde(default, deserialize_with = "milliseconds::<_, WRITE_TIMEOUT_MAX_MS>", skip_serializing_if = "Option::is_none")]
         timeout_ms: Option<u64>,
     }
 
-    /// Of `GatherStart`.
+    /// Parameters of `GatherStart`.
     GatherStart {
         /// The buffer's first word.
         buffer: Offset,
@@ -214,58 +216,58 @@ parameters! {
         index_word: Offset,
         /// The size given to `DEFINE GATHER`, in longs.
         size_longs: u32,
-        /// What a sample holds, in order: `Y:$D001`.
+        /// The registers of a sample, in order: `Y:$D001`.
         registers: Vec<String>,
         /// Servo cycles from one sample to the next.
         period: u32,
-        /// Whether gathering goes on at the buffer's end; it does when not given.
+        /// Whether gathering goes on at the buffer's end; default: yes.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         wrap: Option<bool>,
-        /// The servo cycle: where no servo report runs, the host's clock counts the board's turns.
+        /// The servo cycle: without a servo report the daemon counts the board's turns by the host's clock.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         servo_period_ns: Option<u64>,
     }
 
-    /// Of `GatherStop`.
+    /// Parameters of `GatherStop`.
     GatherStop {
-        /// The user whose gather is to end; the caller's own when not given.
+        /// The user whose gather shall end; default: the caller.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         uid: Option<u32>,
     }
 
-    /// Of `RotaryFinish`, `RotaryStop` and `RotaryState`.
+    /// Parameters of `RotaryFinish`, `RotaryStop` and `RotaryState`.
     Rotary {
         /// Which buffer, from 1 on.
         buffer: u8,
     }
 
-    /// Of `RotaryStart`.
+    /// Parameters of `RotaryStart`.
     RotaryStart {
         /// Which buffer, from 1 on.
         buffer: u8,
-        /// Its first word; where the daemon keeps room for it when not given.
+        /// Its first word; default: where the daemon keeps room for the buffer.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         start: Option<Offset>,
-        /// Its size in longs; all the room kept for it when not given.
+        /// Its size in longs; default: all the room that the daemon keeps for the buffer.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         size_longs: Option<u32>,
-        /// The coordinate system it feeds.
+        /// The coordinate system that the buffer feeds.
         coordinate_system: u8,
-        /// What the header calls coordinate system 1.
+        /// The header's number for coordinate system 1.
         coordinate_system_base: u8,
-        /// Define the board's own rotary buffer first, with so many words.
+        /// The words with which the daemon first defines the board's own rotary buffer.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         define_longs: Option<u32>,
-        /// What becomes of lines that are left in the board's own rotary buffer; refused when not given.
+        /// How the daemon treats lines that are left in the board's own rotary buffer; default: it refuses the stream.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         left: Option<LeftLines>,
-        /// Whether to start the program when its first lines are there; not when not given.
+        /// Whether the daemon starts the program when its first lines are there; default: no.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         run: Option<bool>,
-        /// Whether the program has commands that stop it until somebody starts it again; not when not given.
+        /// Whether the program has commands that stop it until a client starts it again; default: no.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         may_stand: Option<bool>,
-        /// ABS, INC and FRAX, each with its axes, for the coordinate system before the program.
+        /// ABS, INC and FRAX, each with its axes, which the daemon sends to the coordinate system before the program.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         modes: Vec<String>,
     }
@@ -276,13 +278,13 @@ parameters! {
         words: Vec<u32>,
     }
 
-    /// Of `RotarySend`.
+    /// Parameters of `RotarySend`.
     RotarySend {
         /// Which buffer, from 1 on.
         buffer: u8,
         /// The lines.
         lines: Vec<RotaryLine>,
-        /// The number that the first of them has to have.
+        /// The number that the first of the lines must have.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         first: Option<u64>,
         /// When to give up.

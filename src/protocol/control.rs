@@ -1,36 +1,36 @@
 //! Control characters as people write them: `^K` for 0x0B.
 //!
-//! A control character's number is its letter's code less 64, which is also how the board's control-character register
-//! takes it (DPRAM manual p. 28).
+//! A control character's number is its letter's code less 64; the board's control-character register takes the same
+//! number (DPRAM manual p. 28).
 
 /// `^A`: every coordinate system stops, at the rates of Ix15, and open loops close.
 pub const ABORT: u8 = 0x01;
 /// `^K`: every motor's loop opens, with zero output and its amplifier disabled.
 pub const KILL: u8 = 0x0B;
-/// `^L`: the rotary buffers are closed, as by `CLOSE`.
+/// `^L`: PMAC closes the rotary buffers, as by `CLOSE`.
 pub const CLOSE_ROTARY: u8 = 0x0C;
 /// `^O`: feed hold of every coordinate system.
 pub const HOLD: u8 = 0x0F;
-/// `^Q`: every program ends after the moves that are calculated.
+/// `^Q`: every program ends after the moves that PMAC has calculated.
 pub const QUIT: u8 = 0x11;
 /// `^R`: the programs of every coordinate system run.
 pub const RUN: u8 = 0x12;
 /// `^S`: the programs of every coordinate system do one step.
 pub const STEP: u8 = 0x13;
-/// `^U`: the rotary buffers are opened, as by `OPEN ROT`.
+/// `^U`: PMAC opens the rotary buffers, as by `OPEN ROT`.
 pub const OPEN_ROTARY: u8 = 0x15;
-/// `^X`: PMAC empties its command and response queues. A line that is half sent is not carried out.
+/// `^X`: PMAC empties its command and response queues, and does not carry out a half-sent line.
 pub const CANCEL: u8 = 0x18;
 /// `^Z`: the serial port becomes the active response port, and I58 becomes 0.
 pub const SERIAL: u8 = 0x1A;
 
-/// Whether a control character stops something and moves nothing.
+/// Whether a control character stops motion and starts none.
 #[must_use]
 pub const fn stops(character: u8) -> bool {
     matches!(character, ABORT | KILL | HOLD)
 }
 
-/// Whether `character` reports numbers and status, and does nothing else: `^B ^C ^F ^G ^P ^V` (Software Reference, on-line control
+/// Whether `character` only reports numbers and status: `^B ^C ^F ^G ^P ^V` (Software Reference, on-line control
 /// characters).
 #[must_use]
 pub const fn only_reports(character: u8) -> bool {
@@ -54,7 +54,7 @@ pub fn name(byte: u8) -> String {
     format!("^{}", letter(byte))
 }
 
-/// The letter of the control character `byte`, for who may not allocate: `K` for 0x0B.
+/// The letter of the control character `byte`, without allocating: `K` for 0x0B.
 #[must_use]
 pub const fn letter(byte: u8) -> char {
     ((byte & 0x1F) + 64) as char

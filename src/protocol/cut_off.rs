@@ -1,17 +1,18 @@
-//! What does something to everybody, so that who sends it has to confirm that he means it: what ends command lines through the DPRAM,
-//! and how to get them back; and what ends the work of others.
+//! Commands that affect every client, so that the sender must confirm them: commands that end command lines through
+//! the DPRAM, with the cure, and commands that end the work of others.
 
 use super::{CallError, control};
 use crate::language::Meaning;
 use crate::language::settings::CutsOff;
 
-/// Whether a control character does: `^Z` makes the serial port the active response port, and I58 0 (the same page).
+/// Whether a control character ends command lines: `^Z` makes the serial port the active response port, and I58 0 (the
+/// same page).
 #[must_use]
 pub const fn character_cuts_off(character: u8) -> bool {
     character == control::SERIAL
 }
 
-/// What a caller is told who has not confirmed that he means `what`, which ends command lines like this.
+/// The refusal for a caller that has not confirmed `what`, which ends command lines as `cuts_off` says.
 #[must_use]
 pub fn refusal(what: &str, cuts_off: CutsOff) -> CallError {
     let ends = match cuts_off {
@@ -34,7 +35,7 @@ pub fn ends_work(line: &Meaning) -> Option<&'static str> {
     if line.resets { Some("$$$") } else { line.saves.then_some("SAVE") }
 }
 
-/// What a caller is told who has not confirmed that `command` is to end the `work` of others.
+/// The refusal for a caller that has not confirmed that `command` shall end the `work` of others.
 #[must_use]
 pub fn ends_work_refusal(command: &str, work: &str) -> CallError {
     let ends = if command == "SAVE" { "may hold up or end" } else { "ends" };

@@ -1,10 +1,10 @@
-//! What a call is refused with.
+//! The errors that the service answers a call with.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// An error that the service answers, named on the wire with its interface.
+/// An error of the service, named on the wire with its interface.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 #[serde(tag = "error", content = "parameters")]
 #[non_exhaustive]
@@ -15,9 +15,9 @@ pub enum CallError {
     Board {
         /// The number of `ERRnnn`.
         code: u16,
-        /// What the number means.
+        /// The number's meaning.
         meaning: String,
-        /// What the board had answered before.
+        /// The board's answer before the error.
         lines: Vec<String>,
     },
     /// The board did not answer in time.
@@ -27,24 +27,24 @@ pub enum CallError {
     )]
     #[serde(rename = "io.github.pmac-dpram.Board.TimedOut")]
     TimedOut {
-        /// What had come of its reply.
+        /// The part of the reply that had come.
         lines: Vec<String>,
     },
-    /// The command ended before the board had answered. The board may have been at it.
+    /// The command ended before the board had answered. The board may have been carrying it out.
     #[error("{reason}; it may or may not have been carried out")]
     #[serde(rename = "io.github.pmac-dpram.Board.Interrupted")]
     Interrupted {
-        /// What ended it.
+        /// Why the command ended.
         reason: String,
     },
-    /// The board does not take commands now. Nothing was sent.
+    /// The board does not take commands now. The daemon sent none.
     #[error("the board does not take commands now: {reason}")]
     #[serde(rename = "io.github.pmac-dpram.Board.Unavailable")]
     Unavailable {
         /// Why, and what to do.
         reason: String,
     },
-    /// Others' commands, or questions of the daemon's, took the board's time until the caller's was over.
+    /// Other clients' commands, or the daemon's own questions, took the board's time until the caller's time-out.
     #[error("the board is busy with other commands; nothing was sent, try again")]
     #[serde(rename = "io.github.pmac-dpram.Board.Busy")]
     Busy,
@@ -59,21 +59,21 @@ pub enum CallError {
     #[error("invalid line: {reason}")]
     #[serde(rename = "io.github.pmac-dpram.Board.InvalidLine")]
     InvalidLine {
-        /// What is wrong and where.
+        /// The fault and its place.
         reason: String,
     },
-    /// It cannot be done; nothing has been written.
+    /// The daemon refuses the call, and has written nothing.
     #[error("{reason}")]
     #[serde(rename = "io.github.pmac-dpram.Board.Refused")]
     Refused {
         /// Why, and what to do.
         reason: String,
     },
-    /// A stop did not go as asked: what was to stand may still move, or more was stopped.
+    /// A stop did not go as asked: a motor that should stand may still move, or the stop stopped more than asked.
     #[error("{reason}")]
     #[serde(rename = "io.github.pmac-dpram.Board.StopFailed")]
     StopFailed {
-        /// What may move, what was stopped, and what to do.
+        /// The motors that may move, those that the stop stopped, and the cure.
         reason: String,
     },
     /// The words do not all lie in the board's window.
@@ -86,24 +86,24 @@ pub enum CallError {
     InvalidParameter {
         /// Its name.
         parameter: String,
-        /// What it takes.
+        /// The values that the parameter takes.
         expected: String,
     },
-    /// There is no such interface.
+    /// The service has no such interface.
     #[error("the service has no interface {interface}")]
     #[serde(rename = "org.varlink.service.InterfaceNotFound")]
     InterfaceNotFound {
         /// Its name.
         interface: String,
     },
-    /// There is no such method.
+    /// The service has no such method.
     #[error("the service has no method {method}")]
     #[serde(rename = "org.varlink.service.MethodNotFound")]
     MethodNotFound {
         /// Its name with that of the interface.
         method: String,
     },
-    /// The method streams and was not called so.
+    /// The method streams its replies, and the caller did not ask for `more`.
     #[error("the method streams its replies: call it with \"more\"")]
     #[serde(rename = "org.varlink.service.ExpectedMore")]
     ExpectedMore,
@@ -113,12 +113,12 @@ pub enum CallError {
     Protocol(String),
 }
 
-/// What a parameter takes, where that is known.
+/// The values that a parameter takes, if known.
 fn and_what(expected: &str) -> String {
     if expected.is_empty() { String::new() } else { format!(": {expected}") }
 }
 
-/// How much of a reply had come when it was given up.
+/// How much of a reply had come when the daemon gave it up.
 fn so_far(lines: &[String]) -> String {
     match lines.len() {
         0 => String::new(),
@@ -128,12 +128,12 @@ fn so_far(lines: &[String]) -> String {
 }
 
 impl CallError {
-    /// It cannot be done, for this reason; nothing has been written.
+    /// The daemon refuses the call for this reason, and has written nothing.
     pub fn refused(reason: impl fmt::Display) -> Self {
         Self::Refused { reason: reason.to_string() }
     }
 
-    /// The same with the cause behind its reason, where it has one.
+    /// The same error with the cause appended to its reason, if it has one.
     #[must_use]
     pub fn because(mut self, cause: &Self) -> Self {
         if let Self::Refused { reason } | Self::Interrupted { reason } = &mut self {
@@ -142,7 +142,7 @@ impl CallError {
         self
     }
 
-    /// Takes out what the board had answered before the error.
+    /// Takes out the board's answer before the error.
     pub fn take_lines(&mut self) -> Vec<String> {
         match self {
             Self::Board { lines, .. } | Self::TimedOut { lines } => std::mem::take(lines),
@@ -150,19 +150,19 @@ impl CallError {
         }
     }
 
-    /// A parameter is not what it should be.
+    /// A parameter has a wrong value.
     #[must_use]
     pub fn invalid(parameter: &str, expected: impl std::fmt::Display) -> Self {
         Self::InvalidParameter { parameter: parameter.to_owned(), expected: expected.to_string() }
     }
 
-    /// Something cannot be asked of a replay, for the reason `what`.
+    /// A replay refuses the call, for the reason `what`.
     #[must_use]
     pub fn of_replay(what: impl std::fmt::Display) -> Self {
         Self::Refused { reason: format!("this is a replay of a recording, no board: {what}") }
     }
 
-    /// What moves, writes or sets cannot be asked of a replay.
+    /// A replay refuses calls that move, write or set.
     #[must_use]
     pub fn replay_moves_nothing() -> Self {
         Self::of_replay("nothing can be moved, written or set")

@@ -1,17 +1,17 @@
 //! Messages out of a byte stream: each ends with one NUL.
 
-/// Room kept while nothing is held, in bytes.
+/// The room that an empty inbox keeps, in bytes.
 const KEPT: usize = 16 * 1024;
 
 /// A message is longer than its receiver takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a message is longer than {limit} bytes")]
 pub struct TooLong {
-    /// The longest message taken, in bytes.
+    /// The longest message that the receiver takes, in bytes.
     pub limit: usize,
 }
 
-/// Bytes received and not yet understood, cut into messages.
+/// Cuts received bytes into messages.
 ///
 /// Holds at most one message of the limit plus the last chunk pushed, provided its owner asks [`Inbox::is_full`]
 /// before it reads more.
@@ -32,7 +32,7 @@ impl Inbox {
         Self { bytes: Vec::new(), start: 0, scanned: 0, limit }
     }
 
-    /// Adds what was received.
+    /// Adds received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         // Moving the rest to the front only here keeps a flood of tiny messages linear in its length.
         self.bytes.drain(..self.start);
@@ -41,7 +41,7 @@ impl Inbox {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next whole message without its NUL, or `None` until more has come.
+    /// The next whole message without its NUL; `None` until its end has come.
     ///
     /// # Errors
     /// [`TooLong`] when the message at the front has outgrown the limit; the stream cannot be followed further.
@@ -58,31 +58,31 @@ impl Inbox {
         self.scanned += 1;
         self.start = self.scanned;
         if self.is_empty() && self.bytes.capacity() > KEPT {
-            // What one long message took is not kept for the next one.
+            // The inbox gives back the memory of a long message.
             *self = Self::new(self.limit);
         }
         Ok(Some(message))
     }
 
-    /// What is held of the next messages, whole or not.
+    /// The bytes of the next messages, whole or not.
     #[must_use]
     pub fn held(&self) -> &[u8] {
         &self.bytes[self.start..]
     }
 
-    /// Whether nothing should be read until messages have been taken out.
+    /// Whether the owner should take out messages before it reads more.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.bytes.len() - self.start > self.limit
     }
 
-    /// Whether nothing is held, not even part of a message.
+    /// Whether the inbox holds no part of a message.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bytes.len() == self.start
     }
 
-    /// Whether part of a message is held and its end is not.
+    /// Whether the inbox holds a part of a message without its end.
     #[must_use]
     pub fn is_half_sent(&self) -> bool {
         !self.is_empty() && !self.bytes[self.scanned..].contains(&0)

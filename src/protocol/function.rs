@@ -1,17 +1,19 @@
-//! The automatic functions of the DPRAM that the daemon uses. What nobody needs can be switched off in the configuration.
+//! The automatic functions of the DPRAM that the daemon uses. The configuration can switch off functions that a site
+//! does not need.
 
 use serde::{Deserialize, Serialize};
 
 use crate::map::{Family, Function};
 
-/// What is told as the family of a board that is not known.
+/// The name that clients see for an unknown family.
 pub const NO_FAMILY: &str = "unknown";
 
-/// Why no function is used then.
+/// Why the daemon uses no function on a board of an unknown family.
 pub const UNKNOWN_FAMILY: &str = "the board's family is not known, so pmacd writes nothing to it; write family = \"pmac\", \"pmac2\", \"turbo\" \
      or \"turbo2\" in its configuration, or switch the servo report on by another way, and start pmacd again";
 
-/// The functions that are used, every one unless told otherwise. One that is not makes no bus access at all.
+/// The functions that the daemon uses; by default all of them. A function that it does not use makes no bus access at
+/// all.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Functions(Vec<Function>);
@@ -23,26 +25,26 @@ impl Default for Functions {
 }
 
 impl Functions {
-    /// Every one that `pmacd` can use on a board of `family`.
+    /// Every function that `pmacd` can use on a board of `family`.
     #[must_use]
     pub fn all(family: &Family) -> Self {
         Self(family.functions.to_vec())
     }
 
-    /// None: the daemon does not know the board's family, and leaves it alone.
+    /// No function: the daemon does not know the board's family, and leaves the board alone.
     #[must_use]
     pub const fn none() -> Self {
         Self(Vec::new())
     }
 
-    /// These, but not `function`.
+    /// These functions without `function`.
     #[must_use]
     pub fn without(mut self, function: Function) -> Self {
         self.0.retain(|own| *own != function);
         self
     }
 
-    /// Whether none is used.
+    /// Whether the daemon uses none.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -55,7 +57,7 @@ impl Functions {
         functions.find(|(_, function)| !family.functions.contains(function))
     }
 
-    /// Why `function` is not used on a board of `family`.
+    /// Why the daemon does not use `function` on a board of `family`.
     #[must_use]
     pub fn why_not(&self, function: Function, family: &Family) -> String {
         if self.is_empty() {
@@ -79,7 +81,7 @@ impl Functions {
         )
     }
 
-    /// Whether `function` is used.
+    /// Whether the daemon uses `function`.
     #[must_use]
     pub fn has(&self, function: Function) -> bool {
         self.0.contains(&function)

@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 
 use super::error::CallError;
 
-/// What a client asks.
+/// A client's call.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Call {
     /// Interface and method, `io.github.pmac-dpram.Board.Send`.
@@ -13,13 +13,13 @@ pub struct Call {
     /// The parameters by name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters: Option<Map<String, Value>>,
-    /// No reply is wanted.
+    /// The client wants no reply.
     #[serde(default, skip_serializing_if = "is_unset")]
     pub oneway: Option<bool>,
-    /// More than one reply is wanted.
+    /// The client wants more than one reply.
     #[serde(default, skip_serializing_if = "is_unset")]
     pub more: Option<bool>,
-    /// The connection is to become something else after this call.
+    /// The client wants to use the connection for another protocol after this call.
     #[serde(default, skip_serializing_if = "is_unset")]
     pub upgrade: Option<bool>,
 }
@@ -36,14 +36,14 @@ impl Call {
         Self { method, parameters, oneway: None, more: None, upgrade: None }
     }
 
-    /// Interface and method apart, or `None` when there is no dot.
+    /// The interface and the method, or `None` when the name has no dot.
     #[must_use]
     pub fn interface_and_method(&self) -> Option<(&str, &str)> {
         self.method.rsplit_once('.')
     }
 }
 
-/// What the service answers.
+/// The service's reply.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reply {
     /// The reply's parameters, or the error's.
@@ -67,7 +67,7 @@ impl Reply {
     /// A reply that carries `value`, which must serialise as an object.
     ///
     /// # Errors
-    /// [`CallError::Protocol`] when it does not.
+    /// [`CallError::Protocol`] when `value` serialises otherwise.
     pub fn with<T: Serialize>(value: &T) -> Result<Self, CallError> {
         match serde_json::to_value(value) {
             Ok(Value::Object(parameters)) => Ok(Self { parameters: Some(parameters), ..Self::default() }),
@@ -80,7 +80,7 @@ impl Reply {
     #[must_use]
     pub fn of_error(error: &CallError) -> Self {
         if let CallError::Protocol(what) = error {
-            // Only a reply of our own that does not serialise; the caller learns at least that.
+            // Only a reply of ours that does not serialise; the caller learns at least that reason.
             return Self::of_error(&CallError::Unavailable { reason: what.clone() });
         }
         // An error serialises as a reply's fields `error` and, if it has parameters, `parameters`.

@@ -1,7 +1,7 @@
 //! Which motors and fields of the servo and background reports the daemon reads into the segment.
 //!
-//! Bus accesses are the cost on real hardware, so what nobody needs can be left out in the configuration. The same tables
-//! stand in the reply of `GetSettings`. What they may name depends on the family, which only its owner knows.
+//! Bus accesses are the cost on real hardware, so a site can leave out unneeded data in the configuration. The reply
+//! of `GetSettings` has the same tables. The names that they may hold depend on the board's family.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,27 +10,27 @@ use crate::map::{Family, Selection, block_fields};
 /// The spare words of a motor's servo block.
 const SPARE: &str = "spare";
 
-/// What is read of the servo report. The two global status words are always read: they tell whether a command line would
-/// be taken as a program line.
+/// The parts of the servo report that the daemon reads. The daemon always reads the two global status words: they tell
+/// whether the board would take a command line as a program line.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct ServoSettings {
     /// The motors, as far as the board reports them.
     pub motors: Vec<u32>,
-    /// Of every motor these fields, as the register table names them.
+    /// The fields of each motor, as the register table names them.
     pub fields: Vec<String>,
-    /// Whether the spare words of a motor are read where `fields` has them.
+    /// Whether the daemon reads a motor's spare words, if `fields` has them.
     pub spare_words: bool,
 }
 
 impl ServoSettings {
-    /// All that a board of `family` reports.
+    /// Everything that a board of `family` reports.
     #[must_use]
     pub fn all(family: &Family) -> Self {
         let motors = family.servo.motors.count as u32;
         Self { motors: (1..=motors).collect(), fields: field_names(family, "servo"), spare_words: true }
     }
 
-    /// What is read of a board of `family`.
+    /// The words that the daemon reads of a board of `family`.
     #[must_use]
     pub fn selection(&self, family: &Family) -> Selection {
         let fields = self.fields.iter().filter(|name| self.spare_words || *name != SPARE);
@@ -38,24 +38,24 @@ impl ServoSettings {
     }
 }
 
-/// What is read of the background report. The board's ports are always read.
+/// The parts of the background report that the daemon reads. The daemon always reads the board's ports.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct BackgroundSettings {
     /// The motors and the coordinate systems of the same numbers, as far as the board reports them.
     pub motors: Vec<u32>,
-    /// Of every motor and coordinate system these fields, as the register table names them.
+    /// The fields of each motor and coordinate system, as the register table names them.
     pub fields: Vec<String>,
 }
 
 impl BackgroundSettings {
-    /// All that a board of `family` reports.
+    /// Everything that a board of `family` reports.
     #[must_use]
     pub fn all(family: &Family) -> Self {
         let numbers = family.background.blocks.count as u32;
         Self { motors: (1..=numbers).collect(), fields: field_names(family, "background") }
     }
 
-    /// What is read of a board of `family`.
+    /// The words that the daemon reads of a board of `family`.
     #[must_use]
     pub fn selection(&self, family: &Family) -> Selection {
         selection(family, "background", self.fields.iter(), &self.motors)

@@ -43,21 +43,22 @@ pub const BOARD_DESCRIPTION: &str = include_str!("io.github.pmac-dpram.Board.var
 /// The definition of [`SERVICE`].
 pub const SERVICE_DESCRIPTION: &str = include_str!("org.varlink.service.varlink");
 
-/// The longest message either side accepts from the other before it has asked for anything, in bytes.
+/// The longest message, in bytes, that either side accepts from a peer whose reply it did not ask for.
 pub const CALL_MAX: usize = 64 * 1024;
 /// The longest reply a client accepts, in bytes.
 pub const REPLY_MAX: usize = 8 * 1024 * 1024;
-/// The most lines one call of [`BOARD`]'s `RunLines` takes: as many as fit into [`CALL_MAX`], however they are written.
+/// The most lines that one call of [`BOARD`]'s `RunLines` takes: so many always fit into [`CALL_MAX`], however they
+/// are escaped.
 pub const RUN_LINES_MAX: usize = 128;
 /// The most words [`BOARD`]'s `Read` takes.
 pub const READ_MAX: usize = 64;
 /// The longest time-out [`BOARD`]'s `Send` takes, in milliseconds.
 pub const TIMEOUT_MAX_MS: u64 = 600_000;
 
-/// Why `line` cannot be sent to a board, or `Ok`.
+/// Checks that a board can take `line`.
 ///
-/// A line is 1 to [`LINE_MAX`] printable ASCII characters. Control characters act on the board at once, whatever
-/// line they stand in, so they have a method of their own.
+/// A line is 1 to [`LINE_MAX`] printable ASCII characters. Control characters act on the board at once, whichever line
+/// holds them, so they have a method of their own.
 ///
 /// # Errors
 /// What is wrong with the line and where.

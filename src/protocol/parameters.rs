@@ -1,4 +1,4 @@
-//! A call's parameters, read into a typed structure. What is wrong is told by the parameter's name and what it takes.
+//! Reads a call's parameters into a typed structure. An error names the parameter and the values that it takes.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use super::{Call, CallError};
 /// Reads the parameters of `call`.
 ///
 /// # Errors
-/// [`CallError::InvalidParameter`] for one that is missing, of another type, out of its range, or not known.
+/// [`CallError::InvalidParameter`] for a parameter that is missing, of another type, out of its range, or unknown.
 pub fn parameters<T: DeserializeOwned>(call: &Call) -> Result<T, CallError> {
     let parameters = call.parameters.clone().unwrap_or_default();
     let fields = Fields { left: parameters.into_iter(), next: None };
@@ -26,11 +26,11 @@ pub fn parameters<T: DeserializeOwned>(call: &Call) -> Result<T, CallError> {
 /// The fields of an object, one after the other.
 struct Fields {
     left: map::IntoIter,
-    /// The value whose name has been read.
+    /// The value whose name the deserializer has read.
     next: Option<(String, Value)>,
 }
 
-/// Which parameter is wrong, if it is one, and why.
+/// The wrong parameter, if one is at fault, and the reason.
 #[derive(Debug)]
 struct Wrong {
     parameter: Option<String>,
@@ -90,7 +90,7 @@ impl<'de> MapAccess<'de> for Fields {
     }
 }
 
-/// What is wrong, in the interface's words: its numbers have ranges, not our types.
+/// The error in the interface's words: its numbers have ranges, not Rust types.
 fn in_words(error: &serde_json::Error) -> String {
     let mut text = error.to_string();
     for (of_ours, words) in [
@@ -107,7 +107,7 @@ fn in_words(error: &serde_json::Error) -> String {
     text
 }
 
-/// A call's parameters as they are sent.
+/// A call's parameters as the client sends them.
 #[must_use]
 pub fn to_map<T: serde::Serialize>(parameters: &T) -> Map<String, Value> {
     // Our parameters are structures of numbers, texts and lists, which always serialise as objects.

@@ -1,4 +1,4 @@
-//! What the board's own programs keep in the words of a function, as clients are told.
+//! How clients learn that the board's own programs use the words of a function.
 
 use std::fmt;
 
@@ -6,22 +6,22 @@ use serde::{Deserialize, Serialize};
 
 use crate::map::Function;
 
-/// How what [`waits_for`] says begins.
+/// The beginning of the text of [`waits_for`].
 pub const ASKS_FIRST: &str = "pmacd asks the board first where its M-variables point";
 
-/// How far `pmacd` is with asking the board where its M-variables point.
+/// How far `pmacd` has read where the board's M-variables point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DefinitionsRead {
     /// How many definitions the board has told.
     pub read: u32,
-    /// How many it has.
+    /// How many definitions the board has.
     pub of: u32,
-    /// How long the others take if it goes on as fast as until now, in seconds; `None` until the first came.
+    /// How long the others take at the present rate, in seconds; `None` until the first came.
     pub seconds_left: Option<u32>,
 }
 
-/// What functions wait for that are not used yet, right after the daemon's start. While a program buffer is open the board cannot
-/// be asked: the question would be a program line.
+/// Why the daemon does not use some functions yet, right after its start. While a program buffer is open the daemon
+/// cannot ask the board: the question would become a program line.
 #[must_use]
 pub fn waits_for(buffer_is_open: bool, definitions: &DefinitionsRead) -> String {
     let DefinitionsRead { read, of, seconds_left } = definitions;
@@ -45,9 +45,9 @@ pub struct ProgramWords {
     pub function: Function,
     /// The first of the M-variables.
     pub variable: u32,
-    /// The word it points to, as `Y:$D012`.
+    /// The word that it points to, as `Y:$D012`.
     pub place: String,
-    /// How many others point into the function's words.
+    /// How many other M-variables point into the function's words.
     pub others: u32,
     /// Whether `pmacd` uses the function all the same.
     pub used: bool,

@@ -1,8 +1,9 @@
-//! What the documents leave open about a board, where the daemon places its buffers, and what it reads at all: one named
-//! setting each.
+//! The facts about a board that the manuals leave open, the places of the daemon's buffers, and the data that the
+//! daemon reads: one named setting each.
 //!
-//! The same tables stand in the daemon's configuration file (TOML) and in the reply of `GetSettings`, so that a client
-//! works by what the daemon works by. The defaults are the readings that fit the manuals best; none was seen on a board.
+//! The daemon's configuration file (TOML) and the reply of `GetSettings` have the same tables, so that a client works
+//! by the same settings as the daemon. The defaults are the readings that fit the manuals best; no board has confirmed
+//! them.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,23 +11,23 @@ use super::{BackgroundSettings, Functions, ServoSettings};
 use crate::map::{BufferSettings, Family, Firmware, Layout, Readings};
 use crate::rotary;
 
-/// All of them.
+/// All settings.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoardSettings {
-    /// The functions that are used.
+    /// The functions that the daemon uses.
     pub functions: Functions,
-    /// Of these, the ones that are used although M-variables of the board point into their words.
+    /// Those of them that the daemon uses although M-variables of the board point into their words.
     pub shared_functions: Functions,
-    /// What is read of the servo report.
+    /// The parts of the servo report that the daemon reads.
     pub servo: ServoSettings,
-    /// What is read of the background report.
+    /// The parts of the background report that the daemon reads.
     pub background: BackgroundSettings,
     /// Sizes and places of the buffers in the user area.
     pub plan: BufferSettings,
     /// How background variables are read.
     pub variables: VariablesSettings,
-    /// What sentences of the manual mean that can be read two ways.
+    /// The meaning of ambiguous sentences of the manual.
     pub readings: Readings,
     /// The binary rotary format.
     pub rotary: rotary::Settings,

@@ -1,4 +1,4 @@
-//! Where a board's command socket lies unless it was told: one order for the daemon and for its clients.
+//! Where a board's command socket lies by default: one order for the daemon and its clients.
 
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use nix::unistd::geteuid;
 
 /// The directory of the system's daemons, which root and the unit can make.
 pub const SYSTEM: &str = "/run/pmacd";
-/// The environment's name for the directory of the user's own sockets.
+/// The environment variable that names the directory of the user's own sockets.
 pub const RUNTIME: &str = "XDG_RUNTIME_DIR";
 
 /// The places of the socket of the board called `name`, best first: the system's, then the user's own.
@@ -17,8 +17,8 @@ pub fn socket_places(name: &str) -> Vec<PathBuf> {
     places(Path::new(SYSTEM), runtime, name)
 }
 
-/// Whether a directory is this user's and nobody else can write to it, as the XDG specification wants it. Another one may have come
-/// along with the environment, as by `su`.
+/// Whether a directory belongs to this user and no other user can write to it, as the XDG specification demands. The
+/// environment may name another user's directory, for instance after `su`.
 fn is_own(path: &Path) -> bool {
     path.metadata().is_ok_and(|found| {
         found.is_dir() && found.uid() == geteuid().as_raw() && found.permissions().mode() & 0o022 == 0
@@ -26,13 +26,13 @@ fn is_own(path: &Path) -> bool {
 }
 
 fn places(system: &Path, runtime: Option<PathBuf>, name: &str) -> Vec<PathBuf> {
-    // The XDG specification: a path that is not absolute is to be ignored.
+    // The XDG specification: ignore a path that is not absolute.
     let own = runtime.filter(|path| path.is_absolute()).map(|path| path.join("pmacd"));
     let socket = format!("{}.sock", name.trim_start_matches('/'));
     [Some(system.to_owned()), own].into_iter().flatten().map(|directory| directory.join(&socket)).collect()
 }
 
-/// Where a client finds the socket of the board called `name`: the first of its places that is there, else the system's.
+/// Where a client finds the socket of the board called `name`: the first of its places that exists, else the system's.
 #[must_use]
 pub fn socket_path(name: &str) -> PathBuf {
     let places = socket_places(name);

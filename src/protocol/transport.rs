@@ -1,7 +1,7 @@
-//! Connecting to a Unix stream socket without ever waiting longer than asked.
+//! Connects to a Unix stream socket without waiting longer than asked.
 //!
-//! A plain `connect` on a Unix socket waits without bound while the listener's backlog is full, which is just what a
-//! stopped daemon's becomes.
+//! A plain `connect` on a Unix socket waits without bound while the listener's backlog is full. A stopped daemon's
+//! backlog becomes full.
 
 use std::io;
 use std::os::fd::AsRawFd;
@@ -18,7 +18,7 @@ const RETRY: Duration = Duration::from_millis(10);
 /// Connects to the socket at `path`, trying until `deadline` while its backlog is full. The stream blocks.
 ///
 /// # Errors
-/// What the kernel says, `TimedOut` when the backlog stayed full.
+/// The kernel's error; `TimedOut` if the backlog stayed full.
 pub fn connect(path: &Path, deadline: Instant) -> io::Result<UnixStream> {
     let address = UnixAddr::new(path)?;
     let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
