@@ -1,4 +1,4 @@
-//! What a command of a line is.
+//! The commands of a line.
 
 use std::ops::Range;
 
@@ -8,83 +8,85 @@ use crate::format::Text;
 /// The longest name of a buffer: `PROG 32767`.
 pub const NAME_MAX: usize = 16;
 
-/// Whom a command goes to.
+/// The receiver of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
-    /// Nobody.
+    /// Neither a motor nor a coordinate system.
     Nothing,
-    /// The motor that is addressed.
+    /// The addressed motor.
     Motor,
-    /// The coordinate system that is addressed.
+    /// The addressed coordinate system.
     System,
 }
 
-/// What a command does with variables.
+/// The effect of a command on variables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Does {
-    /// It asks for their values.
+    /// The command asks for their values.
     Asks,
-    /// It asks where M-variables point: `M1->`.
+    /// The command asks where M-variables point: `M1->`.
     AsksPlace,
-    /// It points M-variables elsewhere: `M1->X:$770,8`.
+    /// The command points M-variables elsewhere: `M1->X:$770,8`.
     Defines,
-    /// It sets them.
+    /// The command sets them.
     Sets {
-        /// To what, where that is a whole number.
+        /// The new value, if it is a whole number.
         value: Option<u32>,
-        /// A Q-variable is in it, one of a coordinate system's own.
+        /// The command names a Q-variable, which belongs to a coordinate system.
         of_system: bool,
     },
 }
 
-/// Whether the program buffer of this name is the rotary ones.
+/// Whether this name stands for the rotary buffers.
 pub fn is_rotary(name: &str) -> bool {
     name.starts_with("ROT")
 }
 
-/// What a command, or a line, does to the program buffers.
+/// The effect of a command, or a line, on the program buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effect {
-    /// It opens the buffer of this name: `PROG 77`.
+    /// The command opens the buffer of this name: `PROG 77`.
     Opens(Text<NAME_MAX>),
-    /// It opens the rotary buffers for binary lines, and so for no text (Software Reference p. 271).
+    /// The command opens the rotary buffers for binary lines, and so not for text (Software Reference p. 271).
     OpensBinary,
-    /// It closes what is open: `CLOSE`, `CLOSE ALL` (Turbo Software Reference p. 381).
+    /// The command closes the open buffers: `CLOSE`, `CLOSE ALL` (Turbo Software Reference p. 381).
     Closes,
 }
 
-/// What a command is.
+/// The kinds of commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// `#3`: this motor is addressed.
+    /// `#3`: addresses this motor.
     Motor(u32),
-    /// `&2`: this coordinate system is addressed.
+    /// `&2`: addresses this coordinate system.
     System(u32),
-    /// `##1`: of a Turbo board, which motors ^B and others report; a PMAC may take the number for an address. `@0`: a card.
+    /// `##1`: on a Turbo board chooses the motors that ^B and others report; a PMAC may take the number for an
+    /// address. `@0`: addresses a card.
     Group(Needs, u32),
-    /// `#3->`: this motor is addressed, and its axis in the coordinate system asked for.
+    /// `#3->`: addresses this motor, and asks for its axis in the coordinate system.
     AxisOf(u32),
-    /// `#3->100X`: this motor is addressed, and its axis defined.
+    /// `#3->100X`: addresses this motor, and defines its axis.
     DefinesAxis(u32),
-    /// It reports something, and does nothing else.
+    /// The command only reports.
     Asks(Needs),
-    /// `LIST`: it reports a program or a table.
+    /// `LIST`: reports a program or a table.
     Lists(Needs),
-    /// It asks for the firmware's version.
+    /// The command asks for the firmware's version.
     Version,
-    /// It is about variables of this letter.
+    /// The command asks for or sets variables of this letter, or their definitions.
     Variables(u8, Numbers, Does),
-    /// It writes values to consecutive addresses of the board's memory: `WX`, `WY`, `WL`, `WP`.
+    /// The command writes values to consecutive addresses of the board's memory: `WX`, `WY`, `WL`, `WP`.
     WritesMemory,
-    /// It moves or stops something. The letter tells how: the command's own, of a jog the sign behind it; Z is `HMZ`.
+    /// The command moves or stops motors or programs. The letter tells how: the command's own letter, for a jog the
+    /// sign behind the J; Z is `HMZ`.
     Moves(Needs, u8),
     /// `$$$`, `$$$***`.
     Resets,
-    /// It opens a program buffer, or closes what is open.
+    /// The command opens a program buffer, or closes the open ones.
     Buffer(Effect),
-    /// It empties what is open: `CLEAR`.
+    /// The command empties the open buffer: `CLEAR`.
     Clears,
-    /// It adds to what is open by itself: `LEARN`.
+    /// The board itself adds a line to the open buffer: `LEARN`.
     Learns,
     /// `SAVE`.
     Saves,
@@ -96,19 +98,19 @@ pub enum Kind {
     DeletesGather,
     /// `DELETE ROT`.
     DeletesRotary,
-    /// It defines or deletes another buffer.
+    /// The command defines or deletes another buffer.
     Buffers(Needs),
-    /// It has PLC programs run: `ENABLE PLC`, `RESUME PLC`.
+    /// The command starts PLC programs: `ENABLE PLC`, `RESUME PLC`.
     StartsPlcs,
     /// `PASSWORD`.
     Password,
-    /// It changes something else.
+    /// The command changes another state of the board.
     Changes(Needs),
     /// A statement of a program.
     Statement(Needs),
-    /// What stands in quotes: a program's text.
+    /// Text in quotes: a program's text.
     Quoted,
-    /// Nobody here knows; a statement of a program, most likely.
+    /// A command that this module does not know; most likely a statement of a program.
     Unknown,
 }
 
@@ -121,21 +123,21 @@ impl Kind {
         addresses || asks_for_variables || matches!(self, Self::Asks(_) | Self::Lists(_) | Self::Version)
     }
 
-    /// Whether what stands behind the command means the same in a line of its own, told whom it addresses.
+    /// Whether the text behind the command means the same in a line of its own that repeats the address.
     #[must_use]
     pub const fn ends_its_line(self) -> bool {
         matches!(self, Self::Variables(_, _, Does::Sets { .. }) | Self::WritesMemory) || self.only_asks()
     }
 
-    /// Whether the command can do more than ask for, or set, variables, say whom it addresses, and save: to move something, in the
-    /// end. What is not known may.
+    /// Whether the command can do more than ask for or set variables, address, and save, so that it may move a motor
+    /// in the end. An unknown command may.
     #[must_use]
     pub const fn may_move(self) -> bool {
         !(self.ends_its_line() || matches!(self, Self::Saves | Self::Group(..)))
             || matches!(self, Self::WritesMemory)
     }
 
-    /// Whom the command goes to.
+    /// The receiver of the command.
     #[must_use]
     pub const fn needs(self) -> Needs {
         match self {
@@ -154,11 +156,11 @@ impl Kind {
     }
 }
 
-/// A command, and where it stands in its line.
+/// A command and its place in the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Token {
     /// Its bytes.
     pub span: Range<usize>,
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
 }

@@ -1,8 +1,8 @@
 //! The commands of a command line.
 //!
-//! A board takes the longest word that fits, needs no blank behind it, and goes on with the next command (Software Reference p. 17;
-//! User Manual p. 29). What is no command that is known here is taken as a statement of a program, word by word, so that a
-//! command behind it is found. Only a command that is known for certain to ask counts as asking.
+//! A board takes the longest word that fits, needs no blank behind it, and goes on with the next command (Software
+//! Reference p. 17; User Manual p. 29). The lexer takes an unknown command as a statement of a program, word by word,
+//! so that it finds a command behind it. Only a command that certainly asks counts as asking.
 
 use super::command::Kind::{Asks, Changes, Moves, Statement};
 use super::command::Needs::{Motor, Nothing, System};
@@ -13,11 +13,11 @@ use super::words::Word::Is;
 use super::words::{LISTED, MEMORIES, OPENED, PROGRAM_WORDS, TABLES, WORDS, Word};
 use crate::format::Text;
 
-/// The digits of the longest hexadecimal address, `$07FFFF` on Turbo boards.
+/// The digits of the longest hexadecimal address: `$07FFFF` on Turbo boards.
 const ADDRESS_DIGITS: usize = 6;
 const AXES: &[u8] = b"ABCUVWXYZ";
 
-/// The commands of `line`, in their order. Blanks between them belong to none.
+/// The commands of `line`, in their order. Blanks between commands belong to no command.
 pub fn tokens(line: &[u8]) -> impl Iterator<Item = Token> {
     let mut reader = Reader { line, at: 0 };
     std::iter::from_fn(move || {
@@ -32,7 +32,7 @@ pub fn tokens(line: &[u8]) -> impl Iterator<Item = Token> {
     })
 }
 
-/// The next command. One that is not known goes as [`unknown`] says.
+/// The next command. [`unknown`] takes an unknown one.
 fn command(reader: &mut Reader<'_>) -> Kind {
     match reader.word(&WORDS).map(|(what, _)| what) {
         Some(Is(Kind::Password)) => return password(reader),
@@ -101,14 +101,14 @@ fn command(reader: &mut Reader<'_>) -> Kind {
     }
 }
 
-/// Behind a quotation mark.
+/// Reads on behind a quotation mark.
 fn quoted(reader: &mut Reader<'_>) -> Kind {
     reader.skip_while(|byte| byte != b'"');
     reader.at = reader.line.len().min(reader.at + 1);
     Kind::Quoted
 }
 
-/// Behind `PASSWORD`: a password, with quotation marks or without.
+/// Reads on behind `PASSWORD`: a password, with quotation marks or without.
 fn password(reader: &mut Reader<'_>) -> Kind {
     reader.takes("=");
     if reader.takes("\"") {
@@ -119,8 +119,8 @@ fn password(reader: &mut Reader<'_>) -> Kind {
     Kind::Password
 }
 
-/// A statement of a program, or a letter and those behind it up to what moves a motor, or another byte, with numbers and signs behind
-/// that.
+/// Takes a statement of a program, or a letter and the letters behind it up to a command that moves a motor, or
+/// another byte; then the numbers and signs behind it.
 fn unknown(reader: &mut Reader<'_>) {
     let start = reader.at;
     if reader.word(&PROGRAM_WORDS).is_none() {
@@ -169,7 +169,7 @@ fn begins_move(reader: &Reader<'_>) -> bool {
         || ["HM", "HOME"].iter().any(|word| reader.clone().takes(word))
 }
 
-/// Behind a `#` or an `&`.
+/// Reads on behind a `#` or an `&`.
 fn address(reader: &mut Reader<'_>, sign: u8, needs: Needs, kind: fn(u32) -> Kind) -> Kind {
     if reader.byte() == Some(sign) {
         reader.at += 1;
@@ -212,11 +212,11 @@ fn axes(reader: &mut Reader<'_>) -> bool {
     }
 }
 
-/// Behind a variable's letter.
+/// Reads on behind a variable's letter.
 fn variables(reader: &mut Reader<'_>, letter: u8) -> Kind {
     let Some(numbers) = Numbers::read(reader) else { return Kind::Unknown };
     if letter == b'M' && reader.takes("->") {
-        // What cannot follow a definition is a command of its own.
+        // Text that cannot be a definition's place is a command of its own.
         return match reader.peek() {
             None | Some(b'M' | b'#' | b'&' | b'I' | b'P' | b'Q') => {
                 Kind::Variables(letter, numbers, Does::AsksPlace)
@@ -257,7 +257,7 @@ fn m_place(reader: &mut Reader<'_>) -> bool {
     is_place
 }
 
-/// Behind a J: with a number it is a vector of a program.
+/// Reads on behind a J. A J with a number is a vector of a program.
 fn jog(reader: &mut Reader<'_>) -> Kind {
     let Some(sign @ (b'+' | b'-' | b'/' | b'!' | b'=' | b':' | b'^')) = reader.peek() else {
         return Kind::Unknown;
@@ -271,18 +271,19 @@ fn jog(reader: &mut Reader<'_>) -> Kind {
     Moves(Motor, sign)
 }
 
-/// `LIST`, what is listed, and of it which part. What stands behind it is another command: `LIST LINK HM`.
+/// Reads on behind `LIST`: the listed program or table, and the part of it. The text behind that is another command:
+/// `LIST LINK HM`.
 fn list(reader: &mut Reader<'_>) -> Kind {
     let listed = reader.word(&LISTED).map(|(needs, _)| needs);
     if listed.is_some() {
         reader.takes("DEF");
     }
-    // `,S,80`: what tools ask for the next lines by. An S elsewhere is a step.
+    // `,S,80`: tools ask for the next lines by this. An S elsewhere is a step.
     while reader.takes(",S,") || reader.takes(",") || reader.takes(".") || reader.number().is_some() {}
     Kind::Lists(listed.unwrap_or(System))
 }
 
-/// Behind `OPEN`: a buffer's name and number.
+/// Reads on behind `OPEN`: a buffer's name and number.
 fn open(reader: &mut Reader<'_>) -> Kind {
     let (is_binary, name) = reader.word(&OPENED).unwrap_or_default();
     if is_binary {
@@ -298,14 +299,14 @@ fn open(reader: &mut Reader<'_>) -> Kind {
     Kind::Buffer(Effect::Opens(Text::of(&format_args!("{name}{blank}{number}"))))
 }
 
-/// Behind `DEFINE` or `DELETE`: a table or buffer, and numbers. As it is called where it is deleted.
+/// Reads on behind `DEFINE` or `DELETE`: a table or buffer, and numbers. Returns the kind of the deletion.
 fn table(reader: &mut Reader<'_>) -> Kind {
     let table = reader.word(&TABLES).map_or(Kind::Buffers(Nothing), |(table, _)| table);
     while constant(reader) || [",", "*"].iter().any(|sign| reader.takes(sign)) {}
     table
 }
 
-/// Behind `MS`: `0,I910`, a variable of a MACRO station.
+/// Reads on behind `MS`: `0,I910`, a variable of a MACRO station.
 fn station(reader: &mut Reader<'_>) -> Kind {
     let is_letter = |reader: &mut Reader<'_>| reader.peek().is_some_and(|byte| byte.is_ascii_alphabetic());
     if reader.number().is_none() || !reader.takes(",") || !is_letter(reader) {
@@ -322,8 +323,8 @@ fn station(reader: &mut Reader<'_>) -> Kind {
     }
 }
 
-/// Behind an R: whether `X$770`, `HY:$770` or the like follows. Goes behind it then. Anything else is R, which runs a program, and
-/// another command: `RF100`, `RP1`.
+/// Behind an R: takes `X$770`, `HY:$770` or the like, and returns whether it follows. Otherwise the R runs a program,
+/// and another command follows: `RF100`, `RP1`.
 fn reads_memory(reader: &mut Reader<'_>) -> bool {
     let start = reader.at;
     reader.takes("H");
@@ -337,7 +338,7 @@ fn reads_memory(reader: &mut Reader<'_>) -> bool {
     is_read
 }
 
-/// Behind a W: whether a memory space, an address and its values follow.
+/// Behind a W: takes a memory space, an address and its values, and returns whether they follow.
 fn writes_memory(reader: &mut Reader<'_>) -> bool {
     let has_space = ["X", "Y", "L", "P"].iter().any(|space| reader.takes(space));
     reader.takes(":");
@@ -348,7 +349,7 @@ fn writes_memory(reader: &mut Reader<'_>) -> bool {
     is_write
 }
 
-/// A constant, with its sign; goes behind it.
+/// Takes a constant with its sign; returns whether one follows.
 fn constant(reader: &mut Reader<'_>) -> bool {
     let start = reader.at;
     let _ = reader.takes("-") || reader.takes("+");
@@ -363,7 +364,7 @@ fn constant(reader: &mut Reader<'_>) -> bool {
     digits > 0
 }
 
-/// An address, `$` and at most as many hexadecimal digits as the longest has, or decimal; goes behind it.
+/// Takes an address: decimal, or `$` and at most [`ADDRESS_DIGITS`] hexadecimal digits; returns whether one follows.
 fn register(reader: &mut Reader<'_>) -> bool {
     if !reader.takes("$") {
         return reader.number().is_some();

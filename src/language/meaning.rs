@@ -1,4 +1,4 @@
-//! What the commands of a line come to.
+//! The combined effect of a line's commands.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -14,73 +14,74 @@ use super::while_open::WhileOpen;
 use crate::format::Text;
 use crate::map::{Motors, Systems};
 
-/// What resets the board, and so ends everything.
+/// The command that resets the board, and so ends everything.
 const RESET: &str = "$$$";
-/// As much is told of the commands of a line that end something.
+/// The most characters of the text that lists a line's ending commands.
 const ENDS_MAX: usize = 120;
 
-/// What a line means, as far as its text tells. A command that names no motor or coordinate system goes to what is addressed, which
-/// nobody but the board knows.
+/// What a line means, as far as its text tells. A command that names no motor or coordinate system goes to the
+/// addressed one, which only the board knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Meaning {
-    /// The motors that it names and moves. What stops one, `J/` or `K`, does not count.
+    /// The motors that the line names and moves. `J/` and `K`, which stop a motor, do not count.
     pub moves: Motors,
-    /// It can do more than ask for, or set, variables, say whom it addresses, and save.
+    /// The line can do more than ask for or set variables, address, and save.
     pub may_move: bool,
-    /// It can start a motion program.
+    /// The line can start a motion program.
     pub may_start_program: bool,
-    /// It starts PLC programs, or opens a rotary buffer, each line of which may move something.
+    /// The line starts PLC programs, or opens a rotary buffer: their lines may move motors.
     pub lets_programs_move: bool,
-    /// A command of it stops something.
+    /// A command of the line stops motors or programs.
     pub stops: bool,
-    /// The coordinate systems that it names and whose programs it starts.
+    /// The coordinate systems that the line names and whose programs it starts.
     pub starts: Systems,
-    /// Those that it names and points at a program.
+    /// The coordinate systems that the line names and points at a program.
     pub points_elsewhere: Systems,
-    /// Those that it names and whose programs it ends, or points at their rotary buffers.
+    /// The coordinate systems that the line names and whose programs it ends, or that it points at their rotary
+    /// buffers.
     pub aborts: Systems,
-    /// Those whose rotary buffers it takes away or empties.
+    /// The coordinate systems whose rotary buffers the line deletes or empties.
     pub takes_away: Systems,
-    /// Those whose rotary buffers it empties if these are open.
+    /// The coordinate systems whose rotary buffers the line empties if they are open.
     pub clears: Systems,
-    /// The motors that jog on when the board has carried it out, until something stops them.
+    /// The motors that still jog when the board has carried out the line, until a command stops them.
     pub jogs: Jogs,
-    /// The motors that may jog on when the board has refused it: what stands before the command that it refused is carried out. Which
-    /// command that was nobody knows, so every jog counts, but for the last command.
+    /// The motors that may jog although the board has refused the line: the board carries out the commands before the
+    /// refused one. The daemon does not know which one that was, so every jog counts except the last command's.
     pub jogs_if_refused: Jogs,
-    /// What it ends.
+    /// What the line ends.
     pub ends: LineEnds,
-    /// What it does to the program buffers in the end.
+    /// The line's final effect on the program buffers.
     pub buffer: Option<Effect>,
-    /// It closes what is open, and does nothing else.
+    /// The line only closes the open buffers.
     pub is_close: bool,
-    /// What becomes of it while a program buffer is open.
+    /// How the board treats the line while a program buffer is open.
     pub while_open: WhileOpen,
-    /// The I-variables that it sets.
+    /// The I-variables that the line sets.
     pub settings: Settings,
-    /// It resets the board.
+    /// The line resets the board.
     pub resets: bool,
-    /// It saves the board's settings.
+    /// The line saves the board's settings.
     pub saves: bool,
-    /// It points M-variables elsewhere.
+    /// The line points M-variables elsewhere.
     pub defines_m: bool,
-    /// It has a `$`, and so may change the board's memory by an address.
+    /// The line has a `$`, and so may change the board's memory by an address.
     pub has_address: bool,
-    /// It asks for variables, and does nothing else.
+    /// The line only asks for variables.
     pub only_asks_for_variables: bool,
-    /// It asks for so many values of I-, P- and Q-variables by their numbers, and does nothing else; 0 where it does more.
+    /// How many values of I-, P- and Q-variables the line asks for by number; 0 if it does more than that.
     pub asks_for_values: u32,
-    /// It sets or gives the password.
+    /// The line sets or gives the password.
     pub has_password: bool,
-    /// It goes to the motor or coordinate system that is addressed, and does not name it before.
+    /// A command of the line goes to the addressed motor or coordinate system, which the line has not named before.
     pub goes_by_address: bool,
-    /// It addresses a coordinate system.
+    /// The line addresses a coordinate system.
     pub addresses_system: bool,
-    /// It begins with that.
+    /// The line begins with that address.
     pub begins_with_system: bool,
-    /// It ends with that.
+    /// The line ends with that address.
     pub ends_with_system: bool,
-    /// How long its slowest command may take, and of how many values its ranges are.
+    /// The time that the slowest command may take, and the number of values in the ranges.
     slow: Duration,
     values: u32,
 }
@@ -88,14 +89,14 @@ pub struct Meaning {
 /// Motors that jog without an end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Jogs {
-    /// Those that the line names.
+    /// The motors that the line names.
     pub motors: Motors,
-    /// It jogs a motor, too, that an earlier line has addressed.
+    /// The line also jogs a motor that an earlier line has addressed.
     pub unnamed: bool,
 }
 
 impl Jogs {
-    /// Those of both.
+    /// The jogs of both.
     #[must_use]
     pub const fn or(self, other: Self) -> Self {
         Self { motors: self.motors.and(other.motors), unnamed: self.unnamed || other.unnamed }
@@ -108,18 +109,19 @@ impl Jogs {
     }
 }
 
-/// What a line ends: programs, motions, a gather, or what is open. All coordinate systems and motors where it names none.
+/// What a line ends: programs, motions, a gather, or an open buffer. A line that names no coordinate system or motor
+/// counts for all of them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LineEnds {
-    /// The commands that do it: `&1Q`.
+    /// The commands that end them: `&1Q`.
     pub what: Text<ENDS_MAX>,
-    /// A command of it names neither motor nor coordinate system, and goes to what is addressed.
+    /// A command of the line names neither motor nor coordinate system, and goes to the addressed one.
     pub unnamed: bool,
     /// The coordinate systems whose programs end.
     pub systems: Systems,
     /// The motors that stop, or are sent elsewhere.
     pub motors: Motors,
-    /// The coordinate systems whose rotary buffers are taken away.
+    /// The coordinate systems whose rotary buffers the line deletes.
     pub rotary: Systems,
     /// A gather, and its buffer.
     pub gather: bool,
@@ -143,7 +145,8 @@ impl LineEnds {
         }
     }
 
-    /// Adds the command that `said` is, to whom `sign` and `number` address; gives the bit, or all bits where nobody is.
+    /// Adds the command `said`, addressed by `sign` and `number`; returns the number's bit, or all bits without a
+    /// number.
     fn add_addressed(&mut self, sign: char, number: Option<u32>, said: &[u8]) -> u32 {
         let Some(number) = number else {
             self.unnamed = true;
@@ -157,10 +160,10 @@ impl LineEnds {
         bit
     }
 
-    /// Adds the command that `said` is, to whom `address` says.
+    /// Adds the command `said`, addressed by `address`.
     fn add(&mut self, address: std::fmt::Arguments<'_>, said: &[u8]) {
         let blank = if self.what.is_empty() { "" } else { " " };
-        // What has no room is left out.
+        // The text leaves out characters that have no room.
         let _ = write!(self.what, "{blank}{address}");
         let letters = said.iter().filter(|byte| **byte != b' ').map(u8::to_ascii_uppercase);
         letters.for_each(|letter| self.what.write_char(char::from(letter)).unwrap_or_default());
@@ -168,7 +171,7 @@ impl LineEnds {
 }
 
 impl Meaning {
-    /// Of `line`. Asks for no memory.
+    /// The meaning of `line`. Allocates no memory.
     #[must_use]
     pub fn of(line: impl AsRef<[u8]>) -> Self {
         let line = line.as_ref();
@@ -191,33 +194,33 @@ impl Meaning {
         meaning
     }
 
-    /// What it ends; `None` where that is nothing.
+    /// What the line ends; `None` if it ends nothing.
     #[must_use]
     pub fn ends(&self) -> Option<LineEnds> {
         Some(self.ends).filter(|ends| !ends.what.is_empty())
     }
 
-    /// The motors that may jog on, whatever becomes of the line.
+    /// The motors that may jog on, whether the board carries out or refuses the line.
     #[must_use]
     pub const fn possible_jogs(&self) -> Jogs {
         self.jogs.or(self.jogs_if_refused)
     }
 
-    /// How long the board may take for the line, where a plain one may take `plain`.
+    /// How long the board may take for the line, if a plain line may take `plain`.
     #[must_use]
     pub fn deadline(&self, plain: Duration) -> Duration {
         limit(self.slow, self.resets, self.values, plain)
     }
 
-    /// Whether it opens a program buffer for text.
+    /// Whether the line opens a program buffer for text.
     #[must_use]
     pub const fn opens(&self) -> bool {
         matches!(self.buffer, Some(Effect::Opens(_)))
     }
 }
 
-/// The motors that `line` names and moves on a board that ignores the blanks between letters, too: `#1 H M` homes there (Software
-/// Reference p. 17: blanks are ignored). A held motor is guarded on both.
+/// The motors that `line` names and moves on a board that also ignores blanks between letters: `#1 H M` homes there
+/// (Software Reference p. 17: blanks are ignored). The daemon guards a held motor on both kinds of boards.
 fn moves_without_blanks(line: &[u8]) -> Motors {
     let mut words = line.split(|byte| *byte == b' ').filter(|word| !word.is_empty());
     let is_letter = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_alphabetic);
@@ -238,26 +241,26 @@ fn moves_without_blanks(line: &[u8]) -> Motors {
     reading.meaning.moves
 }
 
-/// How far a line is read.
+/// The state of reading a line.
 #[derive(Default)]
 struct Reading<'a> {
     line: &'a [u8],
     meaning: Meaning,
-    /// How many commands it has had, and how many of them ask for variables.
+    /// How many commands the line has had, and how many of them ask for variables.
     count: usize,
     variables: usize,
     /// How many ask for values, not of M-variables.
     value_questions: usize,
     /// How many values the questions are about.
     values: u32,
-    /// The motor that is addressed by its number, and all that may be.
+    /// The motor that the line addresses by its number, and all motors that may be addressed.
     motor: Option<u32>,
     motors: Motors,
     system: Option<u32>,
     systems: Systems,
-    /// The coordinate system that is addressed points at a program.
+    /// The addressed coordinate system points at a program.
     points_elsewhere: bool,
-    /// The line has opened a buffer before, the rotary ones or another.
+    /// Whether the line has opened the rotary buffers (`true`) or another buffer (`false`) before.
     opened_rotary: Option<bool>,
     /// The jogs of the last command.
     last: Jogs,
@@ -273,7 +276,7 @@ impl Reading<'_> {
         let starts = |byte: &u8| b"RS>$".contains(&byte.to_ascii_uppercase());
         meaning.may_start_program |= kind.may_move() && kind != Kind::Quoted && said.iter().any(starts);
         meaning.goes_by_address |= match kind {
-            // `#` asks which is addressed.
+            // `#` asks which motor is addressed.
             _ if matches!(said, b"#" | b"&") => false,
             Kind::AxisOf(_) | Kind::DefinesAxis(_) => false,
             _ => match kind.needs() {
@@ -316,7 +319,7 @@ impl Reading<'_> {
                 self.meaning.ends.rotary.add(systems);
                 self.meaning.ends.add(format_args!("DELETE ROT"), b"");
             }
-            // It empties what is open, which this line may have opened itself.
+            // CLEAR empties the open buffer, which this line may have opened itself.
             Kind::Clears => match self.opened_rotary {
                 Some(true) => self.meaning.takes_away.add(self.all_systems()),
                 Some(false) => {}
@@ -341,7 +344,7 @@ impl Reading<'_> {
                 if letter == b'I' {
                     meaning.settings.add(numbers, value);
                 }
-                // In `P1=5 &2` it is an operator, most likely.
+                // In `P1=5 &2` the `&` is most likely an operator.
                 for operand in said.split(|byte| *byte == b'&').skip(1) {
                     let digits = operand.trim_ascii_start().iter().take_while(|byte| byte.is_ascii_digit());
                     let number = digits.fold(0_u32, |number, digit| {
@@ -353,7 +356,7 @@ impl Reading<'_> {
         }
     }
 
-    /// The board may take `number` for the address of a coordinate system, or for something else.
+    /// The board may take `number` for the address of a coordinate system, or for an operand.
     fn may_address(&mut self, number: u32) {
         self.systems.add(Systems::of(number as usize));
         self.points_elsewhere = false;
@@ -381,7 +384,7 @@ impl Reading<'_> {
         let moves = !b"/K!".contains(&letter);
         meaning.stops |= b"/K".contains(&letter);
         meaning.moves.add(if moves { *motors } else { Motors::NONE });
-        // Of a move that names no motor nobody knows whose it is.
+        // For a move that names no motor only the board knows the motor.
         if letter != b'!' && (motor.is_some() || !moves) {
             let bits = meaning.ends.add_addressed('#', *motor, said);
             meaning.ends.motors.add(Motors::from_bits(bits));
@@ -390,7 +393,8 @@ impl Reading<'_> {
             self.last = Jogs { motors: *motors, unnamed: motor.is_none() };
             meaning.jogs = meaning.jogs.or(self.last);
         } else if b"/=:^KO".contains(&letter) {
-            // What may go to another motor ends no jog, nor does what may be a statement of a program, as HOME1.
+            // A command that may go to another motor ends no jog, nor does one that may be a statement of a program,
+            // as HOME1.
             match motor {
                 Some(_) if motors.len() == 1 => meaning.jogs.motors.remove(*motors),
                 None if motors.is_empty() => meaning.jogs.unnamed = false,
@@ -421,7 +425,7 @@ impl Reading<'_> {
         }
     }
 
-    /// The coordinate systems that a command means, which names none of them itself.
+    /// The coordinate systems of a command that names none itself.
     fn all_systems(&self) -> Systems {
         if self.system.is_some() { self.systems } else { Systems::ALL }
     }

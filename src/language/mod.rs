@@ -1,7 +1,7 @@
-//! The language of command lines (layer 1): what a line means, read once.
+//! The language of command lines (layer 1): the daemon reads a line's meaning once.
 //!
-//! The daemon reads a line where it comes in, and its [`Meaning`] goes with it, as a [`Line`], to the log and to the bus thread: none
-//! of them reads the text again to find out what it does. The gateway and `pmacctl` read their own lines by the same [`Meaning`].
+//! The daemon reads a line where it comes in. The [`Line`] carries its [`Meaning`] to the log and to the bus thread,
+//! which do not read the text again. The gateway and `pmacctl` read their own lines by the same [`Meaning`].
 //!
 //! | file | holds |
 //! |---|---|
@@ -16,8 +16,8 @@
 //! | [`deadlines`] | how long the board may take |
 //! | [`password`] | the line as others may see it |
 //!
-//! Nothing here asks for memory but [`password`]. Where a command is not known the likelier reading that does more harm counts: a
-//! line that may stop, start or close something is taken to do so.
+//! Only [`password`] allocates memory. For an unknown command this module assumes the more harmful of the likely
+//! readings: a line that may stop, start or close something counts as doing so.
 
 pub mod command;
 pub mod deadlines;
@@ -37,19 +37,19 @@ pub use self::meaning::{Jogs, LineEnds, Meaning};
 pub use self::while_open::WhileOpen;
 use crate::format::Text;
 
-/// The longest line a board of any family takes, in characters (DPRAM manual p. 27).
+/// The longest line that a board of any family takes, in characters (DPRAM manual p. 27).
 pub const LINE_MAX: usize = 200;
 
 /// A command line and its meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Line {
     text: Text<LINE_MAX>,
-    /// What it means.
+    /// The line's meaning.
     pub meaning: Meaning,
 }
 
 impl Line {
-    /// Reads `line`, of which no more than the board takes counts.
+    /// Reads `line`, cut to the length that a board takes.
     #[must_use]
     pub fn of(line: impl AsRef<[u8]>) -> Self {
         let text = Text::from_bytes(line.as_ref());

@@ -1,12 +1,12 @@
-//! The numbers of variables, and expressions, which are computed where they have constants alone.
+//! The numbers of variables, and expressions; this module computes an expression if it has only constants.
 
 use super::reader::Reader;
 
-/// How many I-variables a Turbo board has; a number beyond begins again at 0 there.
+/// How many I-variables a Turbo board has; the board takes larger numbers from 0 again.
 const COUNT: u32 = 8192;
-/// How often a range may begin again before every variable counts as set.
+/// How often a range may wrap before every variable counts as set.
 const ROUNDS: usize = 64;
-/// Parentheses in each other that are computed; no line of a site has so many.
+/// The deepest nesting of parentheses that this module computes; no line of a site has so many.
 const DEEPEST: u32 = 16;
 
 /// The variables that a command names.
@@ -16,12 +16,12 @@ pub enum Numbers {
     One(u32),
     /// Several: the first, the last, and the step between them.
     Range(u32, u32, u32),
-    /// The number is an expression that goes by variables of the board.
+    /// The number is an expression with variables of the board.
     Unknown,
 }
 
 impl Numbers {
-    /// Whether variable `number` is among them. Of an expression nobody can tell: it counts as no.
+    /// Whether variable `number` is among them; `false` for an expression, whose number only the board knows.
     #[must_use]
     pub fn has(self, number: u32) -> bool {
         match self {
@@ -31,7 +31,7 @@ impl Numbers {
                     first <= number && number <= last && (step == 0 || (number - first).is_multiple_of(step))
                 };
                 let rounds = first / COUNT..=last / COUNT;
-                // One that goes round so often has them all.
+                // A range that wraps so often has every variable.
                 let mut again = rounds.map(|round| number.saturating_add(round.saturating_mul(COUNT)));
                 first <= last && (again.by_ref().take(ROUNDS).any(is_in) || again.next().is_some())
             }
@@ -39,7 +39,7 @@ impl Numbers {
         }
     }
 
-    /// How many they are, at most, where a range is named.
+    /// At most how many variables a range names; 0 otherwise.
     pub(super) fn in_range(self) -> u32 {
         match self {
             Self::Range(first, last, step) => (last.saturating_sub(first) / step.max(1)).saturating_add(1),
@@ -47,7 +47,8 @@ impl Numbers {
         }
     }
 
-    /// The numbers that come next: `58`, `50..60`, `108,8,100` (first, count, step); each may be an expression in parentheses.
+    /// Takes the numbers that come next: `58`, `50..60`, `108,8,100` (first, count, step); each may be an expression
+    /// in parentheses.
     pub(super) fn read(reader: &mut Reader<'_>) -> Option<Self> {
         let first = Number::read(reader)?;
         Some(if reader.takes("..") {
@@ -67,14 +68,14 @@ impl Numbers {
 enum Number {
     /// This one.
     One(u32),
-    /// One of these two: no manual says how a board makes a whole number of a fraction.
+    /// One of these two: no manual says how a board rounds a fraction.
     Either(u32, u32),
-    /// Nobody but the board knows.
+    /// Only the board knows the number.
     Unknown,
 }
 
 impl Number {
-    /// The number that comes next. `None` where none does, or where its parentheses do not end.
+    /// Takes the number that comes next; `None` if none comes, or if its parentheses do not end.
     fn read(reader: &mut Reader<'_>) -> Option<Self> {
         if let Some(number) = reader.number() {
             return Some(Self::One(number));
@@ -90,7 +91,7 @@ impl Number {
         Some(value.map_or(Self::Unknown, Self::of_value))
     }
 
-    /// A Turbo board takes a number below 0, too: it begins again at the other end.
+    /// A Turbo board takes a number below 0, too, and counts it from the other end.
     fn of_value(value: f64) -> Self {
         if !value.is_finite() {
             return Self::Unknown;
@@ -131,8 +132,8 @@ impl Number {
     }
 }
 
-/// A value: an expression, or `*`, a variable's default. Not a number where it goes by variables of the board. `None` where no value
-/// that is known here comes next; an operator without a value behind it is a command.
+/// Takes a value: an expression, or `*`, a variable's default. NaN if the value depends on variables of the board.
+/// `None` if no known value comes next; an operator without a value behind it is a command.
 pub(super) fn value(reader: &mut Reader<'_>) -> Option<f64> {
     let start = reader.clone();
     if reader.takes("*") {
@@ -209,7 +210,7 @@ fn factor(reader: &mut Reader<'_>, depth: u32) -> Option<f64> {
                 () if is("ABS") => f64::abs,
                 () if is("INT") => f64::floor,
                 () if is("SQRT") => f64::sqrt,
-                // A variable of this number, or a function that goes by I15.
+                // A variable with this number, or a function that depends on I15.
                 () => |_| f64::NAN,
             };
             // `ATAN2(P1)` has a number and a parenthesis.

@@ -1,11 +1,11 @@
-//! Passwords in command lines: they are kept out of logs and histories.
+//! Passwords in command lines: the daemon and its clients keep them out of logs and histories.
 
 use std::borrow::Cow;
 
 const WORD: &str = "PASSWORD";
 
-/// Where the word that sets or gives a password begins: blanks do not matter to a board, nor does case, and here those in the word do
-/// not either.
+/// Where the word that sets or gives a password begins. A board ignores case and blanks; this function also ignores
+/// blanks in the word.
 pub(super) fn password_at(line: &[u8]) -> Option<usize> {
     let has_word_at = |start: &usize| {
         let letters = line[*start..].iter().filter(|letter| **letter != b' ');

@@ -1,5 +1,5 @@
-//! The characters of a command line. Case does not matter to a board, nor do blanks, but that they end a word (Software Reference
-//! p. 17).
+//! The characters of a command line. A board ignores case and blanks, except that a blank ends a word (Software
+//! Reference p. 17).
 
 /// A place in a line.
 #[derive(Debug, Clone)]
@@ -14,18 +14,18 @@ impl Reader<'_> {
         self.line.get(self.at).map(u8::to_ascii_uppercase)
     }
 
-    /// The next byte that is no blank, in capitals; it stands here then.
+    /// Skips blanks, and returns the next byte in capitals without taking it.
     pub(super) fn peek(&mut self) -> Option<u8> {
         self.skip_while(|byte| byte == b' ');
         self.byte()
     }
 
-    /// Whether the next byte that is no blank is one of `bytes`.
+    /// Whether the next byte behind blanks is one of `bytes`.
     pub(super) fn is_next(&self, bytes: &[u8]) -> bool {
         self.clone().peek().is_some_and(|byte| bytes.contains(&byte))
     }
 
-    /// Goes behind the bytes from here on that are `wanted`, and says how many they are.
+    /// Skips the bytes from here on that are `wanted`, and returns how many.
     pub(super) fn skip_while(&mut self, wanted: impl Fn(u8) -> bool) -> usize {
         let start = self.at;
         while self.byte().is_some_and(&wanted) {
@@ -34,7 +34,7 @@ impl Reader<'_> {
         self.at - start
     }
 
-    /// Takes `text` if it comes next, blanks before it.
+    /// Takes `text`, with blanks before it, if it comes next.
     pub(super) fn takes(&mut self, text: &str) -> bool {
         let start = self.at;
         self.peek();
@@ -45,7 +45,8 @@ impl Reader<'_> {
         comes
     }
 
-    /// Takes the longest of the words that come next, blanks before it, and gives what stands with it, and the word.
+    /// Takes the longest of the words that come next, with blanks before it, and returns the word and the value beside
+    /// it.
     pub(super) fn word<T: Copy>(&mut self, words: &[(T, &'static str)]) -> Option<(T, &'static str)> {
         let all = words.iter().flat_map(|(what, words)| words.split('|').map(move |word| (*what, word)));
         let fits = all.filter(|(_, word)| self.clone().takes(word));
@@ -54,7 +55,7 @@ impl Reader<'_> {
         Some(longest)
     }
 
-    /// A whole number, blanks before it and in it.
+    /// Takes a whole number, with blanks before it and in it.
     pub(super) fn number(&mut self) -> Option<u32> {
         let (mut number, mut end) = (None, self.at);
         while let Some(digit @ b'0'..=b'9') = self.peek() {
@@ -66,7 +67,7 @@ impl Reader<'_> {
         number
     }
 
-    /// A hexadecimal number from here on. Behind a blank, A to F are commands.
+    /// Takes a hexadecimal number from here on. Behind a blank, A to F are commands.
     pub(super) fn hexadecimal(&mut self) -> Option<u32> {
         let mut number = None;
         while let Some(digit) = self.byte().and_then(|byte| char::from(byte).to_digit(16)) {
@@ -81,7 +82,7 @@ impl Reader<'_> {
         self.byte() == Some(b'$') && self.line.get(self.at + 1).is_some_and(u8::is_ascii_hexdigit)
     }
 
-    /// Goes behind the parenthesis that begins here; `false`, and nowhere, if it does not end.
+    /// Skips the parenthesis that begins here; returns `false`, and stays, if it does not end.
     pub(super) fn parenthesis_here(&mut self) -> bool {
         let mut depth = 0_usize;
         for (at, byte) in self.line.iter().enumerate().skip(self.at) {

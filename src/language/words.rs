@@ -1,11 +1,11 @@
-//! The words of the language: on-line commands, and statements that begin as those of one letter do. Words that mean the same stand
-//! together, parted by `|`.
+//! The words of the language: on-line commands, and statements that begin like one-letter commands. Words with the
+//! same meaning stand together, parted by `|`.
 
 use super::command::Effect;
 use super::command::Kind::{self, Asks, Buffers, Changes, Moves, Statement};
 use super::command::Needs::{self, Motor, Nothing, System};
 
-/// What a word is, or begins.
+/// The command that a word is, or begins.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Word {
     Is(Kind),
@@ -24,7 +24,7 @@ pub(super) const WORDS: [(Word, &str); 24] = [
     (Is(Kind::Version), "VER|VERSION"),
     (Is(Moves(Motor, b'H')), "HM|HOME"),
     (Is(Moves(Motor, b'Z')), "HMZ|HOMEZ"),
-    // It aborts the program and runs it from its beginning.
+    // ABR aborts the program and runs it from its beginning.
     (Is(Moves(System, b'R')), "ABR"),
     (Is(Kind::Buffer(Effect::Closes)), "CLOSE|CLS"),
     (Is(Kind::Clears), "CLEAR|CLR"),
@@ -48,14 +48,15 @@ pub(super) const WORDS: [(Word, &str); 24] = [
 const STATEMENTS: &str = "ADDRESS|ADIS|ADR|AND|AROT|BLOCKSTART|BLOCKSTOP|BSTART|BSTOP|DELAY|PSET|PAUSE|PVT|RAPID|READ|RESUME|RET|RETURN|\
     RPD|SEND|SETPHASE|SPLINE|STN|STOP";
 
-/// Statements of programs that begin as no command does. A board takes a command that stands right behind one: `LINEARJ+`.
+/// Statements of programs that do not begin like a command. A board takes a command right behind such a statement:
+/// `LINEARJ+`.
 pub(super) const PROGRAM_WORDS: [((), &str); 1] = [(
     (),
     "CALL|CIR|CIRCLE|CMD|COMMAND|DIS|DISABLE|DISP|DISPLAY|DLY|DWE|DWELL|ELSE|ENDI|ENDIF|ENDW|ENDWHILE|GOS|GOSUB|GOT|GOTO|IDIS|IF|\
         IROT|LIN|LINEAR|NORMAL|NRM|OR|PRELUDE|TA|TINIT|TM|TS|TSEL|TSELECT|WAI|WAIT|WHILE",
 )];
 
-/// What is defined and deleted, as it is called where it is deleted.
+/// The tables and buffers that commands define and delete; the kind is that of the deletion.
 pub(super) const TABLES: [(Kind, &str); 5] = [
     (Kind::DeletesRotary, "ROT|ROTARY"),
     (Kind::DeletesGather, "GAT|GATHER"),
@@ -63,13 +64,13 @@ pub(super) const TABLES: [(Kind, &str); 5] = [
     (Buffers(System), "CCBUF|CCUBUF|LOOK|LOOKAHEAD"),
     (Buffers(Nothing), "ALL|PLCC|TBUF|TBUFFER|TEMPS|TRACE|TRANS|UBUF|UBUFFER"),
 ];
-/// What `LIST` lists.
+/// The programs and tables that `LIST` lists.
 pub(super) const LISTED: [(Needs, &str); 3] = [
     (Nothing, "PROGRAM|PROG|PLCC|PLC|GATHER|LINK|LDS"),
     (Motor, "BLCOMP|TCOMP|COMP"),
     (System, "ROTARY|ROT|FORWARD|INVERSE|PC|PE"),
 ];
-/// What `OPEN` opens; the first has binary lines alone.
+/// The buffers that `OPEN` opens; the first row takes only binary lines.
 pub(super) const OPENED: [(bool, &str); 2] = [
     (true, "BIN|BINARY|BIN ROT|BINARY ROT|BIN ROTARY|BINARY ROTARY"),
     (false, "PROG|PLC|PLCC|ROT|ROTARY|FORWARD|INVERSE"),
