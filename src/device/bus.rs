@@ -76,8 +76,8 @@ pub trait Bus: Send {
     fn read_block(&mut self, first: HostOffset, words: &mut [u16]) -> Result<(), BusError>;
 
     /// Reads `words.len()` consecutive words, ascending, each exactly once, and returns the number of bus accesses.
-    /// Where the board takes 32 bits, two words in one aligned 32-bit location cost one access. Only for data that PMAC
-    /// leaves alone meanwhile, never for a word of a handshake.
+    /// Where the board takes 32 bits, two words in one aligned 32-bit location cost one access. Use it only for data
+    /// that PMAC leaves alone meanwhile, never for a word of a handshake.
     ///
     /// # Errors
     /// [`BusError::OutOfRange`] when a word lies outside the window; nothing has been read then.
@@ -93,14 +93,15 @@ pub trait Bus: Send {
     fn order_writes(&mut self);
 }
 
-/// Whether a board is there at all. Called about once a second; does not count as access to the board's words.
+/// Whether a board is there at all. The daemon asks about once a second; the question does not count as an access to
+/// the board's words.
 pub trait Presence {
     /// Whether the window still maps the board: a simulated board may have been replaced.
     fn still_there(&self) -> bool {
         true
     }
 
-    /// Whether something answers on the bus: without a board, every word reads as ones.
+    /// Whether a device answers on the bus: without a board, every word reads as ones.
     fn answers(&mut self) -> bool {
         true
     }

@@ -1,7 +1,8 @@
-//! The board's interrupt as a descriptor that yields 4-byte counts. It is a UIO device, or a Unix socket on which a
-//! simulated board announces its interrupts in the same form: the total since it started, in native byte order.
+//! The board's interrupt as a descriptor that yields 4-byte counts. The descriptor is a UIO device, or a Unix socket
+//! on which a simulated board announces its interrupts in the same form: the total since the board started, in native
+//! byte order.
 //!
-//! The count includes every interrupt, so a missed one is noticed.
+//! The count includes every interrupt, so the host notices a missed one.
 
 use std::fmt;
 use std::io::{ErrorKind, Read};
@@ -18,7 +19,7 @@ use crate::device::system::inherited::Inherited;
 use crate::device::uio::UioDevice;
 use crate::device::uio::interrupt::{Count, NoInterrupt, UioInterrupt};
 
-/// Most announcements taken at once: a source that never stops must not hold up the servo data.
+/// The most announcements that the host takes at once: a source that never stops must not hold up the servo data.
 const TAKEN_MAX: usize = 64;
 
 /// The source of interrupts.
@@ -52,7 +53,7 @@ impl fmt::Display for InterruptSource {
     }
 }
 
-/// Why an interrupt could not be opened.
+/// Why the host could not open an interrupt.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum InterruptError {
@@ -77,7 +78,7 @@ pub struct Interrupt {
 enum InterruptLine {
     Socket {
         stream: UnixStream,
-        /// The bytes of a count that has arrived in part.
+        /// The bytes of a count that have arrived.
         partial: [u8; 4],
         filled: usize,
     },
@@ -93,7 +94,7 @@ pub struct Taken {
     pub missed: u32,
     /// The other end is gone; connect again.
     pub closed: bool,
-    /// The device is there, but its interrupt could not be re-armed: no more will come.
+    /// The device is there, but the host could not re-arm its interrupt: no more interrupts will come.
     pub disarmed: bool,
 }
 
@@ -119,15 +120,15 @@ impl Interrupt {
     /// a full queue, is an error at once.
     ///
     /// # Errors
-    /// When the source cannot be opened, or cannot give interrupts.
+    /// When the host cannot open the source, or the source cannot give interrupts.
     pub fn connect(source: &InterruptSource) -> Result<Self, InterruptError> {
         Self::open(source, &System::here(), &Inherited::default())
     }
 
-    /// Opens `source` on `system`, from a descriptor handed over if there is one.
+    /// Opens `source` on `system`, from an inherited descriptor if the service manager handed one over.
     ///
     /// # Errors
-    /// When the source cannot be opened, or cannot give interrupts.
+    /// When the host cannot open the source, or the source cannot give interrupts.
     pub fn open(
         source: &InterruptSource,
         system: &System,

@@ -1,9 +1,9 @@
 //! The only mapping of hardware, and every access to it; and the descriptors that this process inherited.
 //!
 //! The board writes this memory, too, so no reference or slice points to it. Each access is one instruction on an
-//! aligned address, of exactly 16 bits; of 32 bits where the board takes them; of 8 bits for byte registers. It is
-//! written in assembly: a compiler may fuse or split a volatile access, a 16-bit bus may not tolerate that, and an
-//! emulated board decodes only plain moves.
+//! aligned address, of exactly 16 bits; of 32 bits where the board takes them; of 8 bits for byte registers. The
+//! instructions are in assembly: a compiler may fuse or split a volatile access, a 16-bit bus may not tolerate that,
+//! and an emulated board decodes only plain moves.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -46,7 +46,8 @@ impl Mapping {
     /// one of its maps, so the window may begin pages behind it.
     ///
     /// # Errors
-    /// The error of `mmap`, or `InvalidInput` for a `start` that is no page's, an odd `skip`, and a window that is empty or too long.
+    /// The error of `mmap`, or `InvalidInput` for a `start` that is not on a page, an odd `skip`, and a window that is
+    /// empty or too long.
     pub fn within(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Self> {
         let is_aligned = start.is_multiple_of(page_bytes()) && skip.is_multiple_of(2);
         let total = skip.checked_add(length).filter(|_| is_aligned && length > 0);
@@ -78,7 +79,7 @@ impl Mapping {
         self.length
     }
 
-    /// Reads the word at byte `offset`, or `None` when it is odd or outside the window.
+    /// Reads the word at byte `offset`, or `None` when the offset is odd or outside the window.
     #[inline]
     #[must_use]
     pub fn read16(&self, offset: usize) -> Option<u16> {
@@ -88,7 +89,7 @@ impl Mapping {
         })
     }
 
-    /// Reads consecutive words from byte `offset` on, ascending, each by one access; `None`, and nothing is read, when the
+    /// Reads consecutive words from byte `offset` on, ascending, each by one access; `None`, without a read, when the
     /// offset is odd or their end outside the window.
     #[inline]
     #[must_use]
@@ -123,7 +124,7 @@ impl Mapping {
         Some(crate::format::split32(pair))
     }
 
-    /// Writes the word at byte `offset`; `None` when it is odd or outside the window.
+    /// Writes the word at byte `offset`; `None` when the offset is odd or outside the window.
     #[inline]
     #[must_use]
     pub fn write16(&self, offset: usize, value: u16) -> Option<()> {
@@ -157,7 +158,7 @@ impl Mapping {
     /// Orders earlier reads before later ones.
     #[inline]
     pub fn order_reads(&self) {
-        // On x86 uncached reads stay in order and this binds only the compiler; elsewhere it is a load barrier.
+        // On x86 uncached reads stay in order and the fence binds only the compiler; elsewhere it is a load barrier.
         fence(Ordering::Acquire);
         #[cfg(target_arch = "aarch64")]
         // SAFETY: a barrier instruction touches no memory. The fence above orders inner-shareable memory only.
@@ -207,10 +208,10 @@ pub fn page_bytes() -> u64 {
 static GIVEN_OUT: AtomicU64 = AtomicU64::new(0);
 
 /// The open descriptor `number` (3 to 63) that this process inherited, set to close in child programs. Gives out each
-/// number once, so that it has one owner.
+/// number once, so that each descriptor has one owner.
 ///
-/// Call it only for a number that the service manager handed over to this very process: that promises that nothing else
-/// in the process owns the descriptor.
+/// Call it only for a number that the service manager handed over to this very process: the service manager promises
+/// that nothing else in the process owns the descriptor.
 pub(in crate::device) fn inherited(number: RawFd) -> Option<OwnedFd> {
     let bit =
         u32::try_from(number).ok().filter(|number| (3..64).contains(number)).map(|number| 1 << number)?;

@@ -1,4 +1,4 @@
-//! Why a board cannot be opened, each reason by itself, with what to do.
+//! Why the driver cannot open a board: one variant for each reason, with its cure.
 
 use std::io;
 use std::ops::Range;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::device::system::System;
 use crate::device::system::kernel::{Lockdown, may_do_raw_io};
 
-/// A board, or a part of it, that cannot be opened.
+/// A board, or a part of it, that the driver cannot open.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot open {what}: {why}")]
 pub struct OpenError {
@@ -19,7 +19,7 @@ pub struct OpenError {
 }
 
 impl OpenError {
-    /// `what` cannot be opened.
+    /// The driver cannot open `what`, for the reason `why`.
     pub fn new(what: impl Into<String>, why: Why) -> Self {
         Self { what: what.into(), why }
     }
@@ -29,7 +29,7 @@ impl OpenError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Why {
-    /// There is no such node.
+    /// The machine has no such node.
     #[error("there is no {path}; {cure}")]
     Missing {
         /// The file.
@@ -92,14 +92,14 @@ pub enum Why {
         span(.0)
     )]
     Restricted(Range<u64>),
-    /// Beyond the processor's addresses, or mapped elsewhere with another caching.
+    /// The range lies beyond the processor's addresses, or is mapped elsewhere with another caching.
     #[error(
         "the kernel cannot map {}: no such physical address on this machine, or it is mapped elsewhere with another \
         caching",
         span(.0)
     )]
     NotMappable(Range<u64>),
-    /// An inherited descriptor, or a device, is not what it should be.
+    /// An inherited descriptor, or a device, does not serve as this board.
     #[error("{0}")]
     Unsuitable(String),
     /// Any other error.
@@ -116,7 +116,7 @@ fn span(range: &Range<u64>) -> String {
     format!("{:#x} to {:#x}", range.start, range.end.saturating_sub(1))
 }
 
-/// Why the node at `path` could not be opened for reading and writing; `missing` and `permission` are the cures.
+/// Why the kernel did not open the node at `path` for reading and writing; `missing` and `permission` are the cures.
 #[must_use]
 pub fn node_refused(
     system: &System,
@@ -140,7 +140,7 @@ pub fn node_refused(
     }
 }
 
-/// Why /dev/mem, or the node of the I/O ports, at `path` could not be opened.
+/// Why the kernel did not open /dev/mem, or the node of the I/O ports, at `path`.
 #[must_use]
 pub fn raw_node_refused(system: &System, path: &Path, error: io::Error) -> Why {
     if error.raw_os_error() == Some(libc::EPERM) {

@@ -31,7 +31,7 @@ impl FakeSystem {
         let path = self.path(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(&path, content).unwrap();
-        // With the mode that the kernel gives nodes, whatever this process's umask.
+        // Sets the mode that the kernel gives nodes, whatever this process's umask.
         fs::set_permissions(path, fs::Permissions::from_mode(0o600)).unwrap();
     }
 

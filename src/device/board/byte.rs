@@ -1,6 +1,7 @@
 //! Byte registers beside the DPRAM: the VME mailboxes in a mapped window, the ISA host port in I/O space.
 //!
-//! Registers are not memory: reading or writing one has an effect. So each is accessed once, by exactly 8 bits.
+//! Registers are not memory: a read or write has an effect. So the driver accesses each register once, by exactly 8
+//! bits.
 
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
@@ -44,7 +45,7 @@ impl<B: ByteBus> ByteBus for EvenLane<B> {
     }
 }
 
-/// Registers in a PC's I/O space. Needs the right to do raw I/O; nothing else on the machine may use them.
+/// Registers in a PC's I/O space. Needs the right to do raw I/O; no other program on the machine may use them.
 pub struct PortRegisters {
     file: File,
     base: u16,
@@ -55,7 +56,7 @@ impl PortRegisters {
     /// The `length` registers from I/O address `base` on (a PMAC's host port: 16, from 0x210 by default).
     ///
     /// # Errors
-    /// When the I/O space cannot be opened.
+    /// When the driver cannot open the I/O space.
     pub fn open(base: u16, length: usize) -> std::io::Result<Self> {
         Ok(Self::in_file(OpenOptions::new().read(true).write(true).open(PORT_NODE)?, base, length))
     }

@@ -34,7 +34,7 @@ enum BytePlace {
     Window(Place),
 }
 
-/// Why a specification was refused.
+/// Why the driver refused a specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "registers `{spec}`: {reason}; write port:0x210, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N], \
@@ -89,11 +89,11 @@ impl fmt::Display for ByteSpec {
     }
 }
 
-/// Opens the `length` byte registers of `spec` (VME mailboxes: 0x200, host port: 16). Prefers a descriptor handed over
+/// Opens the `length` byte registers of `spec` (VME mailboxes: 0x200, host port: 16). Prefers an inherited descriptor
 /// to opening the node.
 ///
 /// # Errors
-/// [`OpenError`]: what failed, why, and what to do.
+/// [`OpenError`]: the failed part, the reason, and the cure.
 pub fn open_bytes(
     spec: &ByteSpec,
     length: usize,
@@ -175,9 +175,9 @@ impl ByteBus for SimulatedMailbox {
 
 /// Number of the host port's I/O addresses.
 const HOST_PORT_LENGTH: usize = 16;
-/// The register that reads back another value than was written.
+/// The register that reads back another value than the host wrote.
 const COMMAND: u32 = 8;
-/// Where a simulated host port takes commands: its file cannot show that the same byte was written again.
+/// Where a simulated host port takes commands: its file cannot show that the host wrote the same byte again.
 const SIMULATED_COMMAND: u32 = 12;
 
 /// Opens the registers of a host port.

@@ -14,7 +14,7 @@ use crate::map::{FAMILIES, Family};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FileBoardError {
-    /// The file cannot be opened or mapped.
+    /// The kernel cannot open or map the file.
     #[error(
         "cannot open the board's memory file {path}: {source}; is the simulator running, and may you read and write it?"
     )]
@@ -91,7 +91,7 @@ impl FileBoard {
                 expected: length,
             });
         }
-        // Another kind of lock than the one that keeps a second simulator away, so the two do not interfere.
+        // This kind of lock differs from the one that keeps a second simulator away, so the two do not interfere.
         if !exclusive_lock::lock(&file).map_err(open_error)? {
             return Err(FileBoardError::InUse { path: path.to_owned() });
         }

@@ -118,7 +118,7 @@ mod tests {
                 let accesses = before + (count - before).div_ceil(2);
                 prop_assert_eq!(read, (Some(count), Some(accesses)));
                 prop_assert_eq!((narrow.accesses() - written, wide.accesses()), (count as u64, accesses as u64));
-                // Words whose bytes a bridge swaps are never read two at a time.
+                // The bus never reads two words at once if a bridge swaps their bytes.
                 let mut swapped = WordSwapped(window().with_access(Access::Bits32));
                 prop_assert_eq!(swapped.read_data(first_word, &mut by_32).ok(), Some(count));
                 by_32.iter_mut().for_each(|word| *word = word.swap_bytes());

@@ -1,6 +1,6 @@
 //! `mem:`: physical memory through /dev/mem, for boards at a fixed bus address (ISA, a VME bridge's window).
 //!
-//! Maps exactly the window, uncached (`O_SYNC`), and closes the descriptor again: it would give access to all of the
+//! Maps exactly the window, uncached (`O_SYNC`), and closes the descriptor again, which gives access to all of the
 //! machine's memory.
 
 use std::fs::{File, OpenOptions};
@@ -53,14 +53,14 @@ pub fn map(
 /// Checks without opening /dev/mem whether this process may open it.
 ///
 /// # Errors
-/// The reason why not, with what to do.
+/// The reason why not, with the cure.
 pub fn may_open(system: &System) -> Result<(), Why> {
     let path = Path::new(NODE);
     let refused = |errno| Err(raw_node_refused(system, path, io::Error::from_raw_os_error(errno)));
     if let Err(errno) = access(&system.path(path), AccessFlags::R_OK | AccessFlags::W_OK) {
         return refused(errno as i32);
     }
-    // The kernel checks these when the node is opened, and answers EPERM.
+    // The kernel checks these when a process opens the node, and answers EPERM.
     if Lockdown::of(system).mode().is_some() || !may_do_raw_io(system) {
         refused(libc::EPERM)
     } else {
@@ -71,12 +71,12 @@ pub fn may_open(system: &System) -> Result<(), Why> {
 fn open(system: &System) -> Result<File, Why> {
     let path = Path::new(NODE);
     let mut options = OpenOptions::new();
-    // Without O_SYNC the kernel caches the mapping of what it takes for memory.
+    // Without O_SYNC the kernel caches the mapping of addresses that it takes for memory.
     options.read(true).write(true).custom_flags((OFlag::O_SYNC | OFlag::O_CLOEXEC).bits());
     options.open(system.path(path)).map_err(|error| raw_node_refused(system, path, error))
 }
 
-/// A descriptor that was handed over must be /dev/mem, writable, and uncached.
+/// An inherited descriptor must be /dev/mem, writable, and uncached.
 fn check_handed_over(file: &File, range: &Range<u64>) -> Result<(), Why> {
     let io =
         |source: io::Error| Why::Io { doing: "inspecting the descriptor handed over".to_owned(), source };

@@ -18,15 +18,15 @@ use crate::device::uio::interrupt::NoInterrupt;
 pub struct OpenedBoard {
     /// Access to its words, and whether it is still there.
     pub bus: Box<dyn Board>,
-    /// The interrupt of the device that was opened; `None` when that kind has none, or the specification names another.
+    /// The interrupt of the opened device; `None` when that kind has none, or the specification names another.
     pub interrupt: Option<Result<Interrupt, NoInterrupt>>,
 }
 
-/// Opens the board of `spec`, with a DPRAM of `dpram` bytes, for this host alone. Prefers a descriptor handed over to
+/// Opens the board of `spec`, with a DPRAM of `dpram` bytes, for this host alone. Prefers an inherited descriptor to
 /// opening the node.
 ///
 /// # Errors
-/// [`OpenError`]: what failed, why, and what to do.
+/// [`OpenError`]: the failed part, the reason, and the cure.
 pub fn open(
     spec: &WindowSpec,
     dpram: usize,
@@ -75,7 +75,7 @@ fn window_of(
 /// A mapping and the files behind it.
 pub(in crate::device) struct MappedWindow {
     pub mapping: Mapping,
-    /// The file that was mapped, unless it gives access to more than the board (`/dev/mem`).
+    /// The mapped file, unless it gives access to more than the board (`/dev/mem`).
     node: Option<File>,
     /// The file whose disappearance shows that the device is gone.
     witness: Option<String>,

@@ -169,7 +169,8 @@ pub fn directory(address: PciAddress) -> String {
 /// that is long enough.
 ///
 /// # Errors
-/// [`OpenError`] when there is no such device or BAR, a driver is bound to it, or this user may not map it.
+/// [`OpenError`] when the machine has no such device or BAR, a driver is bound to the device, or this user may not map
+/// it.
 pub fn map(
     system: &System,
     address: PciAddress,
@@ -198,7 +199,7 @@ pub fn map(
     let file = options
         .open(system.path(&path))
         .map_err(|error| refuse(sysfs_refused(system, &path, &bar.range, error)))?;
-    // The file in sysfs has the BAR's length; a shorter one could not be mapped to the window's end.
+    // The file in sysfs has the BAR's length; the kernel could not map a shorter one to the window's end.
     if file.metadata().is_ok_and(|metadata| metadata.len() < needed) {
         return Err(refuse(Why::Unsuitable(format!("{} is shorter than its BAR", path.display()))));
     }
@@ -208,7 +209,7 @@ pub fn map(
     }
 }
 
-/// Has the kernel enable the device's memory, unless it is enabled already.
+/// Makes the kernel enable the device's memory, unless it is enabled already.
 fn enable(system: &System, directory: &str) -> Result<(), Why> {
     let path = PathBuf::from(format!("{directory}/enable"));
     if system.number(&path).is_ok_and(|count| count > 0) {
@@ -217,7 +218,7 @@ fn enable(system: &System, directory: &str) -> Result<(), Why> {
     std::fs::write(system.path(&path), "1").map_err(|error| sysfs_refused(system, &path, &(0..0), error))
 }
 
-/// Why a file of the device in sysfs cannot be used.
+/// Why this process cannot use a file of the device in sysfs.
 fn sysfs_refused(system: &System, path: &Path, range: &Range<u64>, error: io::Error) -> Why {
     match (error.raw_os_error(), Lockdown::of(system).mode()) {
         (Some(libc::EPERM), Some(mode)) => {

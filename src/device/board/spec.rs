@@ -22,16 +22,16 @@ pub enum BoardSpec {
     File {
         /// The memory file.
         path: PathBuf,
-        /// Where its interrupts are announced, if anywhere.
+        /// Where the other process announces interrupts, if anywhere.
         interrupt: Option<InterruptSource>,
         /// The maximum width of a read of its data.
         access: Access,
     },
     /// `replay:DIR`: a recording that `pmacctl board capture` wrote.
     Replay {
-        /// Where it lies.
+        /// The recording's directory.
         directory: PathBuf,
-        /// Whether it plays in virtual time, as fast as it goes, and not in real time.
+        /// Whether it plays as fast as possible in virtual time, and not in real time.
         at_once: bool,
     },
     /// A window of the machine's memory: a board in a slot.
@@ -41,13 +41,13 @@ pub enum BoardSpec {
 /// A simulator to start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SimulatorSpec {
-    /// The name of its family, if it is given here.
+    /// The name of its family, if the specification gives it.
     pub family: Option<&'static str>,
     /// The size of its DPRAM by name ([`crate::map::DPRAM_SIZES`]); `None`: what boards of the family come with.
     pub dpram: Option<&'static str>,
     /// The option of its processor and memory ([`crate::map::CPU_OPTIONS`]); `None`: the smallest.
     pub cpu: Option<&'static str>,
-    /// The recording of the board that it shall be.
+    /// The recording of the board that the simulator imitates.
     pub from: Option<PathBuf>,
 }
 
@@ -67,7 +67,7 @@ pub struct WindowSpec {
 }
 
 impl BoardSpec {
-    /// The length of a board that is a file, which is that of its DPRAM.
+    /// The length of a board that is a file: its DPRAM's.
     #[must_use]
     pub fn file_bytes(&self) -> Option<u32> {
         let Self::File { path, .. } = self else { return None };
@@ -150,7 +150,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// Why a board specification was refused.
+/// Why the driver refused a board specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "board `{spec}`: {reason}; write sim[,family=NAME][,dpram=8k|32k][,cpu=OPTION][,from=DIR], replay:DIR[,time=virtual], file:PATH, mem:0xADDRESS, uio:/dev/uioN[,map=M], pci:0000:03:00.0[,bar=N] \
@@ -162,7 +162,7 @@ pub struct SpecError {
 }
 
 impl BoardSpec {
-    /// The recording that it plays, or of which it makes a simulator.
+    /// The recording that the board plays, or that its simulator imitates.
     #[must_use]
     pub fn recording(&self) -> Option<&Path> {
         match self {
@@ -182,7 +182,7 @@ impl BoardSpec {
     }
 }
 
-/// The specification `text` without the paths of files and directories in it: what others may see.
+/// The specification `text` without paths of files and directories, for other users' eyes.
 #[must_use]
 pub fn without_paths(text: &str) -> String {
     let kind = text.split_once(':').map_or(text, |(kind, _)| kind);

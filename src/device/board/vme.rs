@@ -1,8 +1,9 @@
 //! `vme:`: a master window of a VME bridge, as a node that can be mapped (`/dev/bus/vme/m0` of the kernel's vme_user).
 //!
-//! The machine's set-up gives the window its address on the VME bus, its address modifier and its width; here it is
-//! only mapped, always from its start. The kernel adds an offset twice: vme_master_mmap passes it to vm_iomap_memory as a part of the
-//! address and as the page to begin at, and that refuses with EINVAL (drivers/staging/vme_user/vme.c).
+//! The machine's set-up gives the window its address on the VME bus, its address modifier and its width. This module
+//! only maps the window, always from its start: the kernel would add an offset twice. vme_master_mmap passes the
+//! offset to vm_iomap_memory as a part of the address and as the page to begin at, and vm_iomap_memory refuses with
+//! EINVAL (drivers/staging/vme_user/vme.c).
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, SeekFrom};
@@ -18,12 +19,13 @@ use crate::device::system::System;
 /// Maps `length` bytes of the window at `node` from `offset` on, and returns the mapped file.
 ///
 /// # Errors
-/// [`OpenError`] when there is no such node, this user may not use it, or the window is not set up or too short.
+/// [`OpenError`] when the machine has no such node, this user may not use it, or the window is not set up or too
+/// short.
 pub fn map(system: &System, node: &Path, offset: u64, length: usize) -> Result<(Mapping, File), OpenError> {
     map_by(Mapping::within, system, node, offset, length)
 }
 
-/// As [`map`], by the kernel's `mmap` or a test's: of a file, so many bytes from a place on, of which the first are skipped.
+/// As [`map`], by the kernel's `mmap` or a test's: `mmap` takes a file, a start, the bytes to skip, and a length.
 fn map_by(
     mmap: impl FnOnce(&File, u64, usize, usize) -> io::Result<Mapping>,
     system: &System,
@@ -62,7 +64,7 @@ mod tests {
     use super::*;
     use crate::device::testing::FakeSystem;
 
-    /// As vme_user maps: not but from its start.
+    /// Maps as vme_user does: only from the window's start.
     fn by_vme_user(file: &File, start: u64, skip: usize, length: usize) -> io::Result<Mapping> {
         if start > 0 {
             return Err(nix::Error::EINVAL.into());

@@ -7,7 +7,7 @@ use crate::device::board::mapped::Mapped;
 use crate::device::mapping::Mapping;
 use crate::device::system::System;
 
-/// Words of the window to sample before it counts as silent.
+/// How many words the driver samples before the window counts as silent.
 const SAMPLES: usize = 64;
 
 /// A mapped board.
@@ -54,7 +54,7 @@ impl Presence for WindowBoard {
         self.witness.as_ref().is_none_or(there)
     }
 
-    /// A single word proves that something answers; only ones in all samples prove that nothing does.
+    /// A single word proves that a device answers; only ones in all samples prove that none does.
     fn answers(&mut self) -> bool {
         let words = self.mapping.length() / 2;
         let step = (words / SAMPLES).max(1);

@@ -1,5 +1,5 @@
 //! Decorator: counts every access, to words or to byte registers. Bus accesses are the cost on real hardware, so the
-//! count is always kept.
+//! daemon always counts them.
 
 use crate::device::bus::{ByteBus, ByteBusError};
 use crate::device::{Access, Bus, BusError, Presence};
@@ -37,7 +37,7 @@ impl<B> Counted<B> {
         self.reads + self.writes
     }
 
-    /// The bus itself. What is done to it there is not counted.
+    /// The bus itself. The counter does not see accesses made through it.
     pub fn bus(&mut self) -> &mut B {
         &mut self.bus
     }

@@ -1,8 +1,8 @@
 //! Decorator: swaps the bytes of each 16-bit word, as some VME bridges deliver them.
 //!
 //! Acts on words only. The order of characters within a word is an independent setting ([`crate::format::TextOrder`]):
-//! boards in production need one, the other, or both. Reads data by 16 bits, whatever the inner bus could do: nobody
-//! knows how a swapping bridge treats 32 bits.
+//! boards in production need one, the other, or both. Reads data by 16 bits, whatever the inner bus could do: no
+//! document says how a swapping bridge treats 32 bits.
 
 use crate::device::{Bus, BusError, Presence};
 use crate::map::HostOffset;

@@ -1,7 +1,7 @@
-//! Decorator: keeps every access to a board's words, while somebody wants them.
+//! Decorator: keeps every access to a board's words while a client traces.
 //!
-//! The thread that owns the bus writes them into a ring of fixed size, and waits for nobody: what does not fit is counted and
-//! dropped. One reader takes them out.
+//! The thread that owns the bus writes the accesses into a ring of fixed size and never waits: it counts and drops
+//! accesses that do not fit. One reader takes them out.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -14,11 +14,11 @@ use crate::protocol::board::Replay;
 /// The kind of an access.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TracedKind {
-    /// A word was read.
+    /// The host read a word.
     Read16,
-    /// A word was written.
+    /// The host wrote a word.
     Write16,
-    /// Two words were read at once.
+    /// The host read two words at once.
     Read32,
 }
 
@@ -32,10 +32,10 @@ impl TracedKind {
     }
 }
 
-/// An access that was made.
+/// An access.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TracedAccess {
-    /// When. The words of a block have the time at which it began.
+    /// Its time. The words of a block have the time at which the block began.
     pub time_ns: u64,
     /// Its kind.
     pub kind: TracedKind,
@@ -76,7 +76,8 @@ impl Trace {
         })
     }
 
-    /// Forgets what is in it, and keeps accesses from now on. For the thread that takes them out, as what follows.
+    /// Empties the ring, and keeps accesses from now on. Only the thread that takes them out calls this and the
+    /// methods below.
     pub fn begin(&self) {
         self.taken.store(self.put.load(Ordering::Acquire), Ordering::Release);
         self.is_on.store(true, Ordering::Release);
@@ -145,7 +146,7 @@ impl Trace {
     }
 }
 
-/// A bus whose accesses go into a [`Trace`] while that is on.
+/// A bus whose accesses go into a [`Trace`] while the trace is on.
 pub struct Traced<B> {
     bus: B,
     trace: Arc<Trace>,

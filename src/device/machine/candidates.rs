@@ -1,6 +1,6 @@
 //! Finds devices that may be boards, from sysfs. Opens nothing, writes nothing.
 //!
-//! An ISA board cannot be found: only the user knows its address.
+//! The search cannot find an ISA board: only the user knows its address.
 
 use serde::Serialize;
 
@@ -44,11 +44,11 @@ pub struct Candidate {
     pub usable: bool,
     /// Whether only the service may open it, as it should be.
     pub reserved: bool,
-    /// Whether others than root, the service and this user may open it, past every role of the command socket.
+    /// Whether users other than root, the service and this user may open it, past every role of the command socket.
     pub exposed: bool,
     /// Obstacles and improvements, each with what to do.
     pub hints: Vec<String>,
-    /// The udev rule that gives its node to the service alone, where the shipped rules do not.
+    /// The udev rule that gives its node to the service alone, if the shipped rules do not.
     pub rule: Option<String>,
 }
 
@@ -189,7 +189,7 @@ fn of_pci(system: &System, device: &PciInfo, uio: Option<&UioInfo>) -> Option<Ca
     Some(if foreign.is_none() { found.with_rule(rule_for_slot(address, device.id)) } else { found })
 }
 
-/// What to do with a rule for a device of this class.
+/// How to install a rule for a device of this class.
 fn rule_hint(class: &str) -> String {
     format!(
         "if it is your board, put the udev rule below into {RULE_FILE}, then udevadm control --reload and udevadm \

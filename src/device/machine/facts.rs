@@ -1,5 +1,5 @@
-//! What a capture tells of the machine: files of the kernel, its processors, and the board's device, as they are. None of them names
-//! a user, the host, or another process.
+//! The machine's facts in a capture: files of the kernel about itself, the processors, and the board's device,
+//! unchanged. None of them names a user, the host, or another process.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ const MACHINE: [&str; 11] = [
     "/sys/devices/system/cpu/nohz_full",
     "/sys/devices/system/cpu/online",
 ];
-/// Options that the kernel was built with.
+/// Build options of the kernel.
 const OPTIONS: [&str; 8] = [
     "HZ",
     "IO_STRICT_DEVMEM",
@@ -33,17 +33,17 @@ const OPTIONS: [&str; 8] = [
     "UIO_PCI_GENERIC",
     "VME_BUS",
 ];
-/// Of a PCI device.
+/// Files of a PCI device.
 const PCI: [&str; 8] =
     ["class", "device", "irq", "resource", "revision", "subsystem_device", "subsystem_vendor", "vendor"];
-/// Of a UIO device.
+/// Files of a UIO device.
 const UIO: [&str; 3] = ["event", "name", "version"];
-/// Of a map of it.
+/// Files of a UIO device's map.
 const UIO_MAP: [&str; 4] = ["addr", "name", "offset", "size"];
-/// The longest text that is kept of a file, in characters.
+/// The longest text that a capture keeps of a file, in characters.
 const LONGEST_FACT: usize = 2000;
 
-/// Each file that can be read with its text, and each kernel option that is known, for a machine whose board is `board`.
+/// Each readable file with its text, and each known kernel option, for a machine whose board is `board`.
 #[must_use]
 pub fn facts(system: &System, board: Option<&BoardSpec>) -> BTreeMap<String, String> {
     let mut paths: Vec<String> = MACHINE.iter().map(|&path| path.to_owned()).collect();

@@ -1,4 +1,4 @@
-//! Which boards this machine has: candidates, their owners, and what an open board's words tell about it.
+//! Which boards this machine has: candidates, their owners, and the facts in an open board's words.
 
 pub mod candidates;
 pub mod facts;

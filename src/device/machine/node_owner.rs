@@ -54,7 +54,7 @@ pub(in crate::device) enum Holder {
     You,
     /// Its owner, not this user.
     Another,
-    /// There is no such file.
+    /// The machine has no such file.
     Nobody,
     /// Others than root, the service and this user.
     Others,
@@ -91,7 +91,7 @@ fn opens(path: &Path) -> bool {
     access(path, AccessFlags::R_OK | AccessFlags::W_OK).is_ok()
 }
 
-/// A remark about who may open `file`, if one is due.
+/// A remark about the users who may open `file`, if one is due.
 pub(in crate::device) fn remark(system: &System, file: &str, holder: Holder) -> Option<String> {
     let modes = || allowed(&system.path(file)).unwrap_or_default();
     match holder {

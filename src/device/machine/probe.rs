@@ -1,7 +1,7 @@
-//! Samples a window without writing to it, and says what seems to be there.
+//! Samples a window without writing to it, and judges which kind of device answers.
 //!
-//! A board that reports servo data increments the timer of the servo report (DPRAM manual p. 15). Something that counts at that
-//! word is all that is seen of it: another device, or a board of another family, may count there too. Without reports a PMAC's
+//! A board that reports servo data increments the timer of the servo report (DPRAM manual p. 15). The probe only sees
+//! a count at that word: another device, or a board of another family, may count there too. Without reports a PMAC's
 //! DPRAM looks like any memory, and only a write could tell the difference.
 
 use std::time::{Duration, Instant};
@@ -23,13 +23,13 @@ const MOVED_LEAST: usize = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Every word reads as ones: nothing answers.
+    /// Every word reads as ones: no device answers.
     Absent,
-    /// Something counts where the family has the timer of its servo report.
+    /// A word counts where the family has the timer of its servo report.
     Reporting,
-    /// Something changes, but not like servo data.
+    /// Words change, but not like servo data.
     Changing,
-    /// Memory in which nothing changes: a PMAC whose reports are off, or something else.
+    /// Memory without changes: a PMAC whose reports are off, or another device.
     Still,
 }
 
@@ -48,7 +48,7 @@ pub struct Probe {
     pub changed: usize,
     /// Samples that found the timer advanced.
     pub timer_moves: usize,
-    /// What that timer counts in a second, if it counts: servo cycles, if it is the timer of a servo report.
+    /// How far the timer counts in a second, if it counts: servo cycles, if it is the timer of a servo report.
     pub servo_hz: Option<f64>,
 }
 

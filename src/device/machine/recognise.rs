@@ -1,44 +1,45 @@
-//! Which generation of boards answers in a window, told by reading alone.
+//! Recognises the generation of the board in a window by reading alone.
 //!
-//! The servo reports of the generations lie at other places, so a report that goes on is proof, if it is one: memory at
-//! power-on is anything, and sites keep counters of their own in the DPRAM (one that a PLC increments looks like a timer).
-//! So a report is taken for one only if all of this holds:
+//! The generations' servo reports lie at different places, so a running report is proof. But memory at power-on holds
+//! any values, and sites keep counters of their own in the DPRAM (a counter that a PLC increments looks like a timer).
+//! So words count as a report only if all of this holds:
 //! * its timer goes on as a servo clock does, at one rate over the whole time (DPRAM manual p. 15, Turbo User Manual p. 403);
 //! * no such timer goes on in the other generation's place;
 //! * the block of some motor is a copy of PMAC's registers: the motor is activated, not every flag of its status is set, and
 //!   every long of the block repeats its bit 23 above, as the DPRAM holds 24-bit words (DPRAM manual p. 11, Turbo User Manual
 //!   p. 402).
 //!
-//! A board whose reports are off says nothing by reading, and is not guessed at.
+//! A board whose reports are off shows no generation by reading, and this module does not guess.
 
 use super::probe::timer;
 use crate::device::{Bus, BusError};
 use crate::format::{int24, join32};
 use crate::map::{Family, PMAC, TURBO, block_fields};
 
-/// The window that is looked at, in bytes: every family has at least so much, and its reports in it.
+/// The window that this module reads, in bytes: every family has at least so much, and its reports in it.
 pub const WINDOW: usize = PMAC.length as usize;
 /// One family of each generation; within one, the reports are alike.
 static GENERATIONS: [&Family; 2] = [&PMAC, &TURBO];
-/// How often the timers are read.
+/// How often a look reads the timers.
 const SAMPLES: usize = 48;
-/// How many samples may be lost to a board that was writing just then.
+/// The least samples that a look needs: it loses those during which the board was writing.
 const LEAST: usize = 32;
-/// In how many of the samples, at least, the timer has moved on.
+/// In how many samples, at least, the timer must have moved on.
 const MOVES: usize = 16;
 /// Servo clocks in Hz; the default is 2.26 kHz, and no board is said to go beyond 40 kHz.
 const CLOCKS: std::ops::RangeInclusive<f64> = 400.0..=50_000.0;
 /// How far a sample may be off the one rate, in seconds: reports come every so many cycles, and this process is not alone.
 const SLACK_S: f64 = 0.015;
-/// How often a block is read, at most, until no update came meanwhile.
+/// How often a look reads a block, at most, until no update came meanwhile.
 const BLOCK_READS: usize = 32;
 
-/// A timer as it was read: when, in nanoseconds, and its value.
+/// A reading of a timer: the time in nanoseconds, and the value.
 type Sample = (u64, u32);
 
-/// Looks at the board on `bus`, up to `looks` times until it is known: a machine that is held up spoils a look. Each lasts as
-/// long as 48 calls of `pause`, which waits some milliseconds (at an uneven pace, best) and tells the time in nanoseconds.
-/// Writes nothing. The family that the board is alike in its reports: [`PMAC`] or [`TURBO`]; `None` when they do not tell.
+/// Looks at the board on `bus`, up to `looks` times until it is known: a held-up machine spoils a look. Each look
+/// lasts as long as 48 calls of `pause`, which waits some milliseconds (best at an uneven pace) and tells the time in
+/// nanoseconds. Writes nothing. Returns the family that has the same reports as the board: [`PMAC`] or [`TURBO`];
+/// `None` when the reports do not tell.
 ///
 /// # Errors
 /// When the window is shorter than [`WINDOW`].
@@ -154,7 +155,7 @@ mod tests {
         board
     }
 
-    /// Looks at `board` once, to which `report` does what happens until a servo cycle.
+    /// Looks at `board` once; `report` makes the board's changes up to a servo cycle.
     fn look(board: &mut FileBoard, report: impl FnMut(&mut FileBoard, u64)) -> Option<&'static str> {
         looks(board, 1, report)
     }
@@ -185,7 +186,7 @@ mod tests {
         }
     }
 
-    /// Writes a motor's block, in which the generations do not meet: registers of PMAC, activated.
+    /// Writes a motor's block, which the two generations do not share: registers of PMAC, activated.
     fn set_motor(board: &mut FileBoard, family: &Family) {
         let number = if family == &PMAC { 8 } else { 3 };
         let first = family.servo.motors.at(number).unwrap();

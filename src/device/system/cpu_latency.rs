@@ -1,5 +1,5 @@
-//! How long processors may take to wake up: the kernel's PM QoS request `/dev/cpu_dma_latency`, in force while a file
-//! is open.
+//! Limits how long processors take to wake up, by the kernel's PM QoS request `/dev/cpu_dma_latency`, which holds
+//! while a file is open.
 //!
 //! A driver that sleeps until just after each servo update is late by the time in which the processor leaves its idle
 //! state: a microsecond for the shallowest, more than a hundred for the deepest, some ten with a hypervisor. The
@@ -26,7 +26,7 @@ pub struct CpuLatency {
 
 impl CpuLatency {
     /// Asks for processors that wake within `latency_us` microseconds; 0: that poll instead of sleeping, where the
-    /// kernel can. Uses the descriptor handed over, or else opens the node.
+    /// kernel can. Uses the inherited descriptor, or else opens the node.
     ///
     /// # Errors
     /// The kernel's error: usually only root may open the node.

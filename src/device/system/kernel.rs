@@ -1,5 +1,5 @@
-//! Kernel and process facts that decide what may be mapped: lockdown, capabilities, configuration, and who claims a
-//! physical address.
+//! Kernel and process facts that decide which memory a process may map: lockdown, capabilities, configuration, and the
+//! drivers' claims on physical addresses.
 
 use std::ops::Range;
 
@@ -86,7 +86,7 @@ fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
         Some((first..u64::from_str_radix(last, 16).ok()?.checked_add(1)?, name.trim()))
     });
     let entries: Vec<_> = entries.collect();
-    // The kernel shows zeros to those who may not see the addresses.
+    // The kernel shows zeros to processes that may not see the addresses.
     if entries.iter().all(|(entry, _)| *entry == (0..1)) {
         return Claim::Hidden;
     }
@@ -94,7 +94,7 @@ fn iomem_claim(iomem: &str, range: &Range<u64>) -> Claim {
     for (_, name) in entries.iter().filter(|(entry, _)| overlap(entry, range)) {
         match *name {
             "System RAM" => return Claim::MainMemory,
-            // A bus is no driver, and what the firmware reserved belongs to nobody.
+            // A bus is no driver, and no driver owns a range that the firmware reserved.
             name if name == "Reserved" || name.starts_with("PCI Bus") || name.contains("ROM") => {}
             // A device's own resource is named by its place; the entry below it names the driver.
             name if name.len() == 12 && name.as_bytes()[4] == b':' && name.as_bytes()[7] == b':' => {}

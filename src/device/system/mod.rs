@@ -89,7 +89,7 @@ impl System {
         self.path(absolute).exists()
     }
 
-    /// Distinguishes this file from a later one of the same name.
+    /// A number that distinguishes this file from a later one of the same name.
     #[must_use]
     pub fn identity(&self, absolute: impl AsRef<Path>) -> Option<(u64, u64)> {
         fs::metadata(self.path(absolute)).ok().map(|metadata| (metadata.dev(), metadata.ino()))

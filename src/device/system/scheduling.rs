@@ -1,4 +1,4 @@
-//! How the kernel schedules this process. The unit or `chrt` sets that; here it is only reported.
+//! How the kernel schedules this process. The unit or `chrt` sets that; this module only reports it.
 
 use std::fs;
 

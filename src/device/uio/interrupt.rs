@@ -1,6 +1,6 @@
 //! The interrupt of a UIO device: a read returns the total so far, four bytes; the next interrupt needs a re-arm.
 //!
-//! A driver with an `irqcontrol` is re-armed by writing 1 to the node. `uio_pci_generic` has none (ENOSYS): on an
+//! The host re-arms a driver with an `irqcontrol` by writing 1 to the node. `uio_pci_generic` has none (ENOSYS): on an
 //! interrupt it masks the device's INTx in the PCI command register (bit 10), and the host clears that bit through
 //! sysfs.
 
@@ -17,7 +17,7 @@ use crate::device::system::kernel::Lockdown;
 const PCI_COMMAND: u64 = 4;
 const INTX_DISABLE: u16 = 1 << 10;
 
-/// Why there can be no interrupts.
+/// Why the device gives no interrupts.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoInterrupt {

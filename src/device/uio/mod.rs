@@ -95,11 +95,11 @@ pub struct UioDevice {
 }
 
 impl UioDevice {
-    /// Opens the device at `node`, or uses the descriptor handed over for it.
+    /// Opens the device at `node`, or uses the inherited descriptor for it.
     ///
     /// # Errors
-    /// [`OpenError`] when there is no such device, this user may not use it, or the descriptor belongs to another
-    /// device.
+    /// [`OpenError`] when the machine has no such device, this user may not use it, or the descriptor belongs to
+    /// another device.
     pub fn open(system: &System, inherited: &Inherited, node: &Path) -> Result<Self, OpenError> {
         let refuse = |why| OpenError::new(format!("uio:{}", node.display()), why);
         let info = find(system, node).map_err(refuse)?;
@@ -145,7 +145,7 @@ impl UioDevice {
     /// Maps `length` bytes of map `number`, from `offset` bytes behind the start of its memory.
     ///
     /// # Errors
-    /// [`OpenError`] when there is no such map, or it is too short.
+    /// [`OpenError`] when the device has no such map, or the map is too short.
     pub fn map(&self, number: u32, offset: u64, length: usize) -> Result<Mapping, OpenError> {
         let what = format!("uio:{},map={number}", self.node.display());
         let refuse = |why| OpenError::new(what.clone(), why);
@@ -209,7 +209,7 @@ fn find(system: &System, node: &Path) -> Result<UioInfo, Why> {
     Err(Why::Missing { path: node.to_owned(), cure })
 }
 
-/// The descriptor handed over for this device, set to non-blocking.
+/// The inherited descriptor for this device, set to non-blocking.
 fn handed_over(system: &System, inherited: &Inherited, info: &UioInfo) -> Result<Option<File>, Why> {
     let device = system.text(format!("{CLASS}/{}/dev", info.device)).unwrap_or_default();
     let same = |file: &File| {

@@ -1,5 +1,5 @@
-//! PMAC's half of the ASCII port, as far as a recording can play it: a line that the recording has an answer to is answered; any
-//! other one is refused with an error without a number. Silence would hold up whoever asks next.
+//! PMAC's half of the ASCII port, as far as a recording can play it. The replay answers a line that the recording
+//! answers, and refuses any other line with an error without a number: silence would hold up the next line.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,26 +17,26 @@ pub struct AsciiHalf {
     port: &'static AsciiPort,
     order: TextOrder,
     replies: Arc<Replies>,
-    /// The first part of a line of two.
+    /// The first part of a line in two parts.
     part: Vec<u8>,
-    /// What is to be put into the response buffer: a control word, and a text.
+    /// The responses that wait for the response buffer: a control word and a text each.
     responses: VecDeque<(u16, String)>,
 }
 
 impl AsciiHalf {
-    /// A port that answers as `replies` have it.
+    /// A port that answers from `replies`.
     pub fn new(port: &'static AsciiPort, order: TextOrder, replies: Arc<Replies>) -> Self {
         Self { port, order, replies, part: Vec::new(), responses: VecDeque::new() }
     }
 
-    /// Leaves nothing of what lies in the port.
+    /// Clears the port's words.
     pub fn clear(&self, window: &mut [u16]) {
         for word in [self.port.command_loaded.word, self.port.control_character, self.port.response_control] {
             put(window, word, 0);
         }
     }
 
-    /// The host has written the word at `offset`. Whether it has asked something.
+    /// The host has written the word at `offset`. Returns whether the host has asked a question.
     pub fn written(&mut self, window: &mut [u16], offset: HostOffset, differences: &mut Differences) -> bool {
         let port = self.port;
         let mut has_asked = true;
@@ -74,14 +74,14 @@ impl AsciiHalf {
             self.answer(line.trim(), differences)
         };
         self.responses.extend(answer.reply.into_iter().map(|line| (response::LINE, line)));
-        // The last transmission is an `<ACK>` (p. 29), so that nobody waits for one in vain.
+        // The last transmission is an `<ACK>` (p. 29), so that the host does not wait for one in vain.
         let refused = answer.refused.map(|why| response::ERROR | error_digits(&why));
         self.responses
             .extend(refused.into_iter().chain([response::ACKNOWLEDGE]).map(|end| (end, String::new())));
     }
 
-    /// At its start the driver asks by `^F` whether the board listens, and a recording begins later. So a character without an answer
-    /// is acknowledged, and is no difference.
+    /// At its start the driver asks by `^F` whether the board listens, and a recording begins later. So the replay
+    /// acknowledges a character without an answer, and does not count it as a difference.
     fn take_character(&mut self, character: u8) {
         if character == CANCEL {
             self.part.clear();
@@ -101,7 +101,7 @@ impl AsciiHalf {
         })
     }
 
-    /// Puts the next response into the buffer if that is empty: data before flag.
+    /// Puts the next response into the buffer if the buffer is empty: data before flag.
     fn respond(&mut self, window: &mut [u16]) {
         if get(window, self.port.response_control) != 0 {
             return;
@@ -120,7 +120,7 @@ impl AsciiHalf {
     }
 }
 
-/// The three digits of `ERRnnn`, as the control word has them; 0 where there are none.
+/// The three digits of `ERRnnn`, as the control word has them; 0 without digits.
 fn error_digits(why: &str) -> u16 {
     let digits = why.split_once("ERR").and_then(|(_, rest)| rest.get(..3));
     digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()).unwrap_or(0)

@@ -1,4 +1,5 @@
-//! Where the driver asks a replay for something else than was recorded. Each is told once, with how often it was.
+//! Accesses and lines of the driver that the recording does not have. The log tells each difference once, with its
+//! count.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,29 +10,29 @@ use super::timeline::ascii_words;
 use crate::map::{Family, HostOffset, Layout};
 use crate::recording::{Op, Recording};
 
-/// So many of a kind are told by name.
+/// How many of a kind the log names.
 const NAMED: usize = 12;
-/// So many of a kind are told apart.
+/// How many of a kind the replay keeps apart.
 const MOST_DIFFERENCES: usize = 4096;
 
-/// What was asked otherwise.
+/// The differences between the driver's accesses and the recording.
 pub struct Differences {
     family: &'static Family,
-    /// Words that the recording tells of.
+    /// Words that the recording knows.
     known: Vec<bool>,
-    /// Words that the host wrote then, and those of the ASCII port, whose lines are compared.
+    /// Words that the host wrote in the recording, and those of the ASCII port, where the replay compares the lines.
     written: Vec<bool>,
-    /// How often each was asked since it was last told; those that were told stay, with 0.
+    /// How often the host read each word since the log last told it; told words stay, with 0.
     reads: BTreeMap<usize, u64>,
-    /// With the first value.
+    /// Each with the first value.
     writes: BTreeMap<usize, (u16, u64)>,
     lines: BTreeMap<String, u64>,
-    /// Whether they have been told.
+    /// Whether the log has told them.
     told: bool,
 }
 
 impl Differences {
-    /// None yet, from `recording`, a board of `family`.
+    /// No differences yet, for `recording`, a board of `family`.
     pub fn new(recording: &Recording, family: &'static Family) -> Self {
         let words = family.length as usize / 2;
         let mut known = vec![!recording.images.is_empty(); words];
@@ -64,7 +65,7 @@ impl Differences {
         }
     }
 
-    /// The host has written `value` to `word`, where `found` lay. What changes nothing is no difference.
+    /// The host has written `value` to `word`, which held `found`. An equal value is no difference.
     pub fn write(&mut self, word: usize, found: u16, value: u16) {
         if !self.written[word] && found != value {
             self.writes.entry(word).or_insert((value, 0)).1 += 1;
@@ -81,12 +82,12 @@ impl Differences {
         }
     }
 
-    /// How many there are.
+    /// How many differences the replay has found.
     pub fn count(&self) -> usize {
         self.reads.len() + self.writes.len() + self.lines.len()
     }
 
-    /// Tells in the log which there are, a line for each kind; of what was told before, only what has come since.
+    /// Tells the differences in the log, a line for each kind; of those told before only the new ones.
     pub fn tell(&mut self) {
         if self.count() == 0 && !self.told {
             info!("replay: nothing else was asked than was recorded");
@@ -98,7 +99,7 @@ impl Differences {
         self.lines.values_mut().for_each(|count| *count = 0);
     }
 
-    /// Those that have not been told, a line for each kind.
+    /// The untold differences, a line for each kind.
     fn report(&self) -> Vec<String> {
         let layout = Layout::new(self.family, None);
         let name = |word: &usize| {

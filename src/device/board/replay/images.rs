@@ -1,8 +1,8 @@
-//! What the images behind the first one tell that the trace does not: all where there is no trace, and what lay there in a gap.
+//! Facts of the later images that the trace lacks: everything without a trace, and the words in a gap of the trace.
 //!
-//! Where the trace has a word between an image and the next, the trace decides; else the image. A report comes from an image as a whole, and only where the
-//! trace has no update of it from the image before to the one behind. PMAC may have made an update while the image was read:
-//! so its words may be of two.
+//! If the trace has a word between an image and the next, the trace decides; else the image. A report comes from an
+//! image as a whole, and only if the trace has no update of it from the image before to the one behind. PMAC may have
+//! made an update while the host read the image, so the image's words may belong to two updates.
 
 use std::ops::Range;
 
@@ -10,17 +10,17 @@ use crate::recording::{Access, Recording};
 
 /// An image behind the first one.
 pub struct LaterImage<'a> {
-    /// When, from the first access on.
+    /// Its time, from the first access on.
     pub at_ns: u64,
-    /// From the image before to the one behind.
+    /// The time from the image before to the one behind.
     pub around: Range<u64>,
     words: &'a [u16],
     before: &'a [u16],
-    /// Words that the trace tells of until the next image.
+    /// Words that the trace has until the next image.
     traced: Vec<bool>,
 }
 
-/// Those of `recording`, whose first access was at `zero`.
+/// The later images of `recording`, whose first access was at `zero`.
 pub fn later_images(recording: &Recording, zero: u64) -> impl Iterator<Item = LaterImage<'_>> {
     let images = &recording.images;
     images.iter().enumerate().skip(1).map(move |(index, image)| {
@@ -42,13 +42,13 @@ pub fn later_images(recording: &Recording, zero: u64) -> impl Iterator<Item = La
 }
 
 impl LaterImage<'_> {
-    /// Its words, but for those that the trace tells of.
+    /// Its words without those that the trace has.
     pub fn untraced(&self) -> impl Iterator<Item = (u16, u16)> {
         let words = self.words.iter().zip(&self.traced).zip(0..);
         words.filter(|((_, is_traced), _)| !**is_traced).map(|((value, _), word)| (word, *value))
     }
 
-    /// The words of a report, but for those that `hosts` names; `None` where they are as they were in the image before.
+    /// The words of a report without those that `hosts` names; `None` if they equal the image before.
     pub fn report(&self, words: &Range<u16>, hosts: &[u16]) -> Option<Vec<(u16, u16)>> {
         let pmacs = words.clone().filter(|word| !hosts.contains(word));
         let of = |image: &[u16]| -> Vec<(u16, u16)> {

@@ -1,8 +1,9 @@
-//! The `replay:` board: a recording, played back. Nothing can be moved with it.
+//! The `replay:` board: a recording, played back. It moves no motor.
 //!
-//! The window begins as the first image, and changes as `timeline` has it, in the clock's time; what the host writes lies there
-//! until PMAC wrote it over. PMAC's half of the ASCII port is `ascii`'s. What the host asks otherwise than was recorded, `differences`
-//! tells in the log when the recording is over, and what comes after that when the board is closed.
+//! The window begins as the first image, and changes as `timeline` says, in the clock's time. A word that the host
+//! writes stays until the recorded PMAC overwrites it. `ascii` plays PMAC's half of the ASCII port. `differences`
+//! tells in the log where the host departs from the recording: when the recording is over, and the rest when the board
+//! is closed.
 
 mod ascii;
 mod differences;
@@ -24,9 +25,9 @@ use crate::map::{Family, HostOffset};
 use crate::protocol::board::Replay;
 use crate::recording::{Recording, RecordingError, Replies};
 
-/// The recording begins once the host has sent no line for so long. By then it knows what board this is.
+/// The recording begins once the host has sent no line for so long. By then the host has identified the board.
 const QUIET_NS: u64 = 300_000_000;
-/// At the latest so long after the host's first access.
+/// The recording begins at the latest so long after the host's first access.
 const LATEST_NS: u64 = 1_500_000_000;
 
 /// A recording as a board.
@@ -38,9 +39,9 @@ pub struct ReplayBoard {
     differences: Differences,
     /// The word of the servo report's flag.
     servo_flag: u16,
-    /// When the host first reached for the board.
+    /// When the host first accessed the board.
     opened_ns: Option<u64>,
-    /// When it last sent a line.
+    /// When the host last sent a line.
     asked_ns: u64,
     /// When the recording began to play.
     began_ns: Option<u64>,
@@ -86,7 +87,7 @@ impl ReplayBoard {
         Ok(Self::of(&recording, family, order, clock))
     }
 
-    /// As [`Self::open`], of a recording in memory.
+    /// As [`Self::open`], for a recording in memory.
     #[must_use]
     pub fn of(
         recording: &Recording,
@@ -117,8 +118,9 @@ impl ReplayBoard {
         OpenedReplay { board, replies }
     }
 
-    /// The host reaches for `word`: puts into the window what is due by now. At its first access that is what lay there in the
-    /// beginning. A host that has seen no update for long looks seldom, so the first update is due when it looks.
+    /// The host accesses `word`: puts the changes that are due by now into the window. At the host's first access
+    /// these are the words of the beginning. A host that has seen no update for long looks seldom, so the first update
+    /// is due when the host looks.
     fn play(&mut self, word: usize) {
         let now = self.clock.ns();
         let opened = *self.opened_ns.get_or_insert(now);

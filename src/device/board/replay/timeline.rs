@@ -1,11 +1,11 @@
 //! PMAC's changes of its DPRAM during a recording, from the daemon's reads.
 //!
-//! A report goes into the window as a whole: the words that were read while its flag stayed the same. So an update is never half
-//! old and half new, however the daemon was interrupted. An update that was not read to its end is left out. Other words go there
-//! in bursts, as they were read.
+//! The replay puts a report into the window as a whole: the words that the daemon read while the report's flag stayed
+//! the same. So an update is never half old and half new, however the daemon was interrupted. The replay leaves out an
+//! update that the daemon did not read to its end. Other words change in bursts, as the daemon read them.
 //!
-//! A word that reads as the host wrote it was not written by PMAC. The words of the ASCII port are left out: the replay answers
-//! there by itself. What the trace does not tell, later images do ([`super::images`]).
+//! If a word reads as the host wrote it, PMAC did not write it. The timeline leaves out the words of the ASCII port:
+//! the replay itself answers there. Later images fill the gaps of the trace ([`super::images`]).
 
 use std::ops::Range;
 
@@ -20,9 +20,9 @@ const BURST_NS: u64 = 50_000;
 /// Words that change at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// When, from the first access on.
+    /// Their time, from the first access on.
     pub at_ns: u64,
-    /// The end of its changes among all changes; they begin where those of the step before end.
+    /// The end of this step's changes among all changes; they begin where the step before ends.
     pub end: usize,
 }
 
@@ -37,7 +37,7 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// That of `recording`, a board of `family`, whose window begins as `window`.
+    /// The timeline of `recording`, a board of `family`, whose window begins as `window`.
     #[must_use]
     pub fn of(recording: &Recording, family: &Family, window: &[u16]) -> Self {
         let mut reader = Reader::new(family, window);
@@ -57,11 +57,11 @@ impl Timeline {
             }
         }
         images.for_each(|image| reader.see_image(image));
-        // An image that was made later does not tell what lay there when the trace began. The replay then begins with the first update.
+        // A later image does not show the window when the trace began. The replay then begins with the first update.
         let begins_late =
             !recording.accesses.is_empty() && recording.images.first().is_none_or(|image| image.t_ns > zero);
         let mut found = reader.finish(begins_late);
-        // Otherwise the window begins as the image, and what was read comes after it.
+        // Otherwise the window begins as the image, and the daemon's reads come after it.
         found.iter_mut().filter(|_| !begins_late).for_each(|(at_ns, _)| *at_ns = at_ns.saturating_add(1));
         found.sort_by_key(|(at_ns, _)| *at_ns);
         let last_access = recording.accesses.last().map_or(0, |access| access.t_ns);
@@ -74,7 +74,7 @@ impl Timeline {
         timeline
     }
 
-    /// The changes that are due `at_ns` after the beginning, and were not given yet.
+    /// The changes that are due `at_ns` after the beginning and that no earlier call returned.
     pub fn take_due(&mut self, at_ns: u64) -> &[(u16, u16)] {
         let begin = self.next.checked_sub(1).map_or(0, |last| self.steps[last].end);
         while self.steps.get(self.next).is_some_and(|step| step.at_ns <= at_ns) {
@@ -84,7 +84,7 @@ impl Timeline {
         &self.changes[begin..end]
     }
 
-    /// When `word` changes first, from the beginning on; 0 where it does not.
+    /// When `word` changes first, from the beginning on; 0 if it never changes.
     #[must_use]
     pub fn first_ns(&self, word: u16) -> u64 {
         let mut begin = 0;
@@ -120,13 +120,13 @@ pub fn ascii_words(family: &Family) -> Vec<Range<u16>> {
     ]
 }
 
-/// A report, and what was read of it.
+/// A report, and the daemon's reads of it.
 struct Report {
     words: Range<u16>,
     /// The host's words in it.
     hosts: Vec<u16>,
     flag: u16,
-    /// Bits of the flag that are set, and cleared, when the report is whole.
+    /// The flag's bits that are set, and those that are clear, when the report is whole.
     when_whole: (u16, u16),
     timer: u16,
     /// The daemon's reads since the flag's last change.
@@ -139,7 +139,7 @@ struct Update {
     at_ns: u64,
     flag: u16,
     words: Vec<(u16, u16)>,
-    /// How many of them were read before the last look at the flag.
+    /// How many of the words the daemon read before its last look at the flag.
     sound: usize,
 }
 
@@ -164,7 +164,7 @@ impl Report {
         }
     }
 
-    /// The flag was read, and is what it was before if `is_old`.
+    /// The daemon has read the flag; with `is_old` it is unchanged.
     fn look(&mut self, flag: u16, is_old: bool, at_ns: u64) {
         if let Some(open) = self.open.as_mut().filter(|open| open.flag == flag) {
             open.sound = open.words.len();
@@ -187,7 +187,7 @@ impl Report {
         }
     }
 
-    /// The update that an image shows, with its flag as it was when PMAC had made it; the host may have changed that since.
+    /// The update that an image shows, with the flag as PMAC left it; the host may have changed the flag since.
     fn of_image(&self, image: &LaterImage<'_>) -> Option<(u64, Vec<(u16, u16)>)> {
         let mut words = image.report(&self.words, &self.hosts)?;
         let (set, cleared) = self.when_whole;
@@ -197,9 +197,9 @@ impl Report {
         Some((image.at_ns, words))
     }
 
-    /// The updates that were read to their end: those with every word that more than half of all updates have. Where the trace has
-    /// none, those of `images`.
-    /// The first one of the trace lay there in the beginning, if it `begins_late`.
+    /// The updates that the daemon read to their end: those with every word that more than half of all updates have.
+    /// If the trace has none, the updates of `images`. With `begins_late` the trace's first update was in the window
+    /// from the beginning.
     fn finish(mut self, images: &[LaterImage<'_>], begins_late: bool) -> Vec<(u64, Vec<(u16, u16)>)> {
         let shown: Vec<_> =
             images.iter().filter_map(|image| Some((&image.around, self.of_image(image)?))).collect();
@@ -323,7 +323,7 @@ impl<'a> Reader<'a> {
         self.reports.iter_mut().filter(|report| report.flag == word).for_each(Report::close);
     }
 
-    /// What an image tells of words that are in no report; what it tells of reports is looked at in the end.
+    /// Takes an image's words outside of reports; `finish` takes its reports.
     fn see_image(&mut self, image: LaterImage<'a>) {
         self.end_burst();
         let is_mine = |word: &u16| {
@@ -422,7 +422,7 @@ mod tests {
                 // The daemon was held up in the middle.
                 (500, 'r', next, 71),
                 (501, 'r', flag, 7),
-                // Read after the last look: of which update it is, nobody knows.
+                // Read after the last look: the word may belong to either update.
                 (600, 'r', data, 99),
                 // Torn: begun of 8, and read again of 9.
                 (1000, 'r', flag, 8),
