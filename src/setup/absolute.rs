@@ -1,8 +1,9 @@
-//! Absolute power-on position: what Ix10 of a PMAC, Ixx10 with Ixx95 of a Turbo board, make PMAC read.
+//! Absolute power-on position: the registers that PMAC reads by Ix10, a Turbo board by Ixx10 and Ixx95.
 //!
 //! Source: PMAC software reference, Ix10; Turbo software reference, Ixx95 (its parallel section means Ixx10 where it
 //! prints Ixx81). Both have the same 8-bit format code, in bits 16-23 of Ix10 or of Ixx95: bit 23 set means a signed
-//! position. What is read minus Ix26 is the motor's position after a reset (unless Ix80 bit 2 is set), or after `$*`.
+//! position. The position that PMAC reads, minus Ix26, is the motor's position after a reset (unless Ix80 bit 2 is
+//! set), or after `$*`.
 
 pub mod position;
 
@@ -14,7 +15,7 @@ use crate::map::{Generation, Space};
 
 /// The bits of one PMAC word.
 const WORD_BITS: u32 = 24;
-/// Stands for multiplexer address (or node) 0, since an address of 0 means that nothing is read.
+/// Stands for multiplexer address (or node) 0, since an address of 0 switches the reading off.
 const ZERO: u32 = 0x100;
 
 /// Where an absolute position comes from.
@@ -90,16 +91,16 @@ pub struct RegisterBits {
     pub address: MemoryAddress,
     /// The lowest of its bits that belongs to the position.
     pub from_bit: u32,
-    /// How many do.
+    /// How many of its bits belong to the position.
     pub bits: u32,
 }
 
-/// What an absolute-position setting makes PMAC read.
+/// The data that an absolute-position setting makes PMAC read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AbsoluteFormat {
     /// The kind of source.
     pub kind: Kind,
-    /// Which half of PMAC's memory is read; `None` at the multiplexer port and over MACRO.
+    /// Which half of its memory PMAC reads; `None` at the multiplexer port and over MACRO.
     #[serde(serialize_with = "space_name")]
     pub space: Option<Space>,
     /// Whether the position is a two's complement number.
@@ -123,7 +124,7 @@ pub struct AbsoluteFormat {
     /// The MACRO node.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub node: Option<u32>,
-    /// What else is to be known about this format.
+    /// Further facts about this format.
     pub notes: Vec<&'static str>,
 }
 
@@ -166,7 +167,7 @@ pub enum FormatError {
         /// Its bits 23-16.
         code: u32,
     },
-    /// The low bits of Ixx95 are not what this format takes.
+    /// The low bits of Ixx95 do not fit this format.
     #[error("Ixx95 = ${value:06X}: the last four digits are {}", if *parallel {
         "0000 (whole words), 0004, 0005 or 0006 (low, middle or high byte) for parallel data"
     } else { "0000 for this format" })]
@@ -179,7 +180,7 @@ pub enum FormatError {
     /// An address that the board does not have.
     #[error("the position reaches up to address ${last:X}; the board's last is ${limit:X}")]
     OutsideMemory {
-        /// The last address read.
+        /// The last address that PMAC would read.
         last: u32,
         /// The board's last address.
         limit: u32,
@@ -213,10 +214,10 @@ struct Setting {
 }
 
 impl AbsoluteFormat {
-    /// What Ix10 means on a PMAC or PMAC2: bits 23-16 are the format code, bits 15-0 the address.
+    /// The meaning of Ix10 on a PMAC or PMAC2: bits 23-16 are the format code, bits 15-0 the address.
     ///
     /// # Errors
-    /// [`FormatError`] for 0, which reads nothing, and for values that no reference explains.
+    /// [`FormatError`] for 0, which switches the reading off, and for values that no reference explains.
     pub fn pmac(ix10: u32) -> Result<Self, FormatError> {
         let variable = "Ix10";
         in_24_bits(variable, ix10)?;
@@ -228,10 +229,10 @@ impl AbsoluteFormat {
         Setting { generation, variable, value: ix10, code, address, sub_format: 0 }.format()
     }
 
-    /// What Ixx10 (an address) and Ixx95 (bits 23-16 the format code) mean on a Turbo board.
+    /// The meaning of Ixx10 (an address) and Ixx95 (bits 23-16 the format code) on a Turbo board.
     ///
     /// # Errors
-    /// [`FormatError`] when Ixx10 is 0, which reads nothing, and for values that no reference explains.
+    /// [`FormatError`] when Ixx10 is 0, which switches the reading off, and for values that no reference explains.
     pub fn turbo(ixx10: u32, ixx95: u32) -> Result<Self, FormatError> {
         in_24_bits("Ixx10", ixx10)?;
         in_24_bits("Ixx95", ixx95)?;
@@ -376,7 +377,7 @@ impl Setting {
         let node = match self.address {
             ZERO => Some(0),
             node if node <= limit => Some(node),
-            // A Geo PMAC takes the same code for its EnDat encoders; what its address means is not documented.
+            // A Geo PMAC takes the same code for its EnDat encoders; no manual explains the address then.
             _ if kind == Kind::MacroParallel && self.code == 0xF4 && self.generation == Generation::Pmac => {
                 None
             }

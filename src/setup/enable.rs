@@ -1,15 +1,15 @@
-//! What switches the automatic functions on: the I-variables and commands each of them needs, in order, and why.
+//! How to switch the automatic functions on: the I-variables and commands that each function needs, in order, and why.
 //!
 //! Source: DPRAM manual, the "Enabling" section of each function (pp. 12-30); its control-panel page means I2 where it
 //! prints I3, and I3, I4 and I6 are better left alone after I58 has set them. Turbo: User Manual p. 400-410, Software
-//! Reference p. 37 and 170. The numbers are the family's, and so are the differences in what has to be sent.
+//! Reference p. 37 and 170. The family gives the numbers, and the differences between the lines.
 
 use serde::Serialize;
 
 use crate::map::functions::{OPEN_BINARY, OPEN_TEXT, rotary_header};
 use crate::map::{Family, Flag, Function, HostOffset, IVariables, PmacRegister, ReportStart};
 
-/// How the functions are to work. The defaults fit most boards.
+/// How the functions shall work. The defaults fit most boards.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Options {
     /// The highest motor and coordinate system to report, 1 to 8 (I59).
@@ -26,9 +26,9 @@ pub struct Options {
     pub gather_longs: u32,
     /// Whether gathering goes on from the start of a full buffer (I45=3) or ends (I45=2).
     pub gather_wrap: bool,
-    /// What to gather; nothing leaves I20 to I44 as they are.
+    /// The registers to gather; an empty list leaves I20 to I44 as they are.
     pub gather_sources: Vec<PmacRegister>,
-    /// Whether the I-variables are to survive a reset.
+    /// Whether the I-variables shall survive a reset.
     pub save: bool,
     /// Whether the servo report runs already, so that a `GATHER` would start data gathering.
     pub servo_runs: bool,
@@ -51,7 +51,7 @@ impl Default for Options {
     }
 }
 
-/// Why a function cannot be enabled so.
+/// Why these options cannot enable a function.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EnableError {
@@ -68,13 +68,13 @@ pub enum EnableError {
     },
 }
 
-/// An option that no board can be set to.
+/// An option that no board can have.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{what} {value} is not possible; it is {first} to {last}")]
 pub struct OutOfRange {
     /// Which option.
     pub what: &'static str,
-    /// What was asked for.
+    /// The requested value.
     pub value: u32,
     /// The smallest possible value.
     pub first: u32,
@@ -82,16 +82,16 @@ pub struct OutOfRange {
     pub last: u32,
 }
 
-/// When in the sequence a line is sent, over all functions.
+/// When in the sequence of all functions the user sends a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
-    /// Variables and registers are set.
+    /// Lines that set variables and registers.
     Set,
-    /// Buffers are defined.
+    /// Lines that define buffers.
     Define,
-    /// Reports begin.
+    /// Lines that start reports.
     Start,
-    /// A program buffer is opened; from then on program lines go into it.
+    /// Lines that open a program buffer; from then on the board stores program lines in it.
     Open,
 }
 
@@ -100,27 +100,27 @@ enum Phase {
 pub struct PlanLine {
     /// The on-line command.
     pub line: String,
-    /// What it is for, and what else it does.
+    /// Its purpose and side effects.
     pub why: String,
     #[serde(skip)]
     phase: Phase,
 }
 
-/// What one function needs.
+/// The lines that one function needs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct FunctionPlan {
     /// Which.
     pub function: Function,
     /// Its lines, in order.
     pub lines: Vec<PlanLine>,
-    /// What else to know and to do.
+    /// Further facts and steps.
     pub notes: Vec<String>,
 }
 
-/// What several functions need together.
+/// The lines that several functions need together.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct EnablePlan {
-    /// All lines in the order to send them; what several functions set is set once.
+    /// All lines in the order to send them; a variable that several functions set appears once.
     pub commands: Vec<String>,
     /// Function by function.
     pub plans: Vec<FunctionPlan>,
@@ -129,7 +129,7 @@ pub struct EnablePlan {
 /// Plans how to enable `functions` (their order and repetitions do not matter) on a board of `family`.
 ///
 /// # Errors
-/// [`EnableError`] when an option that one of them uses is not possible, or the family lacks one of them.
+/// [`EnableError`] when an option of one of them is not possible, or the family lacks one of them.
 pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Result<EnablePlan, EnableError> {
     let mut functions = functions.to_vec();
     functions.sort_unstable();
@@ -147,7 +147,7 @@ pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Resul
             Function::Gather => Ok(gather(options, family, together)?),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    // Said once.
+    // One plan says it for all.
     if let (Some(setting), Some(first)) = (family.dpram_setting(), plans.first_mut()) {
         first.notes.push(format!(
             "one DPRAM serves all functions. For this one {setting} is needed; the board sets it by itself at re-initialisation if it \
@@ -170,7 +170,7 @@ fn commands(plans: &[FunctionPlan], save: bool) -> Vec<String> {
     if save {
         commands.push("SAVE".to_owned());
     }
-    // Each of these does something every time it is sent: two GATHERs are not one.
+    // Each of these lines acts every time that the user sends it: two GATHERs are not one.
     commands.extend(lines.iter().filter(|line| line.phase != Phase::Set).map(|line| line.line.clone()));
     commands
 }
@@ -271,7 +271,7 @@ fn panel(family: &Family) -> Result<FunctionPlan, EnableError> {
         )))
 }
 
-/// Sets how many motors and coordinate systems are reported, where an I-variable does.
+/// Sets how many motors and coordinate systems the board reports, if an I-variable sets that.
 fn reported(plan: FunctionPlan, options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange> {
     let motors = in_range("motor", options.motors, 1, family.motors as u32)?;
     Ok(match family.i.reported {
@@ -333,7 +333,7 @@ fn servo(options: &Options, family: &Family) -> Result<FunctionPlan, OutOfRange>
     )))
 }
 
-/// Starts the servo report by a `GATHER`, unless it runs.
+/// Starts the servo report by a `GATHER`, unless the report runs.
 fn start_by_gather(plan: FunctionPlan, options: &Options, servo_period: u16) -> FunctionPlan {
     let plan = if options.servo_runs {
         plan.note("the report runs already: GATHER is left out, it would start data gathering")

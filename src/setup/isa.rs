@@ -35,7 +35,7 @@ impl TurboWindow {
     }
 }
 
-/// What cannot be set up, and why.
+/// A set-up that is not possible, and why.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IsaError {
@@ -66,7 +66,7 @@ pub enum IsaError {
     /// A Turbo board has no such setting.
     #[error("no setting of I93 and I94 is known that gives {what} on a Turbo board")]
     NotOnTurbo {
-        /// What was asked for.
+        /// The requested setting.
         what: &'static str,
     },
 }
@@ -125,7 +125,7 @@ pub fn turbo(address: u32, window: TurboWindow) -> Result<SetupPlan, IsaError> {
 /// As [`pmac`] or [`turbo`], by the board's generation.
 ///
 /// # Errors
-/// [`IsaError`], for a Turbo board also when 20-bit addressing or a disabled DPRAM is asked for.
+/// [`IsaError`]; for a Turbo board also for 20-bit addressing or a disabled DPRAM.
 pub fn plan(
     generation: Generation,
     address: u32,
@@ -153,7 +153,7 @@ fn check(address: u32, bits: u32, window: u32) -> Result<(), IsaError> {
     Ok(())
 }
 
-/// What usually lies at that place in a PC (DPRAM manual p. 3); between $B0000 and $EFFFF room may be found.
+/// The usual devices at that place in a PC (DPRAM manual p. 3); between $B0000 and $EFFFF a PC may have room.
 fn neighbours(address: u32, window: u32) -> Vec<String> {
     let last = address + (window - 1);
     let others = [

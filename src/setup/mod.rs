@@ -1,9 +1,9 @@
-//! Set-up calculators (layer 1): what to send to a board, and why. They compute and write nothing themselves.
+//! Set-up calculators (layer 1): the lines to send to a board, and why. They only compute; they send nothing.
 //!
 //! [`isa`] and [`vme`] give the lines that place the DPRAM in the host's memory, [`enable`] those that switch the
-//! automatic functions on, [`absolute`] tells what an absolute-position word makes PMAC read, and [`position`] works
-//! the position out. The addresses here are those of PMAC's set-up registers (X:$0783 to X:$078C, Turbo I90 to I99);
-//! the DPRAM's own come from [`crate::map`].
+//! automatic functions on. [`absolute`] tells which registers an absolute-position word makes PMAC read, and
+//! [`position`] computes the position. The addresses here are those of PMAC's set-up registers (X:$0783 to X:$078C,
+//! Turbo I90 to I99); the DPRAM's own come from [`crate::map`].
 
 pub mod absolute;
 #[cfg(test)]
@@ -25,17 +25,18 @@ use serde::{Serialize, Serializer};
 /// The bytes of the DPRAM that a board shows at a time, and the multiple at which they start: 16 KiB.
 pub const WINDOW: u32 = 0x4000;
 
-/// What to send to a board to place its DPRAM, in order, and what every part of it means.
+/// The lines that place a board's DPRAM, in order, and the meaning of every part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SetupPlan {
     /// The on-line command lines, `SAVE` and `$$$` included.
     pub commands: Vec<String>,
-    /// What the host writes on the bus after every reset, before it touches the DPRAM; `None` where nothing is.
+    /// The byte that the host writes on the bus after every reset, before it touches the DPRAM; `None` if it writes
+    /// none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub after_reset: Option<Vec<BusWrite>>,
     /// The values in the lines, register by register.
     pub values: Vec<SetupValue>,
-    /// What is possible but likely not meant.
+    /// Settings that are possible but that the user likely does not want.
     pub warnings: Vec<String>,
 }
 
@@ -57,7 +58,7 @@ fn hexadecimal<S: Serializer>(
     serializer.collect_str(&format_args!("0x{number:02X}"))
 }
 
-/// A set-up register and what its value says.
+/// A set-up register and the meaning of its value.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SetupValue {
     /// `X:$0786` or `I93`.
@@ -70,14 +71,14 @@ pub struct SetupValue {
     number: u32,
 }
 
-/// Some bits of a register and what they say.
+/// Some bits of a register and their meaning.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct BitField {
     /// Which: `7-6`, or `2`.
     pub bits: String,
     /// As binary digits.
     pub value: String,
-    /// What they say.
+    /// Their meaning.
     pub meaning: String,
 }
 

@@ -1,19 +1,19 @@
 //! Where mailboxes and DPRAM lie on the VME bus, and how the board interrupts: X:$0783 to X:$078C, on Turbo I90 to I99.
 //!
 //! Source: DPRAM manual, "VME and/or DPRAM Address Setup" (pp. 4-6); PMAC user manual, "Writing a Host Communications
-//! Program". The mailbox chip takes 512 bytes, the DPRAM 16 KiB. Of the DPRAM's address, A31-A24 are shared with the
-//! mailboxes, A23-A20 are saved in a register of their own, and A19-A14 go to the mailbox chip, as a byte at $121
-//! from its base, which the host writes after every reset: the board forgets it. The Turbo user manual puts A23-A20
-//! into the low digit of I97; the DPRAM manual, and boards that work, have them in the high digit, as here.
+//! Program". The mailbox chip takes 512 bytes, the DPRAM 16 KiB. The DPRAM shares address lines A31-A24 with the
+//! mailboxes. A register of its own saves A23-A20. The mailbox chip takes A19-A14, as a byte at $121 from its base;
+//! the host writes that byte after every reset, because the board forgets it. The Turbo user manual puts A23-A20 into
+//! the low digit of I97; the DPRAM manual, and boards that work, have them in the high digit, as here.
 
 use super::{BusWrite, SetupPlan, SetupValue, WINDOW, last_of_window, with_save_and_reset};
 use crate::map::Generation;
 
-/// The bytes that the mailbox chip takes.
+/// The bytes that the mailbox chip occupies.
 pub const MAILBOX_BYTES: u32 = crate::map::mailbox::LENGTH as u32;
 /// Where, from the mailboxes' base, the host writes A19-A14 of the DPRAM.
 pub const PAGE_SELECT: u32 = crate::map::mailbox::PAGE_SELECT as u32;
-/// Address-modifier bits that do not matter: supervisor and user accesses are taken alike.
+/// Address-modifier bits that do not matter: the board takes supervisor and user accesses alike.
 const MODIFIER_IGNORED: u32 = 0x04;
 
 /// How many address lines the board decodes.
@@ -54,7 +54,7 @@ impl AddressBits {
     }
 }
 
-/// What a board on the VME bus is to be set to.
+/// The wanted settings of a board on the VME bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VmeSetup {
     /// The mailboxes' base, a bus address in bytes.
@@ -72,11 +72,11 @@ pub struct VmeSetup {
     pub generation: Generation,
 }
 
-/// What cannot be set up, and why.
+/// A set-up that is not possible, and why.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VmeError {
-    /// An address needs more lines than are decoded.
+    /// An address needs more lines than the board decodes.
     #[error(
         "{what} address ${address:X} is out of reach of {bits}-bit addressing, whose last base is ${last:X}"
     )]
@@ -108,7 +108,7 @@ pub enum VmeError {
         /// What was asked for.
         address: u32,
     },
-    /// Mailboxes and DPRAM differ in A31-A24, for which there is one register.
+    /// Mailboxes and DPRAM differ in A31-A24, for which the board has one register.
     #[error(
         "A31-A24 are shared: the mailboxes at ${mailbox:08X} have ${:02X}, the DPRAM at ${dpram:08X} has ${:02X}",
         mailbox >> 24, dpram >> 24
@@ -156,10 +156,10 @@ pub enum VmeError {
 }
 
 impl VmeSetup {
-    /// Gives the lines to send, and what to write on the bus after every reset.
+    /// Gives the lines to send, and the byte to write on the bus after every reset.
     ///
     /// # Errors
-    /// [`VmeError`] when no setting of the registers means what is asked for, or parts of the board would collide.
+    /// [`VmeError`] when no setting of the registers has the requested meaning, or parts of the board would collide.
     pub fn plan(&self) -> Result<SetupPlan, VmeError> {
         self.check()?;
         let commands = match self.generation {

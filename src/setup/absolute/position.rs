@@ -80,7 +80,7 @@ pub enum PositionError {
         /// The kind of source.
         kind: Kind,
     },
-    /// A register that is needed was not given.
+    /// The user did not give a needed register.
     #[error("the content of {address} is missing; the position needs {needed}")]
     Missing {
         /// The register.
@@ -88,7 +88,7 @@ pub enum PositionError {
         /// All that are needed.
         needed: String,
     },
-    /// A register that is not needed was given.
+    /// The user gave a register that the format does not use.
     #[error("{word} is none of the registers the position is in; these are {needed}")]
     NotPartOfIt {
         /// The word.
@@ -96,7 +96,7 @@ pub enum PositionError {
         /// All that are needed.
         needed: String,
     },
-    /// A register was given twice.
+    /// The user gave a register twice.
     #[error("{address} is given twice")]
     Twice {
         /// The register.
@@ -105,7 +105,7 @@ pub enum PositionError {
 }
 
 impl AbsoluteFormat {
-    /// The position in these words, in counts of the sensor; Ix26 is not taken off.
+    /// The position in these words, in counts of the sensor, without subtracting Ix26.
     ///
     /// # Errors
     /// [`PositionError`] unless `words` holds each register of the format once, and nothing else.
