@@ -1,9 +1,9 @@
 //! THE table: every command of the binary rotary format, with its names, codes and ranges.
 //!
 //! DPRAM manual pp. 31-35: types 0 (letters and data), 1 (modes, lists) and 2 (variable assignments). Names and ranges
-//! are those of motion program text. The manual's tables spell some names differently (NORM, CIRn, TSELn); both
-//! spellings are read. A command's shape says which fields of its two words it uses; [`super::item`] packs and unpacks
-//! them.
+//! are those of motion program text. The manual's tables spell some names differently (NORM, CIRn, TSELn); the
+//! compiler reads both spellings. A command's shape says which fields of its two words it uses; [`super::item`] packs
+//! and unpacks them.
 
 use std::fmt;
 
@@ -18,14 +18,14 @@ pub enum Role {
     Other,
 }
 
-/// The fields a command uses. The numbers are CODE1 and CODE2 of the manual.
+/// The fields that a command uses. The numbers are CODE1 and CODE2 of the manual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     /// Type 0 A: CODE1 is the letter's place in the alphabet, or 27 for CALL; a 36-bit number.
     Letter {
         /// 1 to 13 and 16 to 27.
         code1: u8,
-        /// What the letter is.
+        /// The letter's role.
         role: Role,
     },
     /// Type 0 B, CODE1 28: CODE2 in word 1 bits 23-16, a 24-bit number in word 2.
@@ -33,7 +33,7 @@ pub enum Shape {
         /// 0 to 2 and 67 to 72.
         code2: u8,
     },
-    /// As [`Shape::Data`], but written behind an axis and its position, as `:` or `^`.
+    /// As [`Shape::Data`], but it stands behind an axis and its position, as `:` or `^`.
     Mark {
         /// 70 or 71.
         code2: u8,
@@ -66,7 +66,7 @@ pub enum Shape {
         /// Whether the list may contain R, the circle vectors.
         vectors: bool,
     },
-    /// Type 1 D, CODE1 30: motor n is bit n-1 of word 2. How many motors it can name, the settings say.
+    /// Type 1 D, CODE1 30: motor n is bit n-1 of word 2. The settings say how many motors it can name.
     Motors {
         /// 3 or 6, in the place of the exponent.
         subcode: u8,
@@ -87,9 +87,9 @@ pub enum Operator {
     AssignLater,
     /// `|=`, at the start of the next move.
     Or,
-    /// `^=`, at the start of the next move. It has no code that is sure.
+    /// `^=`, at the start of the next move. The manual contradicts itself on its code.
     Xor,
-    /// `&=`, at the start of the next move. It has no code that is sure.
+    /// `&=`, at the start of the next move. The manual contradicts itself on its code.
     And,
 }
 
@@ -181,7 +181,8 @@ impl Code {
         [Some(self.name), short, self.also].into_iter().flatten().filter(move |_| own)
     }
 
-    /// Whether it moves or stops the motors, or calls a program that may: ABS, INC or FRAX before it and behind it are not the same.
+    /// Whether the command moves or stops motors, or calls a program that may: ABS, INC or FRAX before it and behind
+    /// it differ.
     #[must_use]
     pub fn moves(&self) -> bool {
         match self.shape {
@@ -332,11 +333,11 @@ pub static CODES: &[Code] = &[
     assignment("P=", ASSIGN, 2, Operator::Assign),
     assignment("Q=", ASSIGN, 3, Operator::Assign),
     assignment("M|=", LATER, 0, Operator::Or),
-    // 1 and 2 are `^=` and `&=`: which is which the manual says in two ways (pp. 31 and 35).
+    // 1 and 2 are `^=` and `&=`: the manual contradicts itself on which is which (pp. 31 and 35).
     assignment("M==", LATER, 3, Operator::AssignLater),
 ];
 
-/// The assignment of `variable` (I, M, P or Q) by `operator`, if there is one.
+/// The assignment of `variable` (I, M, P or Q) by `operator`, if the format has one.
 #[must_use]
 pub fn find_assignment(letter: u8, wanted: Operator) -> Option<&'static Code> {
     CODES.iter().find(|code| {

@@ -12,35 +12,35 @@ use crate::format::file_text;
 pub struct Compiled {
     /// The commands.
     pub program: Program,
-    /// What sending it would change.
+    /// How the sent program would differ from the text.
     pub warnings: Report<Warning>,
 }
 
-/// A text that cannot be sent.
+/// A text that the format cannot hold.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{} lines or commands cannot be sent", errors.count())]
 pub struct Refused {
     /// The reasons, from the whole text: at least one. A syntax error ends its line, any other error only its command.
     pub errors: Report<Reason>,
-    /// What sending the rest would change.
+    /// How the rest, if sent, would differ from the text.
     pub warnings: Report<Warning>,
 }
 
 /// Compiles `text`, as [`file_text`] reads it.
 ///
-/// Refuses ABS, INC and FRAX while nobody has said where their code stands.
+/// Refuses ABS, INC and FRAX unless the settings say where their code stands.
 ///
 /// Changes only the numbers: rounds each to the mantissa of its command, to nearest, ties to even. Drops comments (`;`
 /// and `//`) and lines without commands. `settings` must be valid ([`Settings::check`]).
 ///
 /// # Errors
-/// When any part of it cannot be sent: every reason with its place.
+/// When the format cannot hold a part of the text: every reason with its place.
 pub fn compile(text: &[u8], settings: &Settings) -> Result<Compiled, Refused> {
     compile_with(text, settings, &mut Modes { are_over: true, ..Modes::default() })
 }
 
-/// As [`compile`], for a stream: ABS, INC and FRAX before the first move come as on-line lines for the coordinate system, which they
-/// are modal in, while nobody has said where their code stands.
+/// As [`compile`], for a stream. Unless the settings say where the code of ABS, INC and FRAX stands, the compiler
+/// returns those before the first move as on-line lines for the coordinate system, in which they are modal.
 ///
 /// # Errors
 /// As [`compile`].

@@ -1,9 +1,10 @@
-//! A constant as a program writes it: kept exactly, so that it is rounded only once, into the format's mantissa.
+//! A constant as a program writes it: kept exactly, so that the compiler rounds it only once, into the format's
+//! mantissa.
 
 /// A decimal or hexadecimal constant: `units / 10^decimals`, with its sign.
 ///
-/// Keeps up to 27 decimal places and 27 significant digits; of further digits, only whether any is not zero. That is
-/// more than any mantissa can resolve.
+/// Keeps up to 27 decimal places and 27 significant digits, more than any mantissa can resolve; of further digits only
+/// whether any is not zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Constant {
     negative: bool,
@@ -15,7 +16,7 @@ pub struct Constant {
     huge: bool,
 }
 
-/// Most decimal places kept: 36 bits of mantissa above 10^27 still fit in 128 bits.
+/// The most decimal places: 36 bits of mantissa above 10^27 still fit in 128 bits.
 const MOST_DECIMALS: u32 = 27;
 /// Integer parts and fractions above this take no further digit.
 const FULL: u128 = 10u128.pow(27);

@@ -22,7 +22,7 @@ pub enum Note {
     /// The first command has no start-of-line bit.
     #[error("the first command has no start-of-line bit: it is taken to begin a line")]
     NoStart,
-    /// Commands follow the end marker; they are dropped.
+    /// Commands follow the end marker; the decompiler drops them.
     #[error("{count} pairs of words after the end marker are left out")]
     AfterEnd {
         /// How many pairs.
@@ -42,7 +42,7 @@ pub enum Note {
         /// The second word of the compiled text.
         own2: u32,
     },
-    /// The text would be refused.
+    /// The compiler would refuse the text.
     #[error("a program with this would be refused: {0}")]
     Refused(Box<Reason>),
 }
@@ -61,7 +61,7 @@ pub struct DecodeError {
     pub cause: NoCommand,
 }
 
-/// Converts `words`, pairs in buffer order, to text, up to the end marker if there is one.
+/// Converts `words`, pairs in buffer order, to text, up to an end marker.
 ///
 /// The words from [`compile`](super::compile()) give text that compiles to the same words. `settings` must be valid.
 ///

@@ -38,14 +38,14 @@ pub struct Float {
     pub width: Width,
 }
 
-/// What rounding a constant to a [`Float`] lost.
+/// The loss by rounding a constant to a [`Float`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Loss {
-    /// Nothing that was written: rounded to as many decimal places as were written, the number is the same.
+    /// No written digit: rounded to the decimal places of the text, the number is the same.
     None,
     /// Some of the digits written.
     Digits,
-    /// All of it: it is nearer to zero than the smallest number, and zero is sent.
+    /// All of it: the constant is nearer to zero than the smallest number, and becomes zero.
     Vanished,
 }
 
@@ -67,7 +67,7 @@ impl Float {
         Self { mantissa: 0, exponent: settings.zero_exponent, width }
     }
 
-    /// Rounds `constant` once, to nearest, ties to even, and returns what that lost.
+    /// Rounds `constant` once, to nearest, ties to even, and returns the loss.
     ///
     /// # Errors
     /// When its exponent does not fit in 6 bits.

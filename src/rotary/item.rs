@@ -11,7 +11,7 @@ use super::settings::Settings;
 /// A command's operand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Argument {
-    /// Nothing.
+    /// No operand.
     None,
     /// A number: letters, CALL, times, marks.
     Number(Float),
@@ -50,7 +50,7 @@ pub enum NoCommand {
         /// CODE1.
         code1: u8,
     },
-    /// ABS, INC or FRAX, while nobody has said where their code stands.
+    /// ABS, INC or FRAX, if the settings do not say where their code stands.
     #[error(
         "it is ABS, INC or FRAX, and which one depends on rotary_code2; set that to bit12 or bit16 (pmacctl rotary check finds out)"
     )]
@@ -58,7 +58,7 @@ pub enum NoCommand {
     /// WAIT.
     #[error("WAIT is not implemented in PMAC")]
     Wait,
-    /// The data of a list or count that cannot be written as text.
+    /// The data of a list or count that have no text.
     #[error("the data ${data:06X} of {name} name nothing")]
     Data {
         /// The command.
@@ -71,8 +71,8 @@ pub enum NoCommand {
 const WORD: u32 = 0x00FF_FFFF;
 
 impl Item {
-    /// The two words, without the start-of-line bit. `None` for ABS, INC and FRAX while nobody has said where their code stands, and for
-    /// an operand of another shape than the code's.
+    /// The two words, without the start-of-line bit. `None` for ABS, INC and FRAX if the settings do not say where
+    /// their code stands, and for an operand of another shape than the code's.
     #[must_use]
     pub fn words(&self, settings: &Settings) -> Option<(u32, u32)> {
         let first = |code1: u8, low: u8| u32::from(code1) << 6 | u32::from(low);

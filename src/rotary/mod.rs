@@ -2,11 +2,12 @@
 //!
 //! PMAC copies a binary rotary buffer straight into its internal rotary program buffer, without parsing text (DPRAM
 //! manual pp. 29-35). A command is two 24-bit words; the first command of a text line carries the start-of-line bit,
-//! and the commands of all lines follow one another. Only constants can be sent: no expression, no branch, no loop.
+//! and the commands of all lines follow one another. The format has only constants: no expression, no branch, no loop.
 //!
 //! [`compile()`] converts text to words and rejects, with its place, whatever has no binary form; [`decompile()`]
 //! converts words to text. Both go through [`Item`], the meaning of one command, and both read the one table
-//! [`codes::CODES`], as does [`same_line`], which knows a board's listing for the program that was typed. What the manual leaves open is a named field of [`Settings`]. Nothing here accesses a board.
+//! [`codes::CODES`], as does [`same_line`], which recognises the typed program in a board's listing. Each point that
+//! the manual leaves open is a named field of [`Settings`]. This module accesses no board.
 
 pub mod codes;
 pub mod compile;

@@ -1,7 +1,7 @@
 //! Converts a line's tokens to commands.
 //!
-//! An error in a command's number ends the command. A syntax error ends the line, because nothing after it can be
-//! interpreted.
+//! An error in a command's number ends the command. A syntax error ends the line, because the parser cannot interpret
+//! the rest.
 
 use super::codes::{self, Code, Operator, Role, Shape};
 use super::constant::Constant;
@@ -17,18 +17,19 @@ use super::settings::Settings;
 pub struct Parsed {
     /// Its commands; `None` without any. Incomplete after an error.
     pub line: Option<Line>,
-    /// What cannot be sent.
+    /// The parts that the format cannot hold.
     pub errors: Report<Reason>,
-    /// What sending it would change.
+    /// How the sent line would differ from the text.
     pub warnings: Report<Warning>,
 }
 
-/// ABS, INC and FRAX that go as on-line lines, because nobody has said where their code stands.
+/// ABS, INC and FRAX that go as on-line lines, because the settings do not say where their code stands.
 #[derive(Debug, Default)]
 pub struct Modes {
     /// Their texts, in order.
     pub lines: Vec<String>,
-    /// A command has come before which and behind which they are not the same: no more of them can go.
+    /// A command has come that separates the modes before it from those behind it: no more of them can go as on-line
+    /// lines.
     pub are_over: bool,
 }
 
@@ -53,7 +54,7 @@ pub fn parse(source: &[u8], tokens: &[Token], number: u32, settings: &Settings, 
     parser.finish()
 }
 
-/// The rest of the line cannot be parsed; the reason is reported.
+/// The parser cannot read the rest of the line, and has reported the reason.
 struct Abandon;
 
 /// A parsed constant: its first token and its value.
@@ -154,7 +155,7 @@ impl Parser<'_> {
             Kind::Command(code) => self.coded(first, code),
             Kind::Refused(word) => {
                 self.error(first, word.reason());
-                // After these words the rest of the line can still be parsed.
+                // After these words the parser can still read the rest of the line.
                 match word.why {
                     Why::Text if matches!(self.peek_kind(), Some(Kind::Quoted)) => self.at += 1,
                     Why::Label if matches!(self.peek_kind(), Some(Kind::Number(..))) => self.at += 1,
@@ -367,7 +368,7 @@ impl Parser<'_> {
             && !matches!(self.tokens.get(self.at + 2).map(|token| token.kind), Some(Kind::Assign(_)))
     }
 
-    /// After an expression, which is already reported: abandons the line unless the expression ends here.
+    /// After an expression, which the parser has reported: abandons the line unless the expression ends here.
     fn end_of_expression(&mut self) -> Result<Option<Number>, Abandon> {
         if self.is_operator() || matches!(self.peek_kind(), Some(Kind::Symbol(b'^' | b':') | Kind::Assign(_)))
         {

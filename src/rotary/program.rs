@@ -8,7 +8,7 @@ pub const START_OF_LINE: u32 = 1 << 11;
 /// The two words behind the last command of a buffer, at the host index (DPRAM manual p. 30, rule 5).
 pub const END_MARKER: (u32, u32) = (0x00_0800, 0x00_FFFF);
 
-/// A program, line by line. Lines without commands are left out.
+/// A program, line by line, without the lines that have no commands.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Program {
     /// Its lines in order, none empty.
@@ -65,7 +65,7 @@ impl Program {
         self.commands().map(|(_, command)| (command.word1, command.word2))
     }
 
-    /// Every command as it is printed in JSON.
+    /// Every command in its JSON form.
     pub fn documents(&self) -> impl Iterator<Item = CommandDocument> {
         self.commands().map(|(line, command)| CommandDocument {
             line,
@@ -91,7 +91,7 @@ impl Line {
         text
     }
 
-    /// How many 32-bit words it takes in a buffer.
+    /// How many 32-bit words the line takes in a buffer.
     #[must_use]
     pub fn buffer_words(&self) -> usize {
         2 * self.commands.len()

@@ -1,4 +1,4 @@
-//! Why a text cannot be sent, and what sending it would change.
+//! Why the format cannot hold a text, and how the sent program would differ from it.
 
 use std::fmt;
 
@@ -23,12 +23,12 @@ impl<T: fmt::Display> fmt::Display for Placed<T> {
     }
 }
 
-/// Findings in text order; the first [`Report::LIMIT`] are listed.
+/// Findings in text order; the report lists the first [`Report::LIMIT`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Report<T> {
     /// The listed findings.
     pub listed: Vec<Placed<T>>,
-    /// How many more there are.
+    /// How many more findings the text has.
     pub more: usize,
 }
 
@@ -39,16 +39,16 @@ impl<T> Default for Report<T> {
 }
 
 impl<T> Report<T> {
-    /// How many findings are listed.
+    /// How many findings a report lists.
     pub const LIMIT: usize = 100;
 
-    /// Whether there is no finding.
+    /// Whether the report has no finding.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.listed.is_empty()
     }
 
-    /// How many findings there are in all.
+    /// How many findings the text has in all.
     #[must_use]
     pub fn count(&self) -> usize {
         self.listed.len() + self.more
@@ -70,10 +70,10 @@ impl<T> Report<T> {
     }
 }
 
-/// Why a piece of text cannot be sent through a binary rotary buffer.
+/// Why a binary rotary buffer cannot take a piece of text.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Reason {
-    /// The whole of it is no text.
+    /// The whole input is not a text.
     #[error(transparent)]
     NotText(NotText),
     /// A branch or loop.
@@ -120,7 +120,7 @@ pub enum Reason {
          (OPEN ROT)"
     )]
     BitCode(&'static str),
-    /// ABS, INC and FRAX where nobody has said where their code stands.
+    /// ABS, INC and FRAX, if the settings do not say where their code stands.
     #[error(
         "{0} cannot be sent: the manual's drawing has its code in two places, and a board of the other one would move elsewhere \
          (docs/evidence.md); rotary check finds out: tell rotary_code2 then, or give it before the first move of a stream"
@@ -209,17 +209,17 @@ pub enum Reason {
     },
 }
 
-/// What sending a text would change, or what it may not mean.
+/// How the sent program differs from the text, or may differ from the author's intent.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Warning {
-    /// A 24-bit mantissa drops digits that were written.
+    /// A 24-bit mantissa drops written digits.
     #[error("{text} loses precision: {name} has a 24-bit mantissa, {sent} is sent")]
     Precision {
         /// The command.
         name: &'static str,
         /// The number as written.
         text: String,
-        /// The number that is sent.
+        /// The number that the board gets.
         sent: f64,
     },
     /// A number nearer to zero than the smallest.

@@ -5,7 +5,7 @@
 
 use super::reason::Reason;
 
-/// Why a word is refused.
+/// Why the compiler refuses a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Why {
     /// Branches, loops and their parts.
@@ -14,7 +14,7 @@ pub enum Why {
     Text,
     /// On-line only.
     OnLine,
-    /// It has no binary code.
+    /// The command has no binary code.
     NoCode,
     /// WAIT.
     Wait,
@@ -24,14 +24,14 @@ pub enum Why {
     Function,
 }
 
-/// A word and why it is refused.
+/// A word and why the compiler refuses it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct RefusedWord {
     /// The word in capitals.
     pub name: &'static str,
     /// Why.
     pub why: Why,
-    /// The words that say the same, of one that is a short form or may be written in two words.
+    /// The full words, for a short form or a word that may also be written as two.
     pub means: Option<&'static str>,
     /// Whether a list of motors or PLCs follows.
     pub takes_list: bool,

@@ -32,7 +32,7 @@ pub enum Kind {
     Command(&'static Code),
     /// PLC, as in ENABLE PLC.
     Plc,
-    /// A known word that cannot be sent.
+    /// A known word that the compiler refuses.
     Refused(&'static RefusedWord),
     /// A number without sign, and whether it is decimal.
     Number(Constant, bool),

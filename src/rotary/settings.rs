@@ -1,8 +1,8 @@
-//! What the documents leave open about the binary rotary format, one named setting each.
+//! The points of the binary rotary format that the manuals leave open, one named setting each.
 //!
-//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks. The defaults agree
-//! best with the rest; none has been confirmed on a board. Where CODE2 of ABS, INC and FRAX stands has no default: a wrong one would
-//! move the machine elsewhere.
+//! The manual prints the fields of a command, but neither the bias of its exponent nor all bits of its axis masks. The
+//! defaults agree best with the rest; no board has confirmed them. The place of CODE2 of ABS, INC and FRAX has no
+//! default: a wrong place would move the machine elsewhere.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,15 +13,16 @@ use crate::map::{DEFAULT_FAMILY, Family};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Bias of the 6-bit exponent: value = mantissa * 2^(exponent - bias). 0 to 63; printed nowhere. With 31, PMAC
+    /// Bias of the 6-bit exponent: value = mantissa * 2^(exponent - bias). 0 to 63; no manual prints it. With 31, PMAC
     /// could widen the field to its 12-bit exponent by setting fixed bits.
     pub exponent_bias: u8,
     /// The exponent field of zero, 0 to 63.
     pub zero_exponent: u8,
-    /// Where CODE2 of ABS, INC and FRAX stands, if somebody has said it. It stands elsewhere in the daemon's configuration.
+    /// Where CODE2 of ABS, INC and FRAX stands, if the site has said it. The daemon's configuration has this under
+    /// `readings`.
     #[serde(skip)]
     pub rotary_code2: Option<RotaryCode2>,
-    /// HOME and HOMEZ can name motors 1 to this one. It is the board's family that says it.
+    /// HOME and HOMEZ can name motors 1 to this one. The board's family decides.
     #[serde(skip)]
     pub home_motors: u16,
     /// Lowest bit of CODE2 in word 1 of the mode commands (CODE1 30, sub-code 0), 12 to 19. The diagram shows the field
@@ -35,8 +36,8 @@ pub struct Settings {
     pub frax_axis_bit: u8,
     /// The number for coordinate system 1 in a buffer's header: 0 or 1.
     pub coordinate_system_base: u8,
-    /// Size of the DPRAM buffer for the program, in 32-bit words: even, 6 to 3584. A longer line is refused. 3584 is
-    /// the whole area for buffers of variable size ($D200-$DFFF).
+    /// Size of the DPRAM buffer for the program, in 32-bit words: even, 6 to 3584. The compiler refuses a longer line.
+    /// 3584 is the whole area for buffers of variable size ($D200-$DFFF).
     pub buffer_words: u32,
 }
 

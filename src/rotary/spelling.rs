@@ -1,4 +1,4 @@
-//! Whether two program lines are one, however each is spelled: a board lists a program in its own words and numbers.
+//! Compares program lines regardless of spelling: a board lists a program in its own words and numbers.
 
 use std::collections::BTreeSet;
 
@@ -6,16 +6,16 @@ use super::codes::{AXES, Shape};
 use super::scan::{Kind, Token, scan};
 use crate::map::number::same_when_listed;
 
-/// The longest range of motors or PLCs that is written out.
+/// The longest range of motors or PLCs that this module writes out.
 const LONGEST_RANGE: u64 = 64;
 
-/// A part of a line that does not depend on how it is spelled.
+/// A part of a line, independent of its spelling.
 #[derive(Debug)]
 enum Part {
     /// A word, by its full name, or an operator.
     Word(&'static str),
     Number(f64),
-    /// What stands in quotes, and what is no part of the language, as it is.
+    /// Text in quotes, and text outside of the language, unchanged.
     Text(String),
     Symbol(u8),
 }
@@ -32,8 +32,8 @@ impl Part {
     }
 }
 
-/// Whether two lines of a motion, PLC or kinematic program say the same: blanks, case, short and long words, the spelling of numbers
-/// and of lists of motors, PLCs and axes do not count.
+/// Whether two lines of a motion, PLC or kinematic program mean the same. Blanks, case, short and long words, and the
+/// spelling of numbers and of lists of motors, PLCs and axes do not count.
 #[must_use]
 pub fn same_line(one: &str, other: &str) -> bool {
     let (one, other) = (parts(one), parts(other));
@@ -94,7 +94,7 @@ fn ends_operand(parts: &[Part]) -> bool {
     matches!(parts.last(), Some(Part::Number(_) | Part::Symbol(b')')))
 }
 
-/// Takes a list like `1,3..5`, in whatever order, and puts its numbers one by one.
+/// Takes a list like `1,3..5`, in any order, and adds its numbers one by one.
 fn numbers<'t>(mut rest: &'t [Token], parts: &mut Vec<Part>) -> &'t [Token] {
     let mut all = BTreeSet::new();
     let mut behind = rest;
@@ -117,7 +117,7 @@ fn numbers<'t>(mut rest: &'t [Token], parts: &mut Vec<Part>) -> &'t [Token] {
     rest
 }
 
-/// Takes a list like `(X,Y)`, in whatever order. All axes are the same as no list.
+/// Takes a list like `(X,Y)`, in any order. A list of all axes means the same as no list.
 fn axes<'t>(rest: &'t [Token], parts: &mut Vec<Part>) -> &'t [Token] {
     let [Token { kind: Kind::Symbol(b'('), .. }, inside @ ..] = rest else { return rest };
     let Some(end) = inside.iter().position(|token| token.kind == Kind::Symbol(b')')) else { return rest };
