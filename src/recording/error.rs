@@ -1,13 +1,13 @@
-//! Why a recording cannot be read or written.
+//! Why a program cannot read or write a recording.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Why a recording cannot be read or written.
+/// Why this program cannot read or write a recording.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingError {
-    /// The file system refuses.
+    /// The file system refuses the access.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or directory.

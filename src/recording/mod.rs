@@ -76,7 +76,7 @@ pub enum Op {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Access {
-    /// When. The words of a block that was read as one have the time at which it began.
+    /// Its time. The words of a block have the time at which the daemon began to read the block.
     #[serde(rename = "t")]
     pub t_ns: u64,
     /// The direction.
@@ -127,21 +127,21 @@ fn read_offset<'de, D: Deserializer<'de>>(deserializer: D) -> Result<HostOffset,
     deserializer.deserialize_str(Offset)
 }
 
-/// When an image was taken.
+/// The time of an image.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImageAt {
-    /// When its first word was read.
+    /// When the daemon read its first word.
     #[serde(rename = "t")]
     pub t_ns: u64,
     /// Its file in [`files::IMAGES`].
     pub file: String,
 }
 
-/// The words of the DPRAM, as the daemon reads them. They were read piece by piece: PMAC may write meanwhile.
+/// The words of the DPRAM, as the daemon reads them. The daemon reads them piece by piece: PMAC may write meanwhile.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
-    /// When its first word was read.
+    /// When the daemon read its first word.
     pub t_ns: u64,
     /// The words, ascending.
     pub words: Vec<u16>,
@@ -170,23 +170,23 @@ pub struct About {
     pub program: String,
     /// The version of the daemon.
     pub pmacd: String,
-    /// The time at which it began, UTC, RFC 3339.
+    /// The time at which the recording began, UTC, RFC 3339.
     pub taken: String,
-    /// The same time as the accesses have it.
+    /// The same time on the clock of the accesses.
     pub began_ns: u64,
     /// The board's name, as in `--name`.
     pub name: String,
-    /// How the board is reached, as in `--board`; paths of files and simulators are left out.
+    /// How the daemon reaches the board, as in `--board`, without paths of files and simulators.
     pub board: String,
     /// The board's family.
     pub family: String,
-    /// The answer to `TYPE`, where it is known.
+    /// The answer to `TYPE`, if known.
     pub board_type: Option<String>,
-    /// The answer to `VERSION`, where it is known.
+    /// The answer to `VERSION`, if known.
     pub firmware: Option<String>,
     /// The size of the DPRAM in bytes.
     pub dpram_bytes: u32,
-    /// The servo cycle in nanoseconds, where it is known.
+    /// The servo cycle in nanoseconds, if known.
     pub servo_period_ns: Option<u64>,
     /// The settings of the daemon, with the readings.
     pub settings: BoardSettings,
@@ -198,6 +198,6 @@ pub struct About {
     pub dropped: u64,
     /// Why the recording ended early; `None` for a whole one. An unfinished one says that it is unfinished.
     pub cut_short: Option<String>,
-    /// The parts left out, and why, one sentence each.
+    /// The parts that the capture leaves out, and why, one sentence each.
     pub left_out: Vec<String>,
 }

@@ -19,7 +19,7 @@ use crate::map::Family;
 
 /// The longest line, in bytes.
 const LONGEST_LINE: u64 = 64 << 10;
-/// The largest file that is read as a whole, in bytes.
+/// The largest file that this program reads as a whole, in bytes.
 const LARGEST: u64 = 16 << 20;
 
 /// A recording in memory.
@@ -31,11 +31,11 @@ pub struct Recording {
     pub images: Vec<Image>,
     /// The accesses, in the order of their times.
     pub accesses: Vec<Access>,
-    /// The answers, in the order in which they were asked for.
+    /// The answers, in the order of their questions.
     pub answers: Vec<Answer>,
-    /// Variables and definitions, as `pmacctl backup` writes them; `None` where it has none.
+    /// Variables and definitions, as `pmacctl backup` writes them; `None` if the recording has none.
     pub variables: Option<String>,
-    /// The machine; null where it has none.
+    /// The machine; null if the recording has none.
     pub system: Value,
 }
 
@@ -43,10 +43,10 @@ impl Recording {
     /// Reads the recording in `directory`.
     ///
     /// # Errors
-    /// [`RecordingError`], which names the file, and of a damaged one the line.
+    /// [`RecordingError`], which names the file, and the line of a damaged file.
     pub fn read(directory: &Path) -> Result<Self, RecordingError> {
         let about = about(directory)?;
-        // Checked before an image is read: an impossible size would take gigabytes of memory.
+        // Checked before the first image: an impossible size would take gigabytes of memory.
         about.family(directory)?;
         let accesses = Accesses::of(directory, &about)?.collect::<Result<_, _>>()?;
         let answers = answers(directory, &about)?;
@@ -80,7 +80,7 @@ impl Recording {
 }
 
 impl About {
-    /// Reads that of the recording in `directory`.
+    /// Reads the head of the recording in `directory`.
     ///
     /// # Errors
     /// [`RecordingError`].
@@ -182,7 +182,7 @@ fn json<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, RecordingErro
     })
 }
 
-/// Why the text is no such document, without the place, which the message names apart.
+/// Why the text is not such a document; the caller's message names the place.
 fn reason(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what).to_owned()
@@ -199,7 +199,7 @@ impl Accesses {
     /// The images in `directory`, whose [`About`] is `about`.
     ///
     /// # Errors
-    /// The file cannot be opened.
+    /// This program cannot open the file.
     pub fn of(directory: &Path, about: &About) -> Result<Self, RecordingError> {
         let lines = Lines::open(directory, files::TRACE, about, MOST_ACCESSES)?;
         Ok(Self { lines, length: about.dpram_bytes, last_ns: 0 })
@@ -227,7 +227,7 @@ pub(super) struct Lines<T> {
     file: Option<BufReader<File>>,
     number: usize,
     most: usize,
-    /// The last line may be half of one.
+    /// The last line may be incomplete.
     is_cut: bool,
     line: Vec<u8>,
     kind: std::marker::PhantomData<T>,

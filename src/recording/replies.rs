@@ -14,7 +14,7 @@ const SIZE: &str = "SIZE";
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Replies {
     lines: HashMap<String, Answer>,
-    /// By the line that asks for one alone: `I10`, `P1`, `M7->`.
+    /// The values, by the line that asks for one variable alone: `I10`, `P1`, `M7->`.
     variables: HashMap<String, String>,
 }
 
@@ -36,14 +36,14 @@ impl Replies {
         replies
     }
 
-    /// The answer to `line`; `None` where the recording has none.
+    /// The answer to `line`; `None` if the recording has none.
     #[must_use]
     pub fn to(&self, line: &str) -> Option<Answer> {
         let line = plain(line);
         if let Some(answer) = self.lines.get(&line) {
             return Some(answer.clone());
         }
-        // `SIZE` several times in one line, to tell its answers by their number.
+        // The daemon sends `SIZE` several times in one line, to recognise the answers by their number.
         if let Some(size) = self.lines.get(SIZE).filter(|size| size.refused.is_some())
             && line.replace(SIZE, "").is_empty()
         {
@@ -66,8 +66,8 @@ fn plain(line: &str) -> String {
     line.chars().filter(|letter| !letter.is_whitespace()).map(|letter| letter.to_ascii_uppercase()).collect()
 }
 
-/// The variable and value of a line of a file that `pmacctl backup` writes. Of the Q-variables those of coordinate system 1 alone
-/// are listed first, so the first line that addresses another, or begins a program, ends the file.
+/// The variable and value of a line of a file that `pmacctl backup` writes. The file lists the Q-variables of
+/// coordinate system 1 first, so reading ends at the first line that addresses another one, or begins a program.
 fn variable_line(line: &str) -> Option<Option<(String, String)>> {
     let line = line.split(';').next().unwrap_or_default().trim();
     if line.starts_with("OPEN") || line.starts_with('&') && !line.starts_with("&1") {
@@ -85,7 +85,7 @@ fn variable_line(line: &str) -> Option<Option<(String, String)>> {
     Some(is_variable.then(|| (name, value.trim().to_owned())))
 }
 
-/// The variables that a line asks for and does nothing else with, each as the line that asks for it alone.
+/// The variables of a line that only asks for variables, each as the line that asks for it alone.
 fn asked(line: &str) -> Option<Vec<String>> {
     let mut rest = line;
     let mut variables = Vec::new();
@@ -105,7 +105,7 @@ fn asked(line: &str) -> Option<Vec<String>> {
         }
         let arrow = if behind.starts_with("->") { "->" } else { "" };
         rest = &behind[arrow.len()..];
-        // An assignment or an expression begins with none of these.
+        // An assignment or an expression begins with none of these letters.
         let is_too_many = usize::from(last.saturating_sub(first)) + variables.len() >= MOST_VARIABLES;
         if last < first || is_too_many || arrow == "->" && kind != 'M' {
             return None;

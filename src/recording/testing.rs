@@ -4,7 +4,7 @@ use super::{About, FORMAT, Recording};
 use crate::map::PMAC;
 use crate::protocol::BoardSettings;
 
-/// A recording of a PMAC in which nothing was recorded.
+/// An empty recording of a PMAC.
 pub fn recording() -> Recording {
     let about = About {
         format: FORMAT,

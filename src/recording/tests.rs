@@ -1,4 +1,4 @@
-//! Recordings: what was written comes back; what is damaged is refused with its place.
+//! Recordings: the reader gets back what the writer wrote, and refuses damaged files with the place.
 
 use std::fs;
 use std::path::Path;
@@ -89,7 +89,7 @@ fn a_recording_comes_back_as_it_was_written() {
     assert_eq!(fs::read(at.join("images/0001.bin")).unwrap()[..4], [0xA5, 0xA5, 0xA4, 0xA5]);
     let error = Writer::create(&at, &about()).unwrap_err().to_string();
     assert!(error.ends_with("not empty: name a directory that is not there yet"), "{error}");
-    // Nobody has to record everything.
+    // A recording need not have every file.
     for name in [files::TRACE, files::ANSWERS, files::IMAGE_TIMES, files::VARIABLES, files::SYSTEM] {
         fs::remove_file(at.join(name)).unwrap();
     }
@@ -183,7 +183,7 @@ fn a_recording_is_read_in_bounds() {
     assert_eq!(Accesses::of(directory.path(), &about()).unwrap().count(), 1);
 }
 
-/// Who records as root would write over whatever file a link there names, or copy it.
+/// A recorder running as root would overwrite the file that a link there names, or copy it.
 #[test]
 fn a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
     use std::os::unix::fs::{PermissionsExt as _, symlink};
@@ -198,7 +198,7 @@ fn a_recording_is_made_where_nobody_else_can_reach_and_follows_no_link() {
     fs::create_dir(at("empty")).unwrap();
     symlink(at("empty"), at("link")).unwrap();
     assert!(refused("link").starts_with(&at("link").display().to_string()), "{}", refused("link"));
-    // What is put in its place meanwhile gets nothing.
+    // A directory that takes its place meanwhile gets no file.
     let writer = Writer::create(&at("own"), &about()).unwrap();
     fs::rename(at("own"), at("moved")).unwrap();
     fs::create_dir(at("own")).unwrap();

@@ -15,7 +15,7 @@ use serde_json::Value;
 use super::{About, Access, Answer, FORMAT, ImageAt, RecordingError, files};
 use crate::process::path_of;
 
-/// Lines are collected up to this many bytes.
+/// The writer collects lines up to this many bytes.
 const COLLECTED: usize = 1 << 16;
 
 /// An unfinished recording. Until [`Writer::finish`], its [`About`] says that it is cut short.
@@ -32,7 +32,7 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Begins a recording in `directory`, which is created if it is missing.
+    /// Begins a recording in `directory`, and creates the directory if it is missing.
     ///
     /// # Errors
     /// `directory` is not empty, other users may write into it, or this process may not.
@@ -50,7 +50,7 @@ impl Writer {
             let what = format!("{what}: name a directory that is not there yet");
             return Err(RecordingError::Unfit { path: directory.to_owned(), what });
         }
-        // Not as the umask or a default ACL of the directory above would have it.
+        // Sets the mode regardless of the umask and of a default ACL of the directory above.
         DirBuilder::new()
             .mode(0o755)
             .create(inside.join(files::IMAGES))
@@ -75,7 +75,7 @@ impl Writer {
         self.trace.add(access)
     }
 
-    /// Adds an answer, and sees to it that the file has it.
+    /// Adds an answer, and flushes it to the file.
     ///
     /// # Errors
     /// As [`Self::access`].
@@ -84,7 +84,7 @@ impl Writer {
         self.answers.send()
     }
 
-    /// Adds an image, and sees to it that the files have it.
+    /// Adds an image, and flushes it to the files.
     ///
     /// # Errors
     /// Writing fails. The file of the images' times does not name the rest of the image.
@@ -99,7 +99,7 @@ impl Writer {
     /// Writes the variables.
     ///
     /// # Errors
-    /// Writing fails. Then there is no such file.
+    /// Writing fails. The recording then has no such file.
     pub fn variables(&self, text: &str) -> Result<(), RecordingError> {
         self.put(Path::new(files::VARIABLES), text.as_bytes())
     }
@@ -112,10 +112,10 @@ impl Writer {
         self.document(files::SYSTEM, document)
     }
 
-    /// The directory that it is in, whatever its path leads to by now.
+    /// The recording's directory, wherever its path leads by now.
     ///
     /// # Errors
-    /// There is no descriptor left.
+    /// The process has no descriptor left.
     pub fn directory(&self) -> io::Result<File> {
         self.held.try_clone()
     }
@@ -126,7 +126,7 @@ impl Writer {
         self.trace.lines
     }
 
-    /// How many images there are.
+    /// How many images the recording has.
     #[must_use]
     pub fn images(&self) -> u64 {
         self.image_times.lines
@@ -173,7 +173,7 @@ impl Writer {
 
 /// The directory, opened: a new or an existing one.
 fn made(directory: &Path) -> io::Result<File> {
-    // With a slash behind it, a link would be followed.
+    // With a slash behind it, the kernel would follow a link.
     let directory = directory.components().as_path();
     if let Some(parent) = directory.parent() {
         fs::create_dir_all(parent)?;
@@ -186,7 +186,8 @@ fn made(directory: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(flags.bits()).open(directory)
 }
 
-/// A new file into which only its owner may write, whatever the umask: in a directory with the setgid bit it has that one's group.
+/// A new file that only its owner may write, whatever the umask: in a directory with the setgid bit the file has the
+/// directory's group.
 fn created(path: &Path) -> io::Result<File> {
     OpenOptions::new().write(true).create_new(true).mode(0o644).open(path)
 }
@@ -206,7 +207,7 @@ struct LineFile {
     file: File,
     collected: Vec<u8>,
     collected_lines: u64,
-    /// In the file.
+    /// How many lines the file has.
     lines: u64,
     length: u64,
 }
@@ -240,7 +241,7 @@ impl LineFile {
         sent.map_err(RecordingError::io(&self.path))
     }
 
-    /// Takes a partial line off. If that fails too, the first error is the one to report.
+    /// Removes a partial line. If the removal fails too, the caller reports the first error.
     fn cut(&mut self) {
         let _ = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::End(0)).map(drop));
     }
