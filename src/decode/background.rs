@@ -1,8 +1,8 @@
-//! The background report: motors and coordinate systems as PMAC copies them between its PLC scans (DPRAM manual
-//! p. 17-21, Turbo User Manual p. 405). What a block holds, and where, is the family's register table's.
+//! The background report: motors and coordinate systems as PMAC copies them between its PLC scans (DPRAM manual p.
+//! 17-21, Turbo User Manual p. 405). The family's register table says which fields a block has, and where.
 //!
-//! On PMAC and PMAC2 an axis target is a copy of one of three registers (Note 1 on p. 21); which one the program status
-//! word tells, so the word and the targets must come from one update. [`TargetSource`] says which it was.
+//! On PMAC and PMAC2 an axis target is a copy of one of three registers (Note 1 on p. 21). The program status word
+//! tells which one, so the word and the targets must come from one update. [`TargetSource`] names the register.
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
@@ -13,7 +13,7 @@ use crate::format::{Float48Layout, int24};
 use crate::map::status::{self, StatusTable};
 use crate::map::{AXES, Family, MotionMode, NumberKind, Selection, TargetSource, block_fields};
 
-/// What the background buffer held.
+/// The content of the background buffer.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct BackgroundData {
     /// Whether PMAC had marked the data as complete; without it the values are not of one instant.
@@ -24,9 +24,9 @@ pub struct BackgroundData {
     pub ports: Ports,
     /// The board's status words in the order of `???`; `None` where the report has none.
     pub global_status: Option<[u32; 2]>,
-    /// The motors that were read, ascending.
+    /// The motors that the daemon read, ascending.
     pub motors: Vec<BackgroundMotor>,
-    /// The coordinate systems that were read, ascending.
+    /// The coordinate systems that the daemon read, ascending.
     pub coordinate_systems: Vec<CoordinateSystem>,
     #[serde(skip)]
     global: &'static [StatusTable],
@@ -51,7 +51,7 @@ pub struct Ports {
     pub machine_io: u32,
 }
 
-/// What the background buffer held of one motor; `None` is what was not read of it.
+/// One motor in the background buffer; a field is `None` if the daemon did not read it.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct BackgroundMotor {
     /// The motor's number, from 1.
@@ -64,22 +64,22 @@ pub struct BackgroundMotor {
     pub average_velocity: Option<Quantity>,
     /// The motor status word, the second word of `?`.
     pub motor_status: Option<Quantity>,
-    /// The coordinate system the motor is assigned to, from 1.
+    /// The motor's coordinate system, from 1.
     pub coordinate_system: Option<u32>,
     /// The flags of the motor status word.
     pub status: Option<Flags>,
 }
 
-/// What the background buffer held of one coordinate system; `None` is what was not read of it. Serialises as an object
-/// of what the family reports.
+/// One coordinate system in the background buffer; a field is `None` if the daemon did not read it. Serialises as an
+/// object with the fields that the family reports.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CoordinateSystem {
     /// The coordinate system's number, from 1.
     pub coordinate_system: usize,
-    /// What PMAC and PMAC2 alone report.
+    /// The fields that only PMAC and PMAC2 report.
     #[serde(flatten)]
     pub pmac: Option<PmacSystem>,
-    /// What Turbo boards alone report.
+    /// The fields that only Turbo boards report.
     #[serde(flatten)]
     pub turbo: Option<TurboSystem>,
     /// The status word, the first word of `??`.
@@ -92,34 +92,35 @@ pub struct CoordinateSystem {
     pub program_status_word: Option<u32>,
     /// The flags of the program status word.
     pub program_status: Option<Flags>,
-    /// The motion mode; `None` for bits no text explains, too.
+    /// The motion mode; `None` also for bits that no manual explains.
     pub motion_mode: Option<MotionMode>,
-    /// Program lines left to be executed, as `PR`.
+    /// Program lines that the board has still to execute, as `PR`.
     pub lines_remaining: Option<i32>,
     /// Time left in the move. Sources contradict each other on whether it holds with I13 at 0 or above 0.
     pub time_left_in_move: Option<Quantity>,
     /// Time left in acceleration or deceleration; the same doubt.
     pub time_left_in_acceleration: Option<Quantity>,
-    /// Where in the program buffer execution is, as `PE`.
+    /// Where in the program buffer the board executes, as `PE`.
     pub program_address_offset: Option<u32>,
 }
 
-/// Of a coordinate system, what PMAC and PMAC2 alone report.
+/// The fields of a coordinate system that only PMAC and PMAC2 report.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct PmacSystem {
-    /// The motor definition word; its bits are not documented.
+    /// The motor definition word; no manual explains its bits.
     pub motor_definition: Option<u32>,
-    /// Which of PMAC's registers the axis targets are copies of.
+    /// The register that PMAC copied the axis targets from.
     pub source: Option<TargetSource>,
 }
 
-/// The targets of the nine axes, in the order of [`AXES`]; `None` is one that was not read. Serialises as an object with
-/// the axes' letters as keys.
+/// The targets of the nine axes, in the order of [`AXES`]; `None` if the daemon did not read the target. Serialises as
+/// an object with the axes' letters as keys.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisTargets(pub [Option<f64>; AXES.len()]);
 
 impl AxisTargets {
-    /// The target of the axis called `letter` (capital), or `None` when there is no such axis or it was not read.
+    /// The target of the axis called `letter` (capital), or `None` if PMAC has no such axis or the daemon did not read
+    /// it.
     #[must_use]
     pub fn axis(&self, letter: &str) -> Option<f64> {
         AXES.iter().position(|axis| *axis == letter).and_then(|index| self.0[index])
@@ -143,7 +144,7 @@ pub struct BackgroundDecoder {
     at: Fields,
 }
 
-/// Where the fields of a block begin, in 16-bit words; `None` for one that the family lacks.
+/// Where the fields of a block begin, in 16-bit words; `None` for a field that the family lacks.
 #[derive(Debug, Clone)]
 struct Fields {
     target_position: Option<usize>,
@@ -194,8 +195,8 @@ impl BackgroundDecoder {
         Self { family, at: Fields::of(family) }
     }
 
-    /// Decodes the report of `count` motors and coordinate systems, no more than the family has, from its words, the
-    /// first of which is the region's first. Of the blocks only what `selection` has was read.
+    /// Decodes the report of `count` motors and coordinate systems, but no more than the family has, from its words,
+    /// which begin at the region's start. `selection` says which parts of the blocks the daemon read.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a number asked for are missing.
@@ -281,8 +282,8 @@ impl BackgroundDecoder {
     }
 }
 
-/// Decodes the background report of `count` motors and coordinate systems of a board of `family`, all of which was
-/// read. See [`BackgroundDecoder::decode`].
+/// Decodes a whole background report of `count` motors and coordinate systems of a board of `family`. See
+/// [`BackgroundDecoder::decode`].
 ///
 /// # Errors
 /// [`TooShort`] when the words of a number asked for are missing.

@@ -1,5 +1,6 @@
-//! What an image holds of the control panel, gathering, the variable tables and the rotary buffers: their fixed words, and
-//! the entries of tables. Nothing says whether a function is switched on; what cannot be its own says so by `None`.
+//! The control panel, gathering, the variable tables and the rotary buffers in an image: their fixed words, and the
+//! entries of tables. No word says whether a function is switched on; a field is `None` if its words cannot belong to
+//! the function.
 
 use serde::{Serialize, Serializer};
 
@@ -20,7 +21,7 @@ pub struct Buffers {
     pub gather: Gather,
     /// Background variable read.
     pub variable_read: ReadTable,
-    /// Background variable write, where a text describes its records.
+    /// Background variable write, if a manual describes its records.
     pub variable_write: Option<WriteTable>,
     /// The rotary buffers, in the order of their headers.
     pub rotary: Vec<Rotary>,
@@ -29,9 +30,9 @@ pub struct Buffers {
 /// The control panel's words.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Panel {
-    /// Which numbers are requested something of, bit 0 for number 1.
+    /// The numbers that have a request, bit 0 for number 1.
     pub request_enable: u16,
-    /// Which coordinate systems take their feed rate from here, bit 0 for number 1.
+    /// The coordinate systems that take their feed rate override from here, bit 0 for number 1.
     pub override_enable: u16,
     /// The request words, from number 1.
     pub requests: Vec<u16>,
@@ -44,7 +45,7 @@ pub struct Panel {
 pub struct Gather {
     /// The buffer's size in longs.
     pub size_longs: u16,
-    /// Where the next item is stored, in longs from the buffer's start.
+    /// Where the board stores the next item, in longs from the buffer's start.
     pub next_long: u16,
 }
 
@@ -53,13 +54,13 @@ pub struct Gather {
 pub struct ReadTable {
     /// Whether every entry has its own ready bit.
     pub multi_user: bool,
-    /// In single-user mode: whether PMAC has told that the values are new.
+    /// In single-user mode: whether PMAC has marked the values as new.
     pub ready: bool,
     /// The low 16 bits of the servo counter at the update.
     pub servo_timer: u16,
-    /// How many entries there are.
+    /// How many entries the table has.
     pub count: u16,
-    /// The entries; `None` when so many cannot lie where the table begins, or one has a kind that is none.
+    /// The entries; `None` if so many do not fit where the table begins, or one has an unknown kind.
     pub entries: Option<Vec<ReadEntry>>,
 }
 
@@ -70,14 +71,14 @@ pub struct ReadEntry {
     pub kind: VariableKind,
     /// Its PMAC address, with `$`.
     pub address: String,
-    /// In multi-user mode: whether PMAC has told that the value is new.
+    /// In multi-user mode: whether PMAC has marked the value as new.
     pub ready: bool,
     /// Its value.
     #[serde(flatten)]
     pub value: EntryValue,
 }
 
-/// A value of that table. It does not tell fixed from floating point, so that both readings are given.
+/// A value of that table. The table does not tell fixed from floating point, so a long has both readings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum EntryValue {
@@ -100,7 +101,7 @@ pub enum EntryValue {
 pub struct WriteTable {
     /// How many records PMAC still has to write.
     pub count: u16,
-    /// The records; `None` when so many cannot lie where the table begins.
+    /// The records; `None` if so many do not fit where the table begins.
     pub records: Option<Vec<WriteRecord>>,
 }
 
@@ -131,9 +132,9 @@ pub struct Rotary {
     pub host_index: u16,
     /// Where PMAC reads next, in longs.
     pub pmac_index: u16,
-    /// The size in longs; 0 is a buffer that is not in use.
+    /// The size in longs; 0 for a buffer that is not in use.
     pub size_longs: u16,
-    /// Where the buffer lies; `None` for a place that is none.
+    /// Where the buffer lies; `None` if that place is not wholly in the user area.
     pub host_offset: Option<u32>,
 }
 
@@ -142,7 +143,7 @@ fn hexadecimal<S: Serializer>(word: &u16, serializer: S) -> Result<S::Ok, S::Err
 }
 
 impl Buffers {
-    /// Reads them out of `image`, of a board with `layout`.
+    /// Reads the words from `image`, of a board with `layout`.
     #[must_use]
     pub fn of(image: &Image, layout: &Layout, float48: Float48Layout) -> Self {
         let family = layout.family();
@@ -211,7 +212,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The entries, and behind them their values in the same order.
+    /// Reads the entries, and behind them their values in the same order.
     fn read_entries(&self, count: usize, float48: Float48Layout) -> Option<Vec<ReadEntry>> {
         let block = &self.family.variable_read;
         match count {

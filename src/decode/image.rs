@@ -21,15 +21,15 @@ pub struct Image {
 pub struct ImageError {
     /// The family's name.
     pub family: &'static str,
-    /// How many bytes its DPRAM has, in words where there are several sizes.
+    /// How many bytes its DPRAM has; a text, because a family may have several sizes.
     pub expected: String,
-    /// Bytes there are.
+    /// How many bytes the dump has.
     pub got: usize,
 }
 
 impl Image {
-    /// Takes the bytes of a dump, low byte of a word first unless `order` says it was swapped. They may be as many as any
-    /// board of the family has.
+    /// Takes the bytes of a dump, low byte of a word first unless `order` says that they are swapped. The dump may
+    /// have the length of any board of the family.
     ///
     /// # Errors
     /// [`ImageError`] when no board of the family has a DPRAM of this size.
@@ -82,8 +82,8 @@ impl Image {
         servo(self.family, self.region(self.family.servo.region), motors, scales)
     }
 
-    /// The background buffer, of at most `count` numbers. Where a word of the report says how many it has, the others'
-    /// blocks are left over from before. See [`background`].
+    /// The background buffer, of at most `count` numbers. If a word of the report says how many numbers it has, the
+    /// further blocks are old data. See [`background`].
     ///
     /// # Errors
     /// [`TooShort`] when the image ends before the buffer does.

@@ -1,7 +1,7 @@
-//! Words as the board held them to named values with units (layer 1).
+//! Converts the board's words to named values with units (layer 1).
 //!
-//! The daemon mirrors words and decodes nothing; whoever reads them, from the live segment, a raw dump or the board
-//! itself, decodes them here. Values are scaled only where the scale is known; the raw integer is always kept.
+//! The daemon mirrors words and decodes none; a reader of the live segment, a raw dump or the board itself decodes
+//! them here. This module scales a value only if it knows the scale, and always keeps the raw integer.
 
 pub mod background;
 pub mod buffers;
@@ -26,17 +26,17 @@ pub use value::{Value, value};
 use crate::format::{Float48Layout, fixed48, int24, join32};
 use crate::map::{Blocks, Region, Selection, StatusTable};
 
-/// A slice with fewer words than the region's asked-for part has.
+/// A slice with fewer words than the requested part of the region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the {region} region of {numbers} numbers takes {needed} words; only {got} are there")]
 pub struct TooShort {
     /// The region's name.
     pub region: &'static str,
-    /// How many motors or coordinate systems were asked for.
+    /// How many motors or coordinate systems the caller asked for.
     pub numbers: usize,
     /// How many 16-bit words they take.
     pub needed: usize,
-    /// How many words there are.
+    /// How many words the slice has.
     pub got: usize,
 }
 
@@ -63,17 +63,17 @@ const fn long(words: &[u16], at: usize) -> u32 {
     join32(words[at], words[at + 1])
 }
 
-/// A status word that was read, with what its bits mean.
+/// A status word with the meaning of its bits, if the daemon read the word.
 fn flags(word: Option<u32>, table: Option<&'static StatusTable>) -> Option<Flags> {
     Some(Flags { word: word?, table: table? })
 }
 
-/// The words of `???` with what their bits mean.
+/// The words of `???` with the meaning of their bits.
 fn global_flags([first, second]: [u32; 2], tables: &'static [StatusTable]) -> Option<[Flags; 2]> {
     Some([flags(Some(first), tables.first())?, flags(Some(second), tables.get(1))?])
 }
 
-/// One number's words, and which of them were read: a register that was not has no value.
+/// One number's words, and which of them the daemon read: an unread register has no value.
 struct Block<'a> {
     words: &'a [u16],
     selection: Selection,

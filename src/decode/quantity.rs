@@ -5,26 +5,26 @@ use serde::ser::{Serialize, SerializeSeq, Serializer};
 use crate::map::StatusTable;
 use crate::map::status::flags;
 
-/// A register's value: the integer as the manual defines it, and what it stands for.
+/// A register's value: the integer as the manual defines it, and the quantity that it stands for.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Quantity {
     /// The integer as the manual defines it.
     pub raw: i64,
-    /// The value in `unit`; `None` where the scale is not known or the register is no number.
+    /// The value in `unit`; `None` if the scale is not known or the register is not a number.
     pub value: Option<f64>,
     /// The unit of `value`; of `raw` when there is no value.
     pub unit: &'static str,
 }
 
-/// The units of registers that have no scale: their integer is all there is.
+/// The units of registers without a scale: their integer is the value.
 const WITHOUT_SCALE: [&str; 3] = [BITS, ADDRESS, AVERAGED];
 const BITS: &str = "bits";
 const ADDRESS: &str = "PMAC address";
 const AVERAGED: &str = "1/(Ix09*32) count per servo cycle at the default I60 and I61";
 
 impl Quantity {
-    /// The value, or the integer of a register that has no scale. `None` where there is a scale which is not known: its integer
-    /// would pass for a value that is off by thousands.
+    /// The value, or the integer of a register without a scale. `None` if the register's scale is not known: its
+    /// integer would pass for a value that is off by thousands.
     #[must_use]
     pub fn number(&self) -> Option<f64> {
         self.value.or_else(|| WITHOUT_SCALE.contains(&self.unit).then_some(self.raw as f64))
@@ -32,7 +32,7 @@ impl Quantity {
 
     /// `raw` counted in 1/(`scale`*32) of `unit`, for which `raw_unit` stands while the scale is not known.
     fn scaled(raw: i64, scale: Option<f64>, unit: &'static str, raw_unit: &'static str) -> Self {
-        // A scale of zero switches the loop off; nothing can be said about counts then.
+        // A scale of zero switches the loop off; the register has no counts then.
         match scale.filter(|scale| *scale > 0.0) {
             Some(scale) => Self { raw, value: Some(raw as f64 / (scale * 32.0)), unit },
             None => Self { raw, value: None, unit: raw_unit },
@@ -52,7 +52,7 @@ impl Quantity {
         Self::scaled(raw.into(), scales.velocity_scale, "count per servo cycle", raw_unit)
     }
 
-    /// The same velocity in counts a second, where the board has told how long a cycle of the motor's loop is: counts/ms are
+    /// The same velocity in counts a second, if the length of a cycle of the motor's loop is known: counts/ms are
     /// raw/(Ix09*32) * 8388608/(I10*(Ix60+1)) (Software Reference, `V`).
     pub(super) fn velocity_per_second(raw: i32, scales: MotorScales, servo_period_ns: Option<f64>) -> Self {
         let per_cycle = Self::velocity(raw, scales);
@@ -65,8 +65,8 @@ impl Quantity {
         }
     }
 
-    /// Averaged over servo cycles and shifted as I60 and I61 say, which are not known here (Turbo Software Reference p. 65): no
-    /// value can be told.
+    /// The board averages this velocity over servo cycles and shifts it by I60 and I61, which this module does not
+    /// know (Turbo Software Reference p. 65), so the velocity has no value.
     pub(super) fn averaged_velocity(raw: i32) -> Self {
         Self { raw: raw.into(), value: None, unit: AVERAGED }
     }
@@ -100,7 +100,7 @@ impl Quantity {
     }
 }
 
-/// The scales of a motor, as far as they are known.
+/// The scales of a motor, as far as known.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct MotorScales {
     /// Ix08: a position's raw unit is 1/(Ix08*32) count.
@@ -109,11 +109,11 @@ pub struct MotorScales {
     pub velocity_scale: Option<f64>,
     /// Ix07: a master position's raw unit is 1/(Ix07*32) count of the master.
     pub master_scale: Option<f64>,
-    /// Ix60+1: so many servo cycles is a cycle of the motor's loop.
+    /// Ix60+1: the servo cycles in a cycle of the motor's loop.
     pub loop_cycles: Option<f64>,
 }
 
-/// The scales of a board, as far as they are known.
+/// The scales of a board, as far as known.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Scales {
     /// The scales of motor 1 and following.
@@ -123,7 +123,7 @@ pub struct Scales {
 }
 
 impl Scales {
-    /// The scales of `motor`, from 1; none when nothing is known about it.
+    /// The scales of `motor`, from 1; all unknown for a motor beyond the list.
     #[must_use]
     pub fn motor(&self, motor: usize) -> MotorScales {
         motor.checked_sub(1).and_then(|index| self.motors.get(index)).copied().unwrap_or_default()
@@ -141,7 +141,7 @@ impl Scales {
 pub struct Flags {
     /// The 24-bit word.
     pub word: u32,
-    /// What its bits mean.
+    /// The meaning of its bits.
     pub table: &'static StatusTable,
 }
 

@@ -1,11 +1,11 @@
 //! The servo report: the motors' positions, velocities and status words (DPRAM manual p. 14-17, Turbo User Manual p. 402).
 //!
-//! Which fields a motor's block has, and where, is the family's register table's; a field of [`ServoMotor`] that the
+//! The family's register table says which fields a motor's block has, and where; a field of [`ServoMotor`] that the
 //! family lacks is `None`.
 //!
-//! PMAC and PMAC2 report no following error. The loop closes on actual position and compensation, as `P` adds them (Software
-//! Reference, `P`), so it is what the commanded position has more. While a motor follows a master none is worked out: whether
-//! the commanded position holds the master's share is not documented.
+//! PMAC and PMAC2 report no following error. The loop closes on actual position and compensation, as `P` adds them
+//! (Software Reference, `P`), so the following error is the commanded position minus that sum. While a motor follows a
+//! master this module computes none: no manual says whether the commanded position holds the master's share.
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
@@ -14,7 +14,7 @@ use super::{Block, TooShort, blocks, global_flags};
 use crate::format::join32;
 use crate::map::{Family, Selection, StatusTable, block_fields};
 
-/// What the servo report held.
+/// The content of the servo report.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ServoData {
     /// The low bits of the servo counter at PMAC's update, 15 or 24 of them.
@@ -23,25 +23,26 @@ pub struct ServoData {
     pub pmac_busy: bool,
     /// Whether the host held PMAC off.
     pub host_busy: bool,
-    /// The board's status words in the order of `???`; `None` where the report has none, or it is not known which is which.
+    /// The board's status words in the order of `???`; `None` if the report has none, or no manual says which is
+    /// which.
     pub global_status: Option<[u32; 2]>,
-    /// The motors that were read and whose blocks the board fills ([`ServoDecoder::decode`]), ascending.
+    /// The motors that the daemon read and whose blocks the board fills ([`ServoDecoder::decode`]), ascending.
     pub motors: Vec<ServoMotor>,
     #[serde(skip)]
     global: &'static [StatusTable],
 }
 
-/// What the servo report held of one motor; `None` is what was not read of it, or what the family does not report. Serialises
-/// as an object of what the family reports.
+/// One motor in the servo report; a field is `None` if the daemon did not read it or the family does not report it.
+/// Serialises as an object with the fields that the family reports.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ServoMotor {
     /// The motor's number, from 1.
     pub motor: usize,
     /// Commanded position.
     pub commanded_position: Option<Quantity>,
-    /// Actual position. What `P` reports adds bias and compensation.
+    /// Actual position. `P` reports it with bias and compensation added.
     pub actual_position: Option<Quantity>,
-    /// Position of the master that is followed.
+    /// Position of the master that the motor follows.
     pub master_position: Option<Quantity>,
     /// Leadscrew and backlash compensation.
     pub compensation_position: Option<Quantity>,
@@ -57,7 +58,7 @@ pub struct ServoMotor {
     pub time_left: Option<Quantity>,
     /// A PMAC address of doubtful meaning; see the register table.
     pub handwheel_pointer: Option<Quantity>,
-    /// Following error: Turbo reports it; elsewhere it is worked out, while the motor follows no master.
+    /// Following error: Turbo reports it; for other boards this module computes it while the motor follows no master.
     pub following_error: Option<Quantity>,
     /// Turbo: offset from `PSET` and axis definitions.
     pub position_bias: Option<Quantity>,
@@ -67,7 +68,7 @@ pub struct ServoMotor {
     pub background_status: Option<Quantity>,
     /// The flags of the servo status word.
     pub status: Option<Flags>,
-    /// Of [`FIELDS`] those that the family has, bit 0 being the first.
+    /// Those of [`FIELDS`] that the family has, bit 0 for the first.
     fields: u16,
 }
 
@@ -86,7 +87,7 @@ impl Serialize for ServoMotor {
     }
 }
 
-/// A field that a motor's block may have: its name in the register table, how it is read, where its value goes.
+/// A field that a motor's block may have: its name in the register table, how to read it, where its value goes.
 struct Field {
     name: &'static str,
     read: fn(&Block, usize, MotorScales) -> Option<Quantity>,
@@ -109,10 +110,10 @@ const FIELDS: [Field; 14] = [
     Field { name: "time_left", read: time, value: |motor| &mut motor.time_left },
     Field { name: "handwheel_pointer", read: address, value: |motor| &mut motor.handwheel_pointer },
 ];
-/// Reported by Turbo, else worked out.
+/// Turbo boards report it; for others this module computes it.
 const FOLLOWING_ERROR: &str = "following_error";
 const ACTUAL_VELOCITY: &str = "actual_velocity";
-/// Worked out of [`ACTUAL_VELOCITY`].
+/// Computed from [`ACTUAL_VELOCITY`].
 const VELOCITY: &str = "velocity";
 
 fn position(block: &Block, at: usize, scales: MotorScales) -> Option<Quantity> {
@@ -170,7 +171,7 @@ impl ServoMotor {
         (0..).zip(&FIELDS).filter(move |(place, _)| fields >> *place & 1 != 0).map(|(_, field)| field.name)
     }
 
-    /// Whether it is in use (Ix00=1), as far as its status is read.
+    /// Whether the motor is activated (Ix00=1); `true` also if the daemon does not read its status.
     #[must_use]
     pub fn is_activated(&self) -> bool {
         self.status.is_none_or(|status| status.has("motor_activated"))
@@ -196,9 +197,9 @@ impl ServoData {
 #[derive(Debug, Clone)]
 pub struct ServoDecoder {
     family: &'static Family,
-    /// Of [`FIELDS`] those that the family has, each with its first word in the block.
+    /// Those of [`FIELDS`] that the family has, each with its first word in the block.
     fields: Vec<(&'static Field, usize)>,
-    /// Of [`FIELDS`] those that a motor of the family has, worked out or reported, bit 0 being the first.
+    /// Those of [`FIELDS`] that a motor of the family has, computed or reported, bit 0 for the first.
     has: u16,
 }
 
@@ -225,9 +226,9 @@ impl ServoDecoder {
         Self { family, fields, has }
     }
 
-    /// Decodes the report of `motors` motors, no more than the family has, from its words, the first of which is the
-    /// region's first. Of the blocks only what `selection` has was read, and of the motors those in the report's mask,
-    /// where it has one.
+    /// Decodes the report of `motors` motors, but no more than the family has, from its words, which begin at the
+    /// region's start. `selection` says which parts of the blocks the daemon read; the report's mask, if it has one,
+    /// which motors.
     ///
     /// # Errors
     /// [`TooShort`] when the words of a motor asked for are missing.
@@ -279,7 +280,7 @@ impl ServoDecoder {
 }
 
 impl ServoMotor {
-    /// What the commanded position has more than the actual one with its compensation, unless the motor follows a master.
+    /// The commanded position minus actual position and compensation, unless the motor follows a master.
     fn worked_out_error(&self, scales: MotorScales) -> Option<Quantity> {
         let follows = self.status?.has("handwheel_enabled");
         let positions = [self.commanded_position, self.actual_position, self.compensation_position];
@@ -289,8 +290,7 @@ impl ServoMotor {
     }
 }
 
-/// Decodes the servo report of `motors` motors of a board of `family`, all of which was read. See
-/// [`ServoDecoder::decode`].
+/// Decodes a whole servo report of `motors` motors of a board of `family`. See [`ServoDecoder::decode`].
 ///
 /// # Errors
 /// [`TooShort`] when the words of a motor asked for are missing.

@@ -1,5 +1,5 @@
-//! Of a coordinate system, what Turbo boards alone report (Turbo User Manual p. 405; what only the vendor's headers tell,
-//! the register table says).
+//! The fields of a coordinate system that only Turbo boards report (Turbo User Manual p. 405; the register table marks
+//! those that only the vendor's headers tell).
 
 use super::quantity::{Flags, Quantity, Scales};
 use super::{Block, flags};
@@ -11,7 +11,7 @@ const FEED_HOLD: u32 = 1 << 22;
 /// In the pointer word: the bits of the address.
 const ADDRESS: u32 = (1 << 19) - 1;
 
-/// Of a coordinate system, what Turbo boards alone report; `None` is what was not read.
+/// The fields of a coordinate system that only Turbo boards report; `None` if the daemon did not read them.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct TurboSystem {
     /// The programmed feed rate, F, in user units per Isx90 time units; `None` also while moves are programmed by time.

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::format::{Float48Layout, fixed48, float32, join32};
 use crate::map::{BitField, Space};
 
-/// What a location holds.
+/// The value of a location.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -15,12 +15,11 @@ pub enum Value {
     Long(i32),
     /// `D:`, 48-bit fixed point.
     Fixed(i64),
-    /// `F:` and `L:`, floating point. JSON has `null` for what is not finite.
+    /// `F:` and `L:`, floating point. JSON has `null` for a value that is not finite.
     Float(f64),
 }
 
-/// Decodes the words of a location, the first being that at its offset; `None` when fewer than
-/// [`Space::words`] are there.
+/// Decodes the words of a location, from its offset on; `None` if there are fewer than [`Space::words`].
 #[must_use]
 pub fn value(space: Space, words: &[u16], float48: Float48Layout) -> Option<Value> {
     match (space, words.get(..space.words())?) {
