@@ -1,4 +1,4 @@
-//! Which board is meant, and attaching to it.
+//! Names a board, and attaches to it.
 
 use std::path::PathBuf;
 
@@ -8,14 +8,14 @@ use pmac_dpram::segment::SegmentName;
 /// A board by its name, by its daemon's socket, or both.
 #[derive(Debug, Clone)]
 pub enum Place {
-    /// The segment's name; the socket, where one is told, must be that board's.
+    /// The segment's name; the socket, if given, must be that board's.
     Named(SegmentName, Option<PathBuf>),
-    /// The daemon there tells its segment.
+    /// The daemon at this socket tells its segment.
     At(PathBuf),
 }
 
 impl Place {
-    /// How the board is called before it is known.
+    /// The board's label before the program has attached.
     #[must_use]
     pub fn label(&self) -> String {
         match self {
@@ -27,7 +27,7 @@ impl Place {
     /// Attaches to the board's segment.
     ///
     /// # Errors
-    /// [`ClientError`]: there is none, or the daemon at the socket does not answer.
+    /// [`ClientError`]: the segment does not exist, or the daemon at the socket does not answer.
     pub fn attach(&self) -> Result<Board, ClientError> {
         match self {
             Self::Named(name, None) => Board::attach(name.as_str()),
@@ -36,7 +36,8 @@ impl Place {
         }
     }
 
-    /// Refuses a socket whose daemon has another board than the one named. A daemon that is not there may come.
+    /// Refuses a socket whose daemon has another board than the named one. Accepts an absent daemon: it may come
+    /// later.
     ///
     /// # Errors
     /// [`CommandError::OtherBoard`].

@@ -1,4 +1,5 @@
-//! The one thread that reads the board: its state five times a second, and every servo update for those who look at a scope.
+//! The one thread that reads the board: its state five times a second, and every servo update for clients with a
+//! scope.
 
 use std::sync::Arc;
 use std::thread;
@@ -12,13 +13,13 @@ use tokio::sync::{broadcast, watch};
 use crate::board::Place;
 use crate::state;
 
-/// How often updates are handed on.
+/// How often the thread hands updates on.
 const PAUSE: Duration = Duration::from_millis(40);
-/// How often the state is.
+/// How often the thread hands the state on.
 const STATE: Duration = Duration::from_millis(200);
-/// How long to wait before a board that is not there is looked for again.
+/// How long the thread waits before it looks for an absent board again.
 const ABSENT: Duration = Duration::from_secs(1);
-/// The most updates to hand on at once: more than a board makes in a pause.
+/// The most updates that the thread hands on at once: more than a board makes in a pause.
 const BATCH: usize = 2048;
 /// Batches that a client may be behind before it loses the oldest: two seconds.
 const BEHIND: usize = 50;
@@ -26,19 +27,19 @@ const BEHIND: usize = 50;
 /// Servo updates in a row.
 #[derive(Debug)]
 pub struct Batch {
-    /// Another number is another daemon: the updates' numbers and times begin anew.
+    /// Another number means another daemon: the updates' numbers and times begin anew.
     pub generation: u64,
-    /// A servo cycle in seconds, where the board has told.
+    /// A servo cycle in seconds, if the board has told it.
     pub cycle_s: Option<f64>,
     /// The updates.
     pub updates: Vec<View<ServoData>>,
     /// Updates before these that this program did not take in time.
     pub lost: u64,
-    /// Why nothing comes after these, if so.
+    /// Why no updates follow these, if none follow.
     pub stale: Option<Staleness>,
 }
 
-/// Where the network's side takes what is read.
+/// Hands the thread's data to the network's side.
 #[derive(Debug, Clone)]
 pub struct Feed {
     /// The state as JSON.
@@ -50,7 +51,7 @@ impl Feed {
     /// Starts the thread.
     ///
     /// # Errors
-    /// The system starts none.
+    /// The system starts no thread.
     pub fn start(place: Place) -> std::io::Result<Self> {
         let first = state::absent(&place.label(), "pmac-web has not looked yet");
         let (sender, state) = watch::channel(first);
@@ -78,7 +79,7 @@ fn follow(place: &Place, state: &watch::Sender<Arc<str>>, batches: &broadcast::S
         let Err(why) = ended else { return };
         let why = why.to_string();
         state.send_replace(state::absent(&place.label(), &why));
-        // Once: it may stay so for days.
+        // Warn once: the board may be absent for days.
         if told.as_ref() != Some(&why) {
             warn!("{why}");
             told = Some(why);
@@ -87,7 +88,7 @@ fn follow(place: &Place, state: &watch::Sender<Arc<str>>, batches: &broadcast::S
     }
 }
 
-/// Reads `board` until nobody listens any more, or it can't be read.
+/// Reads `board` until no client listens any more, or until reading fails.
 fn read(
     board: &mut Board,
     state: &watch::Sender<Arc<str>>,
@@ -101,7 +102,7 @@ fn read(
             state_due = now + STATE;
             state.send_replace(state::of(board)?);
         }
-        // Decoding every update is for those who look.
+        // Decodes every update only for clients with a scope.
         next = if batches.receiver_count() > 0 {
             let (batch, after) = batch(board, next)?;
             let _ = batches.send(Arc::new(batch));
@@ -114,7 +115,7 @@ fn read(
     Ok(())
 }
 
-/// The updates since `next`, a generation and a number; without one, from now on.
+/// The updates since `next`, a generation and a number; without `next` the updates from now on.
 fn batch(board: &mut Board, next: Option<(u64, u64)>) -> Result<(Batch, (u64, u64)), ClientError> {
     board.refresh()?;
     let generation = board.subscriber().generation();

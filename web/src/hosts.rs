@@ -1,8 +1,8 @@
-//! By which names the page is asked for.
+//! The names by which browsers may ask for the page.
 //!
-//! A page of somebody else's may have its own name lead to this address (DNS rebinding), and would then read what is answered as if it
-//! were its own. Its browser says by which name it asks. So only names count that nobody else can have: addresses, `localhost`, and
-//! those that the command line gives.
+//! A foreign page may let its own name lead to this address (DNS rebinding), and could then read the answers as its
+//! own. The browser says by which name it asks. So this program accepts only names that no foreign page can have:
+//! addresses, `localhost`, and the names that the command line gives.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use axum::http::uri::Authority;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// What is answered by another name.
+/// The answer to a request by another name.
 const REFUSAL: &str =
     "refused: ask by the address, by localhost, or by a name that pmac-web was started with (--host NAME)\n";
 
@@ -29,7 +29,7 @@ impl Hosts {
         Self(names.into())
     }
 
-    /// Whether the page goes by what a `Host` header says.
+    /// Whether `host`, from a `Host` header, is a name of the page.
     fn has(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else { return false };
         let name = authority.host().trim_end_matches('.');
@@ -40,7 +40,7 @@ impl Hosts {
     }
 }
 
-/// Refuses who asks by another name.
+/// Refuses a request by another name.
 pub async fn check(State(hosts): State<Hosts>, request: Request, next: Next) -> Response {
     let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
     match host {

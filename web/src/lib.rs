@@ -1,4 +1,4 @@
-//! A board in a browser, and its numbers for Prometheus. It only reads, and what it reads lies in the daemon's shared memory.
+//! A board in a browser, and its numbers for Prometheus. This program only reads, and only the daemon's shared memory.
 //!
 //! ```text
 //! segment → feed (one thread) → state (JSON, 5 a second) ⇒ /state, /events → the page
@@ -6,8 +6,8 @@
 //! segment → metrics           → text                     ⇒ /metrics        → Prometheus       (⇒ = network)
 //! ```
 //!
-//! However many clients there are, and whatever they do, the segment is read once for all pages, and once more for each scrape of
-//! `/metrics`. The board is asked nothing.
+//! However many clients come, and whatever they do, this program reads the segment once for all pages, and once more
+//! for each scrape of `/metrics`. It never asks the board.
 
 pub mod board;
 pub mod feed;

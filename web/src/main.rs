@@ -42,7 +42,7 @@ fn run(options: &Options) -> Result<(), String> {
         let address = options.listen();
         let refuse = |error| format!("{address}: {error}; choose another --listen");
         let listener = TcpListener::bind(address).await.map_err(refuse)?;
-        // The port may have been left to the system.
+        // With port 0 the system chose the port.
         let address = listener.local_addr().map_err(refuse)?;
         let signals = |kind| signal(kind).map_err(|error| format!("signals: {error}"));
         let (mut interrupt, mut terminate) =

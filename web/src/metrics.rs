@@ -13,7 +13,7 @@ use crate::board::Place;
 /// The content type.
 pub const KIND: &str = TEXT_FORMAT;
 
-/// What is counted since the daemon's start, by the counter's name in the segment.
+/// The counts since the daemon's start, by the counter's name in the segment.
 const COUNTERS: [(&str, &str, &str); 8] = [
     ("updates", "pmac_servo_updates_total", "Servo updates of the board that pmacd has read."),
     (
@@ -37,7 +37,7 @@ const COUNTERS: [(&str, &str, &str); 8] = [
     ("ascii_errors", "pmac_ascii_errors_total", "Error replies of the board."),
 ];
 
-/// A value of a motor: the metric, what it is, and where it comes from.
+/// A value of a motor: the metric, its help text, and its source.
 type MotorValue = (&'static str, &'static str, fn(&Motor<'_>) -> Option<f64>);
 
 const MOTOR_VALUES: [MotorValue; 4] = [
@@ -65,10 +65,11 @@ const MOTOR_FLAGS: [(&str, &str); 8] = [
     ("negative_limit_set", "pmac_motor_negative_limit_set"),
 ];
 
-/// The metrics of the board now. A value that is not live is left out; `pmac_up` and `pmac_live` are always there.
+/// The metrics of the board now. The text leaves out values that are not live; it always has `pmac_up` and
+/// `pmac_live`.
 ///
 /// # Errors
-/// The numbers can't be written as text, or the board's data can't be read.
+/// This program can't write the numbers as text, or can't read the board's data.
 pub fn text(place: &Place) -> Result<String, String> {
     let registry = Registry::new();
     add(&registry, place).map_err(|error| error.to_string())?;
@@ -107,7 +108,7 @@ fn gauge(registry: &Registry, name: &str, help: &str, value: i64) -> prometheus:
     registry.register(Box::new(gauge))
 }
 
-/// A gauge of which there are several.
+/// A gauge with labels.
 fn gauges(registry: &Registry, name: &str, help: &str, labels: &[&str]) -> prometheus::Result<GaugeVec> {
     let gauges = GaugeVec::new(Opts::new(name, help), labels)?;
     registry.register(Box::new(gauges.clone()))?;

@@ -9,7 +9,7 @@ use pmac_dpram::segment::{SegmentError, SegmentName};
 use crate::board::Place;
 use crate::hosts::Hosts;
 
-/// The board that is meant where none is named.
+/// The board that the program shows if the user names none.
 const DEFAULT_NAME: &str = "pmac0";
 
 /// Shows a board that pmacd drives in a browser: motors, a live scope, coordinate systems, health. /metrics is for Prometheus
@@ -44,7 +44,7 @@ impl Options {
         self.listen
     }
 
-    /// By which names the page is asked for.
+    /// The names by which browsers may ask for the page.
     #[must_use]
     pub fn hosts(&self) -> Hosts {
         Hosts::new(&self.host)
@@ -53,7 +53,7 @@ impl Options {
     /// Which board to show.
     ///
     /// # Errors
-    /// The name is none.
+    /// The name is not a segment's name.
     pub fn place(&self) -> Result<Place, SegmentError> {
         Ok(match (&self.name, &self.socket) {
             (None, Some(socket)) => Place::At(socket.clone()),

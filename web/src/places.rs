@@ -1,4 +1,5 @@
-//! Who is served at a time. When every place is taken, who has been idle the longest makes room for who comes.
+//! The connections that the server serves at a time. When every place is taken, the connection that has been idle the
+//! longest makes room for a new one.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,12 +8,12 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// How often is looked whether somebody has become idle for long enough.
+/// How often a waiting connection looks for another that has been idle for long enough.
 const LOOK: Duration = Duration::from_millis(100);
 
 #[derive(Debug)]
 struct Connection {
-    /// Since when nothing is asked; `None` while an answer is made.
+    /// Since when the client has asked nothing; `None` while the server answers.
     idle_since: Option<Instant>,
     ends: Arc<Notify>,
 }
@@ -23,11 +24,11 @@ struct Connections {
     next: u64,
 }
 
-/// So many places, and who has them.
+/// The places, and the connections that have them.
 #[derive(Debug)]
 pub struct Places {
     most: usize,
-    /// How long somebody may be idle when all are taken.
+    /// How long a connection may be idle when all places are taken.
     idle: Duration,
     connections: Mutex<Connections>,
     is_left: Notify,
@@ -42,19 +43,19 @@ pub struct Place {
 }
 
 impl Places {
-    /// `most` places. When they are taken, who has been `idle` for so long may lose his.
+    /// `most` places. When all are taken, a connection that has been idle for `idle` may lose its place.
     #[must_use]
     pub fn new(most: usize, idle: Duration) -> Arc<Self> {
         Arc::new(Self { most, idle, connections: Mutex::default(), is_left: Notify::new() })
     }
 
-    /// A place, as soon as there is one.
+    /// A place, as soon as one is free.
     pub async fn take(self: &Arc<Self>) -> Place {
         loop {
             if let Some(place) = self.try_take() {
                 return place;
             }
-            // Whether it was left or time went by: it is looked again.
+            // Looks again when a connection has left its place, or after a while.
             let _ = tokio::time::timeout(LOOK, self.is_left.notified()).await;
         }
     }
@@ -80,12 +81,12 @@ impl Places {
 }
 
 impl Place {
-    /// Something is asked.
+    /// The client asks.
     pub fn asks(&self) {
         self.idle_since(None);
     }
 
-    /// It has been answered.
+    /// The server has answered.
     pub fn is_answered(&self) {
         self.idle_since(Some(Instant::now()));
     }
@@ -96,7 +97,7 @@ impl Place {
         }
     }
 
-    /// Comes when somebody else has the place.
+    /// Returns when another connection has taken the place.
     pub async fn is_lost(&self) {
         self.ends.notified().await;
     }
@@ -138,7 +139,7 @@ mod tests {
             assert!(places.try_take().is_none(), "these had lost theirs before");
             drop(first);
             let sixth = places.take().await;
-            // An answer that comes late, of one who has lost his place, counts for nothing.
+            // A late answer on a connection that has lost its place does not count.
             let seventh = places.take().await;
             sixth.is_lost().await;
             sixth.is_answered();

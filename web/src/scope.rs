@@ -1,4 +1,4 @@
-//! A scope's traces: which values of which motors, and what a batch of updates holds of them.
+//! A scope's traces: the chosen values of motors, and their part of a batch of updates.
 
 use std::fmt::Write as _;
 
@@ -24,15 +24,15 @@ struct Trace {
 pub struct Traces(Vec<Trace>);
 
 impl Traces {
-    /// From `1.actual_position,2.following_error`.
+    /// Reads `1.actual_position,2.following_error`.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The fault in the text.
     pub fn parse(text: &str) -> Result<Self, String> {
         let one = |text: &str| {
             let (motor, field) = text.split_once('.')?;
             let motor: u8 = motor.parse().ok()?;
-            // Where the board's family has no such motor or field, the values are null.
+            // If the board's family has no such motor or field, the values are null.
             let has_motor = motor > 0 && FAMILIES.iter().any(|family| usize::from(motor) <= family.motors);
             (has_motor && is_field(field)).then(|| Trace { motor: motor.into(), field: field.to_owned() })
         };
@@ -41,9 +41,9 @@ impl Traces {
         if traces.len() > TRACES { Err(format!("at most {TRACES} traces")) } else { Ok(Self(traces)) }
     }
 
-    /// A batch as JSON: `t` in seconds of the board's servo timer (in servo cycles where a cycle's length is not known: then `cycles`
-    /// is true), `v` an array a trace, null where the update has no value; `unscaled` whether that is for want of a scale; `stale`
-    /// where nothing comes after it.
+    /// A batch as JSON: `t` in seconds of the board's servo timer (in servo cycles if a cycle's length is not known:
+    /// then `cycles` is true); `v` an array a trace, null where the update has no value; `unscaled` whether a missing
+    /// scale is the reason; `stale` if no updates follow.
     #[must_use]
     pub fn json(&self, batch: &Batch) -> String {
         let mut json = String::from("{\"t\":[");

@@ -1,4 +1,4 @@
-//! HTTP, bounded: so many connections, so long for a request, so long for a client that does not read.
+//! HTTP within bounds: on connections, on the time for a request, and on the time that a client may not read.
 
 use std::convert::Infallible;
 use std::pin::pin;
@@ -32,22 +32,22 @@ use crate::places::{Place as Held, Places};
 use crate::scope::Traces;
 use crate::{metrics, pages};
 
-/// Connections at a time. When all are taken, the one that has been idle the longest is closed for a new one; if none is idle,
-/// the new one waits.
+/// Connections at a time. When all are taken, the server closes the one that has been idle the longest for a new one;
+/// if none is idle, the new one waits.
 pub const CONNECTIONS: usize = 64;
-/// Streams at a time, of state or of traces: less than the connections, so that others get in.
+/// Streams at a time, of state or of traces: fewer than the connections, so that other clients get in.
 pub const STREAMS: usize = 48;
 /// How long a client may take for a request, and stay without one.
 const REQUEST: Duration = Duration::from_secs(10);
 /// How long a client may stay without a request when all places are taken.
 const IDLE_WHEN_FULL: Duration = Duration::from_secs(1);
-/// How long he may still fetch his last answer then.
+/// How long such a client may still fetch its last answer.
 const LAST_ANSWER: Duration = Duration::from_secs(1);
 /// How long a client may not read.
 const UNREAD: Duration = Duration::from_secs(10);
-/// The most of a request that is kept.
+/// The most bytes of a request that the server keeps.
 const REQUEST_MAX: usize = 16 << 10;
-/// How long to wait where the system refuses a connection.
+/// How long the server waits after the system refused a connection.
 const REFUSED: Duration = Duration::from_millis(100);
 
 #[derive(Clone)]
@@ -57,7 +57,7 @@ struct Site {
     streams: Arc<Semaphore>,
 }
 
-/// Everything that is answered to who asks by one of the `hosts`.
+/// All answers to requests by one of the `hosts`.
 pub fn routes(feed: Feed, place: Place, hosts: Hosts) -> Router {
     let site = Site { feed, place: Arc::new(place), streams: Arc::new(Semaphore::new(STREAMS)) };
     let own = Router::new()
@@ -109,7 +109,7 @@ async fn connection(stream: TcpStream, routes: Router, place: Held) {
         .serve_connection(TokioIo::new(Box::pin(stream)), service);
     let mut served = pin!(served);
     tokio::select! {
-        // A client that goes is no fault of ours.
+        // A client that leaves is no fault of the server.
         _ = served.as_mut() => return,
         () = place.is_lost() => {}
     }
@@ -132,7 +132,7 @@ async fn numbers(State(site): State<Site>) -> Response {
     }
 }
 
-/// Streams what `events` yields, if there is a place for one more.
+/// Streams the `events`, if the server has room for one more stream.
 fn streamed(site: &Site, events: impl Stream<Item = String> + Send + 'static) -> Response {
     let Ok(place) = Arc::clone(&site.streams).try_acquire_owned() else {
         let why = format!("{STREAMS} clients are shown the board: close one, or try again later\n");
@@ -145,7 +145,7 @@ fn streamed(site: &Site, events: impl Stream<Item = String> + Send + 'static) ->
     Sse::new(events).into_response()
 }
 
-/// The state, whenever there is a new one.
+/// Streams each new state.
 async fn events(State(site): State<Site>) -> Response {
     let states = stream::unfold((site.feed.state.clone(), true), |(mut states, is_first)| async move {
         if !is_first {
@@ -162,7 +162,7 @@ struct Asked {
     traces: String,
 }
 
-/// Every servo update of the traces asked for.
+/// Streams every servo update of the requested traces.
 async fn scope(State(site): State<Site>, Query(asked): Query<Asked>) -> Response {
     let traces = match Traces::parse(&asked.traces) {
         Ok(traces) => traces,

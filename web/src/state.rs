@@ -7,7 +7,7 @@ use pmac_dpram::decode::{BackgroundData, ServoData};
 use pmac_dpram::map::DEFAULT_FAMILY;
 use serde_json::{Map, Value, json};
 
-/// There is no board: `why` says what to do.
+/// The state without a board: `why` says what to do.
 #[must_use]
 pub fn absent(name: &str, why: &str) -> Arc<str> {
     text(&json!({ "name": name, "condition": "absent", "reason": why }))
