@@ -25,7 +25,7 @@ use crate::updates::Updates;
 /// How long one wait lasts before Python may handle a signal.
 pub const SLICE: Duration = Duration::from_millis(100);
 
-/// The duration of `seconds`, which are no negative number.
+/// The duration of `seconds`, which must not be negative.
 pub fn duration(seconds: f64) -> PyResult<Duration> {
     Duration::try_from_secs_f64(seconds).map_err(|_| refused(&format!("{seconds} is no time in seconds")))
 }
@@ -36,7 +36,7 @@ pub struct Board {
     name: SegmentName,
     socket: PathBuf,
     client: PerProcess<Client>,
-    /// Apart from the client: who reads does not wait for a command.
+    /// Apart from the client, so that a reading thread does not wait for a command.
     connection: PerProcess<Commands>,
 }
 
@@ -72,8 +72,9 @@ impl Board {
         py.detach(|| action(&mut lock(&client))).map_err(of_client)
     }
 
-    /// Does `action` with the connection, while other Python threads go on. One that broke is made anew, and so is the parent's in a
-    /// forked child; where the daemon at its other end had gone before, the call goes to the one that is there now.
+    /// Does `action` with the connection, while other Python threads go on. Makes a new connection if the old one
+    /// broke, or belongs to the parent of a forked child. If the daemon at its other end had gone before, repeats the
+    /// call with the present daemon.
     fn send<R: Send>(
         &self,
         py: Python<'_>,
@@ -82,7 +83,8 @@ impl Board {
         self.send_line(py, false, |connection, _| action(connection))
     }
 
-    /// As [`Self::send`], for what may open a program buffer; where it is `confirmed`, also what ends command lines for everybody.
+    /// As [`Self::send`], for lines that may open a program buffer; if `confirmed`, also for lines that end command
+    /// lines for everybody.
     fn send_line<R: Send>(
         &self,
         py: Python<'_>,
@@ -139,8 +141,8 @@ impl Board {
         self.socket.clone()
     }
 
-    /// Everything that the segment has now. Data that are not live raise `StaleData` or `DaemonGone`, unless `stale_ok`.
-    /// Where only the background data are not live, they are left out.
+    /// Everything that the segment has now. Data that are not live raise `StaleData` or `DaemonGone`, unless
+    /// `stale_ok`. If only the background data are not live, the snapshot leaves them out.
     #[pyo3(signature = (*, stale_ok = false))]
     fn snapshot(&self, py: Python<'_>, stale_ok: bool) -> PyResult<Snapshot> {
         let found = self.read(py, |client| client.snapshot())?;
@@ -152,8 +154,8 @@ impl Board {
         }
     }
 
-    /// Sleeps until there is a servo update newer than number `after` (0: any; None: than the latest), at most `timeout` seconds;
-    /// false when there is none.
+    /// Sleeps until there is a servo update newer than number `after` (0: any; None: than the latest), at most
+    /// `timeout` seconds; false when none came.
     #[pyo3(signature = (timeout = 1.0, *, after = None))]
     fn wait(&self, py: Python<'_>, timeout: f64, after: Option<u64>) -> PyResult<bool> {
         let end = Instant::now() + duration(timeout)?;
@@ -173,7 +175,7 @@ impl Board {
         }
     }
 
-    /// Servo updates from number `since` on, at most `most`, and how many of that stretch were lost.
+    /// Servo updates from number `since` on, at most `most`, and how many of that stretch are lost.
     #[pyo3(signature = (since = 1, most = 65536))]
     fn history(&self, py: Python<'_>, since: u64, most: usize) -> PyResult<(Vec<Snapshot>, u64)> {
         let history = self.read(py, |client| client.history(since, most))?;
@@ -204,7 +206,7 @@ impl Board {
         Ok(named.filter_map(|(name, motor)| Some((motor, name.as_ref()?.to_string()))).collect())
     }
 
-    /// The unit of each motor that `pmacd`'s configuration gives one, and how many counts it is.
+    /// The unit of each motor that `pmacd`'s configuration gives one, and how many counts the unit has.
     fn units(&self, py: Python<'_>) -> PyResult<BTreeMap<usize, (String, f64)>> {
         let found = self.read(py, |client| client.identity())?;
         let units = found.units.iter().zip(1..);
@@ -212,7 +214,7 @@ impl Board {
         Ok(units.filter_map(|(unit, motor)| Some((motor, told(unit.as_ref()?)))).collect())
     }
 
-    /// What the board is, as it has told `pmacd`.
+    /// The board's identity, as the board has told `pmacd`.
     fn identity(&self, py: Python<'_>) -> PyResult<Identity> {
         let told = self.read(py, |client| client.identity())?;
         Ok(Identity::of(&told))
@@ -224,8 +226,8 @@ impl Board {
         Updates::begin(client, duration(timeout)?)
     }
 
-    /// Sends a command line and returns the lines of its reply. It enters no program buffer but one that this process's lines have
-    /// opened. `confirmed`: also what ends command lines for everybody.
+    /// Sends a command line and returns the lines of its reply. The line enters no program buffer but one that this
+    /// process's lines have opened. `confirmed`: also sends lines that end command lines for everybody.
     #[pyo3(signature = (line, timeout = 5.0, *, confirmed = false))]
     fn command(&self, py: Python<'_>, line: &str, timeout: f64, confirmed: bool) -> PyResult<Vec<String>> {
         let timeout = duration(timeout)?;
@@ -238,9 +240,9 @@ impl Board {
         self.send(py, |connection| connection.question(line, timeout))
     }
 
-    /// Sends a control character (`^K`, or the character itself), as `pmacctl send` does, and returns the lines of its reply. Which
-    /// ones you may send, `pmacd` knows by your role. `confirmed`: also `^Z`, which ends command lines for everybody, and `^R` and `^S`
-    /// where they run lines that a rotary stream has left.
+    /// Sends a control character (`^K`, or the character itself), as `pmacctl send` does, and returns the lines of its
+    /// reply. `pmacd` decides by your role which ones you may send. `confirmed`: also `^Z`, which ends command lines
+    /// for everybody, and `^R` and `^S` where they run lines that a rotary stream has left.
     #[pyo3(signature = (character, *, confirmed = false))]
     fn control(&self, py: Python<'_>, character: &str, confirmed: bool) -> PyResult<Vec<String>> {
         let character = parse(character)
@@ -253,13 +255,14 @@ impl Board {
         self.send(py, |connection| connection.panel(action, &numbers))
     }
 
-    /// Moves a motor to a position in counts. Returns when the board has taken it, not when the motor is there.
+    /// Moves a motor to a position in counts. Returns when the board has taken the command, not when the motor is
+    /// there.
     fn jog_to(&self, py: Python<'_>, motor: u8, position: f64) -> PyResult<()> {
         self.send(py, |connection| connection.jog_to(motor, position))
     }
 
-    /// Has the board gather `sources` (`1.actual_position`, `servo_timer`, `Y:$C003`) each `period` servo cycles for `seconds`. Less
-    /// than was asked for raises `PmacError`.
+    /// Makes the board gather `sources` (`1.actual_position`, `servo_timer`, `Y:$C003`) each `period` servo cycles for
+    /// `seconds`. A gather that ends early raises `PmacError`.
     #[pyo3(signature = (sources, seconds, *, period = 1))]
     fn gather(&self, py: Python<'_>, sources: Vec<String>, seconds: f64, period: u32) -> PyResult<Gathered> {
         let time = duration(seconds)?;
@@ -296,8 +299,8 @@ impl Board {
         stream(py, owner, board, name, text, &wish)
     }
 
-    /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs. By the control panel, or by
-    /// command line where the daemon does not use that.
+    /// A jog that lasts as long as its `with` block; the daemon stops it if this process dies or hangs. The daemon
+    /// jogs by the control panel, or by command line if it does not use the panel.
     fn jog(&self, py: Python<'_>, motor: u8, direction: &str) -> PyResult<Jog> {
         let action = match direction {
             "+" => "jog+",
@@ -313,7 +316,7 @@ impl Board {
     }
 }
 
-/// A jog that somebody holds.
+/// A jog that a `with` block holds.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Jog {
     connection: Mutex<Option<Connection>>,
@@ -323,7 +326,7 @@ pub struct Jog {
 }
 
 impl Jog {
-    /// Without `pmacd` nobody stops the motor: that has to be said, and not only that the stop was not carried out.
+    /// Without `pmacd` nobody stops the motor: the error must say so, and not only that the stop failed.
     fn not_stopped(&self, error: CommandError) -> PyErr {
         if matches!(error, CommandError::Refused(_) | CommandError::OtherProcess { .. }) {
             return of_command(error);

@@ -7,16 +7,16 @@ use pyo3::types::PyBytes;
 
 use crate::errors::refused;
 
-/// What a column holds: 8 bytes of each update.
+/// The content of a column: 8 bytes of each update.
 enum Column {
     /// A whole number of the update itself.
     Whole(fn(&View<ServoData>) -> i64),
-    /// A number of the motor; NaN where the board does not report it, or its scale is not known.
+    /// A number of the motor; NaN if the board does not report it, or its scale is not known.
     Motor(usize, fn(&ServoMotor) -> Option<Quantity>),
 }
 
 impl Column {
-    /// By its name: `servo_timer`, `1.position`.
+    /// The column called `name`: `servo_timer`, `1.position`.
     fn parse(name: &str) -> Option<Self> {
         let whole: fn(&View<ServoData>) -> i64 = match name {
             "sequence" => |update| update.sequence as i64,
@@ -71,7 +71,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Without a row yet. The columns are called as the attributes of an update and of a motor are.
+    /// No rows yet. The columns have the names of the attributes of an update and of a motor.
     pub fn new(names: Vec<String>) -> PyResult<Self> {
         let parse = |name: &String| {
             let why = || {
@@ -92,7 +92,7 @@ impl Columns {
         self.data.extend(self.columns.iter().flat_map(|column| column.bytes(update)));
     }
 
-    /// So many more were overwritten before they were taken.
+    /// Counts `lost` more updates that the daemon overwrote before this program took them.
     pub fn lose(&mut self, lost: u64) {
         self.lost += lost;
     }
@@ -112,7 +112,7 @@ impl Columns {
         PyBytes::new(py, &self.data)
     }
 
-    /// Updates that were overwritten before they were taken: between the rows, and before the first. Exact.
+    /// Updates that the daemon overwrote before this program took them: between the rows, and before the first. Exact.
     #[getter]
     fn lost(&self) -> u64 {
         self.lost

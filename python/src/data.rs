@@ -13,13 +13,14 @@ use pyo3::prelude::*;
 use pyo3::IntoPyObjectExt;
 use pyo3::types::PyDict;
 
-/// What the board reported by one moment. `servo` is there; without a background report what it adds is `None`.
+/// The board's reports at one moment. The servo report is always there; the values of a missing background report are
+/// `None`.
 #[derive(Debug)]
 struct Moment {
     servo: View<ServoData>,
     background: Option<View<BackgroundData>>,
     user: Option<View<UserData>>,
-    /// What is missing between the update before and this one.
+    /// The missing updates between the one before and this one.
     gap: Option<Gap>,
 }
 
@@ -45,7 +46,7 @@ impl Moment {
 pub struct Snapshot(Arc<Moment>);
 
 impl Snapshot {
-    /// What `found` has; `None` before the first servo update. Background data that are old are left out, unless `stale_ok`.
+    /// The data in `found`; `None` before the first servo update. Leaves out old background data, unless `stale_ok`.
     pub fn of(found: Found, stale_ok: bool) -> Option<Self> {
         let Found { servo, background, user, .. } = found;
         let background = background.filter(|view| stale_ok || view.stale.is_none());
@@ -77,7 +78,7 @@ impl Snapshot {
         self.0.servo.sequence
     }
 
-    /// When the daemon read it: nanoseconds of `time.monotonic_ns()`.
+    /// When the daemon read the update: nanoseconds of `time.monotonic_ns()`.
     #[getter]
     fn time_ns(&self) -> u64 {
         self.0.servo.time_ns
@@ -95,8 +96,8 @@ impl Snapshot {
         self.0.servo.servo_timer
     }
 
-    /// Of an update: how many are missing between the one before and this one, as (missed, lost), or `None`. (0, 0) is a pause:
-    /// the board made no updates, or `pmacd` was started again.
+    /// In an update: how many updates are missing between the one before and this one, as (missed, lost), or `None`.
+    /// (0, 0) is a pause: the board made no updates, or `pmacd` was started again.
     #[getter]
     fn gap(&self) -> Option<(u64, u64)> {
         self.0.gap.map(|gap| (gap.missed, gap.lost))
@@ -114,7 +115,7 @@ impl Snapshot {
         self.0.background.as_ref()?.stale.map(|why| why.to_string())
     }
 
-    /// The motors that are activated, by number; any reported one can be asked for.
+    /// The activated motors, by number; you can ask for any reported one.
     #[getter]
     fn motor(&self) -> Motors {
         Motors(Arc::clone(&self.0))
@@ -126,8 +127,8 @@ impl Snapshot {
         Systems(Arc::clone(&self.0))
     }
 
-    /// The words of the site's own programs by name, each a number, or a list of numbers; `None` where it was not whole. Empty
-    /// where the configuration names none, and where they are old.
+    /// The words of the site's own programs by name, each a number, or a list of numbers; `None` if a word was not
+    /// whole. Empty if the configuration names none, or if they are old.
     #[getter]
     fn user<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let words = PyDict::new(py);
@@ -154,7 +155,7 @@ impl Snapshot {
     }
 }
 
-/// The motors of a snapshot that are activated, by number; any reported one can be asked for.
+/// The activated motors of a snapshot, by number; you can ask for any reported one.
 #[pyclass(frozen, module = "pmac_dpram")]
 #[derive(Debug)]
 pub struct Motors(Arc<Moment>);
@@ -226,8 +227,8 @@ impl Numbers {
     }
 }
 
-/// One motor. Positions are in counts, velocities in counts a second; `None` is what the board does not report, or whose
-/// scale is not known (yet).
+/// One motor. Positions are in counts, velocities in counts a second; `None` if the board does not report the value,
+/// or its scale is not known (yet).
 #[pyclass(frozen, module = "pmac_dpram")]
 #[derive(Debug)]
 pub struct Motor {
@@ -294,7 +295,7 @@ impl Motor {
         self.value(|motor| motor.master_position)
     }
 
-    /// Where its present move ends, in counts (of the background report).
+    /// Where its present move ends, in counts (from the background report).
     #[getter]
     fn target_position(&self) -> Option<f64> {
         self.background()?.target_position?.value
@@ -307,7 +308,7 @@ impl Motor {
         Status([servo, self.background().and_then(|motor| motor.status)])
     }
 
-    /// The number of the coordinate system that it is assigned to; `None` also where the board does not report it.
+    /// The number of the motor's coordinate system; `None` also if the board does not report it.
     #[getter]
     fn coordinate_system(&self) -> Option<u32> {
         self.background()?.coordinate_system
@@ -341,7 +342,7 @@ impl System {
         Status([system.and_then(|system| system.status), system.and_then(|system| system.program_status)])
     }
 
-    /// Program lines left to be executed, as `PR`.
+    /// Program lines that the board has still to execute, as `PR`.
     #[getter]
     fn lines_remaining(&self) -> Option<i32> {
         self.moment.system(self.number)?.lines_remaining
@@ -363,7 +364,7 @@ impl System {
     }
 }
 
-/// Flags by name, as `pmacctl motors --json` has them. A flag of a word that is not reported is `None`.
+/// Flags by name, as `pmacctl motors --json` has them. A flag of a word that the board does not report is `None`.
 #[pyclass(frozen, module = "pmac_dpram")]
 #[derive(Debug)]
 pub struct Status([Option<Flags>; 2]);

@@ -25,13 +25,13 @@ pub fn refused(message: &str) -> PyErr {
     raise(PLAIN, message, 0, &[])
 }
 
-/// Of data that are not live.
+/// The exception for data that are not live.
 pub fn stale(why: Staleness) -> PyErr {
     let class = if why == Staleness::DaemonGone { GONE } else { STALE };
     raise(class, &why.to_string(), 0, &[])
 }
 
-/// Of a call that reads.
+/// The exception for a failed read.
 pub fn of_client(error: ClientError) -> PyErr {
     match error {
         ClientError::Socket(error) => of_command(error),
@@ -42,13 +42,13 @@ pub fn of_client(error: ClientError) -> PyErr {
     }
 }
 
-/// Of a call over the socket.
+/// The exception for a failed call over the socket.
 pub fn of_command(error: CommandError) -> PyErr {
     let message = error.to_string();
     of_command_saying(error, &message)
 }
 
-/// As [`of_command`], with a text of its own.
+/// As [`of_command`], with the text `message`.
 pub fn of_command_saying(error: CommandError, message: &str) -> PyErr {
     match error {
         CommandError::Refused(CallError::Board { code, lines, .. }) => raise(PLAIN, message, code, &lines),

@@ -13,28 +13,28 @@ use pyo3::types::PyBytes;
 
 use crate::errors::{of_client, of_command, refused};
 
-/// How long to sleep where there are no samples.
+/// How long to sleep if no samples have come.
 const LOOK: Duration = Duration::from_millis(5);
-/// How often the daemon is told that somebody still follows.
+/// How often this program tells the daemon that it still follows.
 const RENEWAL: Duration = Duration::from_millis(500);
-/// How long a board may give no sample, beyond two periods.
+/// How long the board may give no sample, beyond two periods.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// What was gathered.
+/// The samples of a gather.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Gathered {
     columns: Vec<String>,
     numbers: Vec<u64>,
     /// Row by row.
     values: Vec<f64>,
-    /// How many the board made in all.
+    /// How many samples the board made in all.
     made: u64,
     clock: SampleClock,
 }
 
 #[pymethods]
 impl Gathered {
-    /// What the columns hold: the source, and its unit in brackets.
+    /// The columns' titles: the source, and its unit in brackets.
     #[getter]
     fn columns(&self) -> Vec<String> {
         self.columns.clone()
@@ -55,13 +55,13 @@ impl Gathered {
         Ok(self.values.iter().skip(index).step_by(self.columns.len()).copied().collect())
     }
 
-    /// When each sample was made: seconds since the first, or servo cycles where the servo period is not known.
+    /// When the board made each sample: seconds since the first, or servo cycles if the servo period is not known.
     #[getter]
     fn times(&self) -> Vec<f64> {
         self.numbers.iter().map(|number| self.clock.at(*number)).collect()
     }
 
-    /// Samples that were overwritten before they were read. Exact.
+    /// Samples that the board or the daemon overwrote before this program read them. Exact.
     #[getter]
     fn lost(&self) -> u64 {
         self.made - self.numbers.len() as u64
@@ -76,7 +76,7 @@ impl Gathered {
     }
 }
 
-/// Has the board gather `sources` each `period` servo cycles, for `time`.
+/// Makes the board gather `sources` each `period` servo cycles, for `time`.
 pub fn gather(
     py: Python<'_>,
     mut client: Client,
@@ -139,7 +139,7 @@ pub fn gather(
             if renewed.elapsed() > RENEWAL {
                 renewed = Instant::now();
                 match py.detach(|| connection.sequence_renew()) {
-                    // The daemon has ended the gather, and says why when it is asked to.
+                    // The daemon has ended the gather, and says why in its reply to `gather_stop`.
                     Err(CommandError::Refused(_)) => return Ok(()),
                     renewed => renewed.map_err(of_command)?,
                 }
@@ -149,7 +149,7 @@ pub fn gather(
         Ok(())
     };
     let followed = follow();
-    // In any case: nobody else can gather before.
+    // In any case: no other client can gather before this.
     let stopped = py.detach(|| connection.gather_stop(None));
     followed?;
     let (reason, notes) = match stopped {

@@ -1,10 +1,10 @@
-//! What the board is, as it has told `pmacd`.
+//! The board's identity, as the board has told `pmacd`.
 
 use pmac_dpram::map::Family;
 use pmac_dpram::segment::Identity as Told;
 use pyo3::prelude::*;
 
-/// What the board is. What it has not told is `None`.
+/// The board's identity. A field is `None` if the board has not told it.
 #[pyclass(frozen, get_all, module = "pmac_dpram")]
 #[derive(Debug)]
 pub struct Identity {
@@ -21,7 +21,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Of what the segment has.
+    /// The identity in the segment's data.
     pub fn of(told: &Told) -> Self {
         Self {
             family: told.family.and_then(Family::by_number).map(|family| family.name),

@@ -1,4 +1,4 @@
-//! `pmac_dpram._native`: the Rust client for Python. What users see is `python/pmac_dpram`.
+//! `pmac_dpram._native`: the Rust client for Python. Users import `python/pmac_dpram`.
 
 mod board;
 mod columns;

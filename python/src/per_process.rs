@@ -1,4 +1,5 @@
-//! What each process has for itself. In a forked child no thread of the parent goes on: what one of them had locked would stay locked.
+//! Values that each process has for itself. In a forked child no thread of the parent goes on: a value that one of
+//! them had locked would stay locked.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
@@ -21,8 +22,8 @@ impl<T> PerProcess<T> {
         Self { kept: Mutex::new(Kept { process: std::process::id(), value }) }
     }
 
-    /// The value; in a forked child the parent's, or another one by `make` where a thread of the parent was using it. To be called
-    /// with Python's lock, with which Python forks.
+    /// The value; in a forked child the parent's, or a new one by `make` if a thread of the parent was using it. Call
+    /// this with Python's lock held; Python forks with that lock held, too.
     pub fn get(&self, make: impl FnOnce() -> PyResult<T>) -> PyResult<Arc<Mutex<T>>> {
         let mut kept = lock(&self.kept);
         let process = std::process::id();
@@ -36,7 +37,7 @@ impl<T> PerProcess<T> {
     }
 }
 
-/// Locks `value`. A call that panicked has left nothing half done in it.
+/// Locks `value`, also after a panic: no panicking call leaves the value half changed.
 pub fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
     value.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 
 use crate::errors::{of_command, of_command_saying, refused};
 
-/// How often to look whether the board has taken the rest.
+/// How often to ask whether the board has taken the rest.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// How to stream.
@@ -22,7 +22,7 @@ pub struct Wish {
     pub define_longs: Option<u32>,
     pub run: bool,
     pub left: Option<LeftLines>,
-    /// How long the board may take nothing.
+    /// How long the board may take no lines.
     pub timeout: Duration,
 }
 
@@ -35,13 +35,13 @@ pub struct Streamed {
     /// Commands in them.
     #[pyo3(get)]
     commands: usize,
-    /// How often the buffer was found empty though more lines were to follow.
+    /// How often the daemon found the buffer empty though more lines were to follow.
     #[pyo3(get)]
     underruns: u64,
     /// Lines that an earlier program had left in the board's rotary buffer.
     #[pyo3(get)]
     found_lines: u64,
-    /// What the board makes of the program otherwise than its text says, one sentence each.
+    /// How the board's program differs from the text, one sentence each.
     #[pyo3(get)]
     warnings: Vec<String>,
 }
@@ -55,7 +55,7 @@ impl Streamed {
 
 /// Why a stream ended before its end.
 enum Halt {
-    /// The board or the daemon would have no more.
+    /// The board or the daemon takes no more lines.
     Reason(String),
     /// An exception of Python: a signal's.
     Raised(PyErr),
@@ -89,7 +89,7 @@ struct Stream<'a> {
 
 /// Streams `text`, the program called `name`. `owner` begins the stream, `board` answers questions meanwhile.
 ///
-/// Whatever ends it early, an error or a signal, the daemon ends the program, too.
+/// If an error or a signal ends the stream early, the daemon ends the program, too.
 pub fn stream(
     py: Python<'_>,
     mut owner: Connection,
@@ -154,7 +154,7 @@ fn prepare(board: &mut Connection, wish: &Wish) -> PyResult<(Settings, u8)> {
     Ok((settings, buffer))
 }
 
-/// The program in `text`, the modes that go before it, and what its compiler warns of.
+/// The program in `text`, the modes that go before it, and the compiler's warnings.
 fn compiled(name: &str, text: &[u8], settings: &Settings) -> PyResult<(Program, Vec<String>, Vec<String>)> {
     let (compiled, modes) =
         compile_stream(text, settings).map_err(|found| refused(&listing(name, &found.errors).join("\n")))?;
@@ -218,7 +218,7 @@ impl Stream<'_> {
         Err(Halt::Reason(format!("the board has taken nothing for {seconds} s; {hint}")))
     }
 
-    /// Ends the stream, and gives its underruns. What ended it early comes with what is left in the buffers.
+    /// Ends the stream, and returns its underruns. The error of an early end also tells the lines left in the buffers.
     fn end(&mut self, py: Python<'_>, fed: Result<(), Halt>) -> PyResult<u64> {
         let stopped = py.detach(|| self.feed.stop());
         let reason = match fed {
@@ -256,7 +256,7 @@ impl Stream<'_> {
     }
 }
 
-/// What the end of a stream has left in the buffers.
+/// The lines that a stream's end has left in the buffers, in words.
 fn left(stop: &RotaryStopReply) -> String {
     let mut parts = vec![format!(
         "{} of them are still in the DPRAM buffer, and the board takes them no more",

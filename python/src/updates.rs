@@ -1,4 +1,4 @@
-//! Every servo update in turn, none twice, and exactly how many were lost or missed.
+//! Every servo update in turn, none twice, with exact counts of lost and missed ones.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -25,18 +25,18 @@ struct Taking {
     generation: u64,
 }
 
-/// Servo updates from now on, of the present daemon and of those that follow it.
+/// Servo updates from now on, of the present daemon and its successors.
 #[pyclass(frozen, module = "pmac_dpram")]
 pub struct Updates {
     name: SegmentName,
     taking: PerProcess<Taking>,
-    /// Apart from the taking: who takes does not wait for who waits.
+    /// Apart from the taking, so that a taking thread does not wait for a waiting one.
     waiting: PerProcess<Client>,
     timeout: Duration,
 }
 
 impl Taking {
-    /// From the next update on.
+    /// Begins with the next update.
     fn begin(mut client: Client) -> PyResult<Self> {
         let follower = Follower::new(&mut client).map_err(of_client)?;
         let subscriber = client.subscriber();
@@ -45,7 +45,7 @@ impl Taking {
         Ok(Self { client, follower, taken, lost, missed, missed_before, generation })
     }
 
-    /// Takes what has come. Whether there is any.
+    /// Takes new updates; returns whether any wait for the caller.
     fn take(&mut self) -> Result<bool, ClientError> {
         if !self.taken.is_empty() {
             return Ok(true);
@@ -72,7 +72,7 @@ impl Taking {
         })
     }
 
-    /// Hands what has come to `push`, at most `most`.
+    /// Hands new updates to `push`, at most `most`.
     fn take_most(&mut self, most: usize, mut push: impl FnMut(Snapshot)) -> Result<(), ClientError> {
         let mut left = most;
         while left > 0 && self.take()? {
@@ -85,7 +85,7 @@ impl Taking {
 }
 
 impl Updates {
-    /// From the next update on.
+    /// Begins with the next update.
     pub fn begin(client: Client, timeout: Duration) -> PyResult<Self> {
         let name = client.name().clone();
         let (taking, waiting) = (PerProcess::new(Taking::begin(client)?), PerProcess::new(attach(&name)?));
@@ -103,8 +103,8 @@ fn attach(name: &SegmentName) -> PyResult<Client> {
 
 #[pymethods]
 impl Updates {
-    /// The next update, if there is one already. Where there is none for one who has waited for `timeout` it raises `StaleData` or
-    /// `DaemonGone`.
+    /// The next update, if one has come already. Raises `StaleData` or `DaemonGone` if none came and the caller has
+    /// waited for `timeout`.
     #[pyo3(signature = (waited = 0.0))]
     fn take(&self, py: Python<'_>, waited: f64) -> PyResult<Option<Snapshot>> {
         let is_over = duration(waited)? >= self.timeout;
@@ -123,7 +123,7 @@ impl Updates {
         Err(stale(found.stale.or(servo).unwrap_or(silent)))
     }
 
-    /// Sleeps until there is an update, for a moment at most. Takes nothing: nothing is lost with who does not wait any more.
+    /// Sleeps until an update comes, for a moment at most. Takes no update, so a caller that stops waiting loses none.
     #[pyo3(signature = (waited = 0.0))]
     fn wait(&self, py: Python<'_>, waited: f64) -> PyResult<()> {
         let left = self.timeout.saturating_sub(duration(waited)?);
@@ -174,14 +174,14 @@ impl Updates {
         }
     }
 
-    /// How many updates were overwritten before they were taken here. Exact.
+    /// How many updates the daemon overwrote before this object took them. Exact.
     #[getter]
     fn lost(&self, py: Python<'_>) -> PyResult<u64> {
         let taking = self.taking()?;
         Ok(py.detach(|| lock(&taking).lost))
     }
 
-    /// How many updates of the board the daemon did not read in time, since this began. Exact.
+    /// How many updates of the board the daemon did not read in time since this object began. Exact.
     #[getter]
     fn missed(&self, py: Python<'_>) -> PyResult<u64> {
         let taking = self.taking()?;
