@@ -162,8 +162,8 @@ impl DpramPort {
         Ok(())
     }
 
-    /// Whether the port reads as all ones: the board has no power, or its page is not selected. No host writes that value into the
-    /// control character's word, which has 8 bits. 1 read.
+    /// Whether the port reads as all ones: the board has no power, or its page is not selected. No host writes that
+    /// value into the control character's word, which has 8 bits. 1 read.
     ///
     /// # Errors
     /// When the bus cannot be reached.

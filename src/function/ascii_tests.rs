@@ -39,7 +39,7 @@ impl Rig {
         self.port.poll(&mut self.bus, self.now).unwrap()
     }
 
-    /// PMAC takes what lies in the command buffer; returns its bytes.
+    /// PMAC takes the line in the command buffer; returns its bytes.
     fn take(&mut self) -> Vec<u8> {
         assert_eq!(
             self.bus.read16(self.port.words.command_loaded.word).unwrap(),
@@ -68,20 +68,20 @@ impl Rig {
         self.port.give_up(&mut self.bus, self.now).unwrap();
     }
 
-    /// Nothing comes for `time`.
+    /// The board sends no response for `time`.
     fn be_silent(&mut self, time: Duration) {
         self.now += time;
         assert_eq!(self.poll(), None);
     }
 
-    /// The port rests, and is free then.
+    /// The port rests, and is idle then.
     fn rest(&mut self) {
         assert!(!self.begin("P1"), "it rests");
         self.be_silent(PORT_REST);
         assert!(self.port.is_idle());
     }
 
-    /// The line of the caller's own is answered, which tells that the board has done what it had before.
+    /// The board answers the caller's probe, so it has done the earlier lines.
     fn settle(&mut self) {
         assert!(self.port.begin_open_ended(&mut self.bus, b"I3 I10 I3").unwrap());
         self.take();
@@ -106,7 +106,7 @@ impl Rig {
         self.bus.write16(self.port.words.response_control, control).unwrap();
     }
 
-    /// The board has put out an error, which is believed to be the line's.
+    /// The board has put out an error, and the caller takes it for the line's.
     fn expect_error(&mut self, number: u16) {
         assert_eq!(self.poll(), Some(AsciiEvent::Error(number)));
         self.port.settled(self.now);
@@ -151,7 +151,7 @@ fn no_text_under_an_acknowledgement_is_a_line() {
             rig.expect_line("25");
             rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
             assert_eq!(rig.poll(), Some(AsciiEvent::Done(Ok(()))));
-            // Nor is it the reply to a line that has none.
+            // Nor does the port take the text for the reply to a line that has none.
             assert!(rig.begin("P1=26"));
             rig.take();
             rig.write(family.ascii.response_control, response::ACKNOWLEDGE);
@@ -186,7 +186,7 @@ fn the_first_half_of_a_line_given_up_is_cancelled_before_anything_else() {
         assert!(!rig.is_loaded(), "the second half");
         assert_eq!(rig.poll(), None);
         assert_eq!(rig.control_word(), u16::from(CANCEL), "the board would put it before the next line");
-        // One that does not take it gets no other line.
+        // A board that does not take the `^X` gets no other line.
         rig.be_silent(HELD_CHARACTER_TAKEN);
         assert!(rig.control_word() == 0 && rig.port.is_unheard() && !rig.begin("P2"));
         rig.be_silent(hold::HELD_CHARACTER_AGAIN);
@@ -247,7 +247,7 @@ fn every_length_of_line_arrives_whole() {
         for length in 0..=family.ascii.line_limit {
             let line: String = (0..length).map(|index| char::from(b'A' + (index % 26) as u8)).collect();
             let mut rig = Rig::new(family);
-            // Garbage from an earlier line must not be able to complete this one.
+            // Garbage from an earlier line must not complete this one.
             for word in 0..family.ascii.command_bytes / 2 {
                 rig.bus.write16(family.ascii.command.plus_words(word), 0x7A7A).unwrap();
             }

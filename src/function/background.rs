@@ -362,7 +362,7 @@ mod tests {
         let mut reader = BackgroundReader::new(&TURBO2.background, crate::map::Selection::ALL);
         let [busy, timer, ready] = [0x0676, 0x0678, 0x067A].map(HostOffset::new);
         let mut timers = 1..;
-        // One is due at each look, unless Host-Busy is set.
+        // The board makes a report at each look, unless Host-Busy is set.
         let mut poll = |reader: &mut BackgroundReader, bus: &mut FileBoard| {
             if bus.read16(busy).unwrap() & 0x8000 == 0 {
                 bus.write16(timer, timers.next().unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! The table of costs in [`super`], held to by counting: each function against a file whose other end plays PMAC.
+//! Checks the table of costs in [`super`] by counting: each function against a file whose other end plays PMAC.
 
 use std::time::Instant;
 
@@ -50,7 +50,7 @@ impl Rig {
         self.pmac.write16(offset, word).unwrap();
     }
 
-    /// What `act` gives, and how many accesses it took.
+    /// The result of `act`, and how many accesses it took.
     pub fn cost<T>(&mut self, act: impl FnOnce(&mut Counted<FileBoard>) -> T) -> (T, usize) {
         let before = self.host.accesses();
         let result = act(&mut self.host);
@@ -107,7 +107,7 @@ fn background() {
     }
 }
 
-/// Asks for a report and reads it: what came of it, and what it cost.
+/// Asks for a report and reads it; returns the result and the cost.
 pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Option<BackgroundPoll>, usize) {
     let ((), asked) = rig.cost(|bus| reader.ask(bus).unwrap());
     rig.put(BACKGROUND_DATA_READY, DATA_READY);
@@ -118,7 +118,7 @@ pub fn background_report(rig: &mut Rig, reader: &mut BackgroundReader) -> (Optio
     (look, asked + read)
 }
 
-/// A reader whose table of `entries` is set up, and what that cost.
+/// A reader that has set up a table of `entries`, and the cost.
 pub fn variables(rig: &mut Rig, entries: &[VariableEntry], mode: VariableMode) -> (VariableReader, usize) {
     let (now, mut reader) = (Instant::now(), VariableReader::new(&PMAC.variable_read, PMAC.start, PLACE));
     let later = now + variable_read::READ_PASS_SILENCE;
@@ -243,7 +243,7 @@ fn gather() {
     for (mode, clock, row) in [(GatherMode::Stop, 0, ""), (GatherMode::Wrap, 1, ", round and round")] {
         for (s, l) in [(1, 1), (64, 1), (5, 3), (8, 8), (1, 48), (2, 32)] {
             let (mut rig, mut timer) = (Rig::new(), ServoTimer::new(15));
-            // The samples part at the buffer's end in no case: 128 of them.
+            // The buffer has 128 samples, so none parts at its end.
             let buffer = GatherBuffer {
                 place,
                 room_longs: 128 * 48,

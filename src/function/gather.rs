@@ -102,8 +102,8 @@ pub enum GatherStart {
 pub enum GatherPoll {
     /// The board has stored no complete sample that the reader has not taken.
     Idle,
-    /// Samples, whole and in order, lie in [`GatherReader::longs`]. The first one's number is higher than the last one's
-    /// before it by more than 1 where samples were lost.
+    /// Samples, whole and in order, lie in [`GatherReader::longs`]. The first one's number is higher than the last
+    /// one's before it by more than 1 where samples were lost.
     Samples {
         /// The number of the first.
         first: u64,

@@ -131,7 +131,7 @@ fn cycles(board: &mut Board) -> Result<u64, BusError> {
     Ok(cycle)
 }
 
-/// Steps until nothing is left to take; checks every sample and returns the numbers taken.
+/// Steps until no sample is left; checks every sample and returns the numbers taken.
 fn drain(reader: &mut GatherReader, board: &mut Board) -> Vec<u64> {
     let mut numbers = Vec::new();
     while let GatherPoll::Samples { first, count } = poll(reader, board) {
@@ -184,7 +184,7 @@ fn every_lap_is_counted_and_its_samples_are_lost() {
         // Twenty samples fill the buffer; three laps later the index stands where it stood.
         board.pass(60 * period);
         let numbers = drain(&mut reader, &mut board);
-        // The oldest one is where the board stores next.
+        // The oldest sample is where the board stores next.
         assert_eq!(numbers, (48..67).collect::<Vec<_>>(), "{period}");
         assert_eq!((reader.written(), reader.lost()), (67, 41));
     }
@@ -197,9 +197,9 @@ fn a_stopped_gather_is_read_to_its_end() {
     board.pass(20);
     board.gathering = false;
     reader.stopped();
-    // Nobody stores over the oldest any more.
+    // The board no longer stores over the oldest sample.
     assert_eq!(drain(&mut reader, &mut board).len(), 20);
-    // Time goes on, and means nothing.
+    // Time goes on, and no longer counts.
     board.pass(1000);
     assert_eq!(poll(&mut reader, &mut board), GatherPoll::Ended);
     assert_eq!((reader.written(), reader.lost()), (20, 0));
@@ -252,14 +252,14 @@ fn a_clock_that_pauses_is_not_the_end() {
     poll(&mut reader, &mut board);
     board.pass(20);
     assert_eq!(drain(&mut reader, &mut board).len(), 20);
-    // The servo report is held off for 250 ms, 565 servo cycles, and gathering goes on.
+    // A host holds off the servo report for 250 ms, 565 servo cycles, and gathering goes on.
     let stands = board.cycle;
     for _ in 0..113 {
         board.pass(5);
         let look = reader.poll(&mut board, |_| Ok(stands)).unwrap();
         assert!(matches!(look, GatherPoll::Idle | GatherPoll::Samples { .. }), "{look:?}");
     }
-    // Some that came before the pause was noticed may have been taken; none is lost, and none comes twice.
+    // The reader may have taken samples from before it noticed the pause; none is lost, and none comes twice.
     let numbers = drain(&mut reader, &mut board);
     assert_eq!(numbers.last(), Some(&584));
     assert_eq!((reader.written(), reader.lost(), reader.waiting()), (585, 0, 0));
@@ -398,8 +398,8 @@ fn a_step_costs_what_it_says() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Whatever the board does between the host's accesses, no sample is torn or misnumbered, and the numbers of those
-    /// taken and those lost add up to those stored.
+    /// Whatever the board does between the host's accesses, no sample is torn or misnumbered, and the taken and lost
+    /// samples add up to the stored ones.
     #[test]
     fn taken_and_lost_are_all_there_were(
         sample_longs in 1_u32..=48,
@@ -407,7 +407,7 @@ proptest! {
         odd in 0_u32..48,
         period in 1_u32..5,
         halfway: bool,
-        // Mostly nothing happens between two accesses; sometimes a little, seldom many laps.
+        // Mostly the board stores no sample between two accesses; sometimes a few, seldom many laps.
         pace in prop::collection::vec(prop_oneof![40 => Just(0), 10 => 0_u32..3, 1 => 0_u32..700], 1..400),
         between in prop::collection::vec(prop_oneof![20 => 0_u32..30, 1 => 0_u32..2000], 1..40),
     ) {

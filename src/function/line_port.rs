@@ -12,7 +12,8 @@ use crate::device::{Bus, BusError, ByteBusError};
 use crate::format::Text;
 use crate::map::functions::RESPONSE_BYTES;
 
-/// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p. 29).
+/// A response line, read from the board into private memory: at most 255 characters, without the NUL (DPRAM manual p.
+/// 29).
 pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
 
 /// What a poll found.
@@ -63,7 +64,8 @@ pub enum PortError {
     Registers(#[from] ByteBusError),
 }
 
-/// The host's half of a port: one command line at a time. Each method that takes the `bus` fails when the port cannot be reached.
+/// The host's half of a port: one command line at a time. Each method that takes the `bus` fails when the port cannot
+/// be reached.
 pub trait LinePort {
     /// Whether the caller may begin a line.
     fn is_idle(&self) -> bool;
@@ -89,8 +91,8 @@ pub trait LinePort {
     /// [`PortError`].
     fn begin(&mut self, bus: &mut dyn Bus, line: &[u8]) -> Result<bool, PortError>;
 
-    /// As [`LinePort::begin`], for a line whose reply the caller recognises: the port reports all replies, late ones of other lines
-    /// first, until [`LinePort::finish`] or [`LinePort::give_up`].
+    /// As [`LinePort::begin`], for a line whose reply the caller recognises: the port reports all replies, late ones
+    /// of other lines first, until [`LinePort::finish`] or [`LinePort::give_up`].
     ///
     /// # Errors
     /// [`PortError`].

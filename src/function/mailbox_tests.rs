@@ -138,7 +138,7 @@ fn errors_come_as_i6_has_them() {
     assert_eq!(rig.fill(b"\x07\r"), None);
     assert_eq!(rig.fill(b"ERR017\r"), Some(AsciiEvent::Error(17)));
 
-    // A group may end with the <BELL>: behind it stand an older group's characters, whatever they are.
+    // A group may end with the <BELL>: any characters of an older group may follow it.
     let mut rig = Rig::new(same);
     for older in [&b"RR003\r"[..], b"ERR00\r", b"\x06", b"\r", b"ERR003 P1=7\r", b""] {
         assert!(rig.begin("XYZ"));
@@ -146,7 +146,7 @@ fn errors_come_as_i6_has_them() {
         assert_eq!(rig.fill(&[b"\x07", older].concat()), None, "{older:?}");
         assert_eq!(rig.fill(b"ERR005\r"), Some(AsciiEvent::Error(5)), "{older:?}");
     }
-    // What stands behind a lone <BELL> is an older error's number.
+    // The characters behind a lone <BELL> are an older error's number.
     let mut rig = Rig::new(MailboxSettings { error_report: ErrorReport::BellOnly, ..same });
     assert!(rig.begin("UUU"));
     rig.take_all("UUU");
@@ -199,7 +199,7 @@ fn what_comes_unasked_is_a_programs_message() {
     let mut rig = Rig::new(MailboxSettings::default());
     let message = rig.fill(b"DOOR OPEN\r");
     assert_eq!(message, Some(AsciiEvent::ProgramMessage(ResponseText::cut(b"DOOR OPEN"))));
-    // One that comes while a line is half sent is read before the rest goes over it.
+    // The host reads a message that comes while a line is half sent, before the rest of the line overwrites it.
     assert!(rig.begin("P1=1234567890123456"));
     rig.port.signal(MailboxSignal::GroupTaken);
     let message = rig.fill(b"DOOR\r");
@@ -246,7 +246,7 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0x01);
     assert!(rig.port.is_settling() && rig.port.control_pending() && !rig.begin("P2"));
-    // Nothing goes over it, not even when its line is given up or much time has passed.
+    // The port does not replace the ^A, not even when the caller gives up the line or much time has passed.
     rig.port.give_up(&mut rig.bus, rig.now).unwrap();
     rig.now += 2 * MAILBOX_CANCEL_TAKEN;
     assert_eq!(rig.poll(), None);
@@ -256,11 +256,11 @@ fn what_stops_a_machine_does_not_wait_for_an_interrupt_that_was_lost() {
     assert_eq!(rig.poll(), None);
     assert!(!rig.port.control_pending());
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), 0xEE, "the rest of the line is not sent");
-    // The board may hold the first half of the line: it is to forget it.
+    // The board may hold the first half of the line, and must forget it.
     rig.now += MAILBOX_SETTLE;
     assert_eq!(rig.poll(), None);
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
-    // Its interrupt is lost too.
+    // The <CTRL-X>'s interrupt is lost, too.
     rig.now += MAILBOX_GROUP_LIES / 2;
     assert!(!rig.port.control(&mut rig.bus, 0x0B, false, rig.now).unwrap());
     rig.now += MAILBOX_GROUP_LIES;
@@ -286,12 +286,12 @@ fn a_control_character_with_a_reply_does_not_close_the_port_when_its_interrupt_i
     assert_eq!(rig.fill(b"0 0\r"), line("0 0"));
     assert_eq!(rig.fill(b"\x06"), Some(AsciiEvent::Done(Ok(()))));
     assert!(rig.port.is_idle());
-    // One that lies for too long does not hold up what stops a machine either.
+    // A reporting character that stays too long does not hold up a stop either.
     assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
     assert!(!rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap());
     rig.now += MAILBOX_GROUP_LIES;
     assert!(rig.port.control(&mut rig.bus, 0x01, false, rig.now).unwrap() && rig.port.is_settling());
-    // A <CTRL-X> over one that is taken back after all.
+    // A <CTRL-X> replaces a stop that the caller takes back after all.
     rig.port.withdraw_control(&mut rig.bus, rig.now).unwrap();
     assert_eq!(rig.bus.read8(mailbox(0)).unwrap(), CANCEL);
     assert!(!rig.port.control_pending());

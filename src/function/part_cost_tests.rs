@@ -51,7 +51,8 @@ fn a_part_of_the_servo_report() {
         let over = if reading == optimistic { 6 } else { 9 };
         assert_eq!((look, cost), (ServoPoll::Update(1), words + over), "{selection:?}");
         assert!(row.is_empty() || cost == documented(row), "{row}");
-        // What was read lies where it belongs, and all else is 0: 4 words are the board's, 1 is the timer.
+        // The words that the host read are in their places, and all others are 0: 4 words are the board's, 1 is the
+        // timer.
         assert_eq!(reader.image().iter().filter(|word| **word == 0x1111).count(), words + 4);
         let first = SERVO_MOTOR.words_since(SERVO_HOST_STATUS);
         for (index, word) in reader.image().iter().enumerate().skip(first) {
@@ -85,7 +86,7 @@ fn a_part_of_the_background_report() {
     }
 }
 
-/// What an update costs by 32 bits, of so many motors.
+/// The cost of an update of `motors` motors by 32 bits.
 fn servo_by_32_bits(reading: ServoReading, selection: Selection, motors: usize) -> usize {
     let mut rig = Rig::with_access(Access::Bits32);
     let mut reader = ServoReader::new(&PMAC.servo, reading, selection);
@@ -175,7 +176,7 @@ fn the_other_data_by_32_bits() {
     assert_eq!(dpram(&PMAC, 20, 20, Access::Bits32), documented("ASCII line by 32 bits"));
 }
 
-/// What the firmware does for a report of a Turbo board whose timer is `timer`: data, timer, flag.
+/// The firmware's writes for a report of a Turbo board whose timer is `timer`: data, timer, flag.
 fn turbo_report(rig: &mut Rig, block: &ServoBlock, timer: u16) {
     rig.put(block.timer.low, timer);
     rig.put(block.pmac_status.word, block.pmac_status.mask);
@@ -198,13 +199,13 @@ fn an_update_of_a_turbo_board() {
                 turbo_report(&mut rig, &family.servo, 1);
                 let (first, _) = rig.cost(|bus| reader.poll(bus).unwrap());
                 assert_eq!(first, ServoPoll::First(1));
-                // So many that the mask is read as often as it really is.
+                // So many updates that the host reads the mask as often as in use.
                 let (updates, mut counted) = (512, 0);
                 for timer in 2..2 + updates {
                     turbo_report(&mut rig, &family.servo, timer);
                     let (update, cost) = rig.cost(|bus| reader.poll(bus).unwrap());
                     assert_eq!(update, ServoPoll::Update(timer.into()), "{n} {reading:?}");
-                    // The flag is clear. Now and then the mask is read with it.
+                    // The flag is clear. Now and then the host also reads the mask.
                     let (idle, look) = rig.cost(|bus| reader.poll(bus).unwrap());
                     assert_eq!(idle, ServoPoll::Unchanged);
                     counted += cost + look - 1;
@@ -216,7 +217,8 @@ fn an_update_of_a_turbo_board() {
                 if n == 8 {
                     assert_eq!(counted / usize::from(updates), documented(row));
                 }
-                // At most a twentieth more than what is necessary; of one motor by 32 bits the one look too many is that already.
+                // At most a twentieth more than necessary; for one motor by 32 bits the one extra look is more than
+                // that already.
                 let most = if (n, access, polls) == (1, Access::Bits32, 9) { 106 } else { 105 };
                 let necessary = usize::from(updates) * (words + if polls == 9 { 8 } else { 5 });
                 assert!(counted * 100 <= necessary * most, "{n} {reading:?}: {counted} of {necessary}");

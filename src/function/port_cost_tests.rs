@@ -1,4 +1,4 @@
-//! The table of bus accesses in [`super`], held to by counting.
+//! Checks the table of bus accesses in [`super`] by counting.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use crate::format::TextOrder;
 use crate::map::functions::response;
 use crate::map::{FAMILIES, Family};
 
-/// A line of `n` characters with a reply line of `m`, through the DPRAM; nothing is looked at in vain.
+/// A line of `n` characters with a reply line of `m`, through the DPRAM; no poll is in vain.
 pub fn dpram(family: &'static Family, n: usize, m: usize, access: Access) -> usize {
     let ([host, mut board], words) = (two_sides(family), &family.ascii);
     let mut bus = Counted::new(host.with_access(access));

@@ -319,13 +319,12 @@ impl RotaryStream {
     /// The words and the new end marker are in place before the host's index moves. The host overwrites the old end
     /// marker last: that marker begins a line, as the first command does.
     ///
-    /// Costs 2 reads, and 4 writes a command with 5 more when there is room; 1 read more when there is none, until PMAC's
-    /// internal buffer has been full.
+    /// Costs 2 reads, and 4 writes a command with 5 more when there is room; 1 read more when there is none, until
+    /// PMAC's internal buffer has been full.
     ///
     /// # Errors
-    /// [`RotaryError::NotSetUp`], [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without an
-    /// access;
-    /// [`RotaryError::Header`]; [`RotaryError::Bus`].
+    /// [`RotaryError::NotSetUp`], [`RotaryError::Empty`], [`RotaryError::TooLong`], [`RotaryError::NotALine`] without
+    /// an access; [`RotaryError::Header`]; [`RotaryError::Bus`].
     pub fn offer(&mut self, bus: &mut impl Bus, line: &[(u32, u32)]) -> Result<bool, RotaryError> {
         let longs = self.check(line)?;
         self.read_indexes(bus)?;

@@ -1,4 +1,5 @@
-//! The rotary stream against a board whose reading side is played by hand, and by a consumer that strikes at any access.
+//! The rotary stream against a board whose reading side is played by hand, and by a consumer that strikes at any
+//! access.
 
 use proptest::prelude::*;
 
@@ -71,7 +72,7 @@ fn the_header_says_where_the_ring_lies() {
             let before = bus.accesses();
             let mut stream = RotaryStream::of_family(family).remove(index);
             stream.set_up(&mut bus, &setup(family, 100)).unwrap();
-            // Where no I-variable keeps PMAC out, the header is taken out of use first.
+            // If no I-variable keeps PMAC out, the host first takes the header out of use.
             let more = u64::from(family.i.rotary_enable.is_none());
             assert_eq!(bus.accesses() - before, 11 + more);
             let mut words = [0; 6];
@@ -187,7 +188,7 @@ fn the_smallest_buffer_takes_one_command_and_goes_round() {
             let words = header(family, &mut bus);
             assert_eq!(words[at::PMAC_INDEX], (words[at::HOST_INDEX] + 4) % 6);
             assert!(!stream.offer(&mut bus, &line(1, 99)).unwrap());
-            // Until PMAC's own buffer has been full, a look at the status word as well.
+            // Until PMAC's own buffer has been full, the host also looks at the status word.
             assert_eq!((bus.reads() - reads, bus.writes() - writes), (6 + 3, 0), "nothing was written");
             assert_eq!(words[at::HOST_INDEX], 2 * (turn + 1) % 6);
             bus.write16(place(family, at::PMAC_INDEX), words[at::HOST_INDEX]).unwrap();
@@ -239,7 +240,7 @@ fn status_and_underruns() {
             assert_eq!((state.busy, state.error, state.underruns), (false, Some(7), 1), "counted once");
             assert_eq!(state.ahead_lines, 0);
         }
-        // Found by the next line itself, too.
+        // The next line itself finds the empty ring, too.
         stream.offer(&mut bus, &line(1, 3)).unwrap();
         bus.write16(pmac, 8).unwrap();
         stream.offer(&mut bus, &line(1, 4)).unwrap();
@@ -317,7 +318,7 @@ impl Consumer {
         }
         let end = self.taken + visible;
         assert!(end == 0 || self.ends.contains(&end), "the host's index splits a line");
-        // Whatever stands behind the last line begins a line: that is how its end is known.
+        // The words behind the last line begin a line: PMAC finds the line's end by them.
         assert_ne!(self.command(host).0 & START_OF_LINE, 0);
         let appetite = self.appetite[self.accesses % self.appetite.len()] as usize;
         self.accesses += 1;
@@ -411,7 +412,7 @@ fn what_pmac_takes_to_fill_its_own_buffer_is_no_underrun() {
     }
 }
 
-/// PMAC takes all there is.
+/// PMAC takes every command.
 fn take_all(family: &Family, bus: &mut impl Bus) {
     let host = bus.read16(place(family, at::HOST_INDEX)).unwrap();
     bus.write16(place(family, at::PMAC_INDEX), host).unwrap();

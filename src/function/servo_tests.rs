@@ -90,7 +90,8 @@ impl Bus for Interfering {
 #[test]
 fn a_copy_pmac_wrote_into_is_never_accepted() {
     for reading in [ServoReading::Optimistic, ServoReading::Handshake] {
-        // Wherever PMAC-Busy comes up during the copy, even after Host-Busy was set, the copy is refused.
+        // Wherever PMAC sets its busy flag during the copy, even after the host set Host-Busy, the reader refuses the
+        // copy.
         let accesses = if reading == ServoReading::Optimistic { 1..246 } else { 2..248 };
         for at in accesses {
             let file = tempfile::tempfile().unwrap();
@@ -103,7 +104,7 @@ fn a_copy_pmac_wrote_into_is_never_accepted() {
             let poll = reader.poll(&mut bus).unwrap();
             assert!(matches!(poll, ServoPoll::Torn | ServoPoll::Busy), "{reading:?} {at} {poll:?}");
             assert_eq!(bus.bus.read16(SERVO_HOST_STATUS).unwrap(), 0);
-            // It is taken at the next poll, once PMAC is done.
+            // The reader takes the update at the next poll, once PMAC is done.
             bus.bus.write16(SERVO_PMAC_STATUS, 2).unwrap();
             assert_eq!(reader.poll(&mut bus).unwrap(), ServoPoll::Update(2));
         }

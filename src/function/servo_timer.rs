@@ -1,7 +1,8 @@
 //! The servo timer: how many servo cycles the board has run, as far as the DPRAM shows.
 //!
 //! PMAC counts its servo cycles in 24 bits (X:$0000). On PMAC and PMAC2 the servo report has the low 15 of them, the
-//! background report the low 16 (DPRAM manual p. 14, 17); on Turbo both have all 24. Extended to 64 bits it orders everything the board reports.
+//! background report the low 16 (DPRAM manual p. 14, 17); on Turbo both have all 24. Extended to 64 bits it orders
+//! everything the board reports.
 
 /// Extends a counter that wraps to one that does not.
 #[derive(Debug, Clone)]

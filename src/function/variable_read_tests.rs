@@ -72,7 +72,7 @@ impl Rig {
         self.bus.write16(HostOffset::new(offset), word).unwrap();
     }
 
-    /// A pass of PMAC's, by what the board's words say: every value is the entry's address plus `salt`.
+    /// A pass of PMAC's according to the board's words: every value is the entry's address plus `salt`.
     fn pass(&mut self, salt: u16) {
         let VariableRead { timer, start, kind_bit, .. } = &self.family.variable_read;
         let count = u32::from(self.word(self.count()));
@@ -184,7 +184,7 @@ fn a_report_across_a_reset_is_not_taken() {
                 assert_eq!(end, Some(VariablePoll::Nothing), "{what} after {looks}");
                 assert!(rig.reader.values().iter().all(|value| *value == VariableValue::default()), "{what}");
                 assert_eq!(rig.bus.writes(), writes, "{what}: nothing is written over what is not known");
-                // A whole report that was made meanwhile is taken by the next polls.
+                // The next polls take a whole report that the board made meanwhile.
                 if what == "another report" {
                     let next = (0..=whole).map(|_| rig.poll()).find(|look| *look != VariablePoll::Partial);
                     assert_eq!(next, Some(VariablePoll::Report(20)));

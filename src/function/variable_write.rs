@@ -133,8 +133,8 @@ impl WriteRecord {
         made.map_err(|reason| format!("{text}: {reason}"))
     }
 
-    /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a `Y:` or `X:` word. The value
-    /// may be meant signed or unsigned: with 4 bits, -8 to 15.
+    /// Writes `value` to the `width` bits (1, 4, 8, 12, 16, 20, 24) from bit `offset` on of a `Y:` or `X:` word. The
+    /// value may be meant signed or unsigned: with 4 bits, -8 to 15.
     ///
     /// # Errors
     /// A record that PMAC cannot carry out, or not without harm.
@@ -157,8 +157,8 @@ impl WriteRecord {
         Self::new(register, width, offset.into(), [bits, 0])
     }
 
-    /// As [`WriteRecord::word`], for a word of a compiled PLC's function block: `X:7` is the X word of block 7. PMAC and
-    /// PMAC2 with firmware 1.16.
+    /// As [`WriteRecord::word`], for a word of a compiled PLC's function block: `X:7` is the X word of block 7. PMAC
+    /// and PMAC2 with firmware 1.16.
     ///
     /// # Errors
     /// As [`WriteRecord::word`].

@@ -34,7 +34,7 @@ impl Rig {
         self.bus.read16(PMAC.variable_write.count).unwrap()
     }
 
-    /// PMAC takes what it was handed, by what the board's words say; returns the records.
+    /// PMAC takes the records that the board's words name; returns them.
     fn take(&mut self) -> Vec<[u16; 6]> {
         let count = usize::from(self.count());
         let StartRule { from, word } = PMAC.start;

@@ -1,4 +1,4 @@
-//! Control characters: what is waited for before and after them.
+//! Control characters: the port's waiting before and after them.
 
 use super::*;
 use crate::protocol::control::{CANCEL, HOLD, KILL};
@@ -32,7 +32,7 @@ fn a_stop_gets_the_flag_of_an_empty_line_until_the_board_has_taken_a_character_w
             rig.write(family.ascii.control_character, 0);
             assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
         }
-        // It takes one by the word alone.
+        // The board takes a reporting character by the word alone.
         assert!(rig.port.control(&mut rig.bus, QUESTION, true, rig.now).unwrap());
         rig.now += CHARACTER_FLAG_AFTER;
         assert_eq!(rig.poll(), None);
@@ -66,13 +66,13 @@ fn a_stop_that_goes_over_a_question_is_not_lost() {
         assert!(!rig.port.control(&mut rig.bus, b'R' - 64, false, rig.now).unwrap(), "a run is no stop");
         assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
         assert_eq!(rig.control_word(), u16::from(ABORT));
-        // The board was at the question, and clears the word for that.
+        // The board was taking the question, and clears the word for that one.
         rig.write(family.ascii.control_character, 0);
         assert!(rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
         assert_eq!(rig.control_word(), u16::from(ABORT));
         rig.write(family.ascii.control_character, 0);
         assert!(!rig.port.control_pending(&mut rig.bus, rig.now).unwrap());
-        // Whose answer is nobody's.
+        // No caller waits for the question's answer.
         rig.respond(response::LINE, "0 0 0 0 0 0 0 0");
         assert_eq!(rig.poll(), Some(AsciiEvent::Stale(response::LINE)));
     }
@@ -103,7 +103,7 @@ fn what_comes_behind_a_control_character_is_its_reply_until_another_line_is_answ
     for family in FAMILIES {
         let mut rig = Rig::new(family);
         assert!(rig.port.control(&mut rig.bus, 0x10, true, rig.now).unwrap());
-        // No manual has a board refuse it.
+        // No manual says that a board refuses a control character.
         rig.respond(response::ERROR | 3, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::ProgramError(3)));
         assert_eq!(rig.poll(), None, "the board has not taken it");
@@ -120,7 +120,7 @@ fn what_comes_behind_a_control_character_is_its_reply_until_another_line_is_answ
     }
 }
 
-/// Another host may have left it, at a board that takes none without the flag.
+/// Another host may have left the character, at a board that takes none without the flag.
 #[test]
 fn a_foreign_character_that_lies_there_for_ever_holds_up_neither_a_stop_nor_the_port() {
     for family in FAMILIES {
@@ -140,7 +140,7 @@ fn a_foreign_character_that_lies_there_for_ever_holds_up_neither_a_stop_nor_the_
         rig.write(family.ascii.control_character, foreign);
         assert!(!rig.port.control(&mut rig.bus, b'R' - 64, false, rig.now).unwrap());
         assert!(rig.port.control(&mut rig.bus, ABORT, false, rig.now).unwrap());
-        // The board may have cleared the word for the other one.
+        // The board may have cleared the word for the other character.
         for lies in [true, false] {
             assert_eq!(rig.control_word(), u16::from(ABORT));
             rig.write(family.ascii.control_character, 0);

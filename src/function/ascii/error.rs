@@ -1,9 +1,10 @@
 //! An error while a line is under way.
 //!
-//! A line's error replaces its `<ACK>`: no other response to the line follows (Turbo Software Reference p. 37, Turbo User Manual p. 406).
-//! But unless I6=2 the board reports an error of a program's `CMD` in the same way (Software Reference, I6), and then the line's own
-//! response is still to come. The port cannot tell the two apart, so it reports the error and all later responses. The caller knows
-//! whether a program may run; if one may, the caller sends a probe.
+//! A line's error replaces its `<ACK>`: no other response to the line follows (Turbo Software Reference p. 37, Turbo
+//! User Manual p. 406). But unless I6=2 the board reports an error of a program's `CMD` in the same way (Software
+//! Reference, I6), and then the line's own response is still to come. The port cannot tell the two apart, so it
+//! reports the error and all later responses. The caller knows whether a program may run; if one may, the caller sends
+//! a probe.
 
 use std::time::Instant;
 

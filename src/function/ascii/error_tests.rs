@@ -1,4 +1,4 @@
-//! An error while a line is under way: its own, or one that a program's `CMD` has made.
+//! An error while a line is under way: the line's own, or that of a program's `CMD`.
 
 use super::*;
 use crate::protocol::control::CANCEL;
@@ -29,7 +29,7 @@ fn what_comes_behind_a_programs_error_is_the_lines_until_another_line_is_answere
         rig.take();
         rig.respond(0x8005, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Error(5)));
-        // Its answer is there before the next line is begun.
+        // The line's answer is there before the caller begins the next line.
         rig.respond(response::LINE, "7");
         assert!(
             !rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap(),
@@ -37,7 +37,7 @@ fn what_comes_behind_a_programs_error_is_the_lines_until_another_line_is_answere
         );
         rig.expect_line("7");
         assert!(rig.port.begin_open_ended(&mut rig.bus, b"I3 I10 I3").unwrap());
-        // So it goes on while that one lies there, also soon after the start.
+        // So the port goes on while the probe lies there, also soon after the start.
         rig.respond(0x8006, "");
         assert_eq!(rig.poll(), Some(AsciiEvent::Done(Err(6))));
         rig.respond(response::ACKNOWLEDGE, "");

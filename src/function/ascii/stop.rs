@@ -32,7 +32,8 @@ fn stronger(before: Option<u8>, character: u8) -> Option<u8> {
     before.into_iter().chain(may_come_twice(character).then_some(character)).max_by_key(strength)
 }
 
-/// Whether `character` may replace another host's character that the board leaves in its word: a stop replaces any weaker character.
+/// Whether `character` may replace another host's character that the board leaves in its word: a stop replaces any
+/// weaker character.
 pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
     let found = Some(found).filter(|found| may_come_twice(*found));
     match character {
@@ -42,8 +43,8 @@ pub(super) fn goes_over_foreign(character: u8, found: u8) -> bool {
 }
 
 impl DpramPort {
-    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed over, as
-    /// `LinePort::give_up` does.
+    /// Ends the line under way before `character`, which [goes over it](super::control::goes_over_line), is handed
+    /// over, as `LinePort::give_up` does.
     ///
     /// # Errors
     /// When the bus cannot be reached.

@@ -1,4 +1,4 @@
-//! A stop over a line that the board has not all of, or has not taken.
+//! A stop over a line that the board has only in part, or has not taken.
 
 use super::*;
 use crate::function::ascii::control::goes_over_line;
@@ -34,7 +34,7 @@ impl Rig {
         self.rest();
     }
 
-    /// The board has answered a line behind the stop, or ended the one before: it gets the stop once more.
+    /// The board has answered a line behind the stop, or ended the one before: the port sends the stop once more.
     fn stop_again(&mut self, character: u8) {
         assert!(!self.begin("P1"), "the stop goes first");
         assert_eq!(self.poll(), None);
