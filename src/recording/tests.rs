@@ -178,7 +178,7 @@ fn a_recording_is_read_in_bounds() {
     fs::write(directory.path().join(files::ANSWERS), answer.repeat(40)).unwrap();
     let fault = Recording::read(directory.path()).unwrap_err().to_string();
     assert!(fault.ends_with(": the replies take more than 16777216 bytes"), "{fault}");
-    // After the first fault there is nothing more.
+    // The reader stops at the first fault.
     fs::write(directory.path().join(files::TRACE), "x\nx\nx\n").unwrap();
     assert_eq!(Accesses::of(directory.path(), &about()).unwrap().count(), 1);
 }

@@ -29,7 +29,7 @@ fn vectors() -> Vectors {
     serde_json::from_str(include_str!("../../tests/data/replies.json")).unwrap()
 }
 
-/// Where the code of ABS, INC and FRAX is told.
+/// Settings that say where the code of ABS, INC and FRAX stands.
 fn told() -> Settings {
     Settings { rotary_code2: Some(RotaryCode2::Bit12), ..Settings::default() }
 }
@@ -252,7 +252,7 @@ fn a_number_has_to_be_in_range_as_it_is_sent_too() {
         let found = errors(text);
         assert_eq!(found.len(), 1, "{text}: {found:?}");
     }
-    // Where the range includes 0, 0 is sent with a warning.
+    // If the range includes 0, the compiler sends 0 with a warning.
     for text in ["X0.0000000001", "F0.000000001", "CALL32767.9999"] {
         assert!(compile(text.as_bytes(), &told()).is_ok(), "{text}");
     }
@@ -389,7 +389,7 @@ proptest! {
     fn programs_come_back_to_the_same_words(source in program(), settings in settings()) {
         let compiled = match compile(source.as_bytes(), &settings) {
             Ok(compiled) => compiled,
-            // A large number may exceed a given bias; nothing else can be wrong with these programs.
+            // A large number may exceed a given bias; these programs have no other fault.
             Err(refused) => {
                 let large = |error: &Placed<Reason>| matches!(error.what, Reason::TooLarge { .. });
                 prop_assert!(refused.errors.listed.iter().all(large), "{source}: {:?}", refused.errors.listed);

@@ -142,7 +142,7 @@ fn impossible_options_are_refused_with_their_range() {
     let many = Options { gather_sources: vec!["Y:$1".parse().unwrap(); 25], ..defaults() };
     assert!(refused(Function::Gather, many).contains("0 to 24"));
     assert!(refused(Function::Rotary, Options { coordinate_system: 9, ..defaults() }).contains("1 to 8"));
-    // What a function does not use does not matter to it.
+    // A function ignores options that it does not use.
     assert!(plan(&[Function::Panel], &Options { motors: 9, period: 0, ..defaults() }).is_ok());
 }
 
@@ -151,8 +151,8 @@ fn the_numbers_are_the_familys() {
     let options =
         Options { motors: 32, gather_sources: vec!["Y:$7A205".parse().unwrap(); 25], ..Options::default() };
     let lines = |function| enable::plan(&[function], &options, &TURBO2).unwrap().commands;
-    // I47 to I49, I55, I58 (Turbo User Manual pp. 403-410); I5000 to I5051 (Turbo Software Reference pp. 170-171). No I-variable
-    // tells how many motors are reported.
+    // I47 to I49, I55, I58 (Turbo User Manual pp. 403-410); I5000 to I5051 (Turbo Software Reference pp. 170-171). No
+    // I-variable sets how many motors the board reports.
     assert_eq!(lines(Function::Ascii), ["I58=1"]);
     assert_eq!(lines(Function::Servo), ["I47=1", "I57=0", "I48=1"]);
     assert_eq!(lines(Function::Background), ["I50=0", "I49=1"]);
