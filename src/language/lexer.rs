@@ -188,8 +188,8 @@ fn address(reader: &mut Reader<'_>, sign: u8, needs: Needs, kind: fn(u32) -> Kin
     }
 }
 
-/// The definition of a motor's axis: `0`, `I`, `100X`, `70.7X-70.7Y+5`. Each term but the first begins with a sign; only the last may
-/// have no letter.
+/// The definition of a motor's axis: `0`, `I`, `100X`, `70.7X-70.7Y+5`. Each term but the first begins with a sign;
+/// only the last may have no letter.
 fn axes(reader: &mut Reader<'_>) -> bool {
     let mut has_term = false;
     loop {

@@ -6,8 +6,8 @@ pub fn text(line: &str) -> &str {
     line.rsplit('=').next().unwrap_or(line).trim()
 }
 
-/// A number as a board writes it: decimal without exponent, or `$` and hexadecimal digits, a sign in front of either; `None`
-/// for anything else.
+/// A number as a board writes it: decimal without exponent, or `$` and hexadecimal digits, a sign in front of either;
+/// `None` for anything else.
 #[must_use]
 pub fn number(text: &str) -> Option<f64> {
     let (sign, plain) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));

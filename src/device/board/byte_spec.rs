@@ -149,8 +149,9 @@ pub fn open_mailbox(
     }
 }
 
-/// Mailboxes in a file. A board sees each write; a simulator sees only memory, so it would miss a byte written over an equal one.
-/// Each write therefore also stores 0 in the even byte beside it, which no board has; the simulator sets that to 0xFF again.
+/// Mailboxes in a file. A board sees each write; a simulator sees only memory, so it would miss a byte written over an
+/// equal one. Each write therefore also stores 0 in the even byte beside it, which no board has; the simulator sets
+/// that to 0xFF again.
 struct SimulatedMailbox(Mapping);
 
 impl ByteBus for SimulatedMailbox {

@@ -276,7 +276,7 @@ pub(in crate::device) fn needed<'a>(kind: &str, what: &str, subject: &'a str) ->
     if subject.is_empty() { Err(format!("the {what} after {kind}: is missing")) } else { Ok(subject) }
 }
 
-/// The options after the first comma.
+/// The options behind the first comma.
 #[derive(Default)]
 pub(in crate::device) struct Given {
     interrupt: Option<InterruptSource>,

@@ -1,7 +1,7 @@
 //! The users who may open a board's files, and the udev rule that gives a board's node to the service alone.
 //!
-//! A program that opens a node, or a device's file in sysfs, can write to the board past every role of the command socket. So
-//! these files belong to the service's user alone, with mode 0600; no group has access.
+//! A program that opens a node, or a device's file in sysfs, can write to the board past every role of the command
+//! socket. So these files belong to the service's user alone, with mode 0600; no group has access.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;

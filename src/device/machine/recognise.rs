@@ -3,11 +3,12 @@
 //! The generations' servo reports lie at different places, so a running report is proof. But memory at power-on holds
 //! any values, and sites keep counters of their own in the DPRAM (a counter that a PLC increments looks like a timer).
 //! So words count as a report only if all of this holds:
-//! * its timer goes on as a servo clock does, at one rate over the whole time (DPRAM manual p. 15, Turbo User Manual p. 403);
+//! * its timer goes on as a servo clock does, at one rate over the whole time (DPRAM manual p. 15, Turbo User Manual
+//!   p. 403);
 //! * no such timer goes on in the other generation's place;
-//! * the block of some motor is a copy of PMAC's registers: the motor is activated, not every flag of its status is set, and
-//!   every long of the block repeats its bit 23 above, as the DPRAM holds 24-bit words (DPRAM manual p. 11, Turbo User Manual
-//!   p. 402).
+//! * the block of some motor is a copy of PMAC's registers: the motor is activated, not every flag of its status is
+//!   set, and every long of the block repeats its bit 23 above, as the DPRAM holds 24-bit words (DPRAM manual p. 11,
+//!   Turbo User Manual p. 402).
 //!
 //! A board whose reports are off shows no generation by reading, and this module does not guess.
 
@@ -26,9 +27,10 @@ const SAMPLES: usize = 48;
 const LEAST: usize = 32;
 /// In how many samples, at least, the timer must have moved on.
 const MOVES: usize = 16;
-/// Servo clocks in Hz; the default is 2.26 kHz, and no board is said to go beyond 40 kHz.
+/// Servo clocks in Hz; the default is 2.26 kHz, and no manual names a board beyond 40 kHz.
 const CLOCKS: std::ops::RangeInclusive<f64> = 400.0..=50_000.0;
-/// How far a sample may be off the one rate, in seconds: reports come every so many cycles, and this process is not alone.
+/// How far a sample may be off the one rate, in seconds: reports come every so many cycles, and this process is not
+/// alone.
 const SLACK_S: f64 = 0.015;
 /// How often a look reads a block, at most, until no update came meanwhile.
 const BLOCK_READS: usize = 32;

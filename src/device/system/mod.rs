@@ -1,7 +1,8 @@
-//! The kernel's side of this process: the files in /dev, /sys and /proc, the descriptors that the service manager hands over, and
-//! how the processor is scheduled and sleeps.
+//! The kernel's side of this process: the files in /dev, /sys and /proc, the descriptors that the service manager
+//! hands over, and how the processor is scheduled and sleeps.
 //!
-//! All code reads the kernel's files through a [`System`]. Its root is `/` on a machine; a test gives a directory of made-up files.
+//! All code reads the kernel's files through a [`System`]. Its root is `/` on a machine; a test gives a directory of
+//! made-up files.
 
 pub mod cpu_latency;
 pub mod descriptors;

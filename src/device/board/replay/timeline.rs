@@ -374,7 +374,8 @@ mod tests {
         steps_with(family, accesses, &[])
     }
 
-    /// Accesses: a time in microseconds, `r` or `w`, a word of the DPRAM, a value. Later images: a time, and words that are not 0.
+    /// Accesses: a time in microseconds, `r` or `w`, a word of the DPRAM, a value. Later images: a time, and words
+    /// that are not 0.
     fn steps_with(
         family: &Family,
         accesses: &[(u64, char, HostOffset, u32)],
