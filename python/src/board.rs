@@ -250,7 +250,8 @@ impl Board {
         self.send_line(py, confirmed, |connection, own| own.control(connection, character))
     }
 
-    /// A request to the control panel: `jog+`, `jog-`, `jog-stop`, `pre-jog`, `home`, `start`, `step`, `stop` or `hold`.
+    /// A request to the control panel: `jog+`, `jog-`, `jog-stop`, `pre-jog`, `home`, `start`, `step`, `stop` or
+    /// `hold`.
     fn panel(&self, py: Python<'_>, action: &str, numbers: Vec<u8>) -> PyResult<()> {
         self.send(py, |connection| connection.panel(action, &numbers))
     }

@@ -1,4 +1,5 @@
-//! The servo report: the motors' positions, velocities and status words (DPRAM manual p. 14-17, Turbo User Manual p. 402).
+//! The servo report: the motors' positions, velocities and status words (DPRAM manual p. 14-17, Turbo User Manual p.
+//! 402).
 //!
 //! The family's register table says which fields a motor's block has, and where; a field of [`ServoMotor`] that the
 //! family lacks is `None`.
@@ -158,7 +159,8 @@ pub fn is_field(name: &str) -> bool {
 pub const MOTOR_FIELDS: usize = FIELDS.len();
 
 impl ServoMotor {
-    /// The place in [`ServoMotor::quantities`] of the field called `name` in the register table; `None` if the family lacks it.
+    /// The place in [`ServoMotor::quantities`] of the field called `name` in the register table; `None` if the family
+    /// lacks it.
     #[must_use]
     pub fn place(&self, name: &str) -> Option<usize> {
         let place = FIELDS.iter().position(|field| field.name == name)?;
