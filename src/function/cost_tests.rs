@@ -288,7 +288,7 @@ fn rotary() {
         };
         let mut stream = RotaryStream::of_family(family).remove(0);
         let ((), cost) = rig.cost(|bus| stream.set_up(bus, &setup).unwrap());
-        // One more where no I-variable keeps PMAC out.
+        // One access more if no I-variable keeps PMAC out.
         let set_up = documented("rotary set-up") + usize::from(family.i.rotary_enable.is_none());
         assert_eq!(cost, set_up);
         let line: Vec<_> =

@@ -157,7 +157,7 @@ pub struct GatherReader {
     stopped: bool,
     /// The clock's reading when the index had moved further than the clock allows.
     doubted: Option<u64>,
-    /// What ended the reading.
+    /// The result that ended the reading.
     broken: Option<GatherPoll>,
     words: [u16; 2 * MOST_LONGS],
     longs: [u32; MOST_LONGS],

@@ -458,7 +458,7 @@ proptest! {
     }
 }
 
-/// One poll that is not disturbed, before gathering ends.
+/// Polls until a poll is not disturbed, before gathering ends.
 fn step_until_known(
     reader: &mut GatherReader,
     board: &mut Board,

@@ -16,7 +16,7 @@ use crate::map::functions::RESPONSE_BYTES;
 /// 29).
 pub type ResponseText = Text<{ RESPONSE_BYTES - 1 }>;
 
-/// What a poll found.
+/// The result of a poll.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AsciiEvent {
     /// A line of the reply to the command under way.
@@ -41,7 +41,7 @@ pub enum AsciiEvent {
     ProgramError(u16),
 }
 
-/// What a stop has done to the line under way.
+/// The effect of a stop on the line under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stopped {
     /// No line is under way, or the board has all of it.

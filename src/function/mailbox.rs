@@ -57,7 +57,7 @@ const fn mailbox(number: usize) -> u32 {
     2 * number as u32 + 1
 }
 
-/// What an interrupt of a PMAC on the VME bus means.
+/// The meaning of an interrupt of a PMAC on the VME bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MailboxSignal {
     /// Vector v-1: PMAC has taken the group the host sent.

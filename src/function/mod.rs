@@ -15,7 +15,7 @@
 //! A function also has lines in these files; the compiler asks for them once the name and the descriptor exist:
 //! * `map/functions.rs` and `map/family/mod.rs`: its descriptor, and each family's;
 //! * `protocol/function.rs`: its name in the configuration;
-//! * `daemon/bus/function_table.rs`: its row in the table, and who gets its commands;
+//! * `daemon/bus/function_table.rs`: its row in the table, and the dispatch of its commands;
 //! * `daemon/bus/board_loop.rs`: whether its polls show that the board runs;
 //! * `setup/enable.rs`: what switches it on;
 //! * `daemon/shared/job.rs`, `daemon/socket/jobs.rs` and `daemon/socket/methods.rs`: its commands, if it takes any.

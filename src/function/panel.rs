@@ -426,7 +426,7 @@ impl Panel {
     /// is absent. 2 writes; 1 read the first time.
     ///
     /// # Errors
-    /// A number there is not, or the bus cannot be reached.
+    /// A number that the panel does not have, or a bus out of reach.
     pub fn set_override(
         &mut self,
         bus: &mut impl Bus,
@@ -445,7 +445,7 @@ impl Panel {
     /// absent. PMAC keeps the last value in its own register. 1 write; 1 read the first time.
     ///
     /// # Errors
-    /// A number there is not, or the bus cannot be reached.
+    /// A number that the panel does not have, or a bus out of reach.
     pub fn release_override(&mut self, bus: &mut impl Bus, number: usize) -> Result<bool, PanelBusError> {
         check_number(self.words, number)?;
         let Some(enabled) = self.enabled_overrides(bus)? else { return Ok(false) };

@@ -40,7 +40,7 @@ pub const POLL_WORDS: usize = 32;
 pub struct VariableEntry {
     /// Its PMAC address; for a function block its number.
     pub address: u32,
-    /// What kind of register it is.
+    /// The kind of register.
     pub kind: VariableKind,
 }
 
