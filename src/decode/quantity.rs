@@ -12,7 +12,7 @@ pub struct Quantity {
     pub raw: i64,
     /// The value in `unit`; `None` if the scale is not known or the register is not a number.
     pub value: Option<f64>,
-    /// The unit of `value`; of `raw` when there is no value.
+    /// The unit of `value`; without a value that of `raw`.
     pub unit: &'static str,
 }
 

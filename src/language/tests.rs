@@ -1,4 +1,4 @@
-//! What lines mean: the table, and what no table can hold.
+//! The meaning of lines: the table, and cases that no table can hold.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use super::settings::CutsOff;
 use super::*;
 use crate::map::Motors;
 
-/// A line, a tab, and what it means, as [`told`] tells it.
+/// A line, a tab, and its meaning, as [`told`] tells it.
 const TABLE: &str = include_str!("../../tests/data/line_meanings.tsv");
 
-/// What of a meaning is not as for an empty line.
+/// The fields of a meaning that differ from an empty line's.
 fn told(meaning: &Meaning) -> String {
     let mut told = String::new();
     let mut tell = |name: &str, what: String| {

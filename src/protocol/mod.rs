@@ -61,7 +61,7 @@ pub const TIMEOUT_MAX_MS: u64 = 600_000;
 /// holds them, so they have a method of their own.
 ///
 /// # Errors
-/// What is wrong with the line and where.
+/// The fault in the line, and its place.
 pub fn check_line(line: &str) -> Result<(), String> {
     if line.is_empty() {
         return Err("the line is empty".to_owned());

@@ -147,7 +147,7 @@ pub fn plan(functions: &[Function], options: &Options, family: &Family) -> Resul
             Function::Gather => Ok(gather(options, family, together)?),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    // One plan says it for all.
+    // The first plan tells it for all.
     if let (Some(setting), Some(first)) = (family.dpram_setting(), plans.first_mut()) {
         first.notes.push(format!(
             "one DPRAM serves all functions. For this one {setting} is needed; the board sets it by itself at re-initialisation if it \

@@ -83,7 +83,7 @@ pub enum VmeError {
     OutOfReach {
         /// `mailbox` or `DPRAM`.
         what: &'static str,
-        /// What was asked for.
+        /// The requested address.
         address: u32,
         /// The address lines decoded.
         bits: u32,
@@ -96,7 +96,7 @@ pub enum VmeError {
         address & !(MAILBOX_BYTES - 1)
     )]
     MailboxNotAligned {
-        /// What was asked for.
+        /// The requested address.
         address: u32,
     },
     /// The DPRAM's start lies between two pages.
@@ -105,7 +105,7 @@ pub enum VmeError {
         address & !(WINDOW - 1)
     )]
     DpramNotAligned {
-        /// What was asked for.
+        /// The requested address.
         address: u32,
     },
     /// Mailboxes and DPRAM differ in A31-A24, for which the board has one register.
@@ -133,7 +133,7 @@ pub enum VmeError {
     /// No such interrupt line.
     #[error("interrupt level {level} does not exist; the VME bus has levels 1 to 7")]
     Level {
-        /// What was asked for.
+        /// The requested level.
         level: u32,
     },
     /// More than a byte, or no room for the neighbours.
@@ -141,7 +141,7 @@ pub enum VmeError {
         "vector ${vector:02X} leaves no room for its neighbours; PMAC uses v-1, v and v+1, so v is $01 to $FD"
     )]
     VectorRange {
-        /// What was asked for.
+        /// The requested vector.
         vector: u32,
     },
     /// An even vector.
@@ -150,7 +150,7 @@ pub enum VmeError {
          ${:02X}", vector | 1
     )]
     EvenVector {
-        /// What was asked for.
+        /// The requested vector.
         vector: u32,
     },
 }
