@@ -1,4 +1,4 @@
-//! Commands that real programs send: what they do, and that a line that is refused does nothing.
+//! Commands that real programs send: their effects. A line that the board refuses has no effect.
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::firmware::{self, FirmwareTables};

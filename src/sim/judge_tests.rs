@@ -1,9 +1,10 @@
-//! What a Turbo host may write, and when: each breach is found, and what the manual tells the host to do is none.
+//! The words that a Turbo host may write, and when: the judge finds each breach, and finds none in a host that obeys
+//! the manual.
 
 use crate::sim::board::turbo;
 use crate::sim::testing::Bench;
 
-/// A Turbo board at factory settings: its functions are off, so that nothing it writes covers what the host does.
+/// A Turbo board at factory settings: its functions are off, so that none of its writes hides a write of the host.
 fn board() -> Bench {
     Bench::of(&turbo::TURBO2, turbo::TURBO2.firmware)
 }

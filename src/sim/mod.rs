@@ -6,7 +6,7 @@
 //!
 //! Lowest first; a row knows nothing of the rows below it:
 //!
-//! | room or file | what it is |
+//! | room or file | content |
 //! |---|---|
 //! | [`fault`], [`judge`] | faults that a test sets in the board; a host's breaches of the handshakes |
 //! | [`board`] | memory, variables, motors, coordinate systems, status words |

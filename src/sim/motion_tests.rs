@@ -64,7 +64,7 @@ fn following_error_and_output_go_with_velocity() {
     let board = &bench.world.board;
     let per_cycle = -32.0 * board.cycle_ms();
     assert!((board.velocity(0) - per_cycle).abs() < 0.04, "{}", board.velocity(0));
-    // 3 ms of velocity, less what one cycle's step is worth.
+    // 3 ms of velocity, less one cycle's step.
     let error = board.following_error(0);
     assert!((-97.0..-80.0).contains(&error), "{error}");
     let dac = f64::from((board.memory.read_x(0x3A) << 8) as i32 >> 8) / 256.0;

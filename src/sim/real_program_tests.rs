@@ -1,4 +1,4 @@
-//! What production programs and drivers wait for comes: their inputs, reduced, in virtual time.
+//! Production programs and drivers get what they wait for: their inputs, reduced, in virtual time.
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::firmware::{self, FirmwareTables};
@@ -152,7 +152,7 @@ fn a_closed_loop_goes_to_the_commanded_position_that_is_written_and_makes_good_a
     assert_eq!(send(&mut bench, "#1F"), ["-700"]);
     bench.run(2000);
     assert_eq!(send(&mut bench, "#1P #1F"), ["300", "0"], "the shaft has gone back by 700 counts");
-    // A jog goes on by what is left of its way.
+    // A jog goes on over the rest of its way.
     load(&mut bench, "#1J=10300");
     bench.run(100);
     load(&mut bench, "M161=M161+100*I108*32");

@@ -276,7 +276,7 @@ fn gathering_takes_sources_of_both_masks() {
     assert_eq!([bench.read(0x113C), bench.read(0x113E)], [4, 2]);
 }
 
-/// What the serial port answers to `line`, between bytes as they are.
+/// The serial port's answer to `line`, as bytes.
 fn serial(bench: &mut Bench, line: &str) -> String {
     String::from_utf8(bench.world.serial(line.as_bytes())).unwrap()
 }

@@ -149,8 +149,7 @@ impl Board {
         motors
     }
 
-    /// Refuses to move the origin of axes that motors follow by a kinematic program: the simulator does not play such a
-    /// move.
+    /// Refuses to move the origin of axes that motors follow by a kinematic program: the simulator does not play that.
     ///
     /// # Errors
     /// ERR003.

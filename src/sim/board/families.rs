@@ -8,7 +8,7 @@ pub static SIMULATED: &[&FirmwareTables] = &[&PMAC, &PMAC2, &TURBO, &TURBO2];
 /// Those with a DPRAM of another size.
 static OTHER_LENGTHS: &[&FirmwareTables] = &[&TURBO_32K, &TURBO2_8K];
 
-/// The firmware of `tables` on a board with a DPRAM of `length` bytes; `None` when there is no such board.
+/// The firmware of `tables` on a board with a DPRAM of `length` bytes; `None` for a size that no such board has.
 #[must_use]
 pub fn with_length(tables: &FirmwareTables, length: u32) -> Option<&'static FirmwareTables> {
     let all = SIMULATED.iter().chain(OTHER_LENGTHS).copied();

@@ -3,7 +3,7 @@
 use crate::map::{CPU_OPTIONS, Generation};
 use crate::sim::board::Board;
 
-/// What the option buys.
+/// The processor and memory of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Processor {
     /// The option's name.

@@ -69,7 +69,7 @@ fn a_reply_is_whole_however_many_lines_it_has() {
         bench.offer(question);
         // The board takes its time for a long listing.
         bench.until(40_000, |board| !board.output.dpram.is_empty());
-        // Another line waits: it is not taken before there is room.
+        // Another line waits: the board takes it only when it has room.
         bench.offer("I4");
         // A report that is asked for meanwhile comes behind.
         bench.write(bench.world.board.family().ascii.control_character.bytes(), 0x03);
@@ -87,7 +87,7 @@ fn a_reply_is_whole_however_many_lines_it_has() {
     }
 }
 
-/// What is not asked for has nobody to wait: what of it is lost the judge tells, once.
+/// No host waits for unasked text: the judge reports its loss once.
 #[test]
 fn messages_that_no_host_fetches_are_lost_and_told() {
     let mut bench = Bench::started();
@@ -112,7 +112,7 @@ fn a_long_line_comes_in_two_parts() {
     let mut bench = Bench::started();
     let text = format!("{:159}{:36}I19", "", "");
     bench.write_text(&text[..159]);
-    // The byte after the first part says that there is more.
+    // The byte after the first part says that a second part follows.
     bench.write(0x06CE, 0x2020);
     bench.write(0x062C, 1);
     bench.run(5);
@@ -246,7 +246,7 @@ fn the_judge_sees_what_a_host_must_not_do() {
         assert_eq!(bench.violations().len(), 1, "{offset:#06x} {:?}", bench.violations());
         assert!(bench.violations()[0].contains(&format!("0x{offset:04X}")), "{:?}", bench.violations());
     }
-    // What is the host's to write is no finding.
+    // A write to the host's own words is no finding.
     let mut bench = Bench::started();
     for offset in [0x0000, 0x0004, 0x0024, 0x0800, 0x07EC] {
         bench.write(offset, 0);

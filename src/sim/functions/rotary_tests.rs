@@ -216,7 +216,7 @@ fn headers_against_the_rules_are_errors_and_recorded_once() {
     }
 }
 
-/// What the judge records of a host that does `wrong` after two good lines.
+/// The judge's findings on a host that does `wrong` after two good lines.
 fn found(wrong: impl Fn(&mut Bench, &mut Host)) -> Vec<String> {
     let mut bench = bench(2);
     let mut host = Host::new(&mut bench, FIRST, 0xD300, 20, 1);

@@ -43,7 +43,7 @@ const PREFIXES: &[(&str, Prefix)] = &[
     ("TWS", Prefix::Thumbwheel('S')),
 ];
 
-/// Parses what follows `->`. `None` at the end of the line: a query, not a definition.
+/// Parses the text after `->`. `None` at the end of the line: a query, not a definition.
 ///
 /// # Errors
 /// ERR003 for an address that boards of `family` do not have, a field that exceeds a word, and any other text.

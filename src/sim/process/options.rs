@@ -121,10 +121,10 @@ pub enum NoSuchBoard {
     Motors(&'static Family),
 }
 
-/// What is in the memory at power-on.
+/// The memory's content at power-on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Garbage {
-    /// What the file holds.
+    /// The file's content.
     Off,
     /// Anything, from a seed.
     From(u64),

@@ -77,7 +77,7 @@ impl Mode {
     }
 }
 
-/// What may follow an axis and its position.
+/// A mark that may follow an axis and its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// `:`, the end velocity of a PVT move.

@@ -1,4 +1,4 @@
-//! Listings of programs: what the board lists of any program downloads again, to the same listing.
+//! Listings of programs: the board's listing of any program downloads again, to the same listing.
 
 use std::cell::RefCell;
 
@@ -55,7 +55,7 @@ fn condition() -> impl Strategy<Value = String> {
     })
 }
 
-/// What both kinds of program hold.
+/// Statements that both kinds of program hold.
 fn common() -> impl Strategy<Value = String> {
     prop_oneof![
         4 => (variable(), expression()).prop_map(|(variable, value)| format!("{variable}={value}")),

@@ -1,4 +1,4 @@
-//! Programs as sites write them: what files for real boards hold, in small programs of our own.
+//! Programs as sites write them: the statements of files for real boards, in small programs of our own.
 
 use crate::sim::board::error::CommandError;
 use crate::sim::board::firmware::{self, FirmwareTables};
