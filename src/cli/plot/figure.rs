@@ -1,22 +1,22 @@
-//! A figure: panels one below the other over one horizontal axis, each with an axis of its own, and where everything lies
-//! on the page.
+//! A figure: panels one below the other over one horizontal axis, each with a vertical axis of its own, and the places
+//! of all parts on the page.
 
 use super::letters::width;
 use super::scale::Scale;
 use super::scene::{Anchor, Color, Scene, Shape, Text};
 use super::trace::drawn;
 
-/// What is to be drawn.
+/// A figure to draw.
 #[derive(Debug, Default)]
 pub struct Figure<'a> {
     pub title: String,
     /// Below the title.
     pub note: String,
-    /// What the horizontal axis is, with its unit.
+    /// The quantity of the horizontal axis, with its unit.
     pub along: String,
-    /// Where along it the values of every trace lie.
+    /// The places of the values of every trace along the horizontal axis.
     pub places: &'a [f64],
-    /// The indices, ascending, of values before which some are missing.
+    /// The indices, ascending, of values that follow missing values.
     pub gaps: Vec<usize>,
     pub panels: Vec<Panel<'a>>,
 }
@@ -24,12 +24,12 @@ pub struct Figure<'a> {
 /// One axis and its traces.
 #[derive(Debug)]
 pub struct Panel<'a> {
-    /// What the vertical axis is, with its unit.
+    /// The quantity of the vertical axis, with its unit.
     pub label: String,
     pub traces: Vec<Trace<'a>>,
 }
 
-/// One line.
+/// A line in a panel.
 #[derive(Debug)]
 pub struct Trace<'a> {
     pub name: String,
@@ -37,7 +37,7 @@ pub struct Trace<'a> {
 }
 
 impl Trace<'_> {
-    /// Whose it is: `1` of `1.actual_position`.
+    /// The trace's owner: `1` of `1.actual_position`.
     fn owner(&self) -> &str {
         self.name.split_once('.').map_or("", |(owner, _)| owner)
     }
@@ -48,20 +48,21 @@ const WIDTH: f64 = 960.0;
 const ALONE: f64 = 400.0;
 const AMONG: f64 = 200.0;
 const EDGE: f64 = 16.0;
-/// From a panel to the next one's legend.
+/// The distance from a panel to the next panel's legend.
 const BETWEEN: f64 = 18.0;
-/// Heights of letters: the title's, and all others'.
+/// Heights of letters: of the title, and of all other texts.
 const LARGE: f64 = 16.0;
 const SMALL: f64 = 12.0;
-/// From line to line of small letters.
+/// The distance from line to line of small letters.
 const LINE: f64 = 18.0;
-/// Length of a mark on an axis, and from it to its number.
+/// Length of a mark on an axis, and the distance from the mark to its number.
 const MARK: f64 = 5.0;
-/// Of the piece of line in a legend, and from its end to the name, and to the next piece.
+/// Length of the piece of line in a legend, and the distances from its end to the name, and from the name to the next
+/// piece.
 const SAMPLE: f64 = 24.0;
 const BESIDE: f64 = 6.0;
 const APART: f64 = 18.0;
-/// Pixels from one mark to the next on the vertical axis, at the least.
+/// Least distance in pixels between two marks on the vertical axis.
 const MARK_APART: f64 = 34.0;
 /// The most marks on the horizontal axis.
 const MARKS_ALONG: usize = 12;
@@ -69,7 +70,7 @@ const MARKS_ALONG: usize = 12;
 const BLACK: Color = [0x24, 0x29, 0x2F];
 const FRAME: Color = [0x8C, 0x95, 0x9F];
 const GRID: Color = [0xE4, 0xE8, 0xEC];
-/// Told apart by everybody (Okabe and Ito), and one more, for boards of eight motors.
+/// Colours that all readers tell apart (Okabe and Ito), and one more, for boards of eight motors.
 const COLORS: [Color; 8] = [
     [0x00, 0x72, 0xB2],
     [0xD5, 0x5E, 0x00],
@@ -81,11 +82,11 @@ const COLORS: [Color; 8] = [
     [0x99, 0x99, 0x99],
 ];
 
-/// How a trace looks: its colour, and whether it is dashed.
+/// A trace's look: its colour, and whether it is dashed.
 type TraceLook = (Color, bool);
 
-/// How the traces of `panel` look. Those of one motor have one colour in every panel, the second of them dashes; where all
-/// are one motor's, each has its own colour.
+/// The looks of the traces of `panel`. A motor has one colour in every panel, and its second trace is dashed; if one
+/// motor owns all traces, each trace has its own colour.
 fn looks(panel: &Panel, owners: &[&str]) -> Vec<TraceLook> {
     let own = |index: usize, trace: &Trace| match owners.iter().position(|owner| *owner == trace.owner()) {
         Some(place) if owners.len() > 1 => {
@@ -155,7 +156,7 @@ fn measured<'f, 'a>(panel: &'f Panel<'a>, looks: Vec<TraceLook>, height: f64) ->
     Measured { panel, looks, scale, marks: scale.map_or_else(Vec::new, |scale| scale.marks(most)) }
 }
 
-/// As many as there is room for, side by side.
+/// As many marks as fit side by side.
 fn marks_along(scale: Scale, room: f64) -> Vec<(f64, String)> {
     let fits = |marks: &Vec<(f64, String)>| {
         let widest = marks.iter().map(|(_, text)| width(text, SMALL)).fold(0.0, f64::max);
@@ -191,10 +192,10 @@ fn wrapped(text: &str, room: f64) -> Vec<String> {
     lines
 }
 
-/// The page while it is filled from top to bottom.
+/// The page while the program fills it from top to bottom.
 struct FigurePage {
     shapes: Vec<Shape>,
-    /// How far it is filled.
+    /// The height filled so far.
     y: f64,
 }
 
@@ -226,7 +227,7 @@ impl FigurePage {
         self.y += LINE / 2.0;
     }
 
-    /// Each trace's name behind a piece of it, above the frame.
+    /// Each trace's name behind a piece of its line, above the frame.
     fn legend(&mut self, Measured { panel, looks, .. }: &Measured, left: f64, right: f64) {
         self.y += LINE;
         let mut x = left;

@@ -1,4 +1,5 @@
-//! How wide the letters of pictures are: those of DejaVu Sans, which a picture asks for first. Other fonts are hardly wider.
+//! The widths of letters in pictures: those of DejaVu Sans, the first font that a picture asks for. Other fonts are
+//! hardly wider.
 
 /// The widths of the letters from the space to `~`, in thousandths of the letters' height.
 #[rustfmt::skip]

@@ -20,7 +20,7 @@ use crate::cli::console::sink::put;
 use crate::cli::context::{Failure, Verdict};
 use crate::table::Table;
 
-/// The largest file to draw: all of it is held in memory, several times over.
+/// The largest file to draw: the program holds all of it in memory, several times over.
 const MOST_BYTES: u64 = 1 << 30;
 
 /// `plot`.
@@ -63,7 +63,7 @@ impl std::str::FromStr for PicturePath {
     }
 }
 
-/// Draws the table in the file `from`: the columns named, or those that it chooses.
+/// Draws the table in the file `from`: the named columns, or without names the program's choice.
 ///
 /// # Errors
 /// [`Failure`], which names the file.
@@ -80,10 +80,11 @@ pub fn draw_file(from: &Path, columns: &[String], to: &PicturePath) -> Result<()
     draw(&of_table::figure(&table, columns, title)?, to)
 }
 
-/// Refuses to draw what cannot be read from its beginning: a pipe, or stdout. A file that is still to be made can.
+/// Refuses to draw a pipe or stdout, which no reader can read from the beginning. A file that does not exist yet is
+/// allowed.
 ///
 /// # Errors
-/// [`Failure::Request`], which names it.
+/// [`Failure::Request`], which names the path.
 pub fn check_drawable(path: &Path) -> Result<(), Failure> {
     if is_stdout(path) || fs::metadata(path).is_ok_and(|there| !there.is_file()) {
         return Err(Failure::Request(format!("{}: only a file can be drawn", path.display())));

@@ -1,10 +1,10 @@
-//! What of a table is drawn: its time along, and a panel for each kind of value.
+//! The parts of a table that a picture shows: time along, and a panel for each kind of value.
 
 use super::figure::{Figure, Panel, Trace};
 use crate::cli::context::Failure;
 use crate::table::Table;
 
-/// The columns that time is taken from, the best first, and how the axis is called.
+/// The columns that can give the time, the best first, and the name of the axis.
 const TIMES: [(&str, &str); 4] = [
     ("time_s", "time (s)"),
     ("servo_cycle", "time (servo cycles)"),
@@ -13,13 +13,14 @@ const TIMES: [(&str, &str); 4] = [
 ];
 /// Columns that tell of the row, not of the machine.
 const OWN: [&str; 6] = ["time_s", "servo_cycle", "sample", "update", "unix_s", "missed"];
-/// And one that is `lost` updates.
+/// The column that counts lost updates.
 const LOST: &str = "lost";
 
-/// A figure of `table`: of the columns named, or of all but times and status words. `title` stands above it.
+/// A figure of `table`: of the named columns, or of all columns but times and status words. `title` is the figure's
+/// title.
 ///
 /// # Errors
-/// [`Failure::Request`] names what the table does not have.
+/// [`Failure::Request`] names the column that the table does not have.
 pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result<Figure<'a>, Failure> {
     if table.rows() == 0 {
         return Err(Failure::Refused(format!("{title}: no rows, so nothing is drawn")));
@@ -59,7 +60,7 @@ pub fn figure<'a>(table: &'a Table, columns: &[String], title: String) -> Result
     Ok(Figure { title, note: missing(table), along: along.to_owned(), places, gaps, panels })
 }
 
-/// What an axis is called whose values are like the column's: `1.actual_position` and `2.commanded_position` are positions.
+/// The name of an axis for values like the column's: `1.actual_position` and `2.commanded_position` are positions.
 fn label(name: &str, unit: &str) -> String {
     let kind = match name.split_once('.') {
         Some((_, kind)) if kind.ends_with("_position") => "position",

@@ -1,18 +1,18 @@
-//! An axis: what it reaches from and to, and which round numbers are marked on it.
+//! An axis: its ends, and the round numbers marked on it.
 
 use crate::client::number::{digits, fixed};
 
-/// Room above and below the values, as a part of what they reach over.
+/// Room above and below the values, as a part of their span.
 const ROOM: f64 = 0.05;
-/// Steps outside of these are written with an exponent.
+/// Steps outside of these have an exponent.
 const PLAIN: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 /// Digits of a number that is written with an exponent.
 const DIGITS: usize = 6;
 
-/// The largest value that can be drawn: what two of them are apart is a number, too.
+/// The largest value to draw: the distance of two such values is a number, too.
 const LARGEST_DRAWN: f64 = 1e300;
 
-/// From where to where an axis goes.
+/// The ends of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     pub low: f64,
@@ -20,7 +20,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// As far as the `values` reach that can be drawn; `None` where there are none. One value alone stands in the middle.
+    /// The span of the `values` that can be drawn; `None` without values. One value alone is in the middle.
     pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
         let reach =
             |Self { low, high }: Self, value: f64| Self { low: low.min(value), high: high.max(value) };
@@ -45,17 +45,17 @@ impl Scale {
         Self { low: self.low - room, high: self.high + room }
     }
 
-    /// Whether `value` is on it.
+    /// Whether the axis has `value`.
     pub fn has(self, value: f64) -> bool {
         (self.low..=self.high).contains(&value)
     }
 
-    /// How far along `value` is: 0 at the low end, 1 at the high one.
+    /// The place of `value` on the axis: 0 at the low end, 1 at the high end.
     pub fn part(self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
     }
 
-    /// At most `most` round numbers in it, ascending, and how they are written.
+    /// At most `most` round numbers on the axis, ascending, and their texts.
     pub fn marks(self, most: usize) -> Vec<(f64, String)> {
         let span = self.high - self.low;
         let rough = span / most.max(1) as f64;
@@ -67,7 +67,7 @@ impl Scale {
         if !count.is_finite() {
             return Vec::new();
         }
-        // Adding up would add up what each is rounded by.
+        // A sum of steps would add up their rounding errors.
         (0..=count.max(0.0) as usize)
             .map(|index| (first + index as f64) * step)
             .filter(|value| self.has(*value))

@@ -1,4 +1,4 @@
-//! What a picture is made of: lines, dots and texts at places in pixels from the top left corner.
+//! The parts of a picture: lines, dots and texts at places in pixels from the top left corner.
 
 /// A colour, red, green and blue.
 pub type Color = [u8; 3];
@@ -14,18 +14,18 @@ pub enum Anchor {
 /// A text on one line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Text {
-    /// Its foot, where `anchor` holds it.
+    /// The text's foot, at the end that `anchor` names.
     pub at: [f64; 2],
     pub text: String,
     /// Height of a letter in pixels.
     pub size: f64,
     pub anchor: Anchor,
     pub color: Color,
-    /// It runs upwards.
+    /// The text runs upwards.
     pub upwards: bool,
 }
 
-/// One part.
+/// A part of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     Line { points: Vec<[f64; 2]>, color: Color, width: f64, dashed: bool },
@@ -38,7 +38,7 @@ pub enum Shape {
 pub struct Scene {
     pub width: f64,
     pub height: f64,
-    /// What is drawn, one over the other.
+    /// The parts, each drawn over those before.
     pub shapes: Vec<Shape>,
 }
 

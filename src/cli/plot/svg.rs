@@ -56,7 +56,7 @@ fn hex([red, green, blue]: Color) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-/// Without what ends a text, or is none in XML.
+/// The text without characters that would end it in XML, or that XML does not have.
 fn escaped(text: &str) -> String {
     let is_none = |letter: char| letter.is_control() || matches!(letter, '\u{fffe}' | '\u{ffff}');
     let text: String = text.chars().map(|letter| if is_none(letter) { ' ' } else { letter }).collect();

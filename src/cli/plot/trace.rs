@@ -19,7 +19,8 @@ impl Drawn {
     }
 }
 
-/// The points, each on the page or missing, as lines. Before those at the indices in `gaps`, ascending, others are missing.
+/// The points, each on the page or missing, as lines. `gaps` has the indices, ascending, of points that follow missing
+/// points.
 pub fn drawn(points: impl Iterator<Item = Option<[f64; 2]>>, gaps: &[usize]) -> Drawn {
     let mut drawn = Drawn::default();
     let mut run = Vec::new();
@@ -36,7 +37,7 @@ pub fn drawn(points: impl Iterator<Item = Option<[f64; 2]>>, gaps: &[usize]) -> 
     drawn
 }
 
-/// Of the points in one column of pixels the first, the lowest, the highest and the last: they look like all of them.
+/// Of each column of pixels the first, the lowest, the highest and the last point: these four look like all points.
 fn thinned(run: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut kept: Vec<[f64; 2]> = Vec::new();
     for column in run.chunk_by(|one, other| one[0].floor() == other[0].floor()) {
