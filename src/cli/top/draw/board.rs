@@ -1,4 +1,4 @@
-//! The page of the board: health, motors, the following error of the selected one, coordinate systems, watches.
+//! The page of the board: health, motors, the following error of the selected motor, coordinate systems, watches.
 
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -14,14 +14,14 @@ use crate::client::Staleness;
 use crate::client::number::{NOT_READ, fixed};
 use crate::format::Visible;
 
-/// Columns that a narrow screen can do without, first those that are missed least.
+/// Columns that a narrow screen can do without, the least important first.
 const SPARE_OF_MOTORS: [&str; 7] =
     ["target", "commanded", "name", TRACE, "velocity", "following error", "position"];
 const SPARE_OF_SYSTEMS: [&str; 4] = ["left ms", "targets", "PE", "mode"];
 const TRACE: &str = "trace";
 /// The width of a trace in the table.
 const COLUMNS: usize = 10;
-/// What `status` says first of the daemon, and what of it wants to be looked at.
+/// The parts of `status` that the health shows, and the parts that need the user's attention.
 const HEALTH: [&str; 2] = ["daemon", "counters"];
 const NOTES: [&str; 5] = ["open buffer", "elsewhere", "not used yet", "programs' words", "unfinished"];
 
@@ -58,7 +58,7 @@ impl Picture<'_> {
         self.styled(frame, room(rooms.watches), &watches);
     }
 
-    /// The condition, what `status` says first, and what wants to be looked at.
+    /// The condition, the health parts of `status`, and the parts that need the user's attention.
     fn health(&self, width: usize) -> Vec<(String, Style)> {
         let fault = self.fault().or_else(|| self.daemon_fault());
         let mut lines = match fault {
@@ -77,7 +77,7 @@ impl Picture<'_> {
         let Ok(snapshot) = self.snapshot else { return Vec::new() };
         let found = motors::shown(snapshot);
         let mut table = motors::table(&found);
-        // A board that reports no velocity tells it by its positions.
+        // A board that reports no velocity: compute it from the positions.
         if found.first().is_some_and(|motor| !motor.is_reported("actual_velocity")) {
             let velocity = |motor: usize| {
                 self.traces.velocity(motor).map_or_else(|| NOT_READ.to_owned(), |counts| fixed(counts, 1))
@@ -142,7 +142,7 @@ impl Picture<'_> {
         }
     }
 
-    /// The heading, and of the rows those around the selected one.
+    /// The heading, and the rows around the selected row.
     fn table(&self, frame: &mut Frame<'_>, area: Rect, table: &Rows, selected: usize, is_old: bool) {
         let Some((heading, body)) = table.split_first() else { return };
         let room = usize::from(area.height).saturating_sub(heading.len());
@@ -160,7 +160,7 @@ impl Picture<'_> {
         }
     }
 
-    /// The heading, and the rows from the one on to which the user scrolled.
+    /// The heading, and the rows from the user's scroll position on.
     fn scrolled_table(&self, frame: &mut Frame<'_>, area: Rect, table: &Rows, is_old: bool) {
         let Some((heading, body)) = table.split_first() else { return };
         let style = if is_old { self.look.old() } else { Style::new() };
@@ -191,7 +191,7 @@ impl Picture<'_> {
     }
 }
 
-/// The row from which on the selected one is the last of those that fit into so many lines, or the first of all.
+/// The first row to show, so that the selected row is the last that fits into `room` lines; or the first of all.
 fn first_row(rows: &[Vec<String>], selected: usize, room: usize) -> usize {
     let mut left = room.saturating_sub(rows.get(selected).map_or(0, Vec::len));
     let mut from = selected.min(rows.len());
@@ -202,7 +202,7 @@ fn first_row(rows: &[Vec<String>], selected: usize, room: usize) -> usize {
     from
 }
 
-/// The lines, each in as many as it needs.
+/// The lines, wrapped to the width.
 fn wrap(lines: impl IntoIterator<Item = (String, Style)>, width: usize) -> Vec<(String, Style)> {
     let wrap = |(line, style): (String, Style)| {
         let lines = wrapped(&Visible(line).to_string(), 0, width);

@@ -12,7 +12,7 @@ impl Look {
         Self { colours }
     }
 
-    /// As the environment wants it.
+    /// The look that the environment asks for.
     pub fn of_environment() -> Self {
         Self::new(std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()))
     }
@@ -33,12 +33,12 @@ impl Look {
         Style::new().add_modifier(Modifier::REVERSED)
     }
 
-    /// What is old.
+    /// The style of old data.
     pub const fn old(self) -> Style {
         Style::new().add_modifier(Modifier::DIM)
     }
 
-    /// What somebody has to look at.
+    /// The style of text that needs the user's attention.
     pub const fn alarm(self) -> Style {
         self.coloured(Style::new().add_modifier(Modifier::BOLD), Color::Red)
     }

@@ -1,4 +1,4 @@
-//! Draws the screen of `top`. Decides what fits; what is shown comes from elsewhere.
+//! Draws the screen of `top`. Decides on the parts that fit; the data come from other modules.
 
 mod board;
 mod look;
@@ -32,7 +32,7 @@ const DAEMON_SILENT_FOR: Duration = Duration::from_secs(3);
 /// Everything that is drawn.
 pub struct Picture<'a> {
     pub name: &'a str,
-    /// What the segment has, or why it has nothing.
+    /// The segment's data, or the reason for their absence.
     pub snapshot: Result<&'a Snapshot, &'a str>,
     pub answer: Option<&'a DaemonAnswer>,
     pub traces: &'a Traces,
@@ -54,7 +54,7 @@ impl Picture<'_> {
         self.last(frame, last, &said);
     }
 
-    /// What keeps the motors' data from being live, in `status`'s words.
+    /// The reason that the motors' data are not live, in `status`'s words.
     fn fault(&self) -> Option<String> {
         let snapshot = match self.snapshot {
             Ok(snapshot) => snapshot,
@@ -69,13 +69,13 @@ impl Picture<'_> {
         }
     }
 
-    /// Why data are `stale`: of a replay that is over, that it is.
+    /// The reason that data are `stale`; for a replay, its end.
     fn why(&self, stale: Staleness) -> String {
         let is_over = self.answer.is_some_and(|answer| answer.status["socket"]["replay"]["over"] == true);
         if is_over { REPLAY_OVER.to_owned() } else { stale.to_string() }
     }
 
-    /// What the daemon said of the rest, if it is not live.
+    /// The daemon's word on the rest of the data, if they are not live.
     fn daemon_fault(&self) -> Option<String> {
         let answer = self.answer?;
         let silent = self.now.saturating_duration_since(answer.at);
@@ -109,7 +109,7 @@ impl Picture<'_> {
         }
     }
 
-    /// The last lines: what is typed, or what is armed and the last message. No warning is cut.
+    /// The last lines: the typed text, or the armed motor and the last message. Shows warnings whole.
     fn last_lines(&self, width: usize) -> Vec<String> {
         let armed = self.armed();
         let text = match (&self.state.typed, &self.state.message) {
@@ -151,7 +151,7 @@ impl Picture<'_> {
         }
     }
 
-    /// What `status` says about `what`.
+    /// The lines of `status` about `what`.
     fn said(&self, what: &str) -> Vec<String> {
         let lines = self.answer.map(|answer| status::lines(&answer.status)).unwrap_or_default();
         lines
@@ -162,7 +162,7 @@ impl Picture<'_> {
     }
 }
 
-/// The title, what stands between, and the last lines.
+/// The title, the part between, and the last lines.
 fn split(area: Rect, last: u16) -> [Rect; 3] {
     let title = Rect { height: area.height.min(1), ..area };
     let last = last.min(area.height - title.height);
@@ -171,7 +171,7 @@ fn split(area: Rect, last: u16) -> [Rect; 3] {
     [title, row(title.height, body), row(title.height + body, last)]
 }
 
-/// So many rows of a screen, which has no more than it can count.
+/// `count` rows of a screen, at most the number that a screen can count.
 fn rows(count: usize) -> u16 {
     u16::try_from(count).unwrap_or(u16::MAX)
 }

@@ -1,6 +1,6 @@
 //! How the rows of the screen are shared out.
 
-/// Rows of each part; 0 for a part that is left out.
+/// Rows of each part; 0 for a part that the screen leaves out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rooms {
     pub health: u16,
@@ -18,8 +18,8 @@ const FEW: u16 = 12;
 const TRACE: u16 = 14;
 
 impl Rooms {
-    /// Shares `rows` out among parts that would like so many of them. The motors come first, of many rows they take less
-    /// than half; then the watches, the health, the coordinate systems and the trace.
+    /// Shares `rows` out among parts that would like `like` rows. The motors come first, but take less than half of
+    /// many rows; then the watches, the health, the coordinate systems and the trace.
     pub fn share(rows: u16, like: Self) -> Self {
         let mut left = rows;
         let mut take = |wanted: u16, least: u16| {
@@ -43,7 +43,7 @@ impl Rooms {
         shared
     }
 
-    /// What is never too much of a trace.
+    /// The rows of a trace that are never too many.
     pub const fn trace_likes() -> u16 {
         TRACE
     }

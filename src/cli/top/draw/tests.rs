@@ -20,7 +20,7 @@ use crate::format::{Float48Layout, WordOrder, fixed48, int24, split32};
 use crate::map::{Family, PMAC, TURBO2, block_fields};
 use crate::segment::{Identity, UserUnit};
 
-/// Everything that a picture is made of.
+/// The data of a picture.
 struct Board {
     now: Instant,
     snapshot: Result<Snapshot, String>,
