@@ -38,8 +38,8 @@ pub struct AxisDefinition {
     pub offset: f64,
 }
 
-/// The letter of Turbo for a motor whose position comes from the inverse kinematic program (Turbo Software Reference p.
-/// 284: code 5 in the second word of `?`).
+/// The letter of Turbo for a motor whose position comes from the inverse kinematic program (Turbo Software
+/// Reference p. 284: code 5 in the second word of `?`).
 pub const INVERSE_KINEMATIC: char = 'I';
 
 impl AxisDefinition {

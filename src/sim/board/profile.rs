@@ -1,8 +1,8 @@
 //! The velocity profile of jog and home moves: trapezoids with S-curve corners.
 //!
 //! One change of velocity takes ta = max(Ix20, 2*Ix21) ms, of which Ix21 at each end are S-curve; when the peak
-//! acceleration dV/(ta - ts) would exceed Ix19, the board lengthens both times by one factor (Software Reference p.
-//! 76). Units: counts and milliseconds. Positions are closed formulas, so no error accumulates.
+//! acceleration dV/(ta - ts) would exceed Ix19, the board lengthens both times by one factor (Software Reference
+//! p. 76). Units: counts and milliseconds. Positions are closed formulas, so no error accumulates.
 
 /// How a motor may change its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
