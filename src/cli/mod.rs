@@ -3,7 +3,7 @@
 //! Exit status: 0 done; 1 the answer is "no", or the board or the daemon refused; 2 the request could not be made.
 //! Data go to stdout, everything else to stderr. A closed pipe (`pmacctl … | head`) ends the program quietly.
 //!
-//! | room | what is in it |
+//! | room | content |
 //! |---|---|
 //! | `args` | the command line |
 //! | `show` | commands that only read: `status`, `motors`, `coordinates`, `watch`, `demo`, `read`, `board map`, `board decode` |
@@ -12,9 +12,9 @@
 //! | `gather`, `log`, `plot`, `rotary` | samples to a file; every update to a file; pictures; motion programs from a file |
 //! | `files` | command files and settings: `download`, `backup`, `diff`, `restore` |
 //! | `setup` | lines that set a board up, `board absolute` |
-//! | `tune` | moves a motor and tells how it answered |
+//! | `tune` | moves a motor and reports its response |
 //! | `capture` | `board capture`: a board in a directory of plain files |
-//! | `doctor` | what is wrong, and what to do |
+//! | `doctor` | faults and their cures |
 //! | `console` | terminal, tables, output files, signals |
 
 mod act;
@@ -61,7 +61,7 @@ pub fn command() -> clap::Command {
     args::command()
 }
 
-/// What is said when mapped memory is gone.
+/// The message when mapped memory is gone.
 const SEGMENT_GONE: &str = "pmacctl: SIGBUS, memory that was mapped is gone: perhaps somebody has truncated the segment in /dev/shm; see to pmacd, \
     then start this again\n";
 

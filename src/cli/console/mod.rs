@@ -1,4 +1,4 @@
-//! What commands print with: the terminal, tables, output files and signals.
+//! The output of commands: the terminal, tables, output files and signals.
 
 mod confirm;
 pub mod input;

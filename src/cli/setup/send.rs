@@ -36,7 +36,7 @@ pub struct Setup {
     pub sending: Sending,
 }
 
-/// The part to set up: the board, or pmacd.
+/// What is set up: the board, or pmacd.
 #[derive(Debug, Subcommand)]
 pub enum Part {
     #[command(flatten)]
