@@ -1,9 +1,9 @@
 //! The daemon: owns the board, mirrors it, serves commands (layer 5).
 //!
 //! The bus thread ([`bus::board_loop`]) owns the board. The socket thread ([`socket`]) owns the clients. Two bounded
-//! queues ([`shared::queue`]) join them. What the daemon says to the board step by step, for one client, stands in `scripts`; the
-//! socket thread drives it. A third thread writes the log, a fourth listens for interrupts while the
-//! bus thread sleeps ([`bus::doorbell`]), and the first one waits for signals and keeps the segment's name.
+//! queues ([`shared::queue`]) join them. `scripts` holds the daemon's dialogues with the board, step by step, each for
+//! one client; the socket thread drives them. A third thread writes the log. A fourth listens for interrupts while the
+//! bus thread sleeps ([`bus::doorbell`]). The main thread waits for signals and keeps the segment's name.
 
 mod ask_family;
 pub mod bring_up;
