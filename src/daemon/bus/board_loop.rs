@@ -1,11 +1,12 @@
 //! The one thread that owns the board. It waits for the time, for commands and for interrupts.
 //!
-//! Nobody else touches the bus, so no lock guards it. Servo data come first: every other piece of work is bounded and
-//! short, and before each the servo's due time is looked at ([`GuardTime`]). After start the thread neither allocates nor
-//! logs in each round, and waits for no client. It says when something changes, once ([`Reporter`]).
+//! No other thread touches the bus, so no lock guards the bus. Servo data come first: every other piece of work is
+//! bounded and short, and before each piece the loop looks at the servo's due time ([`GuardTime`]). After start the
+//! thread neither allocates nor logs in each round, and waits for no client. It reports each change once
+//! ([`Reporter`]).
 //!
-//! The loop alone reacts, here, in `rounds` and in `life`: its parts find out, and give what they found as a value. Answers to
-//! commands they put into the queue to the socket.
+//! Only the loop reacts: here, in `rounds` and in `life`. Its parts return their findings as values. They put answers
+//! to commands into the queue to the socket.
 
 mod life;
 mod rounds;
@@ -41,13 +42,13 @@ use crate::mirror::Transition;
 use crate::protocol::{Function, State};
 use crate::segment::{Counter, Publisher, RegionId, RegionState, Stamp};
 
-/// How often the segment's heartbeat is written, in the round that is nearest to it.
+/// How often the loop writes the segment's heartbeat, in the nearest round.
 const HEARTBEAT_NS: u64 = 50_000_000;
-/// How often the memory behind the bus is checked to be still the board's.
+/// How often the loop checks that the memory behind the bus is still the board's.
 const BOARD_CHECK_NS: u64 = 1_000_000_000;
-/// How long a board may take to give its first sign of life before it is called stale.
+/// How long a board may take for its first sign of life before the daemon calls the board stale.
 const FIRST_SIGN_NS: u64 = 1_000_000_000;
-/// How long an unreachable bus is left alone.
+/// How long the loop leaves an unreachable bus alone.
 const BUS_ERROR_PAUSE_NS: u64 = 10_000_000;
 /// Commands taken from the queue in one round.
 const COMMANDS_A_ROUND: usize = 4;
@@ -56,21 +57,21 @@ const ROUNDS_A_POLL: usize = 10_000;
 
 /// What the configuration says of the board.
 pub struct Configured {
-    /// Where its buffers lie, which the firmware has a say in.
+    /// Where the board's buffers lie, which depends on the firmware, too.
     pub settings: CheckedSettings,
-    /// Motors to read while the board has not said how many it reports.
+    /// Number of motors to read until the board has told how many it reports.
     pub motors: usize,
 }
 
-/// What joins the loop with the other threads and processes.
+/// The loop's links to other threads and processes.
 pub struct Connections {
     /// The segment, as its writer.
     pub publisher: Publisher,
-    /// Commands from the socket, answers to it.
+    /// Commands from the socket, and the answers to the socket.
     pub intake: CommandIntake,
     /// The loop's heartbeat, for the service manager.
     pub pulse: Arc<Pulse>,
-    /// Readable when the loop shall end.
+    /// Becomes readable when the loop shall end.
     pub stop: Arc<EventFd>,
 }
 
@@ -86,20 +87,20 @@ pub struct BoardLoop {
     clock: Clock,
     phase: LoopPhase,
     ahead: Ahead,
-    /// What the servo report told then.
+    /// The servo report's content at the last whole round.
     told: (MotorsStatus, Option<WholeBoard>),
-    /// Short rounds have polled it since, and passed nothing on.
+    /// Short rounds have polled the servo report since then, without passing anything on.
     is_unseen: bool,
     began_ns: u64,
     heartbeat_due_ns: u64,
     check_due_ns: u64,
-    /// The bus could not be reached, and is left alone until then.
+    /// The bus was out of reach: the loop leaves the bus alone until then.
     paused_until_ns: u64,
     waits: Waits,
 }
 
 impl BoardLoop {
-    /// A loop over the `functions` of the board on `bus`. Nothing touches the board before the first poll.
+    /// A loop over the `functions` of the board on `bus`. The loop does not touch the board before the first poll.
     #[must_use]
     pub fn new(
         bus: BoardBus,
@@ -131,9 +132,9 @@ impl BoardLoop {
         }
     }
 
-    /// Runs until told to stop, then leaves the board as it should be left: no bit of the host's set.
+    /// Runs until the daemon stops the loop, then leaves the board with no bit of the host's set.
     pub fn run(mut self) {
-        // Without it the kernel adds up to 50 µs to every sleep.
+        // By default the kernel adds up to 50 µs to every sleep.
         let _ = nix::sys::prctl::set_timerslack(1);
         if let Err(error) = self.waits.allow_sleeps(&self.connections.stop) {
             warn!(
@@ -151,9 +152,10 @@ impl BoardLoop {
         }
     }
 
-    /// Does everything that is due now, and returns when something is due next, in nanoseconds of the loop's clock:
-    /// `u64::MAX` when it has ended. For whoever drives the loop instead of [`BoardLoop::run`]; to be called again then, or
-    /// when a command or an interrupt has come. Returns after so many rounds even if some work is left.
+    /// Does all work that is due now. Returns when the next work is due, in nanoseconds of the loop's clock: `u64::MAX`
+    /// once the loop has ended. For a caller that drives the loop in place of [`BoardLoop::run`]. The caller calls
+    /// again at the time returned, or when a command or an interrupt has come. Returns after `ROUNDS_A_POLL` rounds
+    /// even if work is left.
     pub fn poll(&mut self) -> u64 {
         self.connections.publisher.set_now(self.clock.ns());
         for _ in 0..ROUNDS_A_POLL {
@@ -169,7 +171,7 @@ impl BoardLoop {
         self.clock.ns()
     }
 
-    /// One round, after what became readable.
+    /// One round of the loop; `readable` names the descriptors that woke it.
     fn step(&mut self, readable: &Readable) {
         if readable.stop {
             self.stop();
@@ -187,25 +189,25 @@ impl BoardLoop {
         }
     }
 
-    /// Tells the clients what has changed; of counts only `with_counts`.
+    /// Tells the clients the changes; includes the counts only if `with_counts`.
     fn tell_clients(&mut self, with_counts: bool, now: Instant) {
         self.functions.tell(&mut self.reporter.status, with_counts, now);
         self.reporter.status.replay = self.bus.replay();
         self.reporter.send(self.connections.intake.events());
     }
 
-    /// Whether the bus is left alone for a moment, because it could not be reached.
+    /// Whether the loop leaves the bus alone for a moment, after the bus was out of reach.
     fn is_paused(&self, now: u64) -> bool {
         now < self.paused_until_ns
     }
 
-    /// The functions, and what they work with.
+    /// The functions, and the context for their work.
     fn functions_in_context(&mut self) -> (&mut FunctionTable, Context<'_, BoardBus>) {
         let Self { functions, bus, connections: Connections { publisher, intake, .. }, clock, .. } = self;
         (functions, Context { bus, publisher, intake, clock })
     }
 
-    /// What follows from what a function found.
+    /// Acts on the findings of a function's poll.
     fn react(&mut self, function: Function, polled: Polled) -> Result<(), PortError> {
         let Polled { transition, was_reset } = polled;
         match function {
@@ -247,7 +249,7 @@ impl BoardLoop {
         Ok(())
     }
 
-    /// Passes on what the servo report tells, of all updates since the last call.
+    /// Passes on the content of the servo report, for all updates since the last call.
     fn see_servo(&mut self) {
         self.functions.see_whole_board();
         if let Some(motors) = self.functions.servo.reader.take_taken_out() {
@@ -255,13 +257,13 @@ impl BoardLoop {
         }
     }
 
-    /// Data have stopped: the board may have been reset, or be gone.
+    /// The board's data have stopped: the board may have been reset, or be gone.
     fn doubt_board(&mut self) {
         self.functions.ascii.queue.doubt(self.clock.now());
         self.write_page();
     }
 
-    /// Publishes what has become known of the board, and works by it.
+    /// Publishes the board's new identity, and sets the functions and the buffer layout by it.
     fn take_identity(&mut self) {
         let identifier = &mut self.functions.ascii.queue.identifier;
         let on_request = identifier.on_request();
@@ -288,7 +290,8 @@ impl BoardLoop {
         self.reporter.identity(identity, motors);
     }
 
-    /// Uses the functions that the board says it works at, and those that its own programs leave free.
+    /// Begins to use the functions that the board reports as enabled, and those whose words the board's own programs
+    /// leave free.
     fn take_pointers(&mut self) -> Result<(), PortError> {
         let now = self.clock.now();
         let enabling = self.functions.ascii.queue.identifier.enabling();
@@ -315,12 +318,13 @@ impl BoardLoop {
         self.functions.servo.is_live() && self.guard.is_near(ns, self.functions.servo_due_ns())
     }
 
-    /// Whether only what watches the board goes on: an answer finds no room, or what would be read is no board's.
+    /// Whether only the functions that watch the board go on: an answer finds no room in the queue to the socket, or no
+    /// board answers on the bus.
     fn only_watches(&self) -> bool {
         self.connections.intake.is_held_up() || self.presence.is_silent
     }
 
-    /// When something is due next, at `now`. No later than the next heartbeat can wait.
+    /// When work is due next, seen from `now`. No later than the next heartbeat can wait.
     fn due_ns(&self, now: u64) -> u64 {
         match self.phase {
             LoopPhase::Begin => 0,
@@ -339,7 +343,7 @@ impl BoardLoop {
         }
     }
 
-    /// Waits from `now` until `due_ns`, or until there is something to read.
+    /// Waits from `now` until `due_ns`, or until a descriptor becomes readable.
     fn wait(&mut self, now: u64, due_ns: u64) -> Readable {
         let works = self.phase == LoopPhase::Running && !self.is_paused(now);
         let is_quiet = works && !self.is_asked();
@@ -353,12 +357,12 @@ impl BoardLoop {
         self.waits.wait(now, due_ns, is_quiet, &descriptors)
     }
 
-    /// Whether commands wait, or the board has been asked something.
+    /// Whether commands wait, or the daemon has asked the board something.
     fn is_asked(&self) -> bool {
         self.connections.intake.has_waiting() || self.functions.ascii.queue.is_busy()
     }
 
-    /// Takes what became readable `now`.
+    /// Takes the interrupts and commands that became `readable`.
     fn attend(&mut self, readable: &Readable, now: u64) {
         let now = self.clock.at(now);
         self.connections.intake.retry();
@@ -370,11 +374,11 @@ impl BoardLoop {
     }
 
     fn take_commands(&mut self, now: Instant) {
-        // The socket wakes once a command: leave the wake set while some may be left.
+        // The socket wakes the loop once a command: leave the wake set while commands may be left.
         self.connections.intake.clear();
         let starving = self.guard.is_starving();
         for taken in 0..COMMANDS_A_ROUND {
-            // Many words may be asked for: on a slow bus reading them could cost the next servo update.
+            // A client may ask for many words: on a slow bus reading them could cost the next servo update.
             let stand_back = (taken > 0 || !starving) && self.is_servo_near(self.clock.ns());
             if self.connections.intake.is_held_up() || stand_back {
                 break;
@@ -387,7 +391,8 @@ impl BoardLoop {
         self.connections.intake.keep_awake();
     }
 
-    /// Does a command, or has it wait where it belongs; gives the answer if there is one already.
+    /// Carries out a command, or puts it into the queue of its function. Returns the answer if the answer is known
+    /// already.
     fn carry_out(&mut self, command: Command, now: Instant) -> Option<Event> {
         match command {
             Command::ReadWords { ticket, first, count } => {
@@ -403,7 +408,7 @@ impl BoardLoop {
                     Ok(answer) => answer,
                     Err(error) => {
                         self.bus_failed(&error);
-                        // Some of it may have been written before.
+                        // The daemon may have written a part of the job before the bus failed.
                         Some(Event::Done(ticket, Outcome::TimedOut))
                     }
                 }
@@ -427,12 +432,12 @@ impl BoardLoop {
         Ok((time_ns, words))
     }
 
-    /// The heartbeat: what must be seen even when no data come.
+    /// The heartbeat: clients must see it even when no data come.
     fn beat(&mut self, now: u64) {
         self.connections.publisher.move_if_asked();
         self.connections.publisher.counters().set(Counter::BusAccesses, self.bus.accesses());
         self.connections.publisher.beat(now);
-        // What waits has had no time yet to show anything.
+        // A function that waits has had no time yet to show life.
         let waits = self.functions.uses_of_all().waiting().next().is_some();
         let may_begin = waits || now < self.began_ns + FIRST_SIGN_NS;
         if let Some(state) = self.reporter.board(self.shows_life(), may_begin) {
@@ -444,7 +449,7 @@ impl BoardLoop {
         }
     }
 
-    /// Whether the board does something, as far as what is used of it can tell.
+    /// Whether the board shows life, as far as the functions in use can tell.
     fn shows_life(&self) -> bool {
         let is_over = self.bus.replay().is_some_and(|replay| replay.over);
         !is_over && self.functions.is_live::<BoardBus>().unwrap_or(self.presence.is_there())

@@ -1,8 +1,8 @@
-//! The board's automatic functions as one table, and who gets a command that is for one of them.
+//! The board's automatic functions as one table, which also passes each command to its function.
 //!
-//! The loop polls the rows in turn. It asks for three by name: the servo data, which come before all others; the background
-//! report and the command lines, whose polls also say whether the board lives and who it is. What a new row takes is in
-//! [`crate::function`].
+//! The loop polls the rows in turn. It names three: the servo data, which come before all others, and the background
+//! report and the command lines, whose polls also tell whether the board lives and which board it is.
+//! [`crate::function`] says how to add a row.
 
 use std::time::Instant;
 
@@ -31,21 +31,21 @@ use crate::mirror::{BackgroundMirror, GatherMirror, ServoMirror, UserMirror, Var
 use crate::protocol::{BoardSettings, CommandState, Enabled, Function, Functions, control};
 use crate::segment::Counter;
 
-/// What is told of a function that is not used.
+/// The refusal of a job whose function the daemon does not use.
 const NOT_NOW: &str = "M-variables of the board point into the words of this function; see pmacctl status";
 
-/// A background report that is older says nothing of motion programs.
+/// A background report older than this says nothing about motion programs.
 const REPORT_AGE_NS: u64 = 500_000_000;
 
-/// The functions of a board, and which of them are used.
+/// The functions of a board, and which of them the daemon uses.
 pub struct FunctionTable {
     clock: Clock,
     layout: BufferLayout,
     uses: FunctionUse,
-    /// Those that are used although M-variables point into their words.
+    /// The functions that the daemon uses although M-variables point into their words.
     shared: Functions,
     servo_sign: ServoSign,
-    /// Before all others.
+    /// Servo data, polled before all others.
     pub servo: ServoMirror,
     /// Background fixed data.
     pub background: BackgroundMirror,
@@ -55,7 +55,7 @@ pub struct FunctionTable {
     gather: GatherMirror,
     variables: Variables,
     rotary: RotaryQueue,
-    /// No function of the board.
+    /// The site's own words: no function of the board.
     user: UserMirror,
 }
 
@@ -68,7 +68,7 @@ pub enum Work {
     UserWords,
 }
 
-/// The mirrors that the configuration has a say in.
+/// The mirrors that depend on the configuration.
 pub struct Mirrors {
     /// Of the servo report.
     pub servo: ServoMirror,
@@ -81,8 +81,8 @@ pub struct Mirrors {
 }
 
 impl FunctionTable {
-    /// The functions of a board whose buffers lie where `layout` says. The words of those that `settings` leave out are left
-    /// alone.
+    /// The functions of a board whose buffers lie where `layout` says. The daemon leaves alone the words of functions
+    /// that `settings` leave out.
     #[must_use]
     pub fn new(
         mirrors: Mirrors,
@@ -119,14 +119,14 @@ impl FunctionTable {
         &self.clock
     }
 
-    /// Until it is known where the board's M-variables point, what it reports stays as it is found.
+    /// Until the daemon knows where the board's M-variables point, it leaves the board's reports as it finds them.
     fn keep_as_found(&mut self) {
         let asks = self.ascii.queue.scan.is_wanted();
         self.servo.reader.keep_as_found(asks && !self.shared.has(Function::Servo));
         self.background.keep_as_found(asks && !self.shared.has(Function::Background));
     }
 
-    /// Every function. Of those that are due at the same time the first is polled first.
+    /// Every function. Of functions due at the same time, the loop polls the first in this list first.
     fn rows<B: Bus>(&self) -> [(Function, &dyn BoardFunction<B>); 7] {
         [
             (Function::Servo, &self.servo),
@@ -151,7 +151,8 @@ impl FunctionTable {
         }
     }
 
-    /// When the servo data are due, or a look whether the board makes them; never where they are not used.
+    /// When the servo data are due, or a check whether the board makes servo data; never where the daemon does not use
+    /// them.
     #[must_use]
     pub fn servo_due_ns(&self) -> u64 {
         match self.uses.of(Function::Servo) {
@@ -161,14 +162,15 @@ impl FunctionTable {
         }
     }
 
-    /// Of the others that are used, the one that is due first, and when. Only those that watch the board if `only_watching`.
+    /// The first due work beside the servo data, and when it is due. Only functions that watch the board if
+    /// `only_watching`.
     #[must_use]
     pub fn next<B: Bus>(&self, only_watching: bool) -> Option<(u64, Work)> {
         let first = self.others::<B>(only_watching).min_by_key(|(due_ns, ..)| *due_ns);
         first.map(|(due_ns, _, work)| (due_ns, work))
     }
 
-    /// When the first of those is due, and until when each of them can wait; never where nothing is to be done.
+    /// When the first of that work is due, and until when all of it can wait; never where there is no work.
     #[must_use]
     pub fn times<B: Bus>(&self, only_watching: bool) -> [u64; 2] {
         self.others::<B>(only_watching).fold([u64::MAX; 2], |[due, latest], (due_ns, spare_ns, _)| {
@@ -176,7 +178,8 @@ impl FunctionTable {
         })
     }
 
-    /// The others that are used and have something to do: when, for how long it can wait, and which.
+    /// The work beside the servo data, of the functions in use: when it is due, for how long it can wait, and which
+    /// work.
     fn others<'a, B: Bus + 'a>(&'a self, only_watching: bool) -> impl Iterator<Item = (u64, u64, Work)> + 'a {
         let user = self.user.due_ns().filter(|_| !only_watching);
         let user = user.map(|due_ns| (due_ns, self.user.spare_ns(), Work::UserWords));
@@ -192,7 +195,7 @@ impl FunctionTable {
         functions.chain(user)
     }
 
-    /// Does one bounded piece of a function's work, and counts its accesses of the board.
+    /// Does one bounded piece of a function's work.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -232,13 +235,13 @@ impl FunctionTable {
         self.user.poll(*bus, publisher, clock.ns())
     }
 
-    /// What a function's accesses are counted as.
+    /// The counter for a function's accesses of the board.
     #[must_use]
     pub fn counter<B: Bus>(&mut self, function: Function) -> Option<Counter> {
         self.row::<B>(function).counter()
     }
 
-    /// Takes over every function that is used.
+    /// Takes over every function in use.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -246,7 +249,7 @@ impl FunctionTable {
         self.used_ones().try_for_each(|function| self.row(function).acquire(context))
     }
 
-    /// The board was reset, or is another one: its M-variables may point elsewhere now.
+    /// The board was reset or replaced: its M-variables may point elsewhere now.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -255,7 +258,7 @@ impl FunctionTable {
         self.used_ones().try_for_each(|function| self.row(function).reset(context))
     }
 
-    /// Leaves every function that is used, also behind one that cannot be left.
+    /// Leaves every function in use, even if leaving an earlier function fails.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -268,14 +271,14 @@ impl FunctionTable {
         Function::ALL.into_iter().filter(move |function| uses.of(*function) == FunctionState::On)
     }
 
-    /// Whether the board does something, as far as what is used of it tells; `None` where nothing does.
+    /// Whether the board shows life, as far as the functions in use tell; `None` where none of them tells.
     #[must_use]
     pub fn is_live<B: Bus>(&self) -> Option<bool> {
         let used = self.rows::<B>().into_iter().filter(|(function, _)| self.uses(*function));
         used.filter_map(|(_, row)| row.is_live()).reduce(|one, other| one || other)
     }
 
-    /// What the reports tell of the motors. Of open loops a panel knows more than the servo report.
+    /// The state of the motors, from the reports. The panel knows more about open loops than the servo report.
     fn motors(&self) -> MotorsStatus {
         let (open_loops, loops_left_open, loops_untold) = match &self.panel {
             Some(panel) => (panel.open_loops(), panel.open_loops(), Motors::NONE),
@@ -284,14 +287,14 @@ impl FunctionTable {
         MotorsStatus { motion: self.servo.motion(), open_loops, loops_left_open, loops_untold }
     }
 
-    /// What the daemon passes on of the servo report, beside its data. The copies of the global status are not among it as they lie:
-    /// some of their bits come and go by themselves.
+    /// The part of the servo report that the daemon passes on beside the data. The raw copies of the global status are
+    /// not in this part: some of their bits come and go by themselves.
     #[must_use]
     pub fn servo_told(&self) -> (MotorsStatus, Option<WholeBoard>) {
         (self.motors(), self.servo.whole_board())
     }
 
-    /// Writes into `status` what the functions know `now`; counts only if it is `with_counts`.
+    /// Writes the functions' state `now` into `status`; the counts only if `with_counts`.
     pub fn tell(&self, status: &mut BoardStatus, with_counts: bool, now: Instant) {
         let Self { servo, background, ascii, .. } = self;
         ascii.queue.tell(&mut status.lines, with_counts, now);
@@ -315,7 +318,8 @@ impl FunctionTable {
         }
     }
 
-    /// Whether a program buffer is open on the board, and the number of the report that says it; `None` while no report tells.
+    /// Whether a program buffer is open on the board, and the number of the report that tells so; `None` while no
+    /// report tells.
     #[must_use]
     fn program_buffer_open(&self) -> Option<(bool, u64)> {
         let Self { servo, background, clock, .. } = self;
@@ -327,7 +331,8 @@ impl FunctionTable {
         })
     }
 
-    /// Tells the command lines what the reports say of program buffers and of motion programs. The control panel starts some, too.
+    /// Passes the reports' news about program buffers and motion programs to the command lines. The control panel
+    /// starts motion programs, too.
     pub fn see_whole_board(&mut self) {
         let buffer = self.program_buffer_open();
         let told = self.background.programs_run(self.clock.ns(), REPORT_AGE_NS);
@@ -339,20 +344,21 @@ impl FunctionTable {
         }
     }
 
-    /// Whether a function is used.
+    /// Whether the daemon uses a function.
     #[must_use]
     pub fn uses(&self, function: Function) -> bool {
         self.uses.of(function) == FunctionState::On
     }
 
-    /// Which functions are used, and what stands in the way of the others.
+    /// Which functions the daemon uses, and what keeps it from the others.
     #[must_use]
     pub const fn uses_of_all(&self) -> &FunctionUse {
         &self.uses
     }
 
-    /// Uses these functions from now on: the board says that it works at them, so the words that it writes are not the site's. Which
-    /// motors and coordinate systems it reports stays as it is until it is known where the M-variables point.
+    /// Uses these functions from now on: the board reports them as enabled, so the site does not use the words that the
+    /// board writes. The daemon leaves the choice of reported motors and coordinate systems as it is until it knows
+    /// where the M-variables point.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -366,9 +372,9 @@ impl FunctionTable {
         self.follow_use(&before, context)
     }
 
-    /// The board has told where its M-variables point, or does not tell. Where one points into the words of a function, that
-    /// function is not used, or no more, unless the configuration says so, or somebody uses it just now. Command lines are
-    /// used in any case: through them the board told it.
+    /// The board has told where its M-variables point, or does not tell. The daemon does not use, or stops using, a
+    /// function if an M-variable points into its words, unless the configuration allows the function or it is at work
+    /// now. The daemon uses command lines in any case: through them the board told its pointers.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -390,7 +396,7 @@ impl FunctionTable {
             shared.has(function) || function == Function::Ascii || in_use
         });
         if matches!(outcome, ScanOutcome::Unknown | ScanOutcome::Unclear(_)) {
-            // Of these no M-variable is known that points into their words.
+            // No M-variable is known to point into the words of the functions that still wait.
             Function::ALL.into_iter().for_each(|function| self.uses.begin(function));
         }
         if outcome != ScanOutcome::More {
@@ -417,7 +423,7 @@ impl FunctionTable {
         all
     }
 
-    /// Takes over what is used now and was not `before`, and leaves what was.
+    /// Takes over the functions that have come into use since `before`, and leaves those no longer used.
     fn follow_use<B: Bus>(
         &mut self,
         before: &FunctionUse,
@@ -442,12 +448,13 @@ impl FunctionTable {
         Ok(())
     }
 
-    /// The board's firmware has become known, and with it where gathering lies; the other buffers stay where they are.
+    /// The daemon has learnt the board's firmware, and so the place of the gather buffer; the other buffers stay in
+    /// place.
     pub fn set_layout(&mut self, layout: BufferLayout) {
         self.layout = layout;
     }
 
-    /// Takes a job in; tells its end if it has one at once.
+    /// Takes a job in; returns the job's end if the job ends at once.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -462,7 +469,7 @@ impl FunctionTable {
         if let Some(function) = job.function()
             && !self.uses(function)
         {
-            // It was used when the socket looked.
+            // The function was in use when the socket checked.
             return Ok(Some(Event::Done(ticket, Outcome::Refused(Text::of(&NOT_NOW)))));
         }
         let now = self.clock.now();
@@ -535,7 +542,7 @@ impl FunctionTable {
         Ok(Some(Event::Done(ticket, outcome)))
     }
 
-    /// User `uid` is about to send a control character. The panel makes way for one that stops all motion.
+    /// User `uid` is about to send a control character. The panel makes way for a character that stops all motion.
     ///
     /// # Errors
     /// When the bus cannot be reached.
@@ -553,13 +560,13 @@ impl FunctionTable {
         }
     }
 
-    /// At the end: of the panel requests that wait, keeps only the stops.
+    /// At the daemon's end: keeps only the stops among the waiting panel requests.
     pub fn keep_stops(&mut self) {
         self.panel.iter_mut().for_each(PanelQueue::keep_stops);
     }
 
-    /// At the end: hands over the next of the panel requests that are left, if it is due. When to do so again; `None` when
-    /// none is left.
+    /// At the daemon's end: hands the next remaining panel request to the board, if it is due. Returns when to call
+    /// again; `None` when no request is left.
     ///
     /// # Errors
     /// When the bus cannot be reached.

@@ -3,16 +3,16 @@
 //! | place | what is in it |
 //! |---|---|
 //! | [`board_loop`], [`phase`] | the loop, its start and its end |
-//! | [`waits`], [`readable`], [`doorbell`] | how it waits, and what for |
-//! | [`board`], [`presence`] | the board opened, gone and back |
-//! | [`function_table`], [`board_function`] | who is served next |
-//! | [`guard_time`] | what is not begun shortly before a servo update |
+//! | [`waits`], [`readable`], [`doorbell`] | how the bus thread waits: for the time, commands and interrupts |
+//! | [`board`], [`presence`] | how the daemon opens the board, and sees it go and come back |
+//! | [`function_table`], [`board_function`] | which function of the board the bus thread serves next |
+//! | [`guard_time`] | the work that the bus thread does not begin shortly before a servo update |
 //! | [`command_intake`] | commands from the socket, answers to it |
-//! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | what the board is, who else changes it, and what of it the clients and the log are told |
-//! | [`memory_scan`], [`servo_sign`] | where the board's own programs keep data, and what needs not wait for it |
-//! | `timing` | how long it waits for what |
-//! | [`ports`] | the ports by which lines and interrupts come and go |
-//! | [`work`] | one file for each function that clients use |
+//! | [`identify`], [`change_watch`], [`scale_doubts`], [`report`] | the board's identity, others' changes to the board, news for clients and log |
+//! | [`memory_scan`], [`servo_sign`] | where the board's own programs keep data; the servo report's sign of life, used before that is known |
+//! | `timing` | the limits of the bus thread's waits |
+//! | [`ports`] | the ports that carry lines and interrupts |
+//! | [`work`] | the work for clients, a file for each function |
 
 pub mod board;
 pub mod board_function;

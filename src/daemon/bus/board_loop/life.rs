@@ -1,4 +1,4 @@
-//! The loop's start and end, and what it does about a board that goes, comes back or is reset.
+//! The loop's start and end, and its reactions to a board that goes, comes back or is reset.
 
 use std::time::Instant;
 
@@ -14,7 +14,8 @@ use crate::segment::Counter;
 const REACH_POLL_NS: u64 = 1_000_000;
 
 impl BoardLoop {
-    /// Asks the loop to end: stops what is held, then leaves the board. [`BoardLoop::poll`] says when that is done.
+    /// Asks the loop to end: the loop stops the held jogs, then leaves the board. [`BoardLoop::poll`] tells when the
+    /// loop has ended.
     pub fn stop(&mut self) {
         if matches!(self.phase, LoopPhase::Stopping { .. } | LoopPhase::Ended) {
             return;
@@ -25,7 +26,7 @@ impl BoardLoop {
         self.collect_stops();
     }
 
-    /// Looks whether the board is there, and opens it again when it was replaced or came back.
+    /// Checks that the board is there, and opens the board again after it was replaced or came back.
     pub(super) fn check_board(&mut self) -> Result<(), PortError> {
         let change = self.presence.check(&mut self.bus);
         let is_replaced = matches!(change, Some(Change::Replaced(_)));
@@ -35,14 +36,14 @@ impl BoardLoop {
         if self.presence.is_there() && !is_replaced { self.let_board_speak() } else { Ok(()) }
     }
 
-    /// Writes the DPRAM's page if it was lost.
+    /// Writes the DPRAM's page if the board has lost it.
     pub(super) fn check_page(&mut self) -> Result<(), PortError> {
         let ports = &mut self.functions.ascii.queue.ports;
         let change = self.presence.check_page(&mut self.bus, ports)?;
         change.map_or(Ok(()), |change| self.follow(change))
     }
 
-    /// What follows from what has become of the board.
+    /// Acts on a change of the board's presence.
     pub(super) fn follow(&mut self, change: Change) -> Result<(), PortError> {
         match change {
             Change::Replaced(interrupt) => {
@@ -61,21 +62,22 @@ impl BoardLoop {
 
     /// The board is another one, or was without power.
     fn begin_again(&mut self) -> Result<(), PortError> {
-        // Before the words are put in order: they tell what the board has taken.
+        // Before the loop puts the words in order: they tell which commands the board has taken.
         let result = self.reset_commands();
         self.note_failure(result);
         self.acquire_again();
         self.after_reset(true)
     }
 
-    /// Nothing seen so far says anything about what comes.
+    /// Takes the board over anew, and counts the reset: earlier findings say nothing about this board.
     fn acquire_again(&mut self) {
         self.connections.publisher.counters().add(Counter::Resets, 1);
         self.acquire_board();
     }
 
-    /// A memory test, a power failure or another host may have left the host's own words in a state that holds the
-    /// reports off for ever, and a reset that was too quick to be noticed has shut the interrupt's line.
+    /// Frees the reports and the interrupt's line. A memory test, a power failure or another host may have left the
+    /// host's own words in a state that holds off the reports for ever. A reset too quick for the daemon to notice has
+    /// shut the interrupt's line.
     fn let_board_speak(&mut self) -> Result<(), PortError> {
         if self.functions.uses(Function::Servo) && !self.functions.servo.is_live() {
             self.functions.servo.release(&mut self.bus)?;
@@ -86,14 +88,14 @@ impl BoardLoop {
         self.functions.ascii.keep_line_open()
     }
 
-    /// Writes the DPRAM's page, where it has one. The page it has already does no harm.
+    /// Writes the DPRAM's page, where the board has pages. Writing the page that is already selected does no harm.
     pub(super) fn write_page(&mut self) {
         let result = self.functions.ascii.queue.ports.select_page();
         self.note_failure(result);
     }
 
-    /// The board was reset: what it forgets is told to it again. What goes through the mailboxes now was begun before the
-    /// reset if it `is_new`.
+    /// The board was reset: the loop tells the board again all that a reset erases. If the reset `is_new`, the commands
+    /// now in the mailboxes began before the reset.
     pub(super) fn after_reset(&mut self, is_new: bool) -> Result<(), PortError> {
         self.reporter.status.resets += u32::from(is_new);
         self.write_page();
@@ -107,7 +109,8 @@ impl BoardLoop {
         if is_new { self.reset_commands() } else { Ok(()) }
     }
 
-    /// Ends the commands under way: they were the board's that is no more. Where no lines are sent, nothing is touched.
+    /// Ends the commands under way: they belong to the board before the reset. Touches nothing where the daemon sends
+    /// no lines.
     fn reset_commands(&mut self) -> Result<(), PortError> {
         if !self.functions.uses(Function::Ascii) {
             return Ok(());
@@ -115,7 +118,7 @@ impl BoardLoop {
         self.functions.ascii.queue.reset(&mut self.bus, self.clock.now())
     }
 
-    /// Waits until the DPRAM is in reach, where its page has to be written, before it is touched for the first time.
+    /// Where the daemon has to write the DPRAM's page, waits until the DPRAM is in reach before the first access.
     pub(super) fn reach_dpram(&mut self) {
         let LoopPhase::Reaching { until, due_ns } = &mut self.phase else { return };
         let ports = &self.functions.ascii.queue.ports;
@@ -126,13 +129,13 @@ impl BoardLoop {
         }
         self.phase = LoopPhase::Running;
         self.acquire_board();
-        // What the configuration says of the board is known without asking.
+        // The configuration already tells a part of the board's identity.
         self.take_identity();
         let result = self.reset_commands();
         self.note_failure(result);
     }
 
-    /// Puts the host's words in order, as at the start.
+    /// Puts the host's words in order, as at the start of the daemon.
     fn acquire_board(&mut self) {
         let (functions, mut context) = self.functions_in_context();
         let result = functions.acquire(&mut context);
@@ -141,7 +144,7 @@ impl BoardLoop {
         self.note_failure(result);
     }
 
-    /// What is left in the queue is not begun any more, except for the stop of a jog that somebody held.
+    /// Drops the commands left in the queue, except for stops of held jogs.
     fn collect_stops(&mut self) {
         let LoopPhase::Stopping { until, .. } = self.phase else { return };
         self.functions.keep_stops();
@@ -156,8 +159,8 @@ impl BoardLoop {
         self.functions.keep_stops();
     }
 
-    /// Hands over the stops that are left, as long as there is time, then leaves the board: clears every bit a host may have
-    /// left set. Host-Busy left by a dead one would stop the servo data for ever.
+    /// Hands over the stops that are left until the time is up, then leaves the board: clears every bit that a host may
+    /// have left set. A Host-Busy bit left by a dead host would stop the servo data for ever.
     pub(super) fn finish_stops(&mut self, until: Instant) {
         match self.functions.finish_stops(&mut self.bus) {
             Ok(Some(due)) if self.clock.now() < until => {

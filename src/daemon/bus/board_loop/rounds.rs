@@ -1,4 +1,4 @@
-//! What the loop does each time it wakes: it takes the servo data alone, or does what is due, for 50 us.
+//! One round of the loop after each wake: the loop takes the servo data alone, or does the work that is due, for 50 us.
 
 use std::time::Duration;
 
@@ -13,24 +13,24 @@ use crate::function::line_port::PortError;
 use crate::protocol::Function;
 use crate::segment::State;
 
-/// A round goes on for this time while work is due. An interrupt that comes meanwhile waits for the rest of it, a command for the
-/// piece under way.
+/// A round goes on for this time while work is due. An interrupt that comes meanwhile waits for the rest of the round;
+/// a command waits only for the piece under way.
 const ROUND_NS: u64 = 50_000;
-/// Pieces of work in a round at most, where time stands still.
+/// Most pieces of work in a round; needed where time stands still.
 const PIECES_A_ROUND: usize = 32;
 /// The heartbeat may come this much late, with the servo data, or this much early, with other work.
 const HEARTBEAT_SPARE_NS: u64 = 5_000_000;
 
-/// When something else than the servo data is due, as the last whole round found it.
+/// When work other than the servo data is due, as the last whole round found.
 #[derive(Clone, Copy)]
 pub(super) struct Ahead {
     pub due_ns: u64,
-    /// It can wait until then.
+    /// That work can wait until then.
     pub latest_ns: u64,
 }
 
 impl Ahead {
-    /// Something may be due now.
+    /// Work may be due now.
     pub const NOW: Self = Self { due_ns: 0, latest_ns: 0 };
 }
 
@@ -48,7 +48,7 @@ impl BoardLoop {
         }
     }
 
-    /// Whether nothing else than the servo data is to be looked after.
+    /// Whether the loop has to look after the servo data only.
     fn is_servo_alone(&self, now: u64) -> bool {
         now < self.ahead.due_ns
             && self.functions.servo.is_live()
@@ -60,12 +60,12 @@ impl BoardLoop {
             && !self.presence.is_reset_known
     }
 
-    /// Takes the servo data. On a machine that has slept, the rest of a round costs more than they do.
+    /// Takes the servo data only. On a machine that has slept, the rest of a round costs more than the servo data.
     fn servo_alone(&mut self, now: u64) {
         if now < self.functions.servo_due_ns() {
             return;
         }
-        // Nobody has waited for them.
+        // No other work has waited for the servo data.
         self.guard.others_had_turn();
         let polled = self.poll_only(Function::Servo);
         let is_data = polled.as_ref().is_ok_and(|polled| *polled == Polled::default());
@@ -73,7 +73,7 @@ impl BoardLoop {
         if self.is_unseen {
             return;
         }
-        // More than data has come of it.
+        // The poll found more than data.
         self.ahead = Ahead::NOW;
         let result = polled.and_then(|polled| self.react(Function::Servo, polled));
         self.note_failure(result);
@@ -101,8 +101,8 @@ impl BoardLoop {
         self.tell_clients(beats, self.clock.at(now));
     }
 
-    /// What is due from `now` on, piece by piece, for a round's time. A wait for nothing between two pieces would cost more
-    /// than most of them.
+    /// Does the work that is due from `now` on, piece by piece, for a round's time. An empty wait between two pieces
+    /// would cost more than most pieces.
     fn due_work(&mut self, now: u64) -> Result<(), PortError> {
         let mut at = now;
         for _ in 0..PIECES_A_ROUND {
@@ -117,7 +117,8 @@ impl BoardLoop {
         Ok(())
     }
 
-    /// The most urgent piece of work that is due `now`: servo data, else what has waited longest. Whether there was one.
+    /// Does the most urgent piece of work that is due `now`: the servo data, else the work that has waited longest.
+    /// Returns whether any was due.
     fn one_piece(&mut self, now: u64) -> Result<bool, PortError> {
         let work = self.next_work().filter(|(due_ns, _)| *due_ns <= now);
         let servo_due = now >= self.functions.servo_due_ns();
@@ -127,7 +128,7 @@ impl BoardLoop {
             (Turn::Servo, _) => self.poll_function(Function::Servo)?,
             (Turn::Others, Some((_, work))) => {
                 if work == Work::Function(Function::Ascii) && self.presence.is_out_of_reach {
-                    // Nothing is begun in words that are still to be put in order.
+                    // The loop begins nothing in words that it still has to put in order.
                     self.check_page()?;
                 }
                 let (accesses, began_ns) = (self.bus.accesses(), self.clock.ns());
@@ -161,12 +162,12 @@ impl BoardLoop {
         Ok(polled)
     }
 
-    /// Of the work that can wait for the servo, that which is due first, and when.
+    /// The first due work that can wait for the servo, and when it is due.
     fn next_work(&self) -> Option<(u64, Work)> {
         self.functions.next::<BoardBus>(self.only_watches())
     }
 
-    /// When that is due, or the heartbeat, and how long it can wait.
+    /// When that work or the heartbeat is due, and how long both can wait.
     fn look_ahead(&self) -> Ahead {
         let [due_ns, latest_ns] = self.functions.times::<BoardBus>(self.only_watches());
         Ahead {
@@ -175,7 +176,7 @@ impl BoardLoop {
         }
     }
 
-    /// Sets the servo period and the time of an access, which a clock of the test's own would not show.
+    /// Sets the servo period and the time of an access: a test with its own clock cannot measure them.
     #[cfg(test)]
     pub(crate) fn learn(&mut self, servo_period_ns: u64, access_ns: u64) {
         self.functions.servo.configure(crate::map::Motors::first(8), Some(servo_period_ns), Some(1));

@@ -1,4 +1,4 @@
-//! A replay in virtual time: it jumps to whatever is due next.
+//! A replay in virtual time: time jumps to the next due work.
 
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
@@ -9,8 +9,9 @@ use crate::daemon::bus::readable::Descriptors;
 use crate::device::Presence;
 
 impl BoardLoop {
-    /// As [`BoardLoop::run`], in `time`, which must have begun in the past. While a recording plays, time jumps to what is due
-    /// next. At its end it jumps to now, and goes on as it does everywhere, so that clients' deadlines hold.
+    /// As [`BoardLoop::run`], in `time`, which must have begun in the past. While a recording plays, time jumps to the
+    /// next due work. At the recording's end time jumps to now and then runs like real time, so that clients' deadlines
+    /// hold.
     pub fn run_in(mut self, time: &ManualTime) {
         loop {
             let due_ns = self.poll();
@@ -25,7 +26,7 @@ impl BoardLoop {
             let left = Duration::from_nanos(due_ns.saturating_sub(real_ns));
             let Connections { intake, stop, .. } = &self.connections;
             let commands = intake.descriptor();
-            // Only to sleep: the poll itself looks at what became readable.
+            // Only sleeps: the poll itself looks at the descriptors.
             let _ = Descriptors { stop: stop.as_fd(), commands, interrupts: [None; 3] }.wait(left);
             time.move_to(self.clock.ns_of(Instant::now()));
         }

@@ -1,4 +1,4 @@
-//! The ways by which lines and interrupts come and go.
+//! The ports that carry lines and interrupts between the daemon and the board.
 
 pub mod command_port;
 pub mod fallback;

@@ -1,4 +1,4 @@
-//! What the bus thread does for clients, one function a file.
+//! The bus thread's work for clients, a file for each function.
 
 pub mod ascii;
 pub mod command_lines;
