@@ -1,4 +1,4 @@
-//! What a command does to programs, motions and a gather.
+//! A command's effect on programs, motions and a gather.
 
 use std::time::Duration;
 
@@ -11,12 +11,12 @@ use crate::language::{LineEnds, Meaning, WhileOpen};
 use crate::map::{Motors, Systems};
 use crate::protocol::control;
 
-/// The programs that a call starts, and whether its caller means what is left too.
+/// The programs that a call starts, and whether its caller also means the lines left in their rotary buffers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Starts {
     /// Their coordinate systems.
     pub systems: Systems,
-    /// The caller says that what is left is to run.
+    /// The caller says that the lines left shall run.
     pub confirmed: bool,
 }
 
@@ -28,16 +28,16 @@ impl Starts {
     }
 }
 
-/// What a command on its way to the board does, if the board carries it out.
+/// The effect of a command on its way to the board, if the board carries it out.
 #[derive(Debug, Default)]
 pub struct CommandEffect {
-    /// What it ends. What stops in the place of a panel request counts as that.
+    /// What the command ends. A stop sent in place of a panel request counts as that panel request.
     pub ends: Option<LineEnds>,
-    /// It resets the board.
+    /// The command resets the board.
     pub resets: bool,
-    /// This control character stops every motor: no jog is held any more.
+    /// The control character that stops every motor, and so ends every hold.
     pub stops_all: Option<u8>,
-    /// The motors that it sets in motion by the control panel.
+    /// The motors that the command sets in motion by the control panel.
     pub jogs: Motors,
 }
 
@@ -97,26 +97,27 @@ fn ended_by_character(character: u8) -> Option<LineEnds> {
     }
 }
 
-/// What a command line does, once the board has carried it out, to what the daemon knows.
+/// The effect of a command line, once the board has carried it out, on the daemon's knowledge.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LineEffect {
-    /// The coordinate systems that it points elsewhere, or whose rotary buffers it empties.
+    /// The coordinate systems that the line points elsewhere, or whose rotary buffers it empties.
     pub forgets: Systems,
-    /// Those whose programs it ends, or that it points at their rotary buffers.
+    /// The coordinate systems whose programs the line ends, or that it points at their rotary buffers.
     pub aborts: Systems,
-    /// It switches the control panel off.
+    /// The line switches the control panel off.
     pub ends_panel: bool,
-    /// What it comes to where a program buffer is open.
+    /// The line's effect while a program buffer is open.
     pub while_open: WhileOpen,
-    /// The motors that jog on, and are to stop when its sender is gone: if the board carries it out, and if it refuses it.
+    /// The motors that jog on, and that the daemon stops when the sender is gone: if the board carries out the line,
+    /// and if the board refuses it.
     pub jogs: [Motors; 2],
-    /// How long their sender may be silent meanwhile, if that ends them, too.
+    /// How long the sender may be silent, if silence ends these jogs, too.
     pub silence: Option<Duration>,
 }
 
 impl LineEffect {
-    /// Of a line, while the rotary buffers are open or not, on a board whose I-variable `panel` is 3 while it reads the control
-    /// panel.
+    /// The effect of `line`, with the rotary buffers open or not. The board reads the control panel while its
+    /// I-variable `panel` is 3.
     pub fn of(line: &Meaning, rotary_is_open: bool, panel: Option<u16>) -> Self {
         let clears = if rotary_is_open { line.clears } else { Systems::NONE };
         Self {
@@ -128,7 +129,7 @@ impl LineEffect {
         }
     }
 
-    /// The jogs of the line end with its sender, and when the sender is silent for so long.
+    /// The jogs of the line end with its sender, and when the sender is silent for as long as `silence`.
     pub fn ends_jogs(&mut self, line: &Meaning, silence: Option<Duration>) {
         self.jogs = [line.jogs, line.jogs_if_refused].map(|jogs| jogs.motors);
         self.silence = silence;

@@ -1,4 +1,4 @@
-//! Why a held jog is over, as its holder and the log are told.
+//! Why a held jog is over, in the words for its holder and the log.
 
 use std::fmt;
 
@@ -9,17 +9,17 @@ use crate::protocol::control;
 /// Why a held jog is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HoldEnd {
-    /// Its holder was silent for too long, or is gone.
+    /// The holder was silent for too long, or is gone.
     Silent,
-    /// This control character, which stops every motor.
+    /// A client sent this control character, which stops every motor.
     Control(u8),
     /// The loops of these motors have opened.
     OpenLoop(Motors),
-    /// Somebody else has stopped these motors through the daemon.
+    /// This account has stopped these motors through the daemon.
     Stopped(Account, Motors),
-    /// These motors do not move any more, whoever or whatever stopped them.
+    /// These motors stand, whatever stopped them.
     Stands(Motors),
-    /// The board does not read the control panel any more: this client has switched it off, or it is not known who.
+    /// The board has stopped reading the control panel: this account has switched the panel off, or an unknown sender.
     PanelEnded(Option<Account>),
     /// The daemon ends.
     DaemonEnds,

@@ -1,16 +1,16 @@
-//! The ledger of motion: who has set which motors in motion, and until when.
+//! The ledger of motion: which client has set which motors in motion, and until when.
 //!
-//! A row is a command, with the motors that still obey it. A hold of several motors is one row: its client renews it as one, and
-//! all of its motors are stopped when one of them has come to its end.
+//! A row is a command, with the motors that still obey it. A hold of several motors is one row: its client renews all
+//! of them at once, and the daemon stops all of them once one of them stands.
 //!
 //! | the command | others may command its motors | it ends |
 //! |---|---|---|
-//! | a held jog, by the panel | no | when its client does not renew it in time, or is gone |
-//! | a jog without an end, by command line | yes: who does has the motor from then on | with its client; with its client's silence, where that is said |
-//! | a panel request that nobody holds | yes | when somebody stops it |
+//! | a held jog, by the panel | no | when its client fails to renew it in time, or is gone |
+//! | a jog without an end, by command line | yes: the last client to command a motor owns it | with its client; also with its silence, if the call says so |
+//! | a panel request that no client holds | yes | when a client stops its motors |
 //!
-//! A motor that was seen to move, and then to stand, obeys no row any more. An abort or a kill of all motors ends every hold
-//! without a stop: the motors stand, and a stop would close the loop of a killed one again.
+//! A motor that moved and then stood, as the reports show, obeys no row any more. An abort or a kill of all motors ends
+//! every hold without a stop: the motors stand, and a stop would close a killed motor's loop again.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -28,11 +28,11 @@ use crate::map::Motors;
 /// How motors were set in motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Way {
-    /// By the panel, as long as this client holds them.
+    /// By the panel, as long as this client holds the motors.
     Held(Account),
     /// By a command line, as long as its client is connected.
     Line,
-    /// By the panel, and nobody holds them.
+    /// By the panel; no client holds the motors.
     #[default]
     Panel,
 }
@@ -43,19 +43,19 @@ struct Row {
     motors: Motors,
     client: u64,
     way: Way,
-    /// When it ends, unless its client is heard before.
+    /// When the row ends, unless its client speaks before.
     until: Option<Instant>,
-    /// By line: how long its client may be silent, if silence ends it.
+    /// For a jog by line: how long its client may be silent, if silence ends the jog.
     silence: Option<Duration>,
-    /// Of the motors, those that were seen to move since.
+    /// The motors that the reports have shown moving since the command.
     moved: Motors,
-    /// Of these, those that stand, and since when.
+    /// The moved motors that stand now, and since when.
     stands: BTreeMap<usize, Instant>,
-    /// Why it ends, though its stop has not been requested.
+    /// Why the row ends; the daemon may not have requested the stop yet.
     over: Option<HoldEnd>,
-    /// Its stop was requested, or it needs none. It stays until its holder has heard why.
+    /// The daemon has requested the stop, or the row needs none. The row stays until its holder has heard why.
     has_ended: bool,
-    /// By the panel: of these the log has said that their panel is gone.
+    /// For a panel request: the motors whose lost panel the log has already told.
     told: Motors,
 }
 
@@ -64,7 +64,7 @@ impl Row {
         matches!(self.way, Way::Held(_))
     }
 
-    /// Whether it is a hold whose stop has not been requested.
+    /// Whether this is a hold whose stop the daemon has not requested.
     const fn is_live(&self) -> bool {
         self.is_hold() && !self.has_ended
     }
@@ -78,7 +78,7 @@ impl Row {
         }
     }
 
-    /// The motors that have come to their end by `now`.
+    /// The motors that have stood for long enough by `now`.
     fn stood(&self, now: Instant) -> Motors {
         let stood = self.stands.iter().filter(|(_, since)| now >= **since + JOG_STANDS);
         stood.map(|(motor, _)| *motor).collect()
@@ -89,24 +89,24 @@ impl Row {
         self.motors.without(self.stood(now))
     }
 
-    /// It ends at `until`, unless something else stops its motors before.
+    /// The row ends at `until`, unless its motors stop before.
     fn end(&mut self, why: HoldEnd, until: Instant) {
         (self.over, self.until) = (Some(why), Some(until));
     }
 
-    /// When something is to be done about it if nothing happens.
+    /// When the row needs attention next, if nothing happens before.
     fn next_moment(&self) -> Option<Instant> {
         let stands = self.stands.values().min().map(|since| *since + JOG_STANDS);
         stands.filter(|_| self.is_live() && self.over.is_none()).into_iter().chain(self.until).min()
     }
 }
 
-/// Every command that motors obey, and the holds of which their clients have not heard that they are over.
+/// Every command that motors obey, and the ended holds whose clients have not heard of the end.
 #[derive(Debug, Default)]
 pub struct Ledger(Vec<Row>);
 
 impl Ledger {
-    /// The holds that go on.
+    /// The holds that are not over.
     fn held(&mut self) -> impl Iterator<Item = &mut Row> {
         self.0.iter_mut().filter(|row| row.is_hold() && row.over.is_none())
     }
@@ -115,8 +115,8 @@ impl Ledger {
         self.0.iter().position(|row| row.is_hold() && row.client == client)
     }
 
-    /// `client` holds a jog of `motors`. A jog that it held before is added to it. The hold runs until `begun` at first, when the
-    /// board must have taken the jog, and after that from renewal to renewal.
+    /// `client` holds a jog of `motors`; the ledger adds the jog to an earlier hold of that client. The hold first runs
+    /// until `begun`, when the board must have taken the jog, and then from renewal to renewal.
     pub fn hold(&mut self, client: u64, holder: Account, motors: Motors, begun: Instant) {
         let before = self.place_of_hold(client).map(|at| self.0.swap_remove(at));
         let mut row = Row { motors, client, way: Way::Held(holder), until: Some(begun), ..Row::default() };
@@ -127,15 +127,15 @@ impl Ledger {
         self.0.push(row);
     }
 
-    /// `motors` may jog for `client`, who may be silent for so long. The jogs of others go on in the ledger until the board is known to
-    /// have carried the line out ([`Self::commanded`]).
+    /// `motors` may jog for `client`, which may be silent for `silence`. Other clients' jogs stay in the ledger until
+    /// the daemon knows that the board has carried out the line ([`Self::commanded`]).
     pub fn jog_by_line(&mut self, client: u64, motors: Motors, silence: Option<Duration>, now: Instant) {
         self.remove(motors, |row| row.way == Way::Line && row.client == client);
         let until = silence.map(|silence| now + silence);
         self.add(Row { motors, client, way: Way::Line, until, silence, ..Row::default() });
     }
 
-    /// The board has taken a panel request that sets `motors` in motion, or may have. Nobody holds them.
+    /// The board has taken, or may have taken, a panel request that sets `motors` in motion. No client holds them.
     pub fn jog_by_panel(&mut self, motors: Motors) {
         self.remove(motors, |row| row.way == Way::Panel);
         self.add(Row { motors, client: Caller::NOBODY, ..Row::default() });
@@ -145,7 +145,7 @@ impl Ledger {
         self.0.extend((!row.motors.is_empty()).then_some(row));
     }
 
-    /// Takes `motors` out of the rows that `are` meant.
+    /// Takes `motors` out of the rows that `are` selects.
     fn remove(&mut self, motors: Motors, are: impl Fn(&Row) -> bool) {
         self.0.retain_mut(|row| {
             if !are(row) {
@@ -156,13 +156,13 @@ impl Ledger {
         });
     }
 
-    /// Another command to `motors` has been carried out. Holds go on: nobody else commands their motors.
+    /// The board has carried out another command to `motors`. Holds go on: no other client may command their motors.
     pub fn commanded(&mut self, motors: Motors) {
         self.remove(motors, |row| !row.is_hold());
     }
 
-    /// `by` has had `motors` stopped, over the connection `client`. A jog of them that somebody else holds is over. It gets a stop of its
-    /// own: it may have begun after the other one.
+    /// The account `by` has stopped `motors`, over the connection `client`. Jogs of these motors that other clients
+    /// hold are over. The daemon stops each such jog on its own: the jog may have begun after the stop.
     pub fn stopped(&mut self, client: u64, by: Account, motors: Motors, now: Instant) {
         self.commanded(motors);
         self.remove(motors, |row| row.is_live() && row.client == client);
@@ -171,14 +171,14 @@ impl Ledger {
         }
     }
 
-    /// `character`, which stops every motor, is on its way to the board. No hold is renewed any more, and no stop is requested
-    /// unless the board has not taken the character in the time of a lease.
+    /// `character`, which stops every motor, is on its way to the board. From now on no client can renew a hold. The
+    /// daemon requests stops only if the board has not taken the character within the time of a lease.
     pub fn stop_all_begins(&mut self, character: u8, now: Instant) {
         self.held().for_each(|row| row.end(HoldEnd::Control(character), now + HOLD_LEASE));
     }
 
-    /// The board has taken a character that stops every motor: the holds that [`Self::stop_all_begins`] marked have ended, with
-    /// every other row ([`Self::commanded`]). The clients that had a hold.
+    /// The board has taken a character that stops every motor: the holds that [`Self::stop_all_begins`] marked have
+    /// ended, with every other row ([`Self::commanded`]). Returns the clients that had a hold.
     pub fn all_stopped(&mut self) -> Vec<u64> {
         let mut holders = Vec::new();
         for row in self.0.iter_mut().filter(|row| row.is_live()) {
@@ -191,18 +191,18 @@ impl Ledger {
         holders
     }
 
-    /// The board does not read the control panel any more, by which every hold is renewed and stopped.
+    /// The board has stopped reading the control panel, which renews and stops every hold.
     pub fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
         self.held().for_each(|row| row.end(HoldEnd::PanelEnded(by), now));
     }
 
-    /// The daemon ends, and with it every jog that is to end with a client.
+    /// The daemon ends, and with it every jog that ends with its client.
     pub fn daemon_ends(&mut self, now: Instant) {
         let ends = self.0.iter_mut().filter(|row| row.way != Way::Panel && row.over.is_none());
         ends.for_each(|row| row.end(HoldEnd::DaemonEnds, now));
     }
 
-    /// The motors move and stand so, and the loops of those in `opened` have opened.
+    /// Takes in a report: `motion` says which motors move and stand, `opened` whose loops have opened.
     pub fn see(&mut self, motion: Motion, opened: Motors, now: Instant) {
         for row in self.held().filter(|row| row.motors.meets(opened)) {
             row.end(HoldEnd::OpenLoop(row.motors.among(opened)), now);
@@ -216,7 +216,7 @@ impl Ledger {
         });
     }
 
-    /// Who else than `client` holds one of `motors`, and which of them.
+    /// The first other account that holds any of `motors`, and which of them it holds.
     pub fn held_by_another(&self, client: u64, motors: Motors) -> Option<(Account, Motors)> {
         self.0.iter().filter(|row| row.client != client && row.over.is_none()).find_map(|row| match row.way {
             Way::Held(holder) => {
@@ -226,7 +226,7 @@ impl Ledger {
         })
     }
 
-    /// `client` is still there, and renews its hold.
+    /// `client` renews its hold.
     ///
     /// # Errors
     /// Why its hold is over; `None` when it had none.
@@ -238,17 +238,17 @@ impl Ledger {
         Ok(())
     }
 
-    /// The clients that `is_heard` names are still there, as far as jogs by line go.
+    /// The clients that `is_heard` selects have spoken: their jogs by line run on.
     pub fn hear(&mut self, is_heard: impl Fn(u64) -> bool, now: Instant) {
         for row in self.0.iter_mut().filter(|row| row.over.is_none() && is_heard(row.client)) {
             row.until = row.silence.map_or(row.until, |silence| Some(now + silence));
         }
     }
 
-    /// `client` asks for the stop of `motors`. Whether it ends a jog that the client holds, or held.
+    /// `client` asks for the stop of `motors`. Returns whether the stop ends a jog that the client holds, or held.
     ///
     /// # Errors
-    /// Why the motors stand already: they get no stop, which could close the loop of a killed one. Said once.
+    /// Why the motors stand already. The daemon sends no stop then, which could close a killed motor's loop. Told once.
     pub fn stop_for(&mut self, client: u64, motors: Motors, now: Instant) -> Result<bool, HoldEnd> {
         let Some(at) = self.place_of_hold(client) else { return Ok(false) };
         let row = &mut self.0[at];
@@ -262,8 +262,8 @@ impl Ledger {
         stands.filter(|_| is_its_own).map_or(Ok(is_its_own), Err)
     }
 
-    /// Ends every row whose client is silent or not there (`is_there`), and the holds whose motors have stood for long enough. The motors
-    /// to be stopped, and the clients that held some of them.
+    /// Ends every row whose client is silent or gone (not `is_there`), and the holds with a motor that has stood for
+    /// long enough. Returns the motors to stop, and the clients that held some of them.
     pub fn lapse(&mut self, is_there: impl Fn(u64) -> bool, now: Instant) -> (Motors, Vec<u64>) {
         for row in self.held() {
             let stood = row.stood(now);
@@ -274,7 +274,7 @@ impl Ledger {
         let (mut stopped, mut holders) = (Motors::NONE, Vec::new());
         self.0.retain_mut(|row| {
             let is_late = row.until.is_some_and(|until| until <= now);
-            // A control character gets its time to stop the motors, whether their holder waits for that or not.
+            // A control character gets its time to stop the motors, even if their holder is gone.
             let may_be_gone = row.way != Way::Panel && !matches!(row.over, Some(HoldEnd::Control(_)));
             let is_gone = may_be_gone && !is_there(row.client);
             if row.has_ended || !(is_late || is_gone) {
@@ -295,28 +295,28 @@ impl Ledger {
         (stopped, holders)
     }
 
-    /// `client` is gone, and will not ask why its hold ended.
+    /// Drops the ended holds of `client`, which will not ask why they ended.
     pub fn forget(&mut self, client: u64) {
         self.0.retain(|row| !(row.has_ended && row.client == client));
     }
 
-    /// Whether a holder whose jog ended with the daemon has not heard so.
+    /// Whether a holder has not yet heard that its jog ended with the daemon.
     pub fn has_untold(&self) -> bool {
         self.0.iter().any(|row| row.has_ended && row.over == Some(HoldEnd::DaemonEnds))
     }
 
-    /// The motors that are held.
+    /// The motors of holds whose stop the daemon has not requested.
     pub fn held_motors(&self) -> Motors {
         self.0.iter().filter(|row| row.is_live()).fold(Motors::NONE, |all, row| all.and(row.motors))
     }
 
-    /// The motors that a panel request has set in motion and that go on, as far as the reports tell.
+    /// The motors that a panel request has set in motion and that no report shows standing.
     pub fn going_by_panel(&self, motion: Motion) -> Motors {
         let rows = self.0.iter().filter(|row| row.way == Way::Panel);
         rows.fold(Motors::NONE, |all, row| all.and(row.motors)).without(motion.standing)
     }
 
-    /// Of these, those that the log has not named yet, now that the panel is gone.
+    /// The motors of [`Self::going_by_panel`] that the log has not named yet, now that the panel is gone.
     pub fn newly_alone(&mut self, motion: Motion) -> Motors {
         let mut alone = Motors::NONE;
         for row in self.0.iter_mut().filter(|row| row.way == Way::Panel) {
@@ -333,29 +333,29 @@ impl Ledger {
         rows.any(|row| !row.going(now).is_empty())
     }
 
-    /// Whether a row ends with `client`, or its holder has not been told yet why it is over.
+    /// Whether `client` has a row: a command that ends with the client, or a hold whose end the client has not heard.
     pub fn is_of(&self, client: u64) -> bool {
         self.0.iter().any(|row| row.client == client)
     }
 
-    /// Jogs that are held.
+    /// How many holds the daemon has yet to stop.
     pub fn holds(&self) -> usize {
         self.0.iter().filter(|row| row.is_live()).count()
     }
 
-    /// When something is to be done if nothing happens.
+    /// When the ledger needs attention next, if nothing happens before.
     pub fn next_moment(&self) -> Option<Instant> {
         self.0.iter().filter_map(Row::next_moment).min()
     }
 
-    /// When the first row of the clients that are there (`is_there`) runs out unless it is renewed.
+    /// When the first row of a client that `is_there` runs out unless the client renews it.
     pub fn first_end(&self, is_there: impl Fn(u64) -> bool) -> Option<Instant> {
         let rows = self.0.iter().filter(|row| row.over.is_none() && is_there(row.client));
         rows.filter_map(|row| row.until).min()
     }
 }
 
-/// Tells the log why the `motors` of `row` are stopped.
+/// Logs why the daemon stops the `motors` of `row`.
 fn tell_lapse(row: &Row, motors: Motors) {
     let mask = motors.bits();
     match (row.way, row.over) {

@@ -1,13 +1,16 @@
-//! Lines that lie in the board's own rotary buffers and that nobody expects to run: who starts that program hears of them first.
+//! Lines left in the board's own rotary buffers that no client expects to run: a client that starts that program hears
+//! of them first.
 //!
-//! A rotary stream leaves them when it ends early, and the daemon finds some there. The daemon does not know what there was
-//! before its own start, nor how far a program came that was streamed whole and then aborted: so it asks the board before that
-//! coordinate system is started.
+//! A rotary stream that ends early leaves such lines, and the board may hold others. The daemon does not know which
+//! lines the buffers held before its own start, nor how far a program came that a client streamed whole and then
+//! aborted. So the daemon asks the board before that coordinate system starts.
 //!
-//! The stream has pointed the coordinate system at its rotary buffer with `B0`, and neither `Q` nor `A` points it elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run what is left.
+//! The stream has pointed the coordinate system at its rotary buffer with `B0`, and neither `Q` nor `A` points it
+//! elsewhere. So `R`, `S`, ^R, ^S and the panel's keys would run the lines left.
 //!
-//! Only what is certain counts: a start that names its coordinate system, or starts all of them. What is left is forgotten when a
-//! line takes it away or points elsewhere, and at a reset: a board keeps no rotary buffer over one.
+//! Only certain starts count: a start that names its coordinate system, or starts all of them. The daemon forgets
+//! leftovers when a line takes them away or points the coordinate system elsewhere, and at a reset: no rotary buffer
+//! survives a reset of the board.
 
 use super::effect::Starts;
 use crate::map::Systems;
@@ -16,32 +19,32 @@ use crate::protocol::CallError;
 /// The error of `PR` without a rotary buffer.
 const NO_BUFFER: u16 = 3;
 
-/// What one coordinate system has left.
+/// The lines left for one coordinate system.
 #[derive(Debug, Clone, Copy, Default)]
 struct Left {
     lines: u64,
-    /// The daemon knows that these are all.
+    /// The daemon knows that no other lines are left.
     is_known: bool,
-    /// The board told of them, and no stream.
+    /// The board told of the lines, not a stream.
     is_found: bool,
-    /// The board was asked since a stream has left something, or a start was refused.
+    /// The daemon has asked the board since a stream left lines, or since the daemon refused a start.
     is_asked: bool,
-    /// The rotary buffer may hold lines that nobody counts: a stream was fed whole, or somebody has started what was left all the
-    /// same, or has pointed the coordinate system away from it.
+    /// The rotary buffer may hold lines that the daemon does not count: a client has streamed a whole program, has
+    /// started the lines left all the same, or has pointed the coordinate system elsewhere.
     is_whole: bool,
 }
 
-/// What every coordinate system has left.
+/// The lines left for every coordinate system.
 #[derive(Debug, Default)]
 pub struct Leftovers([Left; u32::BITS as usize]);
 
 impl Leftovers {
-    /// Of a board that has just been reset: nothing is left.
+    /// The leftovers of a board after a reset: none.
     pub fn after_reset() -> Self {
         Self([Left { is_known: true, ..Left::default() }; u32::BITS as usize])
     }
 
-    /// A stream that fed `systems` has ended and left `lines` that nobody expects.
+    /// A stream that fed `systems` has ended and left `lines` that no client expects.
     pub fn set(&mut self, systems: Systems, lines: u64) {
         let left = Left { lines, is_known: true, is_whole: lines == 0, ..Left::default() };
         self.of(systems).for_each(|row| *row = left);
@@ -56,8 +59,8 @@ impl Leftovers {
         });
     }
 
-    /// The board refuses to count them by this `error`. Of one that does not say that there is no buffer, nobody knows whose it is: what
-    /// a stream has left counts then.
+    /// The board refuses to count the lines, with this `error`. Unless the error says that no buffer exists, its cause
+    /// is unknown: the count of the last stream stays valid then.
     pub fn refused(&mut self, systems: Systems, error: u16) {
         if error != NO_BUFFER && self.of(systems).any(|row| row.lines > 0) {
             self.of(systems).for_each(|row| row.is_asked = true);
@@ -66,12 +69,13 @@ impl Leftovers {
         }
     }
 
-    /// The programs of `systems` were ended, or point at their rotary buffers again: of what nobody counts there, the board is asked.
+    /// A client has ended the programs of `systems`, or has pointed them at their rotary buffers again: the daemon will
+    /// ask the board about lines there that it does not count.
     pub fn aborted(&mut self, systems: Systems) {
         self.of(systems).for_each(|row| row.is_known &= !row.is_whole);
     }
 
-    /// What `systems` had left may be gone. A line that names none may have meant another one.
+    /// The lines left for `systems` may be gone. A line that names no coordinate system may have meant another one.
     pub fn forget(&mut self, systems: Systems) {
         for row in self.of(systems) {
             row.is_known |= systems != Systems::ALL;
@@ -79,8 +83,8 @@ impl Leftovers {
         }
     }
 
-    /// Of the programs to be started, those of which the board is to be asked what is left: the daemon does not know, or a stream has
-    /// left something there, which the board may have lost since.
+    /// The coordinate systems to start about which the daemon has to ask the board first: the daemon does not know what
+    /// is left there, or a stream left lines that the board may have lost since.
     pub fn to_ask(&self, starts: Starts) -> Systems {
         let asks = |system: &usize| {
             let row = self.0[system - 1];
@@ -89,10 +93,10 @@ impl Leftovers {
         if starts.confirmed { Systems::NONE } else { starts.systems.numbers().filter(asks).collect() }
     }
 
-    /// Whether programs may be started. They can be started by the panel where it `has_panel`.
+    /// Checks that programs may start. `has_panel`: the refusal names the panel, too, as a way to start them.
     ///
     /// # Errors
-    /// What would run.
+    /// Lists the lines that would run.
     pub fn check(&mut self, starts: Starts, has_panel: bool) -> Result<(), CallError> {
         if starts.confirmed {
             self.forget(starts.systems);
@@ -123,7 +127,7 @@ impl Leftovers {
     }
 }
 
-/// The commands that start coordinate system `cs` whatever is left.
+/// The commands that start coordinate system `cs` whatever lines are left.
 pub fn start_anyway(cs: impl std::fmt::Display, has_panel: bool) -> String {
     let by_line = format!("pmacctl send --yes '&{cs}R'");
     if has_panel { format!("pmacctl panel start {cs} --continue, or {by_line},") } else { by_line }

@@ -1,9 +1,10 @@
-//! How often the board has been reset, as far as it shows: a sequence must not go on on a board that has forgotten its beginning.
+//! Counts the board's resets, as far as they show: a sequence must not go on after the board has forgotten its
+//! beginning.
 //!
-//! After a reset the servo report needs a new `GATHER`, while the board, with I58=1 saved, answers lines as before: the bus
-//! thread learns of it late, or never. So a sequence has the board asked for its servo counter: X:$0 counts servo
-//! interrupts in 24 bits, on Turbo boards too, and begins at 0 after a reset. What the bus thread sees, a servo report
-//! that stops or a timer that has jumped, is only a reason to ask: it may be late news of an older reset.
+//! After a reset the servo report needs a new `GATHER`, while the board, with I58=1 saved, answers lines as before: the
+//! bus thread learns of the reset late, or never. So a sequence has the daemon ask the board for its servo counter:
+//! X:$0 counts servo interrupts in 24 bits, on Turbo boards too, and begins at 0 after a reset. A servo report that
+//! stops or a timer that jumps is only a reason to ask: the bus thread may see late news of an older reset.
 
 use std::time::{Duration, Instant};
 
@@ -11,8 +12,8 @@ use std::time::{Duration, Instant};
 pub const QUESTION: &str = "RX$0";
 /// The counter's values.
 const VALUES: u64 = 1 << 24;
-/// No servo cycle is taken to be shorter: the counter goes round once in 335 s at the soonest. What is believed of the servo
-/// cycle is not asked: an I10 may be wrong, and a simulator on a busy machine is slow.
+/// The daemon assumes that no servo cycle is shorter: the counter goes round once in 335 s at the soonest. The cycle
+/// that the board's settings give does not count here: an I10 may be wrong, and a simulator on a busy machine is slow.
 const SHORTEST_CYCLE: Duration = Duration::from_micros(20);
 
 /// A reading of the servo counter.
@@ -22,7 +23,7 @@ struct Reading {
     asked: Instant,
 }
 
-/// The resets, and what tells of the next one.
+/// The resets so far, and the readings that reveal the next reset.
 #[derive(Debug, Default)]
 pub struct Resets {
     seen_by_bus: u32,
@@ -30,32 +31,32 @@ pub struct Resets {
     doubts: u64,
     count: u64,
     last: Option<Reading>,
-    /// When the board was sent a reset, or seen to come up again.
+    /// When the daemon last sent a reset, or saw the board come up again.
     at: Option<Instant>,
 }
 
 impl Resets {
-    /// How many there have been, as far as known.
+    /// How many resets the counter has shown.
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// How often something was seen that a reset may have caused.
+    /// How often the bus thread has seen signs that a reset may have caused.
     pub const fn doubts(&self) -> u64 {
         self.doubts
     }
 
-    /// The board was sent a reset.
+    /// The daemon may have sent a reset to the board.
     pub fn was_sent(&mut self, now: Instant) {
         self.at = Some(now);
     }
 
-    /// How long ago it was reset, or came up again, as far as known.
+    /// How long ago the board was reset or came up again, as far as the daemon knows.
     pub fn ago(&self, now: Instant) -> Option<Duration> {
         self.at.map(|at| now.saturating_duration_since(at))
     }
 
-    /// The bus thread has seen so many since its start, and servo data come now or not.
+    /// The bus thread has seen `resets` since its start; `servo_is_live` tells whether servo data come now.
     pub fn bus_sees(&mut self, resets: u32, servo_is_live: bool, now: Instant) {
         let is_new = std::mem::replace(&mut self.seen_by_bus, resets) != resets;
         self.at = if is_new { Some(now) } else { self.at };
@@ -63,10 +64,11 @@ impl Resets {
         self.doubts += u64::from(is_new || has_stopped);
     }
 
-    /// The board, `asked` then, has answered by `answered` that its servo counter is `counter`. Whether that tells of a reset.
+    /// The board has answered, between `asked` and `answered`, that its servo counter is `counter`. Returns whether
+    /// that reveals a reset.
     ///
-    /// Only a counter that went back, and cannot have gone round, tells of a reset: a false one would end a good sequence. So a
-    /// reset shows only when the board had run for longer before it than since.
+    /// Only a counter that went back, and cannot have gone round, reveals a reset: a false alarm would end a good
+    /// sequence. So a reset shows only if the board had run for longer before it than since.
     pub fn counter_is(&mut self, counter: u64, asked: Instant, answered: Instant) -> bool {
         let counter = counter % VALUES;
         let Some(last) = self.last.replace(Reading { counter, asked }) else { return false };

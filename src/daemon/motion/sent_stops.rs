@@ -1,7 +1,8 @@
-//! The last lines of clients that end programs, motions or a gather. Owners, and those who wait, are told who sent them.
+//! The clients' last lines that end programs, motions or a gather. The daemon tells owners and waiting clients who sent
+//! them.
 //!
-//! A line counts when the board may have carried it out. What the serial port, another host or a program of the board ends is not
-//! known here.
+//! A line counts if the board may have carried it out. The daemon does not know what the serial port, another host or a
+//! program of the board ends.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -11,7 +12,7 @@ use crate::language::LineEnds;
 use crate::map::Family;
 use crate::protocol::board::SentStop;
 
-/// How many are kept.
+/// How many stops the daemon keeps.
 const STOPS_KEPT: usize = 16;
 
 #[derive(Debug)]
@@ -19,12 +20,12 @@ struct Sent {
     number: u64,
     ends: LineEnds,
     by: Caller,
-    /// It is a step of the sequence of this number.
+    /// The number of the sequence whose step the line is.
     sequence: Option<u64>,
     at: Instant,
 }
 
-/// The last of them.
+/// The last lines that ended something.
 #[derive(Debug, Default)]
 pub struct SentStops {
     last: VecDeque<Sent>,
@@ -32,7 +33,7 @@ pub struct SentStops {
 }
 
 impl SentStops {
-    /// `by` has sent what `ends` these, as a step of this `sequence` if it is one.
+    /// `by` has sent a command that `ends` these, perhaps as a step of `sequence`.
     pub fn add(&mut self, ends: LineEnds, by: Caller, sequence: Option<u64>, now: Instant) {
         self.count += 1;
         if self.last.len() == STOPS_KEPT {
@@ -41,14 +42,14 @@ impl SentStops {
         self.last.push_back(Sent { number: self.count, ends, by, sequence, at: now });
     }
 
-    /// Those of a board of this family that did not come from `client`.
+    /// The stops that other clients than `client` sent, for a board of this family.
     pub fn of_others(&self, client: u64, family: &Family) -> Vec<SentStop> {
         let others = self.last.iter().filter(|sent| sent.by.client != client);
         others.map(|sent| sent.told(family)).collect()
     }
 
-    /// Who has ended what sequence `number` does, if somebody here did `since` it began: `uid 0 (pid 7) sent ENDGATHER`. `ends` tells
-    /// what ends it.
+    /// The client that has ended the work of sequence `number` `since` the sequence began, and how: `uid 0 (pid 7) sent
+    /// ENDGATHER`. `ends` tells which lines end that work. `None` if no client did.
     pub fn that_ended(
         &self,
         number: u64,

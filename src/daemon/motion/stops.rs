@@ -1,4 +1,5 @@
-//! The stops under way: by the panel, by command line where the panel did not take it, and by ^A if a held jog goes on all the same.
+//! The stops under way: by the panel, by command line if the panel did not take the stop, and by ^A if the motors of a
+//! held jog go on all the same.
 //!
 //! A motor stands when the servo report says so: its desired velocity is zero (bit 13 of the servo status), or its loop is open.
 
@@ -12,62 +13,63 @@ use crate::daemon::shared::queue::{Ticket, at_once};
 use crate::function::servo::Motion;
 use crate::map::Motors;
 
-/// How far a stop is.
+/// A stop's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum At {
-    /// The panel is to be asked for it from this moment on.
+    /// The daemon is to ask the panel for the stop from this moment on.
     Due(Instant),
-    /// The daemon has asked the panel for it.
+    /// The daemon has asked the panel for the stop.
     Panel(Ticket),
-    /// Its caller has asked the panel for it.
+    /// The stop's caller has asked the panel for it.
     CallersPanel,
-    /// The board was asked what is addressed.
+    /// The daemon has asked the board which motor or coordinate system is addressed.
     Question,
-    /// The line was sent.
+    /// The daemon has sent the line.
     Line,
-    /// Nothing is under way: the motors are watched.
+    /// The daemon sends nothing and watches the motors.
     Watch,
-    /// ^A was sent.
+    /// The daemon has sent ^A.
     AbortAll,
 }
 
 /// A stop under way.
 #[derive(Debug)]
 pub struct Stop {
-    /// What it stops.
+    /// The motors or coordinate systems to stop.
     pub target: Target,
-    /// Who waits for it.
+    /// The caller that waits for the stop.
     pub caller: Option<Caller>,
-    /// It ends a held jog, so the motors must stand in the end.
+    /// The stop ends a held jog, so the motors must stand in the end.
     pub ends_hold: bool,
-    /// How far it is.
+    /// The stop's step.
     pub at: At,
-    /// Since when the motors may no longer move.
+    /// When the motors should have stopped moving; the stop's time runs from here.
     pub begun: Instant,
     /// The board has acknowledged the line.
     pub taken: bool,
-    /// A motor was left out that no answer of the board calls open, only a report that may be old.
+    /// The line leaves out a motor whose loop only a report calls open, not an answer of the board. The report may be
+    /// old.
     pub is_doubtful: bool,
     /// The board has refused the line with this error.
     pub error: Option<u16>,
-    /// Nothing that was sent can stop it.
+    /// No message sent so far can stop the target.
     pub hopeless: bool,
     stands_since: Option<Instant>,
 }
 
-/// What the motors that are watched come to.
+/// The verdict on the watched motors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seen {
-    /// Not known yet.
+    /// Undecided.
     Open,
-    /// They stand, or the board took the line and nothing says otherwise.
+    /// The motors stand, or the board took the line and no report contradicts.
     Stand,
-    /// They may move, and their time is over.
+    /// The motors may move, and their time is over.
     Move,
 }
 
 impl Stop {
-    /// Of `target`, for which `caller` waits, and which begins so.
+    /// A stop of `target`, for which `caller` waits, and which begins at step `at`.
     pub const fn new(target: Target, caller: Option<Caller>, ends_hold: bool, at: At, now: Instant) -> Self {
         Self {
             target,
@@ -83,7 +85,7 @@ impl Stop {
         }
     }
 
-    /// How long its motors may go on.
+    /// How long the motors may go on.
     fn patience(&self, stop_all_after: Option<Duration>) -> Duration {
         match (self.ends_hold, self.hopeless) {
             (true, _) => stop_all_after.unwrap_or(STOP_GIVEN_UP),
@@ -92,7 +94,7 @@ impl Stop {
         }
     }
 
-    /// What is to be thought of the motors by now. Their time is `stop_all_after`.
+    /// The verdict on the motors `now`. A held jog's motors have `stop_all_after` to stand.
     fn look(&mut self, motion: Motion, stop_all_after: Option<Duration>, now: Instant) -> Seen {
         let motors = self.target.motors();
         let since = motion.standing.has_all(motors).then(|| self.stands_since.unwrap_or(now));
@@ -100,7 +102,7 @@ impl Stop {
         if since.is_some_and(|since| now >= since + STOP_SEEN) {
             return Seen::Stand;
         }
-        // No report tells of these motors: the board's word is all there is.
+        // No report tells about these motors: the board's acknowledgement has to do.
         if self.taken && !motors.meets(motion.moving.and(motion.standing)) {
             return Seen::Stand;
         }
@@ -116,30 +118,31 @@ impl Stop {
 pub struct Stops {
     running: BTreeMap<u64, Stop>,
     next: u64,
-    /// After how long ^A stops everything when a motor whose held jog is over goes on. Never, if `None`.
+    /// How long a motor may go on after its held jog is over before the daemon sends ^A, which stops everything.
+    /// `None`: never.
     pub stop_all_after: Option<Duration>,
 }
 
 impl Stops {
-    /// None; ^A comes `stop_all_after` the panel did not take a stop.
+    /// No stops. The daemon sends ^A `stop_all_after` a stop that the panel did not take.
     pub const fn new(stop_all_after: Option<Duration>) -> Self {
         Self { running: BTreeMap::new(), next: 0, stop_all_after }
     }
 
-    /// Begins one. Its number.
+    /// Begins a stop, and returns its number.
     pub fn begin(&mut self, stop: Stop) -> u64 {
         self.next += 1;
         self.running.insert(self.next, stop);
         self.next
     }
 
-    /// The panel is to stop `motors`, which nobody holds any more, from this moment on.
+    /// Begins a stop by the panel, due `at`, of `motors` that no client holds any more.
     pub fn begin_due(&mut self, motors: Motors, at: Instant) -> u64 {
         self.begin(Stop::new(Target::Motors(motors), None, true, At::Due(at), at))
     }
 
-    /// What the panel is to be asked for now, as one stop with its number. Nothing while the bus thread has as many of the daemon's
-    /// requests as it has room for; what is due meanwhile becomes one more.
+    /// Merges the stops that are due now into one stop for the panel, and returns its number. `None` while the bus
+    /// thread has no room for more of the daemon's requests; stops that fall due meanwhile become one further request.
     pub fn due(&mut self, now: Instant) -> Option<(u64, Motors)> {
         if !self.panel_has_room() {
             return None;
@@ -157,13 +160,13 @@ impl Stops {
         at_panel.count() < at_once::STOPS
     }
 
-    /// The motors whose stop is due now, or will be: nobody has seen that the board took it.
+    /// The motors whose stop is due, now or later: the daemon has not seen the board take that stop.
     pub fn due_motors(&self) -> Motors {
         let due = self.running.values().filter(|stop| matches!(stop.at, At::Due(_)));
         due.fold(Motors::NONE, |all, stop| all.and(stop.target.motors()))
     }
 
-    /// The number of the stop that the panel was asked for with `ticket`.
+    /// The number of the stop that the daemon has asked of the panel with `ticket`.
     pub fn at_panel(&self, ticket: Ticket) -> Option<u64> {
         let mut all = self.running.iter();
         all.find(|(_, stop)| stop.at == At::Panel(ticket)).map(|(number, _)| *number)
@@ -174,13 +177,13 @@ impl Stops {
         self.running.get_mut(&number)
     }
 
-    /// It is over.
+    /// Removes a stop that is over.
     pub fn over(&mut self, number: u64) -> Option<Stop> {
         self.running.remove(&number)
     }
 
-    /// Another command has been carried out by `motors`: those that the board has been told to stop before, and for which nobody
-    /// waits, are watched no more. The stops of which nothing is left.
+    /// `motors` have carried out another command: the daemon no longer watches them if the board took their stop before
+    /// and no caller waits for it. Returns the stops that have no motor left.
     pub fn let_go(&mut self, motors: Motors) -> Vec<u64> {
         let is_done = |stop: &Stop| {
             let is_sure = stop.taken && !stop.is_doubtful;
@@ -196,7 +199,7 @@ impl Stops {
         done
     }
 
-    /// Of the stops whose motors are watched, those whose outcome is decided by now, each with whether the motors stand.
+    /// The watched stops whose outcome is decided by now, each with its verdict.
     pub fn seen(&mut self, motion: Motion, now: Instant) -> Vec<(u64, Seen)> {
         let after = self.stop_all_after;
         let watched = self.running.iter_mut().filter(|(_, stop)| stop.at == At::Watch);
@@ -204,7 +207,7 @@ impl Stops {
         seen.filter(|(_, seen)| *seen != Seen::Open).collect()
     }
 
-    /// When something is to be done, if nothing is told before.
+    /// When the stops need attention next, if no news comes before.
     pub fn next_moment(&self) -> Option<Instant> {
         let has_room = self.panel_has_room();
         let moment = |stop: &Stop| match (stop.at, stop.stands_since) {
@@ -216,13 +219,13 @@ impl Stops {
         self.running.values().filter_map(moment).min()
     }
 
-    /// The motors that the daemon is to stop.
+    /// The motors that the daemon has to stop itself.
     pub fn motors(&self) -> Motors {
         let own = self.running.values().filter(|stop| stop.at != At::CallersPanel);
         own.fold(Motors::NONE, |all, stop| all.and(stop.target.motors()))
     }
 
-    /// How many.
+    /// How many stops are under way.
     pub fn count(&self) -> usize {
         self.running.len()
     }

@@ -1,7 +1,7 @@
-//! What a stop stops, and the command line that does it.
+//! The target of a stop, and the command line that stops it.
 //!
-//! `#nJ/` stops a jog, `&nA` aborts and `&nH` holds a coordinate system. The address that `#n` and `&n` change is everybody's
-//! (User Manual p. 29), so the line puts it back.
+//! `#nJ/` stops a jog, `&nA` aborts and `&nH` holds a coordinate system. All senders share the address that `#n` and
+//! `&n` change (User Manual p. 29), so the line puts the address back.
 
 use std::fmt;
 
@@ -9,19 +9,19 @@ use crate::daemon::shared::queue::{LINE_MAX, Text};
 use crate::map::status::{StatusTable, reply_has};
 use crate::map::{Motors, Systems};
 
-/// The digits of a status that is whole: two words of 24 bits.
+/// The digits of a complete status: two words of 24 bits.
 const STATUS_DIGITS: usize = 12;
 
-/// What the board has told of its motors' loops.
+/// The board's news of its motors' loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Loops {
-    /// The motors of which it has told.
+    /// The motors about which the board has told.
     pub told: Motors,
-    /// Of these, those whose loop is open.
+    /// The told motors whose loop is open.
     pub open: Motors,
 }
 
-/// What is to be stopped.
+/// The target of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// Motors that jog.
@@ -31,15 +31,16 @@ pub enum Target {
 }
 
 impl Target {
-    /// Asks what is addressed, and then for the status of each motor. That leaves the last one addressed. The addressed motor's
-    /// status stands between: on Turbo boards `##n` is a command of its own (Turbo Software Reference p. 270).
+    /// Asks for the address, then for the status of each motor, which leaves the last motor addressed. The question
+    /// also asks for the addressed motor's status in between: on Turbo boards `##n` is a command of its own (Turbo
+    /// Software Reference p. 270).
     pub fn question(self) -> Text<LINE_MAX> {
         let Self::Motors(motors) = self else { return Text::from("&") };
         let status: String = motors.numbers().map(|motor| format!("#{motor}?")).collect();
         Text::of(&format_args!("#?{status}"))
     }
 
-    /// The loops of its motors as the board's answers to [`Self::question`] tell.
+    /// The loops of the target's motors, from the board's answers to [`Self::question`].
     pub fn loops(self, answers: &[String], motor: &'static [StatusTable]) -> Loops {
         let mut loops = Loops::default();
         for (number, status) in self.motors().numbers().zip(answers.iter().skip(2)) {
@@ -53,8 +54,8 @@ impl Target {
         loops
     }
 
-    /// The line that stops it, but not the motors in `open`, whose loops it would close. Then addresses `addressed` again.
-    /// `None` when nothing is left to do.
+    /// The line that stops the target, then addresses `addressed` again. The line leaves out the motors in `open`,
+    /// whose loops it would close. `None` if the line would be empty.
     pub fn line(self, open: Motors, addressed: Option<u32>) -> Option<Text<LINE_MAX>> {
         let (mut line, sign): (String, _) = match self {
             Self::Motors(motors) => {
@@ -70,7 +71,7 @@ impl Target {
         (!line.is_empty()).then(|| Text::of(&line))
     }
 
-    /// The coordinate systems that it aborts.
+    /// The coordinate systems that the stop aborts.
     pub const fn aborted(self) -> Systems {
         match self {
             Self::Systems(systems, 'A') => systems,
@@ -78,7 +79,7 @@ impl Target {
         }
     }
 
-    /// Its motors.
+    /// The target's motors.
     pub const fn motors(self) -> Motors {
         match self {
             Self::Motors(motors) => motors,

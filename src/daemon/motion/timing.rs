@@ -1,27 +1,30 @@
-//! How long motion and its stops may take.
+//! Limits in time of motion and its stops.
 
 use std::time::Duration;
 
-/// How long a motor must be seen to stand until its jog is over: a motor that turns round stands for a moment.
+/// How long the reports must show a motor standing until its jog is over: a motor that turns round stands for a moment.
 pub const JOG_STANDS: Duration = Duration::from_millis(100);
 
-/// How long the panel has for a stop.
+/// How long the panel may take for a stop.
 pub const PANEL_STOP_TAKES: Duration = Duration::from_millis(100);
-/// How long the board has to say what is addressed before a stop by command line. A question that is given up holds the port for
-/// longer than a slow board takes.
+/// How long the board may take to tell the address before a stop by command line. After the daemon gives up a question,
+/// the port stays held for longer than a slow board takes to answer.
 pub const STOP_QUESTION_TAKES: Duration = Duration::from_millis(400);
-/// How long the board has for the line that stops, and for ^A.
+/// How long the board may take for the line that stops, and for ^A.
 pub const STOP_LINE_TAKES: Duration = Duration::from_secs(1);
-/// How long the holder's own stop may take, by panel, command line and ^A. Its holder waits, and renews nothing.
+/// How long the holder's own stop may take, by panel, command line and ^A. The holder waits meanwhile, and renews
+/// nothing.
 pub const HOLDERS_STOP_TAKES: Duration = Duration::from_secs(3);
-/// How long until a stop that nobody has seen to be taken is requested again.
+/// How long the daemon waits to request a stop again that it has not seen the board take.
 pub const STOP_AGAIN: Duration = Duration::from_secs(1);
 
-/// How long a motor must be seen to stand until its stop is done. A report may be from just before the motor began to move.
+/// How long the reports must show a motor standing until its stop is done. A report may date from just before the motor
+/// began to move.
 pub const STOP_SEEN: Duration = Duration::from_millis(50);
-/// How long motors that were stopped may go on where the daemon sends no ^A: less than what a client waits before it warns its user.
+/// How long motors may go on after a stop where the daemon sends no ^A: shorter than a client waits before it warns its
+/// user.
 pub const STOP_GIVEN_UP: Duration = Duration::from_millis(800);
-/// How long motors are looked at where nothing that was sent can stop them: they may stand by themselves.
+/// How long the daemon watches motors that no message sent can stop: they may stand by themselves.
 pub const STOP_HOPELESS: Duration = Duration::from_millis(100);
 
 const _: () = {
