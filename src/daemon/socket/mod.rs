@@ -1,21 +1,22 @@
-//! The command socket: who may connect, what a call means, whose turn it is, and what must not outlive its caller. One thread.
+//! The command socket: checks who connects, reads calls, gives each client its turn, and ends all that must not outlive
+//! its caller. One thread.
 //!
 //! | place | what is in it |
 //! |---|---|
-//! | [`server`] | the thread: one round after the other; how calls, stops, starts, jogs and sequences go on |
-//! | [`listener`], [`options`] | the socket's file, and what the server is told at its start |
-//! | `admission`, `clients`, `connection` | who gets a place; every connection; one connection, its messages and its buffers |
-//! | [`policy`], `peer_groups`, `peer_process` | who may do what: roles, the groups of a peer, whether its process lives |
-//! | [`methods`], [`jobs`], `jog_to`, `replay` | what a call means, checked before anything reaches the bus thread; what a replay refuses |
-//! | `call_table`, `call_step`, `heard` | calls that wait for the board; how far each is; what became of a command |
-//! | `fair_queue`, `time_quota` | whose command is next; whose turn it is to be served |
+//! | [`server`] | the thread, round after round; the further steps of calls, stops, starts, jogs and sequences |
+//! | [`listener`], [`options`] | the socket's file, and the server's options |
+//! | `admission`, `clients`, `connection` | which connection gets a place; every connection; one connection, its messages and buffers |
+//! | [`policy`], `peer_groups`, `peer_process` | a peer's rights: its role, its groups, whether its process lives |
+//! | [`methods`], [`jobs`], `jog_to`, `replay` | the meaning of each call, checked before the bus thread gets it; the calls that a replay refuses |
+//! | `call_table`, `call_step`, `heard` | calls that wait for the board; the step of each; the outcome of a command |
+//! | `fair_queue`, `time_quota` | which client's command is next; which user the server serves next |
 //! | `sequences` | lines and jobs that belong together, each owned by a connection |
-//! | `first_start` | what the board is asked before a start |
-//! | `watches`, `tracing` | the registers that clients watch; who gets the trace of bus accesses |
-//! | `audit`, `program_errors` | what the log is told, and how often |
+//! | `first_start` | the questions to the board before a start |
+//! | `watches`, `tracing` | the registers that clients watch; the client that gets the trace of bus accesses |
+//! | `audit`, `program_errors` | the entries of the log, and how often they come |
 //!
-//! What moves, for whom, and how far its stop is stands in `daemon/motion`; [`server`] drives the stops. What the daemon says to the
-//! board step by step stands in `daemon/scripts`.
+//! `daemon/motion` keeps which motors move, for which client, and the step of each stop; [`server`] drives the stops.
+//! `daemon/scripts` holds the daemon's dialogues with the board, step by step.
 
 mod admission;
 mod audit;

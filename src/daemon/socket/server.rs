@@ -1,10 +1,10 @@
 //! The command socket's server: one thread, one poll over the listener, the clients, the bus thread's events and stop.
 //!
-//! It never waits for a client and never holds up the bus thread: whatever a client does, or does not do, costs at most
-//! its own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the calls;
-//! a ticket brings every event of the bus thread back to the call it belongs to. Nobody is served first for asking
-//! most: a connection begins a few calls a round, its user is served for a share of
-//! the round (`time_quota`), and commands for the board take turns (`fair_queue`).
+//! The server never waits for a client and never holds up the bus thread: whatever a client does costs at most that
+//! client's own bounded buffers. Each connection has one call under way at a time, so replies keep the order of the
+//! calls. A ticket brings every event of the bus thread back to its call. Asking often gives no client precedence: a
+//! connection begins a few calls a round, its user gets a share of the round (`time_quota`), and commands for the board
+//! take turns (`fair_queue`).
 
 mod calls;
 mod ending;
@@ -55,33 +55,33 @@ use crate::map::Motors;
 use crate::protocol::board::{ReadReply, RotaryStateReply};
 use crate::protocol::{Call, CallError, Enabled, Reply};
 
-/// Calls a connection may begin before others have their turn.
+/// How many calls a connection may begin before other connections have their turn.
 const CALLS_A_TURN: usize = 8;
 /// The longest wait. The watchdog looks for rounds twice in its limit, which is two seconds in the unit.
 const LONGEST_WAIT: Duration = Duration::from_millis(250);
 
-/// What the server stands between: the queues of the bus thread, and what `GetInfo` answers.
+/// The server's links to the bus thread, and the answer to `GetInfo`.
 pub struct Backend {
-    /// To the bus thread.
+    /// Commands to the bus thread.
     pub commands: Sender<Command>,
-    /// From the bus thread. It must deliver the events of a ticket in order and without gaps, [`Event::Done`] last; what
-    /// it cannot deliver at once it has to keep.
+    /// Events from the bus thread. The bus thread must deliver the events of a ticket in order and without gaps,
+    /// [`Event::Done`] last; it keeps events that find no room.
     pub events: Receive<Event>,
-    /// What `GetInfo` answers; kept up to date by [`Event::Info`].
+    /// The answer to `GetInfo`; [`Event::Info`] keeps it up to date.
     pub info: Info,
-    /// The bus thread's accesses to the board, when a client wants them.
+    /// The bus thread's accesses to the board, recorded while a client traces them.
     pub trace: Arc<Trace>,
 }
 
-/// The running server. Stops when told to, or when dropped.
+/// The running server. [`Server::stop`] or a drop stops it.
 pub struct Server {
     stop: Arc<EventFd>,
     thread: Option<JoinHandle<Motors>>,
 }
 
 impl Server {
-    /// Stops held jogs, ends every connection, removes the socket, and waits for the thread, whose waits are bounded. The motors of
-    /// held jogs that may still move.
+    /// Stops held jogs, ends every connection, removes the socket, and waits for the thread, whose waits are bounded.
+    /// Returns the motors of held jogs that may still move.
     #[must_use]
     pub fn stop(mut self) -> Motors {
         self.end()
@@ -116,7 +116,7 @@ pub fn serve(options: &ServeOptions, listener: Listener, backend: Backend) -> Re
     Ok(Server { stop, thread: Some(thread) })
 }
 
-/// The server's parts, each of which owns what it decides by.
+/// The server's parts; each part owns the state for its decisions.
 struct Service {
     admission: Admission,
     clients: Clients,
@@ -134,11 +134,11 @@ struct Service {
     events: Receive<Event>,
     info: Info,
     pulse: Arc<Pulse>,
-    /// Since when the daemon stops: nothing is begun any more.
+    /// When the daemon began to stop; the server begins nothing after that.
     stopping: Option<Instant>,
-    /// Since when, at the end, nothing is left to be stopped.
+    /// Since when, at the daemon's end, no hold and no stop is left.
     stood_since: Option<Instant>,
-    /// What operators may send.
+    /// The control characters that operators may send.
     characters: Characters,
 }
 
@@ -187,13 +187,14 @@ impl Service {
         self.end(Instant::now())
     }
 
-    /// Does all there is to be done now.
+    /// Does all work that is due now.
     fn round(&mut self, ready: Ready, now: Instant) {
         self.pulse.count_round(WatchedThread::Socket);
         if ready.events {
             self.events.clear();
         }
-        // Woken or not: the lines of a reply come without a wake, and may have to be told before its end.
+        // Even without a wake: the bus thread queues the lines of a reply without waking this thread, and a client may
+        // have to hear them before the reply ends.
         while let Some(event) = self.events.try_receive() {
             self.on_event(event, now);
         }
@@ -220,14 +221,14 @@ impl Service {
         self.hand_out(now);
     }
 
-    /// What decides who gets a place: besides, whether something ends with a connection.
+    /// The parts that decide which connection gets a place; the closure tells whether something ends with a connection.
     fn entrance(&mut self) -> (&mut Admission, &mut Clients, impl Fn(u64) -> bool, &mut AuditLimit) {
         let Self { admission, clients, ledger, sequences, tracing, audit, .. } = self;
         let holds = |client| ledger.is_of(client) || sequences.is_of(client) || tracing.is_of(client);
         (admission, clients, holds, audit)
     }
 
-    /// How long nothing need be done unless something happens.
+    /// How long the server may sleep if nothing happens.
     fn timeout(&self) -> Duration {
         if self.calls.has_next() || self.clients.has_more() {
             return Duration::ZERO;
@@ -257,7 +258,7 @@ impl Service {
             PollFd::new(self.events.descriptor(), PollFlags::POLLIN),
             self.admission.interest(),
         ];
-        // Who did not come to the end of his calls is served again, whether more arrives or not.
+        // A client with calls left over gets its turn again even if no more data arrive.
         let mut clients: BTreeMap<u64, PollFlags> = BTreeMap::new();
         for (id, client) in self.clients.iter() {
             if let Some(flags) = client.interest() {
@@ -293,7 +294,7 @@ impl Service {
                 self.clients.used(id, ended - began);
                 began = ended;
             } else if let Some(client) = self.clients.get_mut(id) {
-                // What it has sent has been taken in: the poll does not tell of it again.
+                // The connection has already read the client's data: the poll does not report them again.
                 client.yields();
             }
         }
@@ -310,7 +311,7 @@ impl Service {
         self.advance(id, now);
     }
 
-    /// Begins the client's calls, one after the other, until one has to wait or others are to have their turn.
+    /// Begins the client's calls, one after the other, until a call has to wait or other clients shall have their turn.
     fn advance(&mut self, id: u64, now: Instant) {
         for _ in 0..CALLS_A_TURN {
             let Some(client) = self.clients.get_mut(id) else { return };
@@ -384,7 +385,7 @@ impl Service {
         }
     }
 
-    /// The bus thread has found this for `ticket`: a sequence gets it, a client the reply.
+    /// The bus thread has `found` this for `ticket`: a sequence gets the findings, a client gets the `reply`.
     fn on_found(
         &mut self,
         ticket: Ticket,
@@ -416,7 +417,7 @@ impl Service {
     }
 }
 
-/// Who has something to be done.
+/// The descriptors that are ready.
 struct Ready {
     stop: bool,
     events: bool,

@@ -1,4 +1,4 @@
-//! What becomes of a call: the part of the server that begins calls, and goes on with them when the board has answered.
+//! The part of the server that begins calls, and goes on with them when the board has answered.
 
 use std::time::{Duration, Instant};
 
@@ -27,13 +27,13 @@ use crate::language::password::without_password;
 use crate::protocol::board::{JogRenewReply, ResetsReply, WatchReply};
 use crate::protocol::{BoardInfo, Call, CallError, Enabled, Reply, answer, control};
 
-/// How long a watch may wait for its turn to ask.
+/// How long a question to the board for a watch or a reset check may wait.
 const WATCH_TIMEOUT: Duration = Duration::from_secs(1);
 /// How long the board may take to take a table of registers.
 const OWN_JOB_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Service {
-    /// Begins a call: answers it, or has the board asked.
+    /// Begins a call: answers the call at once, or hands a command to the bus thread.
     pub(super) fn begin(&mut self, id: u64, call: &Call, now: Instant) {
         self.sequences.renew(id, now);
         self.ledger.hear(|client| client == id, now);
@@ -42,7 +42,7 @@ impl Service {
         let is_unheard = !caller.oneway && !client.hears();
         let outdated = client.call_outdated();
         let action = parse_call(call, client.role(), self.characters, &self.info);
-        // The caller has gone without waiting for the answer: nothing but a stop is begun any more.
+        // The caller has gone without waiting for the answer: the server begins only stops for that caller.
         if is_unheard && !action.as_ref().is_ok_and(Action::stops) {
             return;
         }
@@ -71,7 +71,7 @@ impl Service {
         }
     }
 
-    /// Does what a call asks for; the reply if there is one at once.
+    /// Carries out a call; returns the reply if the reply is known at once.
     fn act(&mut self, caller: Caller, action: Action, now: Instant) -> Answered {
         match action {
             Action::Reply(reply) => return Ok(Some(reply)),
@@ -164,14 +164,14 @@ impl Service {
                 if while_connected {
                     effect.ends_jogs(&line.meaning, silence);
                 }
-                // Into an open buffer it may be a part of a program.
+                // In an open buffer the line may be a part of a program.
                 let is_closed = self.info.board().open_buffer.is_none();
                 let is_question = is_closed && line.meaning.only_asks_for_variables;
                 let sends = format!("sends {:?}", without_password(&line));
                 let audit = audit::entry(caller.peer, sends, is_question);
                 let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
                 let account = caller.peer.account();
-                // Who may only ask enters nothing into a program buffer.
+                // A client below the role of engineer enters nothing into a program buffer.
                 let role = self.clients.get(caller.client).map(Client::role);
                 let question = question || role.is_some_and(|role| role < Role::Engineer);
                 let writer = match (question, into_buffer) {
@@ -221,7 +221,7 @@ impl Service {
         Ok(None)
     }
 
-    /// Asks the board `question` for the sake of the call that goes on with `step`.
+    /// Asks the board `question`; the call goes on with `step` afterwards.
     pub(super) fn question(&mut self, caller: Caller, question: &str, step: CallStep, deadline: Instant) {
         let then = Then::Call(step);
         let line = Line::of(question);
@@ -249,7 +249,7 @@ impl Service {
         }
     }
 
-    /// Hands the bus thread what it has room for.
+    /// Hands the bus thread as many commands as it has room for.
     pub(super) fn hand_out(&mut self, now: Instant) {
         let Self { calls, clients, audit, info, .. } = self;
         let log = |caller: Caller, what: &str| {
@@ -261,7 +261,7 @@ impl Service {
         }
     }
 
-    /// The bus thread has done what it was asked for, or not.
+    /// The bus thread has finished a command, or has failed to.
     pub(super) fn on_end(&mut self, Ended { then, effect, heard }: Ended, now: Instant) {
         self.note_effect(effect, &then, &heard, now);
         let Heard { caller, outcome, .. } = heard;
@@ -272,7 +272,7 @@ impl Service {
             Then::Stop(number) => return self.stop_step(number, &heard.lines, outcome, now),
             Then::Call(step) => step,
         };
-        // The log says that it was asked for, so it says too that it was not done.
+        // The log has the request, so the log also tells that the request was not carried out.
         if heard.is_logged
             && !heard.is_given_up
             && outcome.is_unsent()
@@ -297,7 +297,7 @@ impl Service {
         }
     }
 
-    /// The board, asked then for its servo counter, has answered `lines`.
+    /// The board has answered `lines` to the question for its servo counter, `asked` then.
     pub(super) fn see_counter(&mut self, lines: &[String], asked: Instant, now: Instant) {
         let counter = lines.first().and_then(|line| answer::integer(line));
         let was_reset = counter
@@ -308,7 +308,7 @@ impl Service {
         }
     }
 
-    /// Answers a call that waited, and begins its caller's next ones.
+    /// Answers a call that waited, and begins the caller's next calls.
     pub(super) fn answer(&mut self, caller: Caller, reply: Result<Reply, CallError>, now: Instant) {
         self.ledger.hear(|client| client == caller.client, now);
         let Some(client) = self.clients.get_mut(caller.client) else { return };
@@ -319,19 +319,20 @@ impl Service {
         self.advance(caller.client, now);
     }
 
-    /// The board has said whether it copies registers, or not: a watch begins.
+    /// Begins a watch after the board has told whether it copies registers, or has not answered.
     fn watch_step(&mut self, entries: Vec<VariableEntry>, heard: Heard, now: Instant) -> Answered {
         let client = heard.caller.client;
         let answers = heard.answers(now)?;
         jobs::variables_enabled(self.info.family()).check(answers.as_deref())?;
         if answers.is_some() {
-            // Many watches that begin at once ask once.
+            // Many watches that begin at once need only one question.
             self.info.confirm_variables(now);
         }
         self.watch(client, entries, now)
     }
 
-    /// Begins a watch, of which only a change of the table concerns the bus thread. The reply comes when the table is the board's.
+    /// Begins a watch. The bus thread hears of it only if the table changes. The reply comes once the board has the
+    /// table.
     fn watch(&mut self, id: u64, entries: Vec<VariableEntry>, now: Instant) -> Answered {
         let Some(client) = self.clients.get_mut(id) else { return Ok(None) };
         let observer = (client.role() == Role::Observe).then_some(client.peer().uid);
@@ -343,7 +344,7 @@ impl Service {
         Ok(None)
     }
 
-    /// Tells clients that the registers they watch are in the board's table number `table`.
+    /// Tells clients that the board's table number `table` has the registers that they watch.
     pub(super) fn tell_watched(&mut self, clients: &[u64], table: u32, now: Instant) {
         for id in clients {
             let reply = Reply::with(&WatchReply { watched: self.watches.count_of(*id), table });
@@ -364,7 +365,8 @@ impl Service {
         }
     }
 
-    /// Sends the bus thread the table of watched registers, when it has changed. A full queue is tried again.
+    /// Sends the bus thread the table of watched registers after a change. If the queue is full, the server tries
+    /// again.
     pub(super) fn send_watch_table(&mut self, now: Instant) {
         let Some(table) = self.watches.update(now) else { return };
         if let Some(ticket) = self.calls.send_now(Job::WatchVariables(table), now + OWN_JOB_TIMEOUT) {

@@ -1,4 +1,4 @@
-//! The daemon's end: held jogs are stopped, sequences come to their ends, and whoever waits is told.
+//! The daemon's end: the server stops held jogs, ends the sequences, and answers the clients that wait.
 
 use std::time::{Duration, Instant};
 
@@ -12,18 +12,18 @@ use crate::daemon::shared::leases::HOLD_LEASE;
 use crate::map::Motors;
 use crate::protocol::{CallError, Reply};
 
-/// How long the ends of all sequences together may take.
+/// How long the ends of all sequences may take together.
 const LAST_STEPS: Duration = END_STEP;
-/// How long held jogs are tried to be stopped, while the board takes nothing: a SAVE or a reset takes seconds. The bus thread needs half
-/// a second after that, and the unit's TimeoutStopSec, 10 s, kills what goes on.
+/// How long the daemon tries to stop held jogs while the board takes nothing: a SAVE or a reset takes seconds. The bus
+/// thread needs half a second after that. The unit's TimeoutStopSec, 10 s, kills a daemon that goes on.
 const LAST_STOPS: Duration = Duration::from_secs(8);
-/// After how long a holder hears that the board has not taken the stop.
+/// How long until a holder hears that the board has not taken the stop.
 const STOP_SILENCE: Duration = Duration::from_millis(600);
 
 impl Service {
-    /// Serves on until the sequences have come to their end and what was held stands, or they have had their time.
+    /// Serves on until the sequences have ended and the held motors stand, or until their time is over.
     pub(super) fn come_to_end(&mut self, stop: &EventFd) {
-        // It has been heard, and must not end the waits that follow.
+        // The daemon is stopping already; this wake must not end the waits that follow.
         let _ = stop.read();
         let begun = Instant::now();
         self.begin_end(begun);
@@ -36,15 +36,16 @@ impl Service {
         }
     }
 
-    /// The daemon stops: held jogs are over, and those that end with a connection; sequences end, and nothing is begun any more.
+    /// The daemon stops: ends held jogs, jogs that end with a connection, and sequences. The server begins nothing
+    /// more.
     pub(super) fn begin_end(&mut self, now: Instant) {
         self.ledger.daemon_ends(now);
         self.tend_motion(now);
         self.stop_sequences(now);
     }
 
-    /// How long, at the end that was `begun`, what goes on may still take. `None` when nothing goes on, or has had its time. Who held
-    /// a jog renews it until it has been stopped, and hears of that then.
+    /// How long the stops and sequences may still take, at the end that `begun`. `None` if none goes on, or if their
+    /// time is over. A holder goes on renewing its jog until the daemon has stopped the jog, and then hears of the end.
     pub(super) fn time_left(&mut self, begun: Instant, now: Instant) -> Option<Duration> {
         let stops = self.ledger.holds() + self.stops.count() > 0;
         self.stood_since = if stops { None } else { self.stood_since.or(Some(now)) };
@@ -54,8 +55,8 @@ impl Service {
         Some(latest.saturating_duration_since(now)).filter(|left| !left.is_zero())
     }
 
-    /// What a renewal is answered while the daemon stops, as long as the board has not taken the stop: the holder is to hear how that
-    /// ends, and soon.
+    /// The answer to a renewal while the daemon stops, as long as the board has not taken the stop. The holder shall
+    /// hear soon how the stop ends.
     pub(super) fn renewed_at_the_end(&self, now: Instant) -> Option<Result<(), CallError>> {
         let (since, may_move) = (self.stopping?, self.may_move());
         let is_late = now.saturating_duration_since(since) >= STOP_SILENCE;
@@ -67,9 +68,9 @@ impl Service {
         self.ledger.held_motors().and(self.stops.motors())
     }
 
-    /// Tells whoever waits. The motors of held jogs that may still move.
+    /// Answers every client that waits. Returns the motors of held jogs that may still move.
     pub(super) fn end(&mut self, now: Instant) -> Motors {
-        // What has been done already is told so.
+        // First tells clients the commands that are done already.
         while let Some(event) = self.events.try_receive() {
             self.on_event(event, now);
         }
@@ -85,8 +86,8 @@ impl Service {
         }
         self.stop_at_the_end(now);
         self.audit.end();
-        // Whoever waits learns that nothing more will come. Nobody waits for them to hear it. What the bus thread has may have been
-        // sent.
+        // Tells each waiting client that nothing more will come, without waiting until the client reads that. The bus
+        // thread may have sent the commands that it holds.
         let unsent = Reply::of_error(&is_stopping());
         let uncertain = Reply::of_error(&CallError::Interrupted { reason });
         let (clients, calls) = (&mut self.clients, &self.calls);

@@ -1,8 +1,9 @@
-//! Asks the board what lies in rotary buffers of which the daemon does not know that, before their programs are started.
+//! Before a start, asks the board about the rotary buffers whose content the daemon does not know.
 //!
-//! A daemon that was restarted does not know what a stream before has left, and the board does. Each coordinate system is asked
-//! about once, and again at each start where something is left: another host, or a reset that nobody saw, may have taken it. Where command lines are not
-//! used nobody can ask: a start goes as it is.
+//! After a restart the daemon does not know the lines that an earlier stream left, but the board does. The daemon asks
+//! about each coordinate system once, and again at each start while lines are left: another host, or a reset that the
+//! daemon missed, may have taken them away. Where the daemon uses no command lines it cannot ask, and sends the start
+//! unchecked.
 
 use std::time::{Duration, Instant};
 
@@ -25,7 +26,7 @@ impl Service {
     /// the board first.
     pub(super) fn knows_what_is_left(&mut self, caller: Caller, ask: Ask, now: Instant) -> Option<Ask> {
         let existing = Systems::first(self.info.family().coordinate_systems);
-        // A stream has asked about the coordinate system that it feeds.
+        // A stream has already asked about the coordinate system that it feeds.
         let unknown = self.leftovers.to_ask(ask.starts()).among(existing).without(self.sequences.fed());
         if unknown.is_empty() || self.info.why_not(Function::Ascii).is_some() {
             return Some(ask);
@@ -35,7 +36,7 @@ impl Service {
         None
     }
 
-    /// The board has answered a question of `start`, or not: the next one follows, or the start itself.
+    /// The board has answered a question of `start`, or has not: sends the next question, or the start itself.
     pub(super) fn start_step(&mut self, mut start: Box<FirstStart>, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, outcome, .. } = heard;
         match (start.take(outcome, heard.lines(now)), outcome) {

@@ -1,4 +1,4 @@
-//! The calls that ask for a job: the board is asked first what the job needs, or, of a stop, afterwards.
+//! The calls that ask for a job: the daemon checks the job's guard on the board before the job; for a stop, after it.
 
 use std::time::Instant;
 
@@ -16,8 +16,8 @@ use crate::protocol::Reply;
 use crate::protocol::board::NotesReply;
 
 impl Service {
-    /// Has the bus thread do a job, or asks the board first whether that makes sense. Where the board cannot be asked, the job has to
-    /// show; where command lines are switched off, what the job needs is with its caller.
+    /// Has the bus thread do a job, or checks the guard on the board first. If the daemon cannot ask the board, the
+    /// job's own outcome decides; with command lines switched off, the caller has to see to the job's needs.
     pub(super) fn ask_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Answered {
         if let Some(buffer) = call.feeds {
             self.own_stream(caller, buffer)?;
@@ -38,7 +38,7 @@ impl Service {
         self.do_job(caller, call, now)
     }
 
-    /// Asks the board what `call` needs to have an effect.
+    /// Asks the board whether it meets the needs of `call`.
     fn ask_about(&mut self, caller: Caller, call: Box<JobCall>, now: Instant) -> Answered {
         if let Some(guard) = call.guard {
             let (question, deadline) = (call.question(guard), now + call.timeout);
@@ -47,17 +47,17 @@ impl Service {
         Ok(None)
     }
 
-    /// Has the bus thread do a job, whatever the board says.
+    /// Has the bus thread do a job without a question to the board.
     fn do_job(&mut self, caller: Caller, mut call: Box<JobCall>, now: Instant) -> Answered {
         let deadline = now + call.timeout;
         self.may_start(call.starts)?;
-        // A stop is never refused.
+        // A stop names no motors here, so this check never refuses one.
         self.spares_holds(caller.client, call.moves)?;
         let JobAt::Wanted(mut job) = std::mem::replace(&mut call.at, JobAt::UnderWay) else {
             return Ok(None);
         };
         if let Some(motors) = call.lease {
-            // From now on: a client that is gone before the board has taken the jog is gone all the same.
+            // The hold begins now: the client may go before the board has taken the jog.
             self.ledger.hold(caller.client, caller.peer.account(), motors, deadline);
         }
         let audit = call.audit.take();
@@ -81,7 +81,7 @@ impl Service {
         Ok(None)
     }
 
-    /// The bus thread has done the job, or the board has answered a question about it, or neither.
+    /// Goes on after the bus thread's job, or after a question to the board about it, whether done or failed.
     pub(super) fn job_step(&mut self, mut call: Box<JobCall>, heard: Heard, now: Instant) -> Answered {
         let caller = heard.caller;
         match call.at {
@@ -106,14 +106,15 @@ impl Service {
     fn job_done(&mut self, mut call: Box<JobCall>, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, outcome, .. } = heard;
         let is_held = call.lease.is_some();
-        // The jog has begun: its holder's time runs from here.
+        // The jog has begun: the holder's time runs from here.
         let renewed = is_held && !heard.is_given_up;
         let renewed = if renewed { self.ledger.renew(caller.client, now) } else { Ok(()) };
         let result = heard.lines(now);
         let asks = call.guard.is_some()
             && match outcome {
                 Outcome::Done => call.stops,
-                // The board was believed to take it. Another host may have seen to that it does not.
+                // The daemon assumed that the board would take the job. Another host may have switched the function
+                // off.
                 Outcome::Refused(_) | Outcome::Interrupted(_) => !is_held && !call.stops && self.answers(),
                 _ => false,
             };

@@ -1,7 +1,7 @@
 //! Jogs to a position.
 //!
-//! The daemon asks what is addressed, then sends the line that jogs and puts the address back. Both lines are on-line only: no
-//! program buffer takes them.
+//! The daemon asks the board which motor is addressed, then sends the line that jogs and puts the address back. Both
+//! lines are on-line only: no program buffer takes them.
 
 use std::time::Instant;
 
@@ -16,12 +16,12 @@ use crate::daemon::socket::jog_to::JogTo;
 use crate::protocol::{CallError, Reply};
 
 impl Service {
-    /// Asks for `caller` which motor is addressed; where the board has said so, sends the line.
+    /// Asks the board for `caller` which motor is addressed; once the board has told, sends the line.
     ///
     /// # Errors
     /// Why nothing was sent.
     pub(super) fn jog_to(&mut self, caller: Caller, jog: JogTo, deadline: Instant) -> Answered {
-        // Another client may have begun to hold the motor while the board was asked.
+        // Another client may have begun to hold the motor while the daemon asked the board.
         self.may_jog(caller, jog)?;
         let Some(line) = jog.line() else {
             self.question(caller, "#", CallStep::JogTo(jog), deadline);
@@ -41,12 +41,12 @@ impl Service {
         Ok(None)
     }
 
-    /// The board has said what is addressed, or has taken the line, or not.
+    /// Goes on after the question for the address, or after the line that jogs.
     pub(super) fn jog_step(&mut self, mut jog: JogTo, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, deadline, outcome, .. } = heard;
         let is_question = jog.addressed.is_none();
         let addressed = match outcome {
-            // The question has failed. The jog has not been sent.
+            // The question has failed. The daemon has not sent the jog.
             Outcome::Error(_) | Outcome::TimedOut | Outcome::Interrupted(_) if is_question => None,
             _ => heard.lines(now)?.first().and_then(|line| line.trim().parse().ok()),
         };

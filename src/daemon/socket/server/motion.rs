@@ -1,4 +1,5 @@
-//! Keeps the ledger of motion: what each command has done to it, what lapses, and what stops every motor.
+//! Keeps the ledger of motion: enters the effect of each command, and ends holds and jogs whose clients are silent or
+//! gone.
 
 use std::time::Instant;
 
@@ -18,7 +19,7 @@ use crate::map::Motors;
 use crate::protocol::Function;
 
 impl Service {
-    /// Takes note of what a command with this `effect` has done to motion, as far as the board has carried it out, or may have.
+    /// Records the `effect` of a command on motion, as far as the board has carried it out, or may have.
     pub(super) fn note_effect(&mut self, effect: CommandEffect, then: &Then, heard: &Heard, now: Instant) {
         let CommandEffect { ends, resets, stops_all, jogs } = effect;
         let Heard { caller, outcome, .. } = *heard;
@@ -34,7 +35,7 @@ impl Service {
                 Outcome::Done => carried_out,
                 Outcome::Error(_) => refused,
                 outcome if outcome.is_unsent() => Motors::NONE,
-                // How far the board came nobody knows.
+                // The daemon does not know how far the board came.
                 _ => carried_out.and(refused),
             };
             if outcome == Outcome::Done {
@@ -63,9 +64,10 @@ impl Service {
         }
     }
 
-    /// `caller` stops all motion by `character`, which is on its way to the board. A jog that is to be held and was not handed over
-    /// would begin behind it, and be held by nobody. Where it `drops_lines`, no line and no request of the panel that waits here is
-    /// sent any more, nor a line that a sequence would send, nor what other clients have sent and nobody has read yet.
+    /// `caller` stops all motion by `character`, which is on its way to the board. A held jog that still waits here
+    /// would begin behind the character without a holder, so the daemon withdraws it. If the stop `drops_lines`, the
+    /// daemon also drops the lines and panel requests that wait here, the lines of sequences, and other clients'
+    /// messages that it has not read yet.
     pub(super) fn stop_all_begins(&mut self, caller: Caller, character: u8, drops_lines: bool, now: Instant) {
         self.ledger.stop_all_begins(character, now);
         let all: Vec<u64> = self.clients.iter().map(|(client, _)| client).collect();
@@ -80,13 +82,14 @@ impl Service {
         }
     }
 
-    /// What `caller` asked to stop has been stopped: nobody holds it any more, and no stream goes on feeding it.
+    /// The board has stopped the `target` of `caller`: ends the holds of its motors, and the streams that feed its
+    /// coordinate systems.
     pub(super) fn has_stopped(&mut self, target: Target, caller: Caller, now: Instant) {
         self.ledger.stopped(caller.client, caller.peer.account(), target.motors(), now);
         self.end_streams_of(target.aborted(), caller.peer, now);
     }
 
-    /// Stops what moves for clients that are gone, or silent while the daemon does nothing for them, and sees to the stops under way.
+    /// Stops the motors of clients that are gone, or silent without a call under way, and drives the stops.
     pub(super) fn tend_motion(&mut self, now: Instant) {
         let Self { ledger, clients, .. } = self;
         ledger.hear(|client| clients.get(client).is_some_and(Client::waits_for_board), now);
@@ -102,7 +105,8 @@ impl Service {
         self.tend_stops(now);
     }
 
-    /// Takes the jogs out of the queue that these clients asked for and no longer hold: after its stop a jog would have no end.
+    /// Withdraws from the queue the held jogs of these clients that are over: a jog sent after its stop would have no
+    /// end.
     fn withdraw_holds(&mut self, clients: &[u64], now: Instant) {
         for client in clients {
             if let Some(caller) = self.calls.take_back_hold(*client) {
@@ -115,8 +119,8 @@ impl Service {
         }
     }
 
-    /// The daemon ends now: requests the stop of everything that is held once more, if there is room for the request. The bus thread
-    /// carries it out before its own end.
+    /// The daemon ends now: requests the stop of all held motors once more, if the bus thread has room for the request.
+    /// The bus thread carries it out before its own end.
     pub(super) fn stop_at_the_end(&mut self, now: Instant) {
         let motors = self.ledger.held_motors().and(self.stops.due_motors());
         if !motors.is_empty() {

@@ -1,4 +1,4 @@
-//! The board does not read the control panel (any more): holds are over, and what the panel has set in motion may go on.
+//! The board has stopped reading the control panel: holds are over, and motors that the panel set in motion may go on.
 
 use std::time::Instant;
 
@@ -10,7 +10,7 @@ use crate::map::Motors;
 use crate::protocol::Function;
 
 impl Service {
-    /// The board does not read the control panel any more: `by` has switched it off, or it is not known who.
+    /// The board has stopped reading the control panel: `by` has switched the panel off, or an unknown sender.
     pub(super) fn panel_ended(&mut self, by: Option<Account>, now: Instant) {
         self.ledger.panel_ended(by, now);
         let going = self.ledger.newly_alone(self.info.motion());
@@ -19,7 +19,7 @@ impl Service {
         }
     }
 
-    /// What is told of the motors that were set in motion by the panel and go on, while it is off.
+    /// The warning about motors that the panel set in motion and that go on while the panel is off.
     pub(super) fn jogs_without_panel(&self) -> Option<String> {
         let going = self.ledger.going_by_panel(self.info.motion());
         let is_off = self.info.enabling().panel == Some(false);

@@ -1,13 +1,13 @@
-//! What callers are answered of what somebody holds, and at the daemon's end.
+//! Replies about holds, and at the daemon's end.
 
 use crate::daemon::motion::hold_end::HoldEnd;
 use crate::map::Motors;
 use crate::protocol::{CallError, Reply};
 
-/// What a call goes on with: the reply, unless something else waits for the board.
+/// The result of a call's step: the reply, or `None` while the call waits.
 pub(super) type Answered = Result<Option<Reply>, CallError>;
 
-/// What a client is told whose held jog is over.
+/// The error for a client whose held jog is over.
 pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
     match end {
         Some(end) => CallError::refused(end),
@@ -15,12 +15,12 @@ pub(super) fn hold_over(end: Option<HoldEnd>) -> CallError {
     }
 }
 
-/// What a client is told whose held jog was over before it was sent to the board.
+/// The error for a client whose held jog was over before the daemon sent it to the board.
 pub(super) fn not_sent(end: Option<HoldEnd>) -> CallError {
     CallError::refused(format_args!("{}; the jog was not sent", hold_over(end)))
 }
 
-/// What a holder is told when `pmacd` stops, and the board has not taken the stop of these motors.
+/// The error for a holder while `pmacd` stops and the board has not taken the stop of these motors.
 pub(super) fn stop_not_taken(motors: Motors) -> CallError {
     let reason = format!(
         "pmacd is stopping, and the board has not taken the stop of the held jog yet: motor {motors} MAY STILL MOVE; use the emergency stop"
@@ -28,7 +28,7 @@ pub(super) fn stop_not_taken(motors: Motors) -> CallError {
     CallError::Interrupted { reason }
 }
 
-/// What a client is told whose call is not begun any more, or will not be answered.
+/// The error for a call that the stopping daemon does not begin, or will not answer.
 pub(super) fn is_stopping() -> CallError {
     CallError::Unavailable { reason: "pmacd is stopping".to_owned() }
 }

@@ -1,4 +1,4 @@
-//! Drives the sequences: has the bus thread do their steps, answers their owners, and brings about their ends.
+//! Drives the sequences: has the bus thread do their steps, answers their owners, and ends them.
 
 use std::time::{Duration, Instant};
 
@@ -24,14 +24,14 @@ use crate::language::password::without_password;
 use crate::map::Systems;
 use crate::protocol::{CallError, Reply};
 
-/// How long a sequence waits for its owner to fetch what it has been told.
+/// How long a sequence waits for its owner to fetch its replies.
 const UNFETCHED: Duration = Duration::from_millis(20);
 
-/// The owner's call, and what it is answered.
+/// The owner's call, and the answer to it.
 type OwnersAnswer = (Caller, Result<Reply, CallError>);
 
 impl Service {
-    /// Begins a sequence, or passes a call on to the one that the caller has. The reply, if there is one at once.
+    /// Begins a sequence, or passes a call on to the caller's sequence. Returns the reply, if it is known at once.
     pub(super) fn sequence_call(&mut self, caller: Caller, call: SequenceCall, now: Instant) -> Answered {
         match call {
             SequenceCall::Renew => match self.sequences.renew(caller.client, now) {
@@ -86,7 +86,7 @@ impl Service {
         }
     }
 
-    /// What became of the caller's sequence of lines, which something else has ended.
+    /// Answers with the result of the caller's sequence of lines if that has ended already, or waits for its end.
     fn finish_lines(&mut self, caller: Caller, batch: Batch, now: Instant) -> Answered {
         if let Some(result) = self.sequences.take_result(caller.client, Resource::Lines) {
             return result.map(Some);
@@ -99,10 +99,10 @@ impl Service {
         }
     }
 
-    /// The number of the stream that `caller` has into rotary buffer `buffer`.
+    /// The number of the caller's stream into rotary buffer `buffer`.
     ///
     /// # Errors
-    /// It has none (any more).
+    /// The caller has no such stream (any more).
     pub(super) fn own_stream(&self, caller: Caller, buffer: usize) -> Result<u64, CallError> {
         let own = self.sequences.of_client(caller.client, Resource::Rotary(buffer));
         own.ok_or_else(|| {
@@ -112,7 +112,7 @@ impl Service {
         })
     }
 
-    /// Ends the gather of the caller's user, of the user `uid`, or one that nobody owns.
+    /// Ends the gather of the caller's user, the gather of the user `uid`, or a gather without an owner.
     fn stop_gather(&mut self, caller: Caller, uid: Option<u32>, now: Instant) -> Answered {
         let Some((number, running)) = self.sequences.on(Resource::Gather) else {
             if let Some(result) = self.sequences.take_result(caller.client, Resource::Gather) {
@@ -133,7 +133,7 @@ impl Service {
         waits
     }
 
-    /// `caller` waits for the end of sequence `number`, with its owner.
+    /// `caller` waits for the end of sequence `number`, as the owner does.
     fn wait_for_end(&mut self, number: u64, caller: Caller) -> Answered {
         if let Some(running) = self.sequences.get_mut(number) {
             running.waiters.push(caller);
@@ -142,7 +142,7 @@ impl Service {
         Ok(None)
     }
 
-    /// Somebody has stopped every motor: no stream goes on feeding a program.
+    /// A client has stopped every motor: ends every stream that feeds a program.
     pub(super) fn end_streams(&mut self, by: Peer, character: u8, now: Instant) {
         self.leftovers.aborted(Systems::ALL);
         for number in self.sequences.that_feed(Systems::ALL) {
@@ -150,14 +150,15 @@ impl Service {
         }
     }
 
-    /// Somebody has closed what is open: the board takes no more lines of a stream. It ends at once, before somebody opens anything else.
+    /// A client has closed the open buffer: the board takes no more lines of a stream. The daemon ends every stream at
+    /// once, before a client opens another buffer.
     pub(super) fn end_closed_streams(&mut self, by: Peer, now: Instant) {
         for number in self.sequences.that_feed(Systems::ALL) {
             self.end_sequence(number, Ending::Closed(by), now);
         }
     }
 
-    /// Somebody has aborted the coordinate systems in `systems`: no stream goes on feeding their programs.
+    /// A client has aborted the coordinate systems in `systems`: ends the streams that feed their programs.
     pub(super) fn end_streams_of(&mut self, systems: Systems, by: Peer, now: Instant) {
         self.leftovers.aborted(systems);
         for number in self.sequences.that_feed(systems) {
@@ -165,7 +166,7 @@ impl Service {
         }
     }
 
-    /// Begins `script` for `caller`. The reply, if there is one at once.
+    /// Begins `script` for `caller`. Returns the reply, if it is known at once.
     pub(super) fn begin_sequence(&mut self, caller: Caller, script: Script, now: Instant) -> Answered {
         let name = script.name().to_owned();
         let number = self.sequences.begin(script, caller, now)?;
@@ -174,7 +175,7 @@ impl Service {
         self.reply_of(number, caller, now)
     }
 
-    /// Passes on to sequence `number` what its owner has `asked`. The reply, if there is one at once.
+    /// Passes the owner's request on to sequence `number`. Returns the reply, if it is known at once.
     pub(super) fn ask_sequence(
         &mut self,
         number: u64,
@@ -186,7 +187,7 @@ impl Service {
         running.script.ask(asked)?;
         running.call = Some(caller);
         if running.waits.is_board() {
-            // What is under way is finished first.
+            // The bus thread finishes the step under way first.
             self.wait_for_sequence(caller);
             return Ok(None);
         }
@@ -209,7 +210,8 @@ impl Service {
         }
     }
 
-    /// Takes the steps of sequence `number`, until one takes time. What its owner's call is answered, if it is now.
+    /// Takes the steps of sequence `number`, until a step takes time. Returns the answer to the owner's call, if it is
+    /// known now.
     fn drive(&mut self, number: u64, mut done: Option<Done>, now: Instant) -> Option<OwnersAnswer> {
         loop {
             let running = self.sequences.get_mut(number)?;
@@ -222,7 +224,7 @@ impl Service {
             }
             match running.script.next(done.take(), now) {
                 Step::Board(request, timeout) => {
-                    // A line that may not be sent is a step that is done.
+                    // A refused line is a step that is done.
                     done = Some(self.hand_step(number, request, now + timeout, now)?);
                 }
                 Step::Wait(moment) => {
@@ -239,7 +241,7 @@ impl Service {
                     }
                 }
                 Step::Answer(reply) => {
-                    // What was left before a stream it has cleared, or runs as its own.
+                    // A stream has cleared the lines left before it, or runs them as its own.
                     self.leftovers.forget(running.script.feeds());
                     running.waits = Waits::Until(now);
                     let call = running.call.take();
@@ -260,7 +262,8 @@ impl Service {
         }
     }
 
-    /// Hands the bus thread a step of sequence `number`. What became of it, if it is a line that may not be sent.
+    /// Hands the bus thread a step of sequence `number`. Returns the outcome if the step is a line that the daemon
+    /// refuses to send.
     fn hand_step(&mut self, number: u64, request: Request, deadline: Instant, now: Instant) -> Option<Done> {
         let running = self.sequences.get(number)?;
         let (peer, client, is_ending) = (running.owner.peer, running.owner.client, running.ending.is_some());
@@ -283,7 +286,8 @@ impl Service {
         running.waits = if matches!(request, Request::Check) { Waits::Check(now) } else { Waits::Board };
         let (account, uid) = (peer.account(), peer.uid.as_raw());
         self.calls.ask(step_of(peer), deadline, Then::Sequence(number, effect), audit, |ticket| {
-            // While somebody has a program buffer open a question is not sent: what the sequence has to send would enter that.
+            // The bus thread does not send a question while a client has a program buffer open: the line would enter
+            // that buffer.
             let (line, stays, inside) = match request {
                 Request::Line(line) => (line, is_ending, is_inside),
                 Request::Ask(line) => (line, false, false),
@@ -301,7 +305,7 @@ impl Service {
         None
     }
 
-    /// Sequence `number` is over, and says this. What its owner's call is answered, if one waits.
+    /// Sequence `number` is over, with this `reply`. Returns the answer to the owner's call, if one waits.
     fn sequence_over(
         &mut self,
         number: u64,
@@ -331,14 +335,14 @@ impl Service {
         call.map(|caller| (caller, reply))
     }
 
-    /// Goes on with sequence `number`, and answers its owner's call if that is over.
+    /// Goes on with sequence `number`, and answers the owner's call once the answer is known.
     fn go_on(&mut self, number: u64, done: Option<Done>, now: Instant) {
         if let Some((caller, reply)) = self.drive(number, done, now) {
             self.answer(caller, reply, now);
         }
     }
 
-    /// The bus thread has done a step of sequence `number`, or not.
+    /// The bus thread has finished a step of sequence `number`, or has failed to.
     pub(super) fn step_done(
         &mut self,
         (number, effect): (u64, LineEffect),
@@ -359,7 +363,7 @@ impl Service {
         self.go_on(number, Some(done), now);
     }
 
-    /// What sequence `number` hears of its step.
+    /// The outcome of its step, for sequence `number`.
     fn done(
         &self,
         number: u64,
@@ -378,7 +382,7 @@ impl Service {
         Done { outcome, result, resets, doubts, rotary, words, gathers, programs_run, ended_by }
     }
 
-    /// Goes on with the sequences that have waited for this moment, and ends those whose owner is gone or silent.
+    /// Goes on with the sequences whose wait is over, and ends the sequences whose owner is gone or silent.
     pub(super) fn tend_sequences(&mut self, now: Instant) {
         let clients = &self.clients;
         let lapsed = self.sequences.lapsed(now, |client| clients.hears(client), self.stopping.is_some());
@@ -390,7 +394,7 @@ impl Service {
         }
     }
 
-    /// Brings about the end of sequence `number`, unless it is ending.
+    /// Begins the end of sequence `number`, unless the sequence is ending already.
     fn end_sequence(&mut self, number: u64, why: Ending, now: Instant) {
         let Some(running) = self.sequences.get_mut(number).filter(|running| running.ending.is_none()) else {
             return;
@@ -410,7 +414,8 @@ impl Service {
         }
     }
 
-    /// The daemon stops: every sequence ends, and nothing is begun any more. [`Self::has_sequences`] tells when they have.
+    /// The daemon stops: ends every sequence, and lets no call begin anything. [`Self::has_sequences`] tells when all
+    /// have ended.
     pub(super) fn stop_sequences(&mut self, now: Instant) {
         self.stopping = Some(now);
         self.tend_sequences(now);
@@ -423,7 +428,8 @@ impl Service {
     }
 }
 
-/// Who asks for the steps of a sequence of `owner`: its user, whose turn they take; but they are done whether it hears or not.
+/// The caller for the steps of a sequence of `owner`. The steps take the turn of the owner's user; the bus thread does
+/// them even if the owner has gone.
 fn step_of(owner: Peer) -> Caller {
     Caller { client: Caller::NOBODY, peer: owner, oneway: true }
 }

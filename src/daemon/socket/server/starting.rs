@@ -1,4 +1,5 @@
-//! What a line or a start may do, and what it does: a start runs no lines that nobody expects.
+//! Checks lines and starts before the daemon sends them, and keeps their effects: a start runs no lines that no client
+//! expects.
 
 use std::time::Instant;
 
@@ -15,7 +16,8 @@ use crate::protocol::cut_off;
 use crate::protocol::{CallError, Function, OpenBufferInfo, Reply, control};
 
 impl Service {
-    /// Whether `client` may send `line`, by itself or in a sequence, and what it does. `confirmed`: what is left is to run.
+    /// Checks that `client` may send `line`, alone or in a sequence, and returns the line's effect. `confirmed`: the
+    /// lines left in rotary buffers shall run.
     ///
     /// # Errors
     /// Why not; nothing was sent.
@@ -33,7 +35,7 @@ impl Service {
         Ok(effect)
     }
 
-    /// The board has carried out a line of `by` with this effect.
+    /// The board has carried out a line of `by` with this `effect`.
     pub(super) fn line_done(&mut self, effect: LineEffect, by: Account, now: Instant) {
         self.leftovers.forget(effect.forgets);
         self.leftovers.aborted(effect.aborts);
@@ -42,7 +44,7 @@ impl Service {
         }
     }
 
-    /// What the caller is answered whose line with this effect has ended so.
+    /// The reply to the caller whose line, with this `effect`, has ended.
     pub(super) fn reply_to_line(
         &mut self,
         effect: LineEffect,
@@ -54,7 +56,7 @@ impl Service {
             self.line_done(effect, by, now);
         }
         let lines = heard.lines(now)?;
-        // Of this moment: the bus thread tells what is open in the order in which it tells what the board has answered.
+        // The buffer open at this moment: the bus thread reports open buffers and the board's answers in their order.
         let open = self.info.board().open_buffer.as_ref();
         let WhileOpen { enters, changes, may_act, .. } = effect.while_open;
         let is_told = |open: &&OpenBufferInfo| may_act || enters && open.takes_lines_of(by.uid);
@@ -62,11 +64,11 @@ impl Service {
         Reply::with(&SendReply { lines, entered })
     }
 
-    /// Whether `caller` may send `line` by itself though it does something to everybody. In a program that is open the board carries
-    /// nothing out at once, and `$$$` and `SAVE` are no statements.
+    /// Checks that `caller` may send `line` alone although the line affects every user. While a program is open the
+    /// board carries out nothing at once, and `$$$` and `SAVE` are no statements.
     ///
     /// # Errors
-    /// What it does, and to whom; nothing was sent.
+    /// Tells the line's effect, and on whom; the daemon has sent nothing.
     pub(super) fn is_meant(&self, caller: Caller, line: &Line) -> Result<(), CallError> {
         let cuts_off = line.meaning.settings.cuts_off;
         if self.info.board().open_buffer.is_none() && cuts_off != CutsOff::No {
@@ -75,10 +77,10 @@ impl Service {
         self.spares_others(caller, line)
     }
 
-    /// Whether `line` leaves alone what other users have open, and run.
+    /// Checks that `line` leaves alone the buffers that other users have open, and the sequences that they run.
     ///
     /// # Errors
-    /// Whose work it ends; nothing was sent.
+    /// Names the work that the line would end; the daemon has sent nothing.
     pub(super) fn spares_others(&self, caller: Caller, line: &Line) -> Result<(), CallError> {
         let Some(command) = cut_off::ends_work(&line.meaning) else { return Ok(()) };
         let uid = caller.peer.uid;
@@ -88,13 +90,12 @@ impl Service {
         if work.is_empty() { Ok(()) } else { Err(cut_off::ends_work_refusal(command, &work.join(", and "))) }
     }
 
-    /// The line that the board is sent in the place of `character`: ^U and ^L do what `OPEN ROT` and `CLOSE` do (Software Reference
-    /// p. 273), so
-    /// the same rules hold, and who opens the buffers is known as their owner. ^L closes rotary buffers: a board that closed
-    /// any buffer by it would end somebody else's download, so another one is left to `CLOSE`.
+    /// The line that the daemon sends in the place of `character`. ^U and ^L act as `OPEN ROT` and `CLOSE` (Software
+    /// Reference p. 273), so the same rules hold, and the daemon knows the buffers' owner. ^L closes rotary buffers. If
+    /// a board closed any buffer by ^L, it would end another client's download, so other buffers need `CLOSE`.
     ///
     /// # Errors
-    /// Another buffer than the rotary ones is open; nothing was sent.
+    /// A buffer other than the rotary buffers is open; the daemon has sent nothing.
     pub(super) fn line_for(&self, character: u8) -> Result<Option<&'static str>, CallError> {
         let is_other = |open: &&OpenBufferInfo| open.name.as_deref().is_none_or(|name| !is_rotary(name));
         match (character, self.info.board().open_buffer.as_ref().filter(is_other)) {
@@ -107,7 +108,7 @@ impl Service {
         }
     }
 
-    /// Whether programs may be started: no stream is being ended that feeds one, and none has left lines there.
+    /// Checks that programs may start: the daemon is not ending a stream that feeds them, and no lines are left there.
     ///
     /// # Errors
     /// Why not; nothing was sent.

@@ -1,7 +1,6 @@
 //! The command server driven step by step, with the clock of its caller: for fuzzing and for tests.
 //!
-//! It is the very server that [`super`] runs in a thread. What depends on who does what first can so be tried in every
-//! order, and again in the same one.
+//! The same server as [`super`] runs in a thread. A test can so try races in every order, and repeat each order.
 
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -22,7 +21,7 @@ pub struct ServerStepper {
     never: EventFd,
 }
 
-/// What the server keeps.
+/// Counts of the server's state.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ServerStats {
     /// Connections.
@@ -39,14 +38,14 @@ pub struct ServerStats {
     pub holds: usize,
     /// Commands that wait for their turn or are with the bus thread.
     pub turns: usize,
-    /// Registers that are watched.
+    /// Registers that clients watch.
     pub watched: usize,
     /// The longest output that waits for a client to fetch it, in bytes.
     pub longest_output: usize,
 }
 
 impl ServerStepper {
-    /// As [`super::serve`], but for the thread.
+    /// As [`super::serve`], but without a thread.
     ///
     /// # Errors
     /// [`ServeError`] when a group is unknown or the system gives no descriptor.
@@ -55,10 +54,10 @@ impl ServerStepper {
         Ok(Self { service: Service::new(options, listener, backend)?, never })
     }
 
-    /// Takes in a connection of whoever `peer` is said to be, as if it had come through the listener.
+    /// Takes in a connection as one of `peer`, as if the listener had accepted it.
     ///
     /// # Errors
-    /// When it cannot be made non-blocking.
+    /// When the stream cannot be made non-blocking.
     pub fn enter(&mut self, stream: UnixStream, peer: Peer, role: Role, now: Instant) -> io::Result<()> {
         stream.set_nonblocking(true)?;
         let (admission, clients, holds, audit) = self.service.entrance();
@@ -66,10 +65,10 @@ impl ServerStepper {
         Ok(())
     }
 
-    /// Does all that is to be done at `now`, which is never before that of the round before. Does not wait.
+    /// Does all work that is due at `now`, which must not lie before the last round's `now`. Does not wait.
     ///
     /// # Errors
-    /// What `poll` says.
+    /// The error of `poll`.
     pub fn round(&mut self, now: Instant) -> nix::Result<()> {
         let ready = self.service.wait(&self.never, Duration::ZERO)?;
         self.service.round(ready, now);
@@ -82,7 +81,7 @@ impl ServerStepper {
         self.service.clients.iter().any(|(_, client)| client.waits_for_board())
     }
 
-    /// When the first jog that a connection holds is stopped, or the first sequence ended, unless it is renewed.
+    /// When the server stops the first held jog, or ends the first sequence, unless its client renews it.
     #[must_use]
     pub fn first_hold_end(&self) -> Option<Instant> {
         let Service { ledger, sequences, clients, .. } = &self.service;
@@ -90,7 +89,7 @@ impl ServerStepper {
         held.into_iter().chain(sequences.first_lapse()).min()
     }
 
-    /// What the server keeps now.
+    /// The counts of the server's state now.
     #[must_use]
     pub fn kept(&self) -> ServerStats {
         let Service { clients, calls, ledger, sequences, stops, watches, .. } = &self.service;
@@ -107,8 +106,8 @@ impl ServerStepper {
         }
     }
 
-    /// Begins to stop: held jogs are stopped, and every sequence is brought to its end. [`Self::end`] may follow when
-    /// [`Self::is_ending`] says that none is left.
+    /// Begins to stop: stops held jogs, and ends every sequence. [`Self::end`] may follow once [`Self::is_ending`]
+    /// tells that none is left.
     pub fn begin_end(&mut self, now: Instant) {
         self.service.begin_end(now);
     }
@@ -119,7 +118,7 @@ impl ServerStepper {
         self.service.time_left(begun, now).is_some()
     }
 
-    /// Stops: those who wait are told. The motors of held jogs that may still move.
+    /// Stops: answers every client that waits. Returns the motors of held jogs that may still move.
     pub fn end(mut self, now: Instant) -> Motors {
         self.service.end(now)
     }
@@ -148,7 +147,7 @@ mod tests {
     /// a busy machine serves fewer clients a round.
     const ROUNDS: usize = 200;
 
-    /// Rounds at one moment until everybody has been served.
+    /// Does rounds at one moment until the server has served every client.
     fn settle(server: &mut ServerStepper, now: Instant) {
         for _ in 0..ROUNDS {
             server.round(now).unwrap();
@@ -190,7 +189,7 @@ mod tests {
         }
         assert_eq!(tickets.len(), at_once::PANEL, "there is room for no other");
         let mut holder = client(&mut server, &jog("PanelHold", 1, false), now);
-        // One that nobody would have to renew.
+        // A hold that no client would have to renew.
         others.push(client(&mut server, &jog("PanelHold", 1, true), now));
         settle(&mut server, now);
         assert_eq!(server.kept().holds, 1);
@@ -227,7 +226,8 @@ mod tests {
             format!(r#"{{"method":"io.github.pmac-dpram.Board.{method}","parameters":{parameters}}}"#)
         };
         let jog = |motor| call("JogTo", &format!(r#"{{"motor":{motor},"position":500}}"#));
-        // Each has asked what is addressed. The first jog's motor is held before the answer comes.
+        // Each jog has asked the board which motor is addressed. Another client holds the first jog's motor before the
+        // answer comes.
         let mut first = client(&mut server, &jog(1), now);
         let _second = client(&mut server, &jog(2), now);
         settle(&mut server, now);

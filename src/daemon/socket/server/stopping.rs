@@ -1,4 +1,4 @@
-//! Drives the stops: what follows when the panel, or a command line, has stopped something or not.
+//! Drives the stops: takes the next step after the panel or a command line has stopped the target, or has failed to.
 
 use std::time::Instant;
 
@@ -19,8 +19,8 @@ use crate::map::Motors;
 use crate::protocol::{CallError, Function, Reply, control};
 
 impl Service {
-    /// Stops `target`, which `caller` waits for, by command line: the panel did not take it, or is not used. It `ends_hold`
-    /// when the motors were held, and must stand in the end.
+    /// Stops `target` by command line: the panel did not take the stop, or the daemon does not use the panel. `caller`
+    /// waits for the stop. The stop `ends_hold` if a client held the motors, which must stand in the end.
     pub(super) fn stop_by_line(
         &mut self,
         target: Target,
@@ -76,7 +76,7 @@ impl Service {
                 self.stop_over(number, Err(reason), now);
             }
             At::AbortAll => {
-                // Not taken: the stop has to be requested again.
+                // The board did not take ^A: the daemon has to request the stop again.
                 stop.at = At::Watch;
                 self.may_go_on(number, now);
             }
@@ -84,7 +84,7 @@ impl Service {
         }
     }
 
-    /// The board has said what is addressed, and whose loops are open, or not: the line that stops is sent.
+    /// Sends the line that stops, after the board has told the address and the open loops, or has not answered.
     fn stop_addressed(&mut self, number: u64, lines: &[String], now: Instant) {
         let (reported, motion) = (self.info.loops_left_open(), self.info.motion());
         let motor_status = self.info.family().status.motor;
@@ -92,8 +92,8 @@ impl Service {
         let target = stop.target;
         let addressed = lines.first().and_then(|line| line.trim().parse().ok());
         let loops = target.loops(lines, motor_status);
-        // What no answer tells, the report does. It may be from just before the motor began to move, so the daemon watches the motors
-        // that the line leaves out by it.
+        // Where the answers do not tell a motor's loop, the report does. The report may date from just before the motor
+        // began to move, so the daemon watches the motors that the line leaves out because of the report.
         let untold = target.motors().without(loops.told);
         let open = loops.open.and(untold.among(reported));
         stop.is_doubtful = untold.meets(reported);
@@ -133,11 +133,11 @@ impl Service {
         self.tend_stops(now);
     }
 
-    /// Asks the panel for the stops that are due, and looks at the motors that should stand by now.
+    /// Asks the panel for the stops that are due, and checks the motors that should stand by now.
     pub(super) fn tend_stops(&mut self, now: Instant) {
         if let Some((number, motors)) = self.stops.due(now) {
             let ticket = self.calls.send_now(Job::EndHold(motors), now + PANEL_STOP_TAKES);
-            // Without room for the request the stop stays due.
+            // If the bus thread has no room for the request, the stop stays due.
             if let (Some(ticket), Some(stop)) = (ticket, self.stops.get_mut(number)) {
                 stop.at = At::Panel(ticket);
             }
@@ -175,7 +175,8 @@ impl Service {
         }
     }
 
-    /// A command to `motors` has been carried out. Where their stop has been taken before, whoever sent it may have them move.
+    /// The board has carried out a command to `motors`. If the board took their stop before, the command's sender may
+    /// move them.
     pub(super) fn let_go(&mut self, motors: Motors, now: Instant) {
         for number in self.stops.let_go(motors) {
             self.stop_over(number, Ok(()), now);
@@ -187,7 +188,7 @@ impl Service {
         match &result {
             Ok(()) => {
                 if let Some(caller) = stop.caller {
-                    // What the caller's own request ends is noted with every command of a client.
+                    // `note_effect` records the end by the caller's own request, as for every command of a client.
                     if stop.at != At::CallersPanel
                         && let Some(ends) = ended_by_stop(stop.target)
                     {
@@ -198,7 +199,7 @@ impl Service {
             }
             Err(reason) => {
                 error!(target: "audit", "{reason}");
-                // After ^A nothing is left to stop.
+                // After ^A no motor is left to stop.
                 if stop.ends_hold && stop.at != At::AbortAll {
                     self.stops.begin_due(stop.target.motors(), now + STOP_AGAIN);
                 }
@@ -210,7 +211,8 @@ impl Service {
         }
     }
 
-    /// Nobody has seen that stop `number` was taken: it is over, and its caller and the log are told that the motors may still move.
+    /// The daemon has not seen the board take stop `number`: ends the stop, and tells its caller and the log that the
+    /// motors may still move.
     fn may_go_on(&mut self, number: u64, now: Instant) {
         let panel = match self.uses(Function::Panel) {
             true => "the control panel did not take the stop, and ",
@@ -228,7 +230,7 @@ impl Service {
         self.stop_over(number, Err(reason), now);
     }
 
-    /// Sends `line` past all others for stop `number`. Where the bus thread has no room, that step is over.
+    /// Sends `line` for stop `number`, ahead of all other lines. If the bus thread has no room, the step has failed.
     fn send_first(&mut self, line: Text<LINE_MAX>, number: u64, deadline: Instant, now: Instant) {
         let line = Line::of(&*line);
         let origin = Origin::of(geteuid().as_raw(), &line, true);
@@ -244,8 +246,8 @@ impl Service {
     }
 }
 
-/// Says whose loops a stop of `target` leaves `open`, of whose it is `unknown` whether they are, and whose an abort closes, of those
-/// `reported` open.
+/// Logs the motors whose `open` loops the stop of `target` spares, the motors whose loops are `unknown`, and the
+/// `reported` open loops that an abort closes.
 fn tell_of_loops(target: Target, open: Motors, unknown: Motors, reported: Motors) {
     let (left_out, unknown) = (target.motors().among(open), target.motors().among(unknown));
     if !left_out.is_empty() {
@@ -268,7 +270,7 @@ fn tell_of_loops(target: Target, open: Motors, unknown: Motors, reported: Motors
     }
 }
 
-/// The daemon, as the caller of what it does by itself.
+/// The daemon as caller, for commands of its own.
 fn by_itself() -> Caller {
     let pid = std::process::id().cast_signed();
     Caller { client: Caller::NOBODY, peer: Peer { uid: geteuid(), gid: getegid(), pid }, oneway: true }

@@ -1,4 +1,5 @@
-//! Who may jog a motor, or move it by a line or a panel request: nobody else may hold it, and its loop must be closed.
+//! Checks before a client jogs a motor, or moves it by a line or a panel request: no other client may hold the motor,
+//! and a jog needs a closed loop.
 
 use super::Service;
 use crate::daemon::shared::caller::Caller;
@@ -8,10 +9,11 @@ use crate::map::Motors;
 use crate::protocol::CallError;
 
 impl Service {
-    /// Whether `client` may move `motors`: no other client holds one of them, and no stop of one waits for the board. A stop needs no leave.
+    /// Checks that `client` may move `motors`: no other client holds any of them, and no stop of any waits for the
+    /// board. A stop needs no such check.
     ///
     /// # Errors
-    /// Who holds which; nothing was sent.
+    /// Names the holder and the motors; the daemon has sent nothing.
     pub(super) fn spares_holds(&self, client: u64, motors: Motors) -> Result<(), CallError> {
         let due = motors.among(self.stops.due_motors());
         match self.ledger.held_by_another(client, motors) {
@@ -21,8 +23,9 @@ impl Service {
         }
     }
 
-    /// Whether `caller` may jog the motor now: nobody else holds it, and its loop is known not to be open. The daemon takes it
-    /// that every jog closes the loop of a killed motor, as `J/` does (Turbo Software Reference p. 275).
+    /// Checks that `caller` may jog the motor now: no other client holds the motor, and the daemon knows that the loop
+    /// is not open. The daemon assumes that every jog closes a killed motor's loop, as `J/` does (Turbo Software
+    /// Reference p. 275).
     pub(super) fn may_jog(&self, caller: Caller, jog: JogTo) -> Result<(), CallError> {
         self.spares_holds(caller.client, jog.motors())?;
         if self.info.loops_untold().meets(jog.motors()) {
@@ -43,7 +46,7 @@ impl Service {
     }
 }
 
-/// What a client is told that would move these `motors`, which the `holder` holds, or whose stop waits for the board.
+/// The refusal for a client that would move these `motors`: the `holder` holds them, or their stop waits for the board.
 fn held_by_another(holder: Option<Account>, motors: Motors) -> CallError {
     match holder {
         Some(holder) => CallError::refused(format_args!(
