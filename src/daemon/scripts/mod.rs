@@ -1,21 +1,22 @@
 //! Sequences: lines and jobs that belong together, run on a shared board by the daemon for one client.
 //!
-//! A download, a restore, a gather or a stream is a sequence. It has one owner, a connection, and holds a [`Resource`] that no
-//! other sequence gets meanwhile. It ends when it is done, when its owner says so, or when the owner is gone or silent
-//! (`shared/leases.rs`), when somebody else ends it, or when the daemon stops. Whatever ends it, the daemon carries out the steps that its end needs
-//! (`CLOSE`, `ENDGATHER`, a variable put back), also when its owner has gone.
+//! A download, a restore, a gather or a stream is a sequence. A sequence has one owner, a connection, and holds a
+//! [`Resource`] that no other sequence gets meanwhile. It ends when it is done, when its owner ends it, when the owner
+//! is gone or silent (`shared/leases.rs`), when another client ends it, or when the daemon stops. In every case the
+//! daemon carries out the steps of the end (`CLOSE`, `ENDGATHER`, a variable put back), even after the owner has gone.
 //!
 //! # A new sequence
-//! It is a [`Script`]: an `async` function without I/O of its own. The server asks it for a [`Step`], has the bus thread do that,
-//! and gives what became of it to the next call of [`Script::next`], which goes on with the function.
-//! * Begin: a method of the socket (`socket/methods.rs`) gives `Action::Sequence(SequenceCall::…)`; `socket/server/sequencing.rs`
-//!   makes the script of it. The caller waits until the script says [`Step::Answer`] or [`Step::Over`]. [`Step::Tell`]
-//!   before that streams to a caller that asked for `more`.
-//! * Rest: after [`Step::Answer`] the script goes on by itself. While it rests ([`Step::Rest`], [`Step::Wait`]) a call of the owner
-//!   ([`Script::ask`]) or an end wakes it. While no call of the owner is under way the lease runs: any call on the
-//!   owner's connection renews it. While one is under way it does not run: the daemon is busy for its owner then.
-//! * End: [`Script::end`] says why. The step under way is finished first and its outcome given; from then on every step must
-//!   serve the end, be bounded, and lead to [`Step::Over`].
+//! It is a [`Script`]: an `async` function without I/O of its own. The server asks the script for a [`Step`], has the
+//! bus thread do the step, and gives the outcome to the next call of [`Script::next`], which goes on with the function.
+//! * Begin: a method of the socket (`socket/methods.rs`) gives `Action::Sequence(SequenceCall::…)`;
+//!   `socket/server/sequencing.rs` makes the script from that. The caller waits until the script says [`Step::Answer`]
+//!   or [`Step::Over`]. [`Step::Tell`] before that streams to a caller that asked for `more`.
+//! * Rest: after [`Step::Answer`] the script goes on by itself. While it rests ([`Step::Rest`], [`Step::Wait`]) a call
+//!   of the owner ([`Script::ask`]) or an end wakes it. While no call of the owner is under way the lease runs: any
+//!   call on the owner's connection renews it. During a call of the owner the lease stands still: the daemon is busy
+//!   for the owner then.
+//! * End: [`Script::end`] says why. The bus thread first finishes the step under way, and the script gets its outcome.
+//!   From then on every step must serve the end, be bounded, and lead to [`Step::Over`].
 
 mod end_retry;
 #[cfg(test)]
@@ -42,27 +43,27 @@ use crate::function::rotary::RotaryState;
 use crate::map::{HostOffset, Systems};
 use crate::protocol::{CallError, Reply, answer, control};
 
-/// How long the board may take for a line, and the daemon for a job.
+/// How long the board may take for a line, and the bus thread for a job.
 const STEP: Duration = Duration::from_secs(5);
 /// How long the board may take for a check.
 const CHECK: Duration = Duration::from_secs(2);
 /// How long each step of an end may take.
 pub const END_STEP: Duration = Duration::from_secs(2);
 
-/// What a sequence has of the board.
+/// The part of the board that a sequence holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resource {
-    /// The board's variables and program buffers, as far as lines one after the other change or list them.
+    /// The board's variables and program buffers, which successive lines change or list.
     Lines,
-    /// Its gather buffer, and the variables that say what is gathered.
+    /// The board's gather buffer, and the variables that select the gathered data.
     Gather,
     /// The rotary buffer in the DPRAM with this index.
     Rotary(usize),
 }
 
 impl Resource {
-    /// Whether a sequence with `other` cannot run beside one with this. The set-up of a stream switches the transfer of every rotary
-    /// buffer off, and its end closes all of them.
+    /// Whether a sequence with this resource excludes a sequence with `other`. The set-up of a stream switches off the
+    /// transfer of every rotary buffer, and the end of a stream closes all of them.
     pub fn excludes(self, other: Self) -> bool {
         self == other || matches!((self, other), (Self::Rotary(_), Self::Rotary(_)))
     }
@@ -78,20 +79,21 @@ impl fmt::Display for Resource {
     }
 }
 
-/// What the bus thread is to do.
+/// A request to the bus thread.
 #[derive(Debug, Clone)]
 pub enum Request {
     /// Send a line.
     Line(Line),
-    /// Ask the board something. Not sent while a program buffer is open, and not logged.
+    /// Ask the board something. The daemon does not send the line while a program buffer is open, and does not log it.
     Ask(Line),
-    /// Find out whether the board has been reset since a check before. Not sent while a program buffer is open.
+    /// Find out whether the board was reset since the last check. The daemon does not send the question while a program
+    /// buffer is open.
     Check,
     /// Send a control character that has an answer.
     Control(u8),
     /// Read words of the DPRAM.
     Read {
-        /// The first one.
+        /// The first word.
         first: HostOffset,
         /// How many.
         count: usize,
@@ -100,53 +102,53 @@ pub enum Request {
     Job(Box<Job>),
 }
 
-/// What is to be done next.
+/// The next step of a script.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Step {
-    /// Have the bus thread do this, within so long.
+    /// Have the bus thread do this, within this time.
     Board(Request, Duration),
-    /// Nothing before this moment. An end, or a call of the owner, ends the waiting.
+    /// Wait until this moment. An end, or a call of the owner, ends the wait.
     Wait(Instant),
-    /// Nothing before the owner calls or an end comes.
+    /// Wait until the owner calls or an end comes.
     Rest,
     /// Tell the owner something, as one of several replies, and go on.
     Tell(Reply),
-    /// Answer the owner's call, and rest until it calls again or an end comes.
+    /// Answer the owner's call, and rest until the owner calls again or an end comes.
     Answer(Result<Reply, CallError>),
-    /// Answer the owner's call, and all who wait for the end: the end goes on without them.
+    /// Answer the owner's call, and every client that waits for the end: the end goes on without them.
     AnswerEnd(Result<Reply, CallError>),
-    /// It is over. Answers the owner's call, if one is under way.
+    /// The sequence is over. Answers the owner's call, if one is under way.
     Over(Result<Reply, CallError>),
 }
 
-/// What became of a step that the bus thread has done.
+/// The outcome of a step of the bus thread.
 #[derive(Debug)]
 pub struct Done {
-    /// How it ended.
+    /// How the step ended.
     pub outcome: Outcome,
-    /// The lines of the board's reply, or what a caller would be told of the failure.
+    /// The lines of the board's reply, or the error that a caller would get.
     pub result: Result<Vec<String>, CallError>,
     /// How many resets of the board the checks have found.
     pub resets: u64,
-    /// How often something was seen that a reset may have caused: reason for a check.
+    /// How often the bus thread has seen signs that a reset may have caused: a reason for a check.
     pub doubts: u64,
-    /// How far the rotary buffer is, after a job that asks for it.
+    /// The state of the rotary buffer, after a job that asks for it.
     pub rotary: Option<RotaryState>,
     /// The words of a [`Request::Read`].
     pub words: Vec<u16>,
-    /// Whether the board gathers at that moment; `None` where no report tells.
+    /// Whether the board gathers at that moment; `None` if no report tells.
     pub gathers: Option<bool>,
-    /// The coordinate systems that run a motion program at that moment; `None` where no report tells.
+    /// The coordinate systems that run a motion program at that moment; `None` if no report tells.
     pub programs_run: Option<Systems>,
-    /// Who has ended what the sequence does, if a client did since it began: `uid 0 (pid 7) sent ENDGATHER`.
+    /// The client that has ended the sequence's work since the sequence began, if any: `uid 0 (pid 7) sent ENDGATHER`.
     pub ended_by: Option<String>,
 }
 
-/// What the bus thread found for a step, besides the lines of a reply.
+/// The bus thread's findings for a step, besides the lines of a reply.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// How far a rotary buffer is.
+    /// The state of a rotary buffer.
     pub rotary: Option<RotaryState>,
     /// Words of the DPRAM.
     pub words: Vec<u16>,
@@ -155,19 +157,19 @@ pub struct Found {
 /// Why a sequence ends before it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// Its owner's connection is gone.
+    /// The owner's connection is gone.
     OwnerGone,
-    /// Its owner has been silent for longer than its lease.
+    /// The owner has been silent for longer than its lease.
     OwnerSilent,
     /// The daemon stops.
     Stopping,
-    /// Somebody else has ended it.
+    /// Another client has ended the sequence.
     EndedBy(Peer),
-    /// Somebody has sent the control character that stops every motor.
+    /// A client has sent the control character that stops every motor.
     AllStopped(Peer, u8),
-    /// Somebody has aborted the coordinate system that it feeds.
+    /// A client has aborted the coordinate system that the sequence feeds.
     Aborted(Peer),
-    /// Somebody has sent `CLOSE`, or has reset the board.
+    /// A client has sent `CLOSE`, or has reset the board.
     Closed(Peer),
 }
 
@@ -191,18 +193,18 @@ impl fmt::Display for Ending {
     }
 }
 
-/// What the owner of a script asks of it.
+/// A request of the owner to the script.
 #[derive(Debug)]
 pub enum Asked {
     /// Send these lines.
     Lines(Batch),
-    /// No line follows in the rotary buffer.
+    /// No more lines follow in the rotary buffer.
     Finish,
-    /// End.
+    /// End the sequence.
     Stop,
 }
 
-/// `error` with the notes of an end behind its reason, where it has one.
+/// `error`, with the notes of an end appended to its reason, if it has one.
 fn with_notes(error: CallError, notes: &[String]) -> CallError {
     match error {
         CallError::Refused { reason } if !notes.is_empty() => {
