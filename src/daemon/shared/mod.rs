@@ -1,4 +1,4 @@
-//! Values that pass between the bus thread and the socket's thread, and types that both use.
+//! Values that the bus thread and the socket's thread exchange, and types that both use.
 
 pub mod caller;
 pub mod definition_blocks;

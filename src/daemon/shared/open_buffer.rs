@@ -1,17 +1,18 @@
-//! Which program buffer is open on the board, and who has opened it.
+//! Tracks which program buffer is open on the board, and which client has opened it.
 //!
-//! After `OPEN PROG`, `OPEN ROT` or `OPEN PLC` a line such as `I57` or `P1` is no question any more but a piece of the
-//! program (Software Reference, I, J and K as circle vectors): a question asked by the way would move a machine. So
-//! only the user who opened a buffer by hand, or the sequence that did, writes into it.
+//! After `OPEN PROG`, `OPEN ROT` or `OPEN PLC` a line such as `I57` or `P1` is no longer a question but a piece of the
+//! program (Software Reference, I, J and K as circle vectors): a question sent meanwhile would move a machine. So only
+//! the user who opened a buffer by hand, or the sequence that opened it, writes into it.
 //!
-//! The lines tell what they open, the board's status tells the rest: bits 19, 18 and 17 of the second word of `???` are a
-//! motion, a rotary and a PLC buffer that is open (`Y:$0003`, which the servo report copies), whoever opened it. On Turbo boards
-//! the background report copies that word (`Y:$000006`). Where no such report comes, the board is asked by [`QUESTION`]. No bit is a
-//! kinematic program's: of one that a line has opened the lines and the answer tell, and of one that another host opens the answer
-//! alone.
+//! The daemon's own lines tell which buffers they open. The board's status tells of all others: bits 19, 18 and 17 of
+//! the second word of `???` stand for an open motion, rotary and PLC buffer (`Y:$0003`, which the servo report copies).
+//! On Turbo boards the background report copies that word (`Y:$000006`). Where no such report comes, the daemon asks
+//! the board by [`QUESTION`]. Kinematic programs have no bit: if one of the daemon's lines opens such a program, the
+//! lines and the answer tell; if another host opens one, only the answer tells.
 //!
-//! `OPEN BINARY ROTARY` lets no text in: "no ASCII text commands can be entered into the internal rotary buffers" (Software Reference
-//! p. 271). So it shuts nobody out; but as one buffer is open at a time, who would open another one or close this is told whose it is.
+//! `OPEN BINARY ROTARY` lets no text in: "no ASCII text commands can be entered into the internal rotary buffers"
+//! (Software Reference p. 271). So it shuts no client out. But only one buffer can be open at a time, so the daemon
+//! tells a client that would open another buffer, or close this one, whose buffer it is.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -23,30 +24,30 @@ pub use crate::language::NAME_MAX;
 use crate::language::{Effect, Meaning, is_rotary};
 use crate::protocol::OpenBufferInfo;
 
-/// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference, `SIZE`).
-/// So the board answers it at once while one is open, too, and it is no word of any program.
+/// The question whether a buffer is open: the free memory, "negative sign while a buffer is open" (Software Reference,
+/// `SIZE`). So the board answers the question at once even while a buffer is open, and no program contains that word.
 pub const QUESTION: &[u8] = b"SIZE";
-/// How long its answer is believed.
+/// How long the daemon believes the answer.
 pub const ANSWER_AGE: Duration = Duration::from_millis(200);
-/// How long a board that does not know the question is not asked again: it answers the same.
+/// How long until the daemon asks again a board that does not know the question: the board would answer the same.
 const REFUSAL_AGE: Duration = Duration::from_secs(10);
-/// Servo reports after a line that are not believed when they say otherwise: the board may have made them before it took the
+/// How many servo reports after a line the daemon does not believe: the board may have made them before it took the
 /// line.
 const OLD_REPORTS: u64 = 50;
-/// A report that the host asks for counts as so many: the one under way at a line may be older than it, the next one is asked for
-/// after it.
+/// A report that the host asks for counts as this many servo reports. The report under way while a line goes out may be
+/// older than the line; the host asks for the next report after the line.
 pub const ASKED_REPORT: u64 = OLD_REPORTS / 2;
 
 /// The error of an `OPEN` while a buffer is open: buffer already in use (Software Reference p. 25).
 const IN_USE: u16 = 7;
 
-/// The buffers of which no report tells.
+/// The buffers that no report covers.
 const UNREPORTED: [&str; 2] = ["FORWARD", "INVERSE"];
 
 /// A buffer that a line has opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Opened {
-    /// Which: `PROG 77`.
+    /// The buffer: `PROG 77`.
     pub name: Text<NAME_MAX>,
     /// The account that opened the buffer.
     pub by: Writer,
@@ -54,18 +55,19 @@ pub struct Opened {
     pub at: Instant,
 }
 
-/// Why a line is not sent.
+/// Why the daemon does not send a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Barred {
-    /// A buffer is open that this line must not enter. Who opened it is not known when it was not done through this daemon.
+    /// A buffer is open that this line must not enter. The opener is unknown unless it opened the buffer through this
+    /// daemon.
     Open(Option<Opened>),
     /// A buffer is open, and this line would close it, empty it or open another one.
     Changes(Option<Opened>),
-    /// A buffer is open, and this line, which does not touch it, is a sequence's.
+    /// A buffer is open, and this line belongs to a sequence, though the line does not touch the buffer.
     Sequence(Option<Opened>),
     /// Another client has addressed another coordinate system, whose rotary buffer this line would enter.
     Addressed,
-    /// The buffer that its sequence had open is closed.
+    /// The buffer that the line's sequence or client had open is closed.
     Closed,
 }
 
@@ -78,14 +80,14 @@ pub enum Unsaid {
     Otherwise,
 }
 
-/// Whether a buffer is open, as far as known.
+/// Whether a buffer is open, as far as the daemon knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Standing {
     /// A buffer is open.
     pub is_open: bool,
-    /// Which, and who has opened it, where that was done through this daemon.
+    /// The buffer and its opener, if a client opened it through this daemon.
     pub opened: Option<Opened>,
-    /// The board does not say whether another host has opened one.
+    /// The board does not say whether another host has opened a buffer.
     pub is_unsaid: bool,
 }
 
@@ -110,39 +112,40 @@ impl Standing {
     }
 }
 
-/// Follows the lines that a board is sent, and its reports. Takes no memory.
+/// Follows the lines to a board, and the board's reports. Allocates nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct OpenBuffer {
-    /// The buffer that the lines so far have opened.
+    /// The buffer that the daemon's lines have opened.
     opened: Option<Opened>,
     /// The buffer that was open before the last opening line.
     opened_before: Option<Opened>,
-    /// They have opened the rotary buffers for binary lines, and for no text.
+    /// The lines have opened the rotary buffers for binary lines only.
     binary: Option<Opened>,
-    /// The board says that one is open, whoever opened it.
+    /// The board says that a buffer is open, by any opener.
     seen: bool,
-    /// Reports come, and tell.
+    /// Reports come that tell of open buffers.
     has_reports: bool,
-    /// Until then what the board has answered last is believed.
+    /// Until then the daemon believes the board's last answer.
     believed_until: Option<Instant>,
     /// The board does not answer the question.
     unsaid: Option<Unsaid>,
     /// The outcome of an opening or closing line is unknown.
     in_doubt: bool,
-    /// The number of the last report, and of the first one that is believed again.
+    /// The number of the last report, and of the first report that the daemon believes again.
     report: u64,
     believed: u64,
-    /// A buffer was opened or closed while no report came: the first ones that come may be older.
+    /// A line opened or closed a buffer while no reports came: the first new reports may be older than the line.
     changed_unseen: bool,
-    /// A line that opens one goes to the board, which has not answered it: its reports may still be older.
+    /// A line that opens a buffer is on its way, and the board has not answered yet: the board's reports may still be
+    /// older.
     opens_now: bool,
-    /// Which coordinate system's rotary buffer the next line enters.
+    /// The coordinate system whose rotary buffer the next line enters.
     address: RotaryAddress,
 }
 
 impl OpenBuffer {
-    /// Of a board that was just reset, or is met for the first time: none is known to be open. Its first reports may lie there from
-    /// before, so the board is asked.
+    /// The state for a board after a reset, or at first contact: no buffer is known to be open. The first reports may
+    /// be old ones, so the daemon asks the board.
     #[must_use]
     pub fn after_reset() -> Self {
         let mut buffer = Self::default();
@@ -156,7 +159,7 @@ impl OpenBuffer {
         self.opened.is_some() || self.seen
     }
 
-    /// What the lines so far have opened, and the reports have not shown to be closed.
+    /// The buffer that the lines have opened and that no report has shown closed.
     #[must_use]
     pub const fn opened(&self) -> Option<&Opened> {
         self.opened.as_ref()
@@ -169,18 +172,18 @@ impl OpenBuffer {
         Standing { is_open: self.is_open(), opened: self.opened, is_unsaid }
     }
 
-    /// Whether that is the board's own word, and not too old.
+    /// Whether the board itself has told the state recently enough.
     #[must_use]
     pub fn is_known(&self, now: Instant) -> bool {
         let is_fresh = self.believed_until.is_some_and(|until| now < until);
         self.has_reports && !self.in_doubt || is_fresh
     }
 
-    /// Whether the board has to be asked before `writer` may send `line`. Who opened the buffer needs not know, and what stores
-    /// nothing does not wait.
+    /// Whether the daemon has to ask the board before `writer` may send `line`. False for the buffer's opener and for
+    /// lines that store nothing.
     #[must_use]
     pub fn must_ask(&self, line: &Meaning, writer: Writer, now: Instant) -> bool {
-        // A reset closes the buffer without a line. The board would then carry out at once a line meant for it.
+        // A reset closes the buffer without a line. The board would then carry out at once a line meant for the buffer.
         let goes_by_lines = self.is_own(writer) && !matches!(writer, Writer::IntoBuffer(_));
         let is_sure = self.is_known(now) || goes_by_lines && !self.in_doubt;
         let closes =
@@ -195,7 +198,7 @@ impl OpenBuffer {
         self.binary.is_some()
     }
 
-    /// Whether `writer` has opened what is open.
+    /// Whether `writer` has opened the open buffer.
     fn is_own(&self, writer: Writer) -> bool {
         match (self.opened.or(self.binary).map(|opened| opened.by), writer) {
             (Some(Writer::Hand(opener) | Writer::IntoBuffer(opener)), Writer::Hand(writer)) => {
@@ -211,8 +214,8 @@ impl OpenBuffer {
         }
     }
 
-    /// Why `writer` must not send `line` now, if that is so. What is on-line only passes, but of a sequence: that has lines behind it
-    /// which enter. By hand `CLOSE` passes, too.
+    /// Why `writer` must not send `line` now; `None` if it may. On-line commands pass, except from a sequence, whose
+    /// later lines would enter the buffer. `CLOSE` by hand passes, too.
     #[must_use]
     pub fn bars(&self, line: &Meaning, writer: Writer) -> Option<Barred> {
         let own = self.is_own(writer);
@@ -240,7 +243,7 @@ impl OpenBuffer {
         self.opened.filter(|opened| is_rotary(&opened.name)).map(|opened| opened.by)
     }
 
-    /// What has to be done about the address before `writer` sends `line`, which is not barred.
+    /// The step that the address needs before `writer` sends `line`, which is not barred.
     #[must_use]
     pub fn address_first(&self, line: &Meaning, writer: Writer) -> Option<AddressFirst> {
         let opener = self.rotary_opener()?;
@@ -248,28 +251,28 @@ impl OpenBuffer {
         self.address.before(line, writer, opener, enters)
     }
 
-    /// The board has told what is addressed, or has not.
+    /// The board has told which coordinate system is addressed, or has not.
     pub fn told_address(&mut self, system: Option<u32>) {
         self.address.told(system);
     }
 
-    /// The board addresses again what who opened the rotary buffers had addressed.
+    /// The board again addresses the coordinate system that the opener of the rotary buffers had addressed.
     pub fn address_is_back(&mut self) {
         self.address.is_back();
     }
 
-    /// What has become of `line`, which `writer` was free to send, if somebody has opened or closed a buffer meanwhile.
+    /// The fate of `line`, which `writer` was free to send, if another sender has opened or closed a buffer meanwhile.
     #[must_use]
     pub fn surprise(&self, line: &Meaning, writer: Writer) -> Option<Barred> {
         self.bars(line, writer).filter(|_| line.buffer.is_none())
     }
 
-    /// Takes note of what report number `report` of the board says.
+    /// Takes in the board's report number `report`.
     pub fn see(&mut self, open: bool, report: u64) {
         (self.has_reports, self.report) = (true, report);
         if std::mem::take(&mut self.changed_unseen) {
             self.distrust();
-            // Nor is it known what others have opened meanwhile.
+            // The daemon does not know either which buffers others have opened meanwhile.
             self.in_doubt = true;
         }
         let is_told = open || !self.opened.is_some_and(|opened| UNREPORTED.contains(&&*opened.name));
@@ -278,19 +281,19 @@ impl OpenBuffer {
         }
     }
 
-    /// Takes note of what the board has answered to [`QUESTION`]: the free memory, 0 of which has no sign; or nothing of use. Then
-    /// the lines alone tell.
+    /// Takes in the board's answer to [`QUESTION`]: the free memory. A size of 0 has no sign, and `None` is no useful
+    /// answer: in both cases only the lines tell.
     pub fn learn(&mut self, size: Option<i64>, now: Instant) {
         self.believed_until = Some(now + ANSWER_AGE);
         self.unsaid = self.unsaid.filter(|_| size.is_none());
         match size {
-            // One buffer is open at a time, and no manual says whether that for binary lines makes the sign.
+            // One buffer is open at a time, and no manual says whether the buffer for binary lines causes the sign.
             Some(size) if size != 0 => self.settle(size < 0 && self.binary.is_none()),
             _ => (self.seen, self.in_doubt) = (false, false),
         }
     }
 
-    /// The board does not answer [`QUESTION`]. The lines alone tell. Whether that is news.
+    /// The board does not answer [`QUESTION`], so only the lines tell. Returns whether that is news.
     pub fn is_not_said(&mut self, why: Unsaid, now: Instant) -> bool {
         self.learn(None, now);
         self.believed_until = Some(now + REFUSAL_AGE);
@@ -306,22 +309,22 @@ impl OpenBuffer {
         }
     }
 
-    /// The board has acknowledged a question without an answer, as it does where that is a line of a program that another host has just
-    /// opened: what it said before is not believed.
+    /// The board has acknowledged a question without an answer, as if another host had just opened a program and the
+    /// question had become a line of it: the daemon no longer believes the board's earlier reports.
     pub fn disbelieve(&mut self) {
         (self.in_doubt, self.believed_until) = (true, None);
         self.distrust();
     }
 
-    /// No report comes any more: the board has to be asked.
+    /// Reports have stopped: the daemon has to ask the board.
     pub fn unsee(&mut self) {
         if std::mem::take(&mut self.has_reports) {
             self.believed_until = None;
         }
     }
 
-    /// Takes note of a line that goes to the board. What it opens counts as open from now on, even if the board refuses the
-    /// line: an error may follow what opened it.
+    /// Takes note of a line that goes to the board. The buffer that the line opens counts as open from now on, even if
+    /// the board refuses the line: the error may come from a later command of the line.
     pub fn begin(&mut self, line: &Meaning, by: Writer, now: Instant) {
         if let Some(opener) = self.rotary_opener() {
             self.address.goes(line, by, opener);
@@ -350,7 +353,8 @@ impl OpenBuffer {
         }
     }
 
-    /// Takes note of a line that the board has refused with this error. One was open before, if that says so, and is still.
+    /// Takes note of a line that the board has refused with this error. If the error says so, a buffer was open before
+    /// and still is.
     pub fn refused(&mut self, line: &Meaning, error: u16) {
         self.doubt(line);
         if line.buffer == Some(Effect::OpensBinary) {
@@ -362,7 +366,8 @@ impl OpenBuffer {
         }
     }
 
-    /// Takes note of a line that may have been carried out or not: what it opens or closes may be open or not.
+    /// Takes note of a line that the board may or may not have carried out: the buffer that the line opens or closes
+    /// may be open or not.
     pub fn doubt(&mut self, line: &Meaning) {
         self.opens_now = false;
         if line.buffer.is_some() {
@@ -371,8 +376,8 @@ impl OpenBuffer {
         }
     }
 
-    /// On Turbo boards `CLOSE` may close what this port has opened and nothing else; no manual says so: of somebody else's buffer the
-    /// board has to say whether it is closed.
+    /// On Turbo boards `CLOSE` may close only buffers that this port has opened; no manual says so. So the board has to
+    /// tell whether another sender's buffer is closed.
     fn close(&mut self) {
         if self.seen && self.opened.is_none() {
             (self.in_doubt, self.believed_until) = (true, None);
@@ -399,7 +404,7 @@ impl fmt::Display for Unsaid {
 }
 
 impl Barred {
-    /// What the user is told at `now`: what is open, by whom and since when, and what to do.
+    /// The message for the user at `now`: the open buffer, its opener, since when, and the cure.
     #[must_use]
     pub fn reason(&self, now: Instant) -> String {
         let (harm, opened) = match self {
@@ -435,7 +440,7 @@ impl Barred {
 }
 
 impl Barred {
-    /// What the user is told of a line that was sent before this was known.
+    /// The message for the user about a line that the daemon sent before it knew.
     #[must_use]
     pub const fn too_late(&self) -> &'static str {
         match self {

@@ -24,10 +24,11 @@ use crate::map::HostOffset;
 pub use crate::protocol::READ_MAX;
 use crate::protocol::{CommandPort, MessageKind, control};
 
-/// The most commands of each kind that the bus thread has at a time, answered or not. The socket's thread hands over no more
-/// (`socket::fair_queue`), and the bus thread's queues have just this room.
+/// The most commands of each kind that the bus thread holds at a time. The socket's thread hands over no more
+/// (`socket::fair_queue`), and the bus thread's queues have exactly this room.
 pub mod at_once {
-    /// Lines for the board: the one under way, and the one that follows it. Each more would delay a user who has just come.
+    /// Lines for the board: the one under way, and the one that follows it. Each further line would delay a user who
+    /// has just come.
     pub const LINES: usize = 2;
     /// Control characters without an answer, as those that stop a machine.
     pub const CONTROLS: usize = 8;
@@ -35,13 +36,13 @@ pub mod at_once {
     pub const QUERIES: usize = 8;
     /// Control panel requests of clients.
     pub const PANEL: usize = 16;
-    /// Of the daemon's own stops, panel requests; and as many lines and control characters.
+    /// Panel requests of the daemon's own stops; as many lines and as many control characters.
     pub const STOPS: usize = 4;
     /// Writes of variables.
     pub const WRITES: usize = 8;
     /// Batches of rotary lines, for both buffers together.
     pub const ROTARY: usize = 16;
-    /// What is done as soon as it is taken.
+    /// Commands that the bus thread finishes as soon as it takes them.
     pub const SHORT: usize = 8;
     /// All of them, and a change of the table of watched registers.
     pub const ALL: usize = LINES + CONTROLS + QUERIES + PANEL + 3 * STOPS + WRITES + ROTARY + SHORT + 1;
@@ -67,8 +68,8 @@ pub enum Command {
         /// Who sends it, which decides whether it may enter an open program buffer. Answered by [`Outcome::Barred`] if not.
         writer: Writer,
     },
-    /// Send a line that stops something before every line that waits, whatever program buffer is open: it stores nothing. Answered
-    /// as [`Command::Send`] is.
+    /// Send a line that stops something, before every line that waits and whatever program buffer is open: the line
+    /// stores nothing. Answered as [`Command::Send`].
     First {
         /// Whose command this is.
         ticket: Ticket,
@@ -85,14 +86,14 @@ pub enum Command {
         ticket: Ticket,
         /// The user who sends it.
         uid: u32,
-        /// The lines that wait are not sent any more, whosever they are. Answered by [`Outcome::Dropped`].
+        /// The bus thread drops the lines that wait, of every client. It answers each with [`Outcome::Dropped`].
         drops_lines: bool,
         /// The character, `letter - 64`.
         character: u8,
         /// When to give up.
         deadline: Instant,
     },
-    /// Have one of the other functions do something. Answered by [`Event::Done`], or by what the job says.
+    /// Have one of the other functions do something. Answered by [`Event::Done`], or by the event that the job names.
     Job {
         /// Whose command this is.
         ticket: Ticket,
@@ -115,35 +116,36 @@ pub enum Command {
 /// How a command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The board acknowledged it.
+    /// The board acknowledged the command.
     Done,
-    /// The board refused it with this error number (`ERRnnn`).
+    /// The board refused the command with this error number (`ERRnnn`).
     Error(u16),
-    /// The deadline passed before the board had answered. It may or may not have been carried out.
+    /// The deadline passed before the board had answered. The board may or may not have carried out the command.
     TimedOut,
-    /// Ended for this reason while the board may have been at it. It may or may not have been carried out.
+    /// The command ended for this reason while the board may have been at work on it. The board may or may not have
+    /// carried it out.
     Interrupted(Text<REASON_MAX>),
-    /// The port is off (the DPRAM's: I58=0), or the board is gone. Nothing of it was sent.
+    /// The port is off (the DPRAM's: I58=0), or the board is gone. The daemon has sent nothing.
     Unavailable {
-        /// The port that it would have gone through.
+        /// The port that would have carried the command.
         port: CommandPort,
-        /// The DPRAM's page, where it has one that is written again.
+        /// The DPRAM's page, if it has a page that the daemon writes again.
         page: Option<u8>,
     },
-    /// Its turn did not come: too much was before it. Nothing of it was sent.
+    /// The command's turn did not come: too many commands were before it. The daemon has sent nothing.
     Busy,
     /// The words lie outside the board's window.
     OutOfRange,
-    /// The line was not sent because of a program buffer.
+    /// The daemon did not send the line because of a program buffer.
     Barred(Barred),
-    /// A line that was not sent: somebody has stopped all motion meanwhile. [`dropped_by`] says who.
+    /// The daemon did not send the line: a client has stopped all motion meanwhile. [`dropped_by`] names the client.
     Dropped(Text<REASON_MAX>),
     /// The daemon refuses for this reason, and has written nothing.
     Refused(Text<REASON_MAX>),
 }
 
 impl Outcome {
-    /// Whether nothing of it was sent or written, for certain.
+    /// Whether the daemon has certainly sent and written nothing of the command.
     #[must_use]
     pub const fn is_unsent(&self) -> bool {
         match self {
@@ -193,20 +195,20 @@ pub enum Event {
         /// How many are valid.
         count: usize,
     },
-    /// How far a rotary buffer is.
+    /// The state of a rotary buffer.
     Rotary(Ticket, RotaryState),
-    /// The table of watched registers that was asked for is the board's from now on, under this number.
+    /// The board has the requested table of watched registers from now on, under this number.
     Watching(Ticket, u32),
     /// The daemon's knowledge of the board has changed.
     Info(BoardStatus),
-    /// A text a PMAC program sent by itself.
+    /// A text that a program of the board sent by itself.
     Unsolicited(Unsolicited),
 }
 
-/// A text nobody asked for: from `SEND"…"`, or the response to a program's `CMD"…"`.
+/// A text without a request: from `SEND"…"`, or the response to a program's `CMD"…"`.
 #[derive(Debug, Clone, Copy)]
 pub struct Unsolicited {
-    /// CLOCK_MONOTONIC when it was read, nanoseconds.
+    /// CLOCK_MONOTONIC when the daemon read the text, nanoseconds.
     pub time_ns: u64,
     /// Which statement caused it.
     pub kind: MessageKind,
@@ -228,7 +230,7 @@ impl<T> Clone for Sender<T> {
 }
 
 impl<T> Sender<T> {
-    /// Puts `value` in and wakes the other side; gives it back when the queue is full or nobody is left to read it.
+    /// Puts `value` in and wakes the other side; gives `value` back when the queue is full or has no reader any more.
     ///
     /// # Errors
     /// The value itself.
@@ -241,7 +243,7 @@ impl<T> Sender<T> {
     /// # Errors
     /// The value itself.
     pub fn try_put(&self, value: T) -> Result<(), T> {
-        // Before the value can be taken, so that the count never falls below 0.
+        // Counts before the reader can take the value, so that the count never falls below 0.
         self.queued.fetch_add(1, Ordering::Relaxed);
         self.channel.try_send(value).map_err(|error| {
             self.queued.fetch_sub(1, Ordering::Relaxed);
@@ -272,7 +274,7 @@ impl<T> Receive<T> {
         self.wake.as_fd()
     }
 
-    /// Whether values wait, without asking the kernel. One that is being put in at this moment may count already.
+    /// Whether values wait, without asking the kernel. A value that the sender is just putting in may count already.
     #[must_use]
     pub fn has_values(&self) -> bool {
         self.queued.load(Ordering::Relaxed) > 0
@@ -283,7 +285,7 @@ impl<T> Receive<T> {
         let _ = self.wake.read();
     }
 
-    /// Makes [`Receive::descriptor`] readable: values may be left that were not taken.
+    /// Makes [`Receive::descriptor`] readable: values may be left in the queue.
     pub fn keep_awake(&self) {
         let _ = self.wake.write(1);
     }
