@@ -1,7 +1,7 @@
-//! A script: an `async` function that reads as the conversation with the board goes.
+//! A script: an `async` function that reads like the conversation with the board.
 //!
-//! Each wait of the function is a [`Step`]. The service carries the step out and polls the function again when the outcome is there
-//! ([`Script::next`]). There is no runtime and no waker, and the same outcomes always give the same steps.
+//! Each wait of the function is a [`Step`]. The service carries out the step and polls the function again with the
+//! outcome ([`Script::next`]). There is no runtime and no waker, and the same outcomes always give the same steps.
 //!
 //! An end cuts a script at a step: [`Io::until_ended`] drops the part that it runs at the first step which that part would begin
 //! after the end. The code behind `until_ended` is the end of the script; nothing cuts it.
@@ -19,13 +19,13 @@ use crate::daemon::shared::queue::{Line, REASON_MAX, Text};
 use crate::map::masks::Systems;
 use crate::protocol::{CallError, Reply};
 
-/// What passes between a script and the service, and what the script tells of itself.
+/// The values that a script and the service exchange, and the script's news of itself.
 #[derive(Debug, Default)]
 struct Exchange {
     now: Option<Instant>,
     step: Option<Step>,
     done: Option<Done>,
-    /// What the owner calls, besides for the end.
+    /// The owner's call, unless it asks for the end.
     asked: Option<Asked>,
     dropped: Option<Text<REASON_MAX>>,
     ending: Option<Ending>,
@@ -33,7 +33,7 @@ struct Exchange {
     is_stopped: bool,
     /// The end has begun.
     is_end: bool,
-    /// The client that has ended on the board what the script does, as of the latest outcome.
+    /// The client that has ended the script's work on the board, as of the latest outcome.
     ended_by: Option<String>,
     is_inside: bool,
     unfinished: Option<String>,
@@ -46,7 +46,7 @@ impl Exchange {
     }
 }
 
-/// The script's side: it asks for steps and hears of their outcomes.
+/// The script's side of the exchange: asks for steps and receives their outcomes.
 #[derive(Clone, Default)]
 pub(super) struct Io(Arc<Mutex<Exchange>>);
 
@@ -60,17 +60,17 @@ impl Io {
         self.with(|exchange| *exchange.now.get_or_insert_with(Instant::now))
     }
 
-    /// Why the script ends, once something else than the script or its owner has ended it.
+    /// Why the script ends, if neither the script nor its owner has ended it.
     pub(super) fn ending(&self) -> Option<Ending> {
         self.with(|exchange| exchange.ending)
     }
 
-    /// The client that has ended on the board what the script does, as far as known.
+    /// The client that has ended the script's work on the board, as far as the daemon knows.
     pub(super) fn ended_by(&self) -> Option<String> {
         self.with(|exchange| exchange.ended_by.clone())
     }
 
-    /// What the end still has to do on the board, while it waits for another client.
+    /// The work that the end still has to do on the board, while it waits for another client.
     pub(super) fn unfinished(&self) -> Option<String> {
         self.with(|exchange| exchange.unfinished.clone())
     }
@@ -79,33 +79,34 @@ impl Io {
         self.with(|exchange| exchange.unfinished = unfinished);
     }
 
-    /// Whether the script is ended.
+    /// Whether an end has come for the script.
     pub(super) fn is_ended(&self) -> bool {
         self.with(|exchange| exchange.is_ended())
     }
 
-    /// Why no line is sent any more but those of the end, once a client has stopped all motion.
+    /// Why the script may send only the lines of its end, once a client has stopped all motion.
     pub(super) fn dropped(&self) -> Option<Text<REASON_MAX>> {
         self.with(|exchange| exchange.dropped)
     }
 
-    /// Whether the lines so far have opened a program buffer that they have not closed.
+    /// Notes whether the lines so far have opened a program buffer and have not closed it.
     pub(super) fn set_inside(&self, is_inside: bool) {
         self.with(|exchange| exchange.is_inside = is_inside);
     }
 
-    /// The end leaves so many lines that nobody expects, in the rotary buffers of the coordinate systems that the script feeds.
+    /// The end leaves this many lines that no client expects, in the rotary buffers of the coordinate systems that the
+    /// script feeds.
     pub(super) fn leaves(&self, lines: u64) {
         self.with(|exchange| exchange.leaves = Some(lines));
     }
 
-    /// Whether the owner has called since this was asked before.
+    /// Whether the owner has called since the last check.
     pub(super) fn take_asked(&self) -> bool {
         self.with(|exchange| exchange.asked.take().is_some())
     }
 
-    /// Runs `part` until it fails, or until the script is ended and `part` would begin another step. Then the end begins. The
-    /// failure, if it was one.
+    /// Runs `part` until it fails, or until the script is ended and `part` would begin another step. Then the end
+    /// begins. Returns the failure, if `part` failed.
     pub(super) async fn until_ended(
         &self,
         part: impl Future<Output = Result<(), CallError>>,
@@ -120,18 +121,18 @@ impl Io {
         result.err()
     }
 
-    /// What follows is the end.
+    /// Begins the end: all later steps belong to it.
     pub(super) fn begin_end(&self) {
         self.with(|exchange| (exchange.step, exchange.is_end) = (None, true));
     }
 
-    /// Has the bus thread do this. What became of it.
+    /// Has the bus thread carry out a request, and returns the outcome.
     pub(super) async fn request(&self, request: Request) -> Done {
         let timeout = if self.with(|exchange| exchange.is_end) { END_STEP } else { STEP };
         self.request_within(request, timeout).await
     }
 
-    /// The same, within so long.
+    /// As [`Self::request`], within `timeout`.
     pub(super) async fn request_within(&self, request: Request, timeout: Duration) -> Done {
         self.with(|exchange| exchange.step = Some(Step::Board(request, timeout)));
         let done = poll_fn(|_| self.with(|exchange| exchange.done.take().map_or(Poll::Pending, Poll::Ready)));
@@ -155,7 +156,7 @@ impl Io {
         self.request(Request::Job(Box::new(job))).await
     }
 
-    /// Finds out whether the board has been reset since a check before.
+    /// Finds out whether the board was reset since the last check.
     pub(super) async fn check(&self) -> Done {
         self.request_within(Request::Check, CHECK).await
     }
@@ -181,12 +182,12 @@ impl Io {
         self.pass(Step::Answer(reply)).await;
     }
 
-    /// Answers the owner's call and everybody who waits for the end: it goes on without them.
+    /// Answers the owner's call and every client that waits for the end: the end goes on without them.
     pub(super) async fn answer_end(&self, reply: Result<Reply, CallError>) {
         self.pass(Step::AnswerEnd(reply)).await;
     }
 
-    /// Waits until then, or until the owner calls.
+    /// Waits until the moment `until`, or until the owner calls.
     pub(super) async fn rest_until(&self, until: Instant) {
         poll_fn(|_| {
             if self.now() >= until || self.with(|exchange| exchange.asked.is_some()) {
@@ -198,12 +199,12 @@ impl Io {
         .await;
     }
 
-    /// Waits for so long, or until the owner calls.
+    /// Waits for `pause`, or until the owner calls.
     pub(super) async fn rest(&self, pause: Duration) {
         self.rest_until(self.now() + pause).await;
     }
 
-    /// Does nothing until the owner calls, which it gives, or an end comes.
+    /// Waits until the owner calls or an end comes. Returns the call.
     pub(super) async fn asked(&self) -> Option<Asked> {
         poll_fn(|_| {
             self.with(|exchange| {
@@ -221,7 +222,7 @@ impl Io {
 
 type Run = Pin<Box<dyn Future<Output = Result<Reply, CallError>> + Send>>;
 
-/// The service's side.
+/// The service's side of a script.
 pub struct Script {
     resource: Resource,
     name: String,
@@ -231,7 +232,7 @@ pub struct Script {
 }
 
 impl Script {
-    /// The script `run`, of which nothing has been done.
+    /// The script `run`, before its first step.
     pub(super) fn new<F>(resource: Resource, name: &str, run: impl FnOnce(Io) -> F) -> Self
     where
         F: Future<Output = Result<Reply, CallError>> + Send + 'static,
@@ -241,44 +242,45 @@ impl Script {
         Self { resource, name, feeds: Systems::NONE, run: Box::pin(run(io.clone())), io }
     }
 
-    /// The same, of a script that feeds the programs of these coordinate systems.
+    /// Marks the script as feeding the programs of these coordinate systems.
     pub(super) fn feeding(self, feeds: Systems) -> Self {
         Self { feeds, ..self }
     }
 
-    /// What it has of the board.
+    /// The part of the board that the script holds.
     pub const fn resource(&self) -> Resource {
         self.resource
     }
 
-    /// What people call it: `download`, `gather`.
+    /// The script's name for people: `download`, `gather`.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The coordinate systems whose programs it feeds. An abort of one of them ends it.
+    /// The coordinate systems whose programs the script feeds. An abort of any of them ends the script.
     pub const fn feeds(&self) -> Systems {
         self.feeds
     }
 
-    /// Whether its lines so far have opened a program buffer that they have not closed. Its next line is refused if somebody else
-    /// has closed it: the board would carry it out at once.
+    /// Whether the script's lines so far have opened a program buffer and have not closed it. If another sender has
+    /// closed the buffer, the daemon refuses the script's next line: the board would carry it out at once.
     pub fn is_inside(&self) -> bool {
         self.io.with(|exchange| exchange.is_inside)
     }
 
-    /// How many lines its end leaves that nobody expects, in the rotary buffers of the coordinate systems that it feeds; `None` where
-    /// it has changed nothing there. Told when it is over.
+    /// How many lines that no client expects the end leaves in the rotary buffers of the coordinate systems that the
+    /// script feeds; `None` if the script has changed nothing there. Known once the script is over.
     pub fn leaves(&self) -> Option<u64> {
         self.io.with(|exchange| exchange.leaves)
     }
 
-    /// What its end still has to do on the board, if it waits for another client with that.
+    /// The work that the end still has to do on the board, if it waits for another client.
     pub fn unfinished(&self) -> Option<String> {
         self.io.unfinished()
     }
 
-    /// The next step. `done` is what became of a step that the bus thread does; `None` at the beginning, and after every other step.
+    /// The next step. `done` is the outcome of the bus thread's last step; `None` at the beginning, and after every
+    /// other step.
     pub fn next(&mut self, done: Option<Done>, now: Instant) -> Step {
         let is_answered = self.io.with(|exchange| {
             exchange.now = Some(now);
@@ -286,7 +288,7 @@ impl Script {
             exchange.is_end && exchange.asked.take().is_some()
         });
         if is_answered {
-            // The owner hears by his call for the end how it ended.
+            // The owner learns by its call for the end how the script ended.
             return Step::Answer(Ok(Reply::done()));
         }
         match self.run.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
@@ -295,10 +297,10 @@ impl Script {
         }
     }
 
-    /// Its owner calls: the steps that follow are for this call.
+    /// The owner calls: the steps that follow are for this call.
     ///
     /// # Errors
-    /// What to answer instead; nothing changes then.
+    /// The answer to the owner instead; nothing changes then.
     pub fn ask(&mut self, asked: Asked) -> Result<(), CallError> {
         let name = &self.name;
         self.io.with(|exchange| {
@@ -314,13 +316,13 @@ impl Script {
         })
     }
 
-    /// Somebody has stopped all motion, and the lines that wait are not sent any more, for this reason: nor are those that
-    /// would follow here.
+    /// A client has stopped all motion, and the daemon drops the lines that wait, for this reason. The script must not
+    /// send its later lines either.
     pub fn drop_lines(&self, reason: Text<REASON_MAX>) {
         self.io.with(|exchange| exchange.dropped = Some(reason));
     }
 
-    /// It ends, for this reason. Told once.
+    /// Ends the script, for this reason. The service calls this once.
     pub fn end(&self, why: Ending) {
         self.io.with(|exchange| exchange.ending = Some(why));
     }
