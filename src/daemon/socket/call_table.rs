@@ -1,4 +1,5 @@
-//! The calls that wait for the board: who has made each, when its command has its turn, and the lines of the board's reply so far.
+//! The calls that wait for the board: each with its caller, the turn of its command, and the lines of the board's reply
+//! so far.
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -19,7 +20,7 @@ use crate::protocol::control;
 const GRACE: Duration = Duration::from_millis(1500);
 /// How long the board may take to answer a question that the daemon asks for a call's sake.
 const QUESTION_TIMEOUT: Duration = Duration::from_millis(500);
-/// What follows when the bus thread has done what was asked of it, or not.
+/// The continuation after the bus thread has finished a command, or has failed to.
 #[derive(Debug)]
 pub(super) enum Then {
     /// A call goes on.
@@ -34,19 +35,19 @@ pub(super) enum Then {
 #[derive(Debug)]
 struct Pending {
     caller: Caller,
-    /// How long its caller waits.
+    /// Until when the caller waits.
     deadline: Instant,
-    /// The bus thread has its command, and so has the last word on it.
+    /// The bus thread has the command, and so decides its outcome.
     is_handed: bool,
     /// The board's reply so far, and its length in bytes.
     lines: Vec<String>,
     length: usize,
     then: Then,
-    /// Why nothing begins behind this question any more: a client has stopped all motion.
+    /// Why nothing may begin after this question: a client has stopped all motion.
     dropped: Option<Text<REASON_MAX>>,
-    /// What its command does.
+    /// The command's effect.
     effect: CommandEffect,
-    /// Whether the log is told when its command is handed over.
+    /// Whether the log gets an entry when the bus thread gets the command.
     is_logged: bool,
 }
 
@@ -64,13 +65,13 @@ impl Pending {
             is_logged: false,
         };
         if pending.part() == CommandPart::Hold {
-            // Its motors stand in the ledger as held.
+            // The ledger already has the motors as held.
             pending.effect.jogs = Motors::NONE;
         }
         pending
     }
 
-    /// What its command is to its call.
+    /// The command's part in its call.
     fn part(&self) -> CommandPart {
         match &self.then {
             Then::Call(step) => step.part(),
@@ -78,7 +79,7 @@ impl Pending {
         }
     }
 
-    /// The call has ended so. It `is_given_up` where the bus thread has not answered.
+    /// Ends the call with `outcome`. `is_given_up`: the bus thread has not answered.
     fn end(self, outcome: Outcome, is_given_up: bool) -> Ended {
         let Self { caller, deadline, lines, length, then, effect, is_logged, .. } = self;
         let outcome = self.dropped.map_or(outcome, Outcome::Dropped);
@@ -87,13 +88,13 @@ impl Pending {
         Ended { then, effect, heard }
     }
 
-    /// Whether its command is a stop that the daemon sends by itself.
+    /// Whether the command is a stop of the daemon's own.
     fn is_own_stop(&self) -> bool {
         matches!(self.then, Then::Stop(_)) && self.caller.client == Caller::NOBODY
     }
 
-    /// When its caller is answered without the bus thread: at his own deadline if that never got the command, so that nothing
-    /// was sent.
+    /// When the server answers the caller without the bus thread: at the caller's own deadline if the bus thread never
+    /// got the command, and so has sent nothing.
     fn given_up_at(&self) -> Instant {
         if self.is_handed { self.deadline + GRACE } else { self.deadline }
     }
@@ -102,25 +103,25 @@ impl Pending {
 /// A command that has ended.
 #[derive(Debug)]
 pub(super) struct Ended {
-    /// What follows.
+    /// The continuation.
     pub then: Then,
     /// What the command does, if the board has carried it out.
     pub effect: CommandEffect,
-    /// What became of it.
+    /// The command's outcome.
     pub heard: Heard,
 }
 
 /// Every call that waits for the board.
 pub(super) struct CallTable {
     commands: Sender<Command>,
-    /// The commands that the bus thread has not answered, as it gets them.
+    /// The commands that the bus thread has not answered, in the order in which it gets them.
     queue: FairQueue,
     pending: HashMap<Ticket, Pending>,
     next_ticket: u64,
 }
 
 impl CallTable {
-    /// Nobody's calls; `commands` lead to the bus thread.
+    /// An empty table; `commands` leads to the bus thread.
     pub(super) fn new(commands: Sender<Command>) -> Self {
         Self { commands, queue: FairQueue::default(), pending: HashMap::new(), next_ticket: 0 }
     }
@@ -130,8 +131,8 @@ impl CallTable {
         Ticket(self.next_ticket)
     }
 
-    /// The command that `command` makes of its ticket waits for its turn, until `deadline`. The log gets `audit` when it
-    /// is handed over.
+    /// Queues the command that `command` makes from its ticket; it waits for its turn until `deadline`. The log gets
+    /// `audit` when the bus thread gets the command.
     pub(super) fn ask(
         &mut self,
         caller: Caller,
@@ -147,15 +148,15 @@ impl CallTable {
         self.queue.wait(caller.peer.uid, Turn { ticket, command, audit });
     }
 
-    /// Has the bus thread do `job` for the daemon itself, past those who wait. `None` when its queue is full.
+    /// Has the bus thread do `job` for the daemon itself, ahead of waiting commands. `None` when the queue is full.
     pub(super) fn send_now(&mut self, job: Job, deadline: Instant) -> Option<Ticket> {
         let ticket = self.new_ticket();
         let command = Command::Job { ticket, job: Box::new(job), deadline };
         self.commands.try_send(command).is_ok().then_some(ticket)
     }
 
-    /// Has the bus thread carry out a command of the daemon's own, past those who wait; `then` follows. False, and nothing
-    /// follows, when enough of them are under way.
+    /// Has the bus thread carry out a command of the daemon's own, ahead of waiting commands; `then` follows. Returns
+    /// false, and nothing follows, when too many such commands are under way or the queue is full.
     pub(super) fn send_own(
         &mut self,
         caller: Caller,
@@ -174,9 +175,9 @@ impl CallTable {
         true
     }
 
-    /// Hands the bus thread as many commands as it has room for. Gives the calls whose commands it does not hand over: their time is
-    /// up, or their clients are gone (not `hears`), wanted a reply and asked for no stop. Lines wait for what `holds` the port. `log` hears
-    /// of every command that can move a machine.
+    /// Hands the bus thread as many commands as it has room for. Returns the calls whose commands the bus thread did
+    /// not get: their time is up, or their clients are gone (not `hears`), wanted a reply and asked for no stop. Lines
+    /// wait for the command that `holds` the port. `log` hears of every command that can move a machine.
     pub(super) fn hand_out(
         &mut self,
         holds: Option<GivenUp>,
@@ -192,14 +193,14 @@ impl CallTable {
                 matches!(command, Command::Control { character, .. } if control::stops(character));
             let pending = self.pending.get_mut(&ticket).filter(|pending| {
                 let Caller { client, oneway, .. } = pending.caller;
-                // A stop goes though nobody waits for its answer.
+                // A stop goes out even if no client waits for its answer.
                 let is_stop = stops_all || matches!(pending.then, Then::Stop(_));
                 (oneway || is_stop || hears(client)) && now < pending.deadline
             });
             if let (Some(pending), Command::Send { deadline, .. }) = (&pending, &mut command)
                 && pending.part().is_own_question()
             {
-                // How long it waited here says nothing about the board.
+                // The wait here says nothing about the board.
                 *deadline = now + QUESTION_TIMEOUT;
             }
             match pending {
@@ -219,7 +220,7 @@ impl CallTable {
         refused
     }
 
-    /// One more line of the board's reply has come.
+    /// Adds a line of the board's reply.
     pub(super) fn add_line(&mut self, ticket: Ticket, text: &ResponseText) {
         let Some(pending) = self.pending.get_mut(&ticket) else { return };
         pending.length += text.as_bytes().len() + 1;
@@ -228,13 +229,13 @@ impl CallTable {
         }
     }
 
-    /// The bus thread has answered: the call, unless its caller has been answered already.
+    /// The bus thread has answered: takes out the call, unless its caller already has an answer.
     pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) -> Option<Ended> {
         self.queue.over(ticket);
         self.pending.remove(&ticket).map(|pending| pending.end(outcome, false))
     }
 
-    /// Takes out the calls whose time is over, each with how it ended. Lines wait for what `holds` the port.
+    /// Takes out the calls whose time is over, each with its outcome. Lines wait for the command that `holds` the port.
     pub(super) fn expire(&mut self, holds: Option<GivenUp>, now: Instant) -> Vec<Ended> {
         let queue = &mut self.queue;
         let late = self.pending.extract_if(|_, pending| pending.given_up_at() <= now);
@@ -250,7 +251,8 @@ impl CallTable {
 
     /// Takes back every line and every request of the panel that waits for its turn, of every client, but no stop.
     ///
-    /// Where something was to begin behind a question under way, its caller is refused for this `reason` when the question ends.
+    /// If a question under way was to begin something, the daemon refuses the call for this `reason` when the question
+    /// ends.
     pub(super) fn drop_what_waits(&mut self, reason: Text<REASON_MAX>) -> Vec<Ended> {
         for pending in self.pending.values_mut().filter(|pending| pending.part() == CommandPart::Before) {
             pending.dropped = Some(reason);
@@ -265,13 +267,13 @@ impl CallTable {
         dropped.into_iter().filter_map(|ticket| self.end(ticket, Outcome::Dropped(reason))).collect()
     }
 
-    /// Whether `client` waits for something of which nothing has been handed over.
+    /// Whether `client` waits for a call of which the bus thread has got nothing.
     pub(super) fn is_unsent(&self, client: u64) -> bool {
         let mut calls = self.pending.iter().filter(|(_, pending)| pending.caller.client == client);
         calls.any(|(ticket, pending)| self.queue.waits(*ticket) && pending.part() != CommandPart::Behind)
     }
 
-    /// Takes back the held jog that `client` has asked for, if it was not handed over; whose it was.
+    /// Takes back the held jog of `client`, if the bus thread has not got it; returns the caller.
     pub(super) fn take_back_hold(&mut self, client: u64) -> Option<Caller> {
         let mut holds = self.pending.iter().filter(|(_, pending)| pending.part() == CommandPart::Hold);
         let (&ticket, _) = holds.find(|(_, pending)| pending.caller.client == client)?;
@@ -279,7 +281,7 @@ impl CallTable {
         self.pending.remove(&ticket).map(|pending| pending.caller)
     }
 
-    /// `client` is gone: nobody waits for its call. A stop goes on.
+    /// `client` is gone: drops its calls. A stop goes on.
     pub(super) fn forget(&mut self, client: u64) {
         self.pending
             .retain(|_, pending| pending.caller.client != client || matches!(pending.then, Then::Stop(_)));
@@ -291,7 +293,7 @@ impl CallTable {
         callers.any(|caller| caller.client == client && caller.oneway)
     }
 
-    /// When the first call is given up.
+    /// When the server gives up the first call.
     pub(super) fn next_deadline(&self) -> Option<Instant> {
         self.pending.values().map(Pending::given_up_at).min()
     }
@@ -312,7 +314,8 @@ impl CallTable {
     }
 }
 
-/// How a command ends that was not handed over. The bare "busy" is for what waited for no command that `holds` the port.
+/// The outcome of a command that the bus thread did not get: a bare "busy", unless it waited for the command that
+/// `holds` the port.
 fn not_begun(is_for_port: bool, holds: Option<GivenUp>, now: Instant) -> Outcome {
     holds.filter(|_| is_for_port).map_or(Outcome::Busy, |holds| Outcome::Refused(holds.reason(now)))
 }

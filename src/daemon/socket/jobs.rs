@@ -1,4 +1,4 @@
-//! The calls that ask for a [`Job`]: their parameters, the role they need, and what must be so on the board first.
+//! The calls that ask for a [`Job`]: their parameters, the role that they need, and their needs on the board.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ use crate::protocol::{CallError, answer, calls};
 
 /// How long the board may take to act on a panel request.
 const PANEL_TIMEOUT: Duration = Duration::from_secs(1);
-/// How long a job may take that is done in one pass.
+/// How long a job may take that the bus thread does in one pass.
 const SHORT: Duration = Duration::from_secs(1);
 /// How long a batch of rotary lines may wait for room when its caller does not say.
 const ROTARY_TIMEOUT_MS: u64 = 60_000;
@@ -32,26 +32,26 @@ const RECORDS_MAX: usize = 1024;
 const WRITE_MAX: usize = 64;
 const COMMANDS_MAX: usize = 4096;
 
-/// What must be so on the board before a job makes sense: an I-variable and the value it needs.
+/// A job's need on the board: an I-variable and the value that the job needs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Guard {
     /// The number of the I-variable.
     variable: u16,
     /// The value.
     value: &'static str,
-    /// What it is for.
+    /// What the value switches on.
     purpose: &'static str,
-    /// Whether the variable has the value, where the board was asked since it may have changed.
+    /// Whether the variable has the value, if the daemon has asked the board since the value may have changed.
     known: fn(Enabling) -> Option<bool>,
-    /// The board shows at once that it has not: what is asked of it is not taken. Otherwise it is asked first, if the last
-    /// answer is old: another host may have changed it.
+    /// The board shows a wrong value at once: it does not take the request. If false, and the last answer is old, the
+    /// daemon asks the board first: another host may have changed the value.
     shows: bool,
 }
 
-/// How long an answer of the board is believed where nothing else shows that it is still true.
+/// How long the daemon believes an answer of the board if nothing else confirms it.
 const BELIEVED: Duration = Duration::from_secs(1);
 
-/// Of the control panel, where an I-variable switches it on.
+/// The guard of the control panel, if an I-variable switches the panel on.
 fn panel_enabled(family: &Family) -> Option<Guard> {
     family.i.panel.map(|variable| Guard {
         variable,
@@ -62,7 +62,7 @@ fn panel_enabled(family: &Family) -> Option<Guard> {
     })
 }
 
-/// Of every use of background variables.
+/// The guard of every use of background variables.
 pub(super) fn variables_enabled(family: &Family) -> Guard {
     Guard {
         variable: family.i.variables_enable,
@@ -73,13 +73,13 @@ pub(super) fn variables_enabled(family: &Family) -> Guard {
     }
 }
 
-/// Where a coordinate system takes its time base from, which decides whether an override has an effect.
+/// The source of a coordinate system's time base, which decides whether an override has an effect.
 #[derive(Debug, Clone, Copy)]
 struct TimeBase {
     coordinate_system: usize,
-    /// The number of its Ix93.
+    /// The number of the coordinate system's Ix93.
     variable: usize,
-    /// Where the panel's override goes: what Ix93 has to be.
+    /// The address that takes the panel's override: Ix93 must have this value.
     register: PmacAddress,
 }
 
@@ -92,44 +92,44 @@ impl TimeBase {
     }
 }
 
-/// How far the call for a job is.
+/// The step of a call for a job.
 #[derive(Debug)]
 pub enum JobAt {
-    /// This is to be done. The board may be asked first what it needs.
+    /// The daemon has yet to do this job. It may check the guard on the board first.
     Wanted(Job),
-    /// The bus thread does it.
+    /// The bus thread does the job.
     UnderWay,
-    /// It is done, and the board is asked what it needs to have an effect.
+    /// The job is done, and the daemon checks on the board whether the job has an effect.
     Done,
-    /// It was not done, or not to its end, for this reason; the board is asked whether what it needs is so.
+    /// The job was not done, or not completely, for this reason; the daemon checks the guard on the board.
     Failed(CallError),
 }
 
-/// A job as it was called for.
+/// A client's call for a job.
 #[derive(Debug)]
 pub struct JobCall {
-    /// How far it is.
+    /// The call's step.
     pub at: JobAt,
-    /// How long it may take.
+    /// How long the job may take.
     pub timeout: Duration,
     pub(super) guard: Option<Guard>,
-    /// It only stops something: the role stop may do it, and it is done before what it needs is asked.
+    /// The job only stops something: the role stop may call it, and the daemon checks the guard only after the job.
     pub(super) stops: bool,
-    /// What it stops, if that is done by command line where the panel does not do it.
+    /// The target of the stop, if a command line can stop it where the panel does not.
     pub(super) target: Option<Target>,
-    /// What has a say in the effect; asked together with the guard.
+    /// The time base that decides the job's effect; the daemon asks for it together with the guard.
     time_base: Option<TimeBase>,
     /// Remarks for the caller, if the reply has room for some.
     pub(super) notes: Option<Vec<String>>,
-    /// The rotary buffer that it feeds: only its stream's owner may.
+    /// The rotary buffer that the job feeds: only the owner of its stream may feed it.
     pub(super) feeds: Option<usize>,
     /// The motors to stop when the caller is gone or silent.
     pub(super) lease: Option<Motors>,
-    /// The motors that it sets in motion; nobody else may hold them.
+    /// The motors that the job sets in motion; no other client may hold them.
     pub(super) moves: Motors,
-    /// The programs that it starts.
+    /// The programs that the job starts.
     pub(super) starts: Starts,
-    /// What the audit log says of it, if it can move a machine or change a register.
+    /// The job's entry in the audit log, if the job can move a machine or change a register.
     pub(super) audit: Option<String>,
 }
 
@@ -139,13 +139,13 @@ impl Guard {
         format!("I{}", self.variable)
     }
 
-    /// Whether the board is known at `now` to have the value.
+    /// Whether the daemon knows at `now` that the variable has the value.
     pub(super) fn is_known(self, enabling: Enabling, now: Instant) -> bool {
         let is_new = enabling.asked.is_some_and(|asked| now.saturating_duration_since(asked) < BELIEVED);
         (self.known)(enabling) == Some(true) && (self.shows || is_new)
     }
 
-    /// Whether what waits for the guard may begin, the board having given these `answers`.
+    /// Checks the value in the board's `answers`: whether the job may begin.
     pub(super) fn check(self, answers: Option<&[String]>) -> Result<(), CallError> {
         let Self { variable, value, purpose, .. } = self;
         match answers.and_then(|answers| answers.first()) {
@@ -158,7 +158,7 @@ impl Guard {
 }
 
 impl JobCall {
-    /// Whether the board is asked something besides what `guard` needs.
+    /// Whether the daemon asks the board something besides the guard's question.
     pub(super) fn has_question(&self) -> bool {
         self.time_base.is_some()
     }
@@ -171,10 +171,10 @@ impl JobCall {
         }
     }
 
-    /// Takes what the board has answered to [`Self::question`], nothing if it could not be asked.
+    /// Takes the board's answers to [`Self::question`], `None` if the daemon could not ask.
     ///
     /// # Errors
-    /// Why the job is not done then.
+    /// Why the daemon does not do the job.
     pub(super) fn take_answers(&mut self, answers: Option<&[String]>) -> Result<(), CallError> {
         let guard = self.guard.take();
         match (guard, answers) {
@@ -184,7 +184,7 @@ impl JobCall {
         guard.map_or(Ok(()), |guard| guard.check(answers))
     }
 
-    /// As [`Self::take_answers`], of what was done before the board was asked: gives every remark.
+    /// As [`Self::take_answers`], for a job done before the question: returns every remark.
     pub(super) fn into_notes(mut self, answers: Option<&[String]>) -> Vec<String> {
         if let Err(reason) = self.take_answers(answers) {
             self.note(format!("this has no effect: {reason}"));
@@ -192,7 +192,7 @@ impl JobCall {
         self.notes.unwrap_or_default()
     }
 
-    /// Takes note of where the coordinate system takes its time base from, if not from the override.
+    /// Adds a remark if the coordinate system takes its time base from elsewhere than the override.
     fn note_time_base(&mut self, answer: Option<&String>) {
         let (Some(TimeBase { coordinate_system, variable, register }), Some(answer)) =
             (self.time_base, answer)
@@ -208,7 +208,7 @@ impl JobCall {
         }
     }
 
-    /// Takes note of what could not be asked.
+    /// Adds a remark that the daemon could not ask the board.
     pub(super) fn note_unasked(&mut self, guard: Guard) {
         let (question, value) = (self.question(guard), guard.value);
         let base = self.time_base.map_or_else(String::new, |TimeBase { variable, register, .. }| {
@@ -245,7 +245,7 @@ impl JobCall {
     }
 }
 
-/// What a panel request is for, with numbers that the family has.
+/// The action of a panel request, once its numbers are known to exist in the family.
 fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, CallError> {
     let calls::Panel { action, numbers, .. } = call;
     let action: PanelAction = action.parse().map_err(|why| CallError::invalid("action", why))?;
@@ -257,7 +257,7 @@ fn panel_action(call: &calls::Panel, family: &Family) -> Result<PanelAction, Cal
     Ok(action)
 }
 
-/// What `action` stops for these `numbers`.
+/// The target that `action` stops for these `numbers`.
 fn stopped_by(action: PanelAction, numbers: &[usize]) -> Option<Target> {
     let numbers = numbers.iter().copied();
     match action {
@@ -268,7 +268,7 @@ fn stopped_by(action: PanelAction, numbers: &[usize]) -> Option<Target> {
     }
 }
 
-/// What a panel request stops, and what the audit log says of it; `None`: it stops nothing.
+/// The target of a panel request and its entry in the audit log; `None` if the request stops nothing.
 pub(super) fn stop_by_line(
     call: calls::Panel,
     family: &Family,
@@ -279,7 +279,7 @@ pub(super) fn stop_by_line(
     Ok(stopped_by(action, &numbers).map(|target| (target, audit)))
 }
 
-/// A control panel request; `hold` makes it one that a lease ends.
+/// A control panel request; with `hold`, a lease ends the jog.
 pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<JobCall, CallError> {
     let action = panel_action(&call, family)?;
     let calls::Panel { numbers, confirmed, .. } = call;
@@ -291,7 +291,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
         return Err(CallError::invalid("action", "jog- or jog+: nothing else can be held"));
     }
     let held = if hold { ", held" } else { "" };
-    // What stops a machine does not wait for a question behind other people's lines.
+    // A stop does not wait for a question behind other users' lines.
     let stops = matches!(action, PanelAction::JogStop | PanelAction::Stop | PanelAction::Hold);
     let target = stopped_by(action, &numbers);
     let motors = if action.is_for_motors() { Motors::from_bits(request.mask()) } else { Motors::NONE };
@@ -312,7 +312,7 @@ pub(super) fn panel(call: calls::Panel, hold: bool, family: &Family) -> Result<J
     })
 }
 
-/// Of a coordinate system, the feed rate override, or its end.
+/// Sets or releases the feed rate override of a coordinate system.
 pub(super) fn feed_override(call: calls::FeedOverride, family: &Family) -> Result<JobCall, CallError> {
     let calls::FeedOverride { coordinate_system, raw } = call;
     check_number(coordinate_system, family.coordinate_systems, "coordinate_system")?;
@@ -371,11 +371,11 @@ pub(super) fn watched(call: calls::WatchVariables, info: &Info) -> Result<Vec<Va
         .collect()
 }
 
-/// Whether the board writes variables, as far as its firmware is known ("available starting with firmware version 1.15G", DPRAM
-/// manual p. 24).
+/// Checks that the board writes variables, as far as the daemon knows its firmware ("available starting with firmware
+/// version 1.15G", DPRAM manual p. 24).
 ///
 /// # Errors
-/// Its family does not, or it is older.
+/// The board's family does not write variables, or its firmware is older.
 pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), CallError> {
     let Some(since) = family.variable_write.since else {
         return Err(CallError::refused(format!(
@@ -393,8 +393,8 @@ pub(super) fn check_writes(board: &BoardInfo, family: &Family) -> Result<(), Cal
     }
 }
 
-/// Refuses a register whose high address bits no text gives a place: a wrong guess reads another register, and nothing shows
-/// it.
+/// Refuses a register whose high address bits no manual places: a wrong guess would read another register without a
+/// sign.
 fn is_told(text: &str, entry: VariableEntry, info: &Info) -> Result<(), CallError> {
     if entry.address < VariableRead::ADDRESSES {
         return Ok(());
@@ -413,8 +413,8 @@ fn is_told(text: &str, entry: VariableEntry, info: &Info) -> Result<(), CallErro
     )))
 }
 
-/// Refuses a function block unless the board's firmware is known to have them: an older one would take the block's number for
-/// an address.
+/// Refuses a function block unless the daemon knows that the board's firmware has function blocks: an older firmware
+/// would take the block's number for an address.
 fn knows(name: VariableName, info: &Info) -> Result<(), CallError> {
     let VariableName::Block { .. } = name else { return Ok(()) };
     let family = info.family();
@@ -463,7 +463,7 @@ pub(super) fn write_variables(call: calls::WriteVariables, info: &Info) -> Resul
     })
 }
 
-/// How far a rotary buffer is.
+/// Asks for the state of a rotary buffer.
 pub(super) fn rotary_state(call: calls::Rotary, family: &Family) -> Result<JobCall, CallError> {
     rotary_buffer(call.buffer, family).map(|buffer| JobCall::new(Job::RotaryState(buffer), SHORT))
 }
@@ -484,7 +484,7 @@ pub(super) fn rotary_send(call: calls::RotarySend, family: &Family) -> Result<Jo
     let lines = lines.iter().map(|line| commands(&line.words)).collect();
     let timeout = Duration::from_millis(timeout_ms.unwrap_or(ROTARY_TIMEOUT_MS));
     Ok(JobCall {
-        // One line a program: the batches that follow say that they do.
+        // One entry a program: later batches carry a `first` above 0.
         feeds: Some(buffer),
         audit: first.is_none_or(|first| first == 0).then(|| "sends a rotary program".to_owned()),
         ..JobCall::new(Job::RotarySend { buffer, first, lines }, timeout)

@@ -1,4 +1,4 @@
-//! Which sequences run, whose each is, and when its owner has been silent too long.
+//! The running sequences, each with its owner and the end of the owner's lease.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,10 +15,10 @@ use crate::language::LineEnds;
 use crate::map::Systems;
 use crate::protocol::{CallError, Reply};
 
-/// What a client asks of a sequence, or begins one with.
+/// A client's call to a sequence, or to begin a sequence.
 #[derive(Debug)]
 pub enum SequenceCall {
-    /// Be told that its owner is still there.
+    /// Renew the lease: the owner is still there.
     Renew,
     /// Send these lines.
     Lines(Batch),
@@ -31,33 +31,33 @@ pub enum SequenceCall {
     },
     /// Stream into a rotary buffer.
     Rotary(RotaryCall),
-    /// No line follows in the rotary buffer with this index.
+    /// No more lines follow in the rotary buffer with this index.
     RotaryFinish(usize),
     /// End the stream into the rotary buffer with this index.
     RotaryStop(usize),
 }
 
-/// Whose a sequence is.
+/// The owner of a sequence.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Owner {
     /// The connection.
     pub client: u64,
-    /// The other end of it.
+    /// The process at the other end of the connection.
     pub peer: Peer,
-    /// Since when.
+    /// When the sequence began.
     pub since: Instant,
 }
 
-/// What a sequence waits for.
+/// The event that a sequence waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Waits {
-    /// The bus thread, which does a step.
+    /// The bus thread's step.
     Board,
-    /// The board, asked then for its servo counter.
+    /// The board's answer to the question for its servo counter, asked then.
     Check(Instant),
     /// This moment.
     Until(Instant),
-    /// Its owner.
+    /// The owner's next call.
     Owner,
 }
 
@@ -71,26 +71,26 @@ impl Waits {
 /// A sequence that runs.
 #[derive(Debug)]
 pub(super) struct Running {
-    /// What to do.
+    /// The script that gives the steps.
     pub script: Script,
-    /// Whose it is.
+    /// The owner.
     pub owner: Owner,
     /// The owner's call that waits for an answer.
     pub call: Option<Caller>,
-    /// What it waits for.
+    /// The event that the sequence waits for.
     pub waits: Waits,
-    /// When its owner was heard last.
+    /// When the owner spoke last.
     heard: Instant,
-    /// Why it ends, once it does.
+    /// Why the sequence ends, once it is ending.
     pub ending: Option<Ending>,
-    /// Others who wait for its end.
+    /// Other callers that wait for the end.
     pub waiters: Vec<Caller>,
-    /// Its owner and they have heard of the end, which goes on.
+    /// The owner and the waiters have heard of the end, which goes on.
     pub is_told: bool,
 }
 
 impl Running {
-    /// Whether a line that `ends` these ends what the sequence does.
+    /// Whether a line that `ends` these ends the sequence's work.
     pub(super) fn is_ended_by(&self, ends: &LineEnds) -> bool {
         match self.script.resource() {
             Resource::Gather => ends.gather,
@@ -99,13 +99,13 @@ impl Running {
         }
     }
 
-    /// When it lapses: only while its owner is the one who has to say something.
+    /// When the lease ends. It runs only while the daemon waits for the owner.
     fn lapses(&self) -> Option<Instant> {
         (self.ending.is_none() && self.call.is_none()).then(|| self.heard + SEQUENCE_LEASE)
     }
 }
 
-/// Who has what, as another user is told.
+/// The text for another user about a resource in use.
 struct InUse<'a>(&'a Running, Instant);
 
 impl fmt::Display for InUse<'_> {
@@ -130,20 +130,21 @@ impl fmt::Display for InUse<'_> {
     }
 }
 
-/// Every sequence, by a number that is never used again.
+/// Every sequence, by a number that the daemon never uses again.
 #[derive(Debug, Default)]
 pub(super) struct Sequences {
     running: BTreeMap<u64, Running>,
     next: u64,
-    /// What the owners would have been told of sequences that ended by themselves: each by its connection, till they ask.
+    /// The results of sequences that ended without a call of the owner, each kept for its connection until the owner
+    /// asks.
     results: Vec<(u64, Resource, Result<Reply, CallError>)>,
 }
 
 impl Sequences {
-    /// Takes a sequence in. Its number.
+    /// Takes a sequence in, and returns its number.
     ///
     /// # Errors
-    /// Who has what it needs.
+    /// Names the owner of the resource in use.
     pub(super) fn begin(&mut self, script: Script, caller: Caller, now: Instant) -> Result<u64, CallError> {
         let resource = script.resource();
         if let Some(other) = self.running.values().find(|other| other.script.resource().excludes(resource)) {
@@ -212,12 +213,12 @@ impl Sequences {
         all.any(|running| running.ending.is_some() && running.script.feeds().meets(systems))
     }
 
-    /// What sequences that are ending still have to do on the board.
+    /// The work that ending sequences still have to do on the board.
     pub(super) fn unfinished(&self) -> Vec<String> {
         self.running.values().filter_map(|running| running.script.unfinished()).collect()
     }
 
-    /// What other users than `uid` run.
+    /// The sequences that other users than `uid` run.
     pub(super) fn of_others(&self, uid: Uid) -> impl Iterator<Item = String> {
         let others = self.running.values().filter(move |running| running.owner.peer.uid != uid);
         others.map(|Running { script, owner: Owner { peer, .. }, .. }| {
@@ -225,7 +226,7 @@ impl Sequences {
         })
     }
 
-    /// Why somebody else cannot end the sequence just so.
+    /// The refusal for another user that would end the sequence without naming its user.
     pub(super) fn not_yours(running: &Running, now: Instant) -> CallError {
         let uid = running.owner.peer.uid;
         CallError::refused(format!(
@@ -234,13 +235,13 @@ impl Sequences {
         ))
     }
 
-    /// Keeps what `client` would have been told of the end of its sequence.
+    /// Keeps the result of a sequence of `client` until the client asks.
     pub(super) fn keep_result(&mut self, client: u64, resource: Resource, result: Result<Reply, CallError>) {
         self.results.retain(|(other, kept, _)| (*other, *kept) != (client, resource));
         self.results.push((client, resource, result));
     }
 
-    /// What was kept for `client`.
+    /// The result kept for `client`.
     pub(super) fn take_result(
         &mut self,
         client: u64,
@@ -250,35 +251,35 @@ impl Sequences {
         Some(self.results.swap_remove(index).2)
     }
 
-    /// Whether a sequence ends with `client`, or he has not been told yet how it ended.
+    /// Whether `client` owns a sequence, or has not yet heard how its sequence ended.
     pub(super) fn is_of(&self, client: u64) -> bool {
         self.running.values().any(|running| running.owner.client == client)
             || self.results.iter().any(|(of, ..)| *of == client)
     }
 
-    /// `client` is gone: nobody asks for what was kept.
+    /// `client` is gone: drops the results kept for it.
     pub(super) fn forget(&mut self, client: u64) {
         self.results.retain(|(other, ..)| *other != client);
     }
 
-    /// `client` is still there. How many sequences it has.
+    /// Renews the leases of `client`; returns how many sequences it has.
     pub(super) fn renew(&mut self, client: u64, now: Instant) -> usize {
         let own = self.running.values_mut().filter(|running| running.owner.client == client);
         own.map(|running| running.heard = now).count()
     }
 
-    /// No sequence sends a line any more, but those of its end.
+    /// From now on sequences send only the lines of their ends.
     pub(super) fn drop_lines(&mut self, reason: Text<REASON_MAX>) {
         self.running.values_mut().for_each(|running| running.script.drop_lines(reason));
     }
 
-    /// A sequence is over.
+    /// Removes a sequence that is over.
     pub(super) fn over(&mut self, number: u64) -> Option<Running> {
         self.running.remove(&number)
     }
 
-    /// The sequences that have to end now, each with the reason: their owner does not hear (`hears`) or was silent too long, or
-    /// all of them, because the daemon stops.
+    /// The sequences that have to end now, each with the reason: the owner is gone (not `hears`) or was silent for too
+    /// long, or the daemon is stopping.
     pub(super) fn lapsed(
         &self,
         now: Instant,
@@ -294,13 +295,13 @@ impl Sequences {
         self.running.iter().filter_map(|(&number, running)| Some((number, ends(running)?))).collect()
     }
 
-    /// The sequences whose waiting is over.
+    /// The sequences whose wait is over.
     pub(super) fn due(&self, now: Instant) -> Vec<u64> {
         let is_due = |running: &Running| matches!(running.waits, Waits::Until(moment) if moment <= now);
         self.running.iter().filter(|(_, running)| is_due(running)).map(|(&number, _)| number).collect()
     }
 
-    /// When the next waiting or lease is over.
+    /// When the next wait or lease is over.
     pub(super) fn next_moment(&self) -> Option<Instant> {
         let waiting = self.running.values().filter_map(|running| match running.waits {
             Waits::Until(moment) => Some(moment),
@@ -309,12 +310,12 @@ impl Sequences {
         waiting.chain(self.first_lapse()).min()
     }
 
-    /// When the first owner has been silent too long.
+    /// When the first lease ends.
     pub(super) fn first_lapse(&self) -> Option<Instant> {
         self.running.values().filter_map(Running::lapses).min()
     }
 
-    /// How many run.
+    /// How many sequences run.
     pub(super) fn count(&self) -> usize {
         self.running.len()
     }
