@@ -1,5 +1,5 @@
-//! What every automatic function of the board is to the bus thread: when it is due, what it does then, how it is acquired
-//! and left.
+//! The bus thread's interface to an automatic function of the board: when it is due, its work, how to acquire and leave
+//! it.
 
 use crate::clock::Clock;
 use crate::daemon::bus::command_intake::CommandIntake;
@@ -8,28 +8,28 @@ use crate::function::line_port::PortError;
 use crate::mirror::Transition;
 use crate::segment::{Counter, Publisher};
 
-/// What a function works with, and when.
+/// The context of a function's work.
 pub struct Context<'a, B> {
     /// The board.
     pub bus: &'a mut B,
     /// The segment.
     pub publisher: &'a mut Publisher,
-    /// Where answers go.
+    /// The intake, which takes the answers.
     pub intake: &'a mut CommandIntake,
     /// The time.
     pub clock: &'a Clock,
 }
 
-/// What came of a poll, but for answers to commands.
+/// The findings of a poll, besides answers to commands.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Polled {
     /// The function's data are live again, or stale.
     pub transition: Option<Transition>,
-    /// The board was found reset.
+    /// The poll has found the board reset.
     pub was_reset: bool,
 }
 
-/// A function that the board's family may lack: never due then, and nothing to take over or leave.
+/// A function that the board's family may lack: without it the row is never due, and has nothing to take over or leave.
 impl<B: Bus, F: BoardFunction<B>> BoardFunction<B> for Option<F> {
     fn due_ns(&self, clock: &Clock) -> Option<u64> {
         self.as_ref()?.due_ns(clock)
@@ -60,9 +60,9 @@ impl<B: Bus, F: BoardFunction<B>> BoardFunction<B> for Option<F> {
     }
 }
 
-/// One automatic function, as the bus thread works it.
+/// An automatic function of the board, as the bus thread drives it.
 pub trait BoardFunction<B: Bus> {
-    /// When to poll it next, in nanoseconds of `clock`; `None` while nothing is to be done.
+    /// When to poll the function next, in nanoseconds of `clock`; `None` while it has no work.
     fn due_ns(&self, clock: &Clock) -> Option<u64>;
 
     /// Does one bounded piece of work.
@@ -71,13 +71,14 @@ pub trait BoardFunction<B: Bus> {
     /// When the board cannot be reached.
     fn poll(&mut self, context: &mut Context<'_, B>) -> Result<Polled, PortError>;
 
-    /// Puts the host's words in order and forgets what was seen: at the start, and when the board is another one.
+    /// Puts the host's words in order and forgets earlier findings: at the start, and after the board was replaced.
     ///
     /// # Errors
     /// When the board cannot be reached.
     fn acquire(&mut self, context: &mut Context<'_, B>) -> Result<(), PortError>;
 
-    /// The board was reset: what it forgot is set up again. As [`BoardFunction::acquire`] unless a function has less to do.
+    /// The board was reset: sets up again all that the reset erased. As [`BoardFunction::acquire`] unless a function
+    /// has less to do.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -85,7 +86,7 @@ pub trait BoardFunction<B: Bus> {
         self.acquire(context)
     }
 
-    /// Leaves the board at the end: no bit of the host's set, nothing requested.
+    /// Leaves the board at the end, with no bit of the host's set and no request open.
     ///
     /// # Errors
     /// When the board cannot be reached.
@@ -93,23 +94,23 @@ pub trait BoardFunction<B: Bus> {
         Ok(())
     }
 
-    /// Whether the board works at it now; `None` where the function cannot tell.
+    /// Whether the board works at the function now; `None` if the function cannot tell.
     fn is_live(&self) -> Option<bool> {
         None
     }
 
-    /// What its accesses are counted as.
+    /// The counter for the function's accesses.
     fn counter(&self) -> Option<Counter> {
         None
     }
 
-    /// Whether it watches the board. What does not waits while an answer finds no room, and while nothing answers on the
-    /// bus.
+    /// Whether the function watches the board. Other functions wait while an answer finds no room, and while no board
+    /// answers on the bus.
     fn watches(&self) -> bool {
         false
     }
 
-    /// How long its work can wait without harm, so that one wake serves the servo data and it.
+    /// How long the function's work can wait without harm, so that one wake serves it and the servo data.
     fn spare_ns(&self) -> u64 {
         0
     }

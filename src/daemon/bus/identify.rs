@@ -1,11 +1,11 @@
-//! Who the board is: asked by ASCII, in the moments when nobody else has a line to send.
+//! Asks the board for its identity by ASCII lines, in moments when no client has a line to send.
 //!
-//! `TYPE` and `VERSION` name the board; I-variables say what it reports and how often (the family knows their numbers); Ix07,
-//! Ix08 and Ix09 give the scale of every motor's raw numbers. What the board does not answer stays unknown, or is taken from
-//! the configuration. Asking moves the board's active response port to the DPRAM, so it is done only when there is
-//! reason: at start, when the board comes (back) to life, and after a line that may have changed an answer. Another host
-//! can change answers at any time, so I-variables are asked again every half minute; more often where the daemon reads no
-//! report.
+//! `TYPE` and `VERSION` name the board; I-variables tell its reports and how often they come (the family knows their
+//! numbers); Ix07, Ix08 and Ix09 give the scale of every motor's raw numbers. A value that the board does not answer
+//! stays unknown, or comes from the configuration. A question moves the board's active response port to the DPRAM, so
+//! the daemon asks only with reason: at start, when the board comes (back) to life, and after a line that may have
+//! changed an answer. Another host can change answers at any time, so the daemon asks the I-variables again every half
+//! minute; more often where it reads no report.
 
 mod questions;
 
@@ -32,47 +32,49 @@ pub struct Identifier {
     configured: Identity,
     /// The question to ask next, or under way; all asked when it is past the end.
     next: usize,
-    /// Whether the board has been sent it and owes the reply.
+    /// Whether the daemon has sent the question and the board owes the reply.
     under_way: bool,
     /// Whether to begin again when the reply has come.
     again: bool,
-    /// The first of the changes since the last complete answer.
+    /// When the first change since the last complete answer came.
     changing_since: Option<Instant>,
-    /// Changes have gone on for so long that the questions are asked to their end first.
+    /// Changes have gone on for so long that the daemon first asks the questions to their end.
     overdue: bool,
     not_before: Instant,
     asking: Identity,
-    /// What was told last.
+    /// The identity that the daemon told last.
     known: Identity,
-    /// Scales that lines may have changed since the first question was asked.
+    /// Scales that lines may have changed since the first question.
     doubts: ScaleDoubts,
     /// Lines of the present reply so far.
     lines: usize,
-    /// What the last answers said is switched on.
+    /// The functions switched on, by the last answers.
     enabling: Enabling,
     /// The answer to publish, once.
     update: Option<Identity>,
     wanted: bool,
-    /// What somebody else has changed.
+    /// Changes by other hosts and by programs of the board.
     changes: ChangeWatch,
-    /// How long until the board is asked again.
+    /// How long until the daemon asks the board again.
     recheck: Duration,
     /// How long the board may take to begin its answer.
     patience: Duration,
-    /// The last question was not answered in time, and no answer has come since.
+    /// The board did not answer the last question in time, and no answer has come since.
     has_failed: bool,
     /// When the last question was due.
     asked: Instant,
-    /// The servo report has no period, but is not made in the background either: as last told, and as this round says.
+    /// The servo report has no period, but the board does not make it in the background either: as last told, and as
+    /// this round says.
     on_request: bool,
     asking_on_request: bool,
-    /// I5 and I6, as far as the board has said since the last line that may have set them: as last told, and as this round says.
+    /// I5 and I6, if the board has told them since the last line that may have set them: as last told, and as this
+    /// round says.
     program_reports: [Option<u32>; 2],
     asking_program_reports: [Option<u32>; 2],
 }
 
 impl Identifier {
-    /// Starts with what the configuration says; asks the board, of `family`, at the first opportunity if `ask`.
+    /// Starts with the identity in the configuration; if `ask`, asks the board, of `family`, at the first opportunity.
     #[must_use]
     pub fn new(family: &'static Family, configured: Identity, ask: bool, now: Instant) -> Self {
         let asked = questions(family).into_iter().filter(|_| ask);
@@ -104,15 +106,15 @@ impl Identifier {
         }
     }
 
-    /// The same for a daemon that reads no report of the board: a dead one would be known by nothing but silence.
+    /// For a daemon that reads no report of the board: only silence would reveal a dead board.
     #[must_use]
     pub fn without_reports(mut self) -> Self {
         self.recheck = IDENTITY_AGAIN;
         self
     }
 
-    /// The board may answer differently now: ask again soon. Where that is said again and again, the questions are asked
-    /// to their end every few seconds all the same.
+    /// The board may answer differently now: asks again soon. Under constant calls the daemon still asks the questions
+    /// to their end every few seconds.
     pub fn ask_again(&mut self, now: Instant) {
         if !self.wanted {
             return;
@@ -127,7 +129,7 @@ impl Identifier {
         self.restart();
     }
 
-    /// The board was reset, or is another one: it answers differently now, and nobody has changed that.
+    /// The board was reset or replaced: its answers may differ now, without a change by another host.
     pub fn begin_anew(&mut self, now: Instant) {
         self.changes.forget();
         (self.program_reports, self.asking_program_reports) = ([None; 2], [None; 2]);
@@ -143,25 +145,25 @@ impl Identifier {
         }
     }
 
-    /// Whether a question has waited so long, since the last one too, that other lines wait for it now.
+    /// Whether a question has waited for so long, also since the last question, that other lines now wait for it.
     #[must_use]
     pub fn is_overdue(&self, now: Instant) -> bool {
         self.due().is_some_and(|due| now >= due.max(self.asked) + IDENTITY_PUT_OFF_AT_MOST)
     }
 
-    /// From when on a question is to be asked.
+    /// When the next question is due.
     fn due(&self) -> Option<Instant> {
         let again = self.wanted.then_some(self.asked + self.recheck);
         if self.next < self.questions.len() { Some(self.not_before) } else { again }
     }
 
-    /// The line was not sent after all: it is asked again.
+    /// The daemon did not send the line after all, and asks again.
     pub fn not_sent(&mut self) {
         self.under_way = false;
         self.restart();
     }
 
-    /// Tells an answer, as far as it is not in doubt.
+    /// Tells the parts of an answer that are not in doubt.
     fn tell(&mut self, answer: Identity) {
         let answer = self.doubts.leave_out(answer);
         if answer != self.known {
@@ -170,22 +172,23 @@ impl Identifier {
         }
     }
 
-    /// How long nothing needs to be asked.
+    /// How long until the next question is due.
     #[must_use]
     pub fn due_in(&self, now: Instant) -> Duration {
         self.due().map_or(Duration::MAX, |due| due.saturating_duration_since(now))
     }
 
-    /// The line to send now, if any, and how long to wait for its reply. Scales are asked so many that the reply has at most
-    /// `most_lines`, if a motor's fit in. Tell with [`Identifier::sent`] if it was.
+    /// The line to send now, if any, and how long to wait for its reply. A line asks for only so many scales that the
+    /// reply has at most `most_lines`, if one motor's scales fit in. The caller reports the sent line by
+    /// [`Identifier::sent`].
     pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if self.next >= self.questions.len() && self.wanted && now >= self.asked + self.recheck {
-            // Who the board is does not change while it lives.
+            // The board's type and version do not change while it lives.
             let is_report = |(_, question): &(_, Question)| matches!(question, Question::Reports(_));
             self.next = self.questions.iter().position(is_report)?;
             self.asking = self.known.clone();
             self.asking_program_reports = [None; 2];
-            // Callers' lines go between them as usual.
+            // Clients' lines go between the questions as usual.
             self.not_before = now;
         }
         if now < self.not_before {
@@ -203,8 +206,8 @@ impl Identifier {
         Some((*line, self.patience))
     }
 
-    /// A line of somebody's goes to the board. If the board may answer differently after it, it is asked again soon. A
-    /// scale that the line may change is not known from now on: a position in counts by the old one would be wrong.
+    /// A client's line goes to the board. If the board may answer differently after it, the daemon asks again soon. A
+    /// scale that the line may change is unknown from now on: a position in counts by the old scale would be wrong.
     pub fn line_goes(&mut self, line: &Meaning, now: Instant) {
         self.changes.line_goes(line);
         let may_set = |variable: u16| line.resets || line.settings.may_have(variable);
@@ -220,19 +223,19 @@ impl Identifier {
         }
     }
 
-    /// I5 and I6, where the board has said them since the last line that may have set them.
+    /// I5 and I6, if the board has told them since the last line that may have set them.
     #[must_use]
     pub const fn program_reports(&self) -> [Option<u32>; 2] {
         self.program_reports
     }
 
-    /// What somebody else has changed, another host or a program of the board.
+    /// The changes by another host or a program of the board.
     #[must_use]
     pub fn changes(&self) -> [Option<Change>; CHANGES] {
         self.changes.changes()
     }
 
-    /// The line was sent.
+    /// The daemon has sent the line.
     pub fn sent(&mut self) {
         self.under_way = true;
     }
@@ -271,7 +274,7 @@ impl Identifier {
                     }
                     Tells::BackgroundReport => asking.background_report = value,
                     Tells::Reported => asking.motor_mask = value.map(first_motors),
-                    // Asked before the last change: it says nothing.
+                    // The answer dates from before the last change, and says nothing.
                     Tells::Panel | Tells::Variables if self.again => {}
                     Tells::Panel => self.enabling.panel = value.map(|value| value == 3),
                     Tells::Variables => {
@@ -308,7 +311,7 @@ impl Identifier {
         self.restart();
     }
 
-    /// The board did not answer, or not all in time: it is asked for fewer scales at a time.
+    /// The board did not answer completely in time: the daemon asks for fewer scales at a time.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
         self.halve();
@@ -320,7 +323,7 @@ impl Identifier {
         self.not_before = now + IDENTITY_AGAIN;
     }
 
-    /// Asks the present question in two, where it can be.
+    /// Splits the present question in two, if possible.
     fn halve(&mut self) -> bool {
         let halves = self.questions.get(self.next).and_then(|(_, question)| question.halves());
         let Some(halves) = halves else { return false };
@@ -328,26 +331,27 @@ impl Identifier {
         true
     }
 
-    /// An answer came that is nobody's. If it is the one that did not come in time, the board is given more time from now on.
+    /// An answer came that belongs to no question under way. If it is the answer that was late, the daemon gives the
+    /// board more time from now on.
     pub fn late_answer(&mut self) {
         if std::mem::take(&mut self.has_failed) {
             self.patience = (2 * self.patience).min(IDENTITY_ANSWER_AT_MOST);
         }
     }
 
-    /// What is switched on, as far as the board has said since the last line that may have changed it.
+    /// The functions switched on, as far as the board has told since the last line that may have changed them.
     #[must_use]
     pub fn enabling(&self) -> Enabling {
         self.enabling
     }
 
-    /// Whether the board makes each servo report when the host has taken the last, as far as it has said.
+    /// Whether the board makes each servo report once the host has taken the last, as far as the board has told.
     #[must_use]
     pub fn on_request(&self) -> bool {
         self.on_request
     }
 
-    /// What has become known since the last call.
+    /// The identity learnt since the last call.
     pub fn take_update(&mut self) -> Option<Identity> {
         self.update.take()
     }
@@ -358,12 +362,13 @@ fn with_line(question: Question) -> (Text<LINE_MAX>, Question) {
     (Text::from_bytes(question.line().as_bytes()), question)
 }
 
-/// Whether I10 says the servo period: at its end it stands for any that is longer (Software Reference, I10: 0 to 8388607).
+/// Whether I10 tells the servo period: the highest value stands for any longer period (Software Reference, I10: 0 to
+/// 8388607).
 const fn says_period(i10: &u32) -> bool {
     matches!(*i10, 1..8_388_607)
 }
 
-/// The servo period in picoseconds that I10 says: I10 / 8388608 ms.
+/// The servo period in picoseconds by I10: I10 / 8388608 ms.
 #[must_use]
 pub fn servo_period_ps(i10: u32) -> u64 {
     u64::from(i10) * 1_000_000_000 / 8_388_608

@@ -1,4 +1,4 @@
-//! What the log, the segment and the clients are told of the board when it changes.
+//! Tells the log, the segment and the clients the changes of the board.
 
 use std::fmt::Arguments;
 use std::time::Instant;
@@ -17,10 +17,10 @@ use crate::mirror::Transition;
 use crate::protocol::{CommandPort, CommandState, Function};
 use crate::segment::{Identity, State};
 
-/// How many changes are logged within which time. The data of a board that comes and goes would fill the log.
+/// The most changes that the log gets within a time. The data of a board that comes and goes would fill the log.
 const TOLD: u32 = 20;
 
-/// Logs changes, as many as may be.
+/// Logs changes, up to a quota.
 struct ChangeLog {
     quota: Option<LogQuota>,
     clock: Clock,
@@ -49,28 +49,29 @@ impl ChangeLog {
     }
 }
 
-/// What was told last, so that only changes are told.
+/// Keeps the last report, so that it tells only changes.
 pub struct Reporter {
-    /// What the board is taken for.
+    /// The board's family, as the daemon takes it.
     family: &'static Family,
-    /// What to look at when servo data are stale, when background data are, and when no command line is answered.
+    /// The hints for the user if servo data are stale, if background data are stale, and if the board answers no
+    /// command line.
     hints: [String; 3],
-    /// What the clients are to be told; [`Self::send`] tells them.
+    /// The status for the clients; [`Self::send`] sends it.
     pub status: BoardStatus,
     sent: BoardStatus,
     /// The queue had no room for the last change.
     is_untold: bool,
-    /// As the log has it: a port that is in doubt and answers as before has not changed.
+    /// The port and state in the log: a port that was in doubt and answers as before has not changed.
     port_logged: Option<(CommandPort, CommandState)>,
     identity: Option<Identity>,
-    /// As the log has it.
+    /// The functions in use, as the log has them.
     uses: FunctionUse,
     bus_error: bool,
     log: ChangeLog,
 }
 
 impl Reporter {
-    /// Nothing was told yet of a board of `family`.
+    /// A reporter that has told nothing yet of a board of `family`.
     #[must_use]
     pub fn new(family: &'static Family, clock: Clock) -> Self {
         let i = &family.i;
@@ -103,16 +104,17 @@ impl Reporter {
         }
     }
 
-    /// Of a replay, whose board cannot be set otherwise.
+    /// The reporter of a replay: nobody can change the settings of its board.
     pub fn of_replay(mut self) -> Self {
         self.hints = ["servo data", "background data", "answers"]
             .map(|what| format!("this is a replay: the recording has no {what} of this time"));
         self
     }
 
-    /// Tells the clients what has changed since the last call, in one event. A full queue is tried again by the next call.
+    /// Tells the clients the changes since the last call, in one event. If the queue is full, the next call tries
+    /// again.
     pub fn send(&mut self, events: &Sender<Event>) {
-        // Compared where they lie: most calls find no change, and a copy costs more than they do.
+        // Compares in place: most calls find no change, and a copy costs more than the comparison.
         let is_new = self.status != self.sent;
         self.is_untold = is_new && events.try_send(Event::Info(self.status)).is_err();
         if is_new && !self.is_untold {
@@ -120,19 +122,19 @@ impl Reporter {
         }
     }
 
-    /// Whether the clients have been told all of it; a full queue is to be tried again.
+    /// Whether the clients have got every change; if not, the queue was full.
     #[must_use]
     pub const fn is_told(&self) -> bool {
         !self.is_untold
     }
 
-    /// Ends what the log holds back, if its time is over. To be called now and then.
+    /// Ends the log's quota, if its time is over. The loop calls this now and then.
     pub fn tend_log(&mut self) {
         self.log.sum_up(self.log.clock.now());
     }
 
-    /// The board does something, or nothing that could be seen. `may_begin`: it has had no time yet to show anything. Gives
-    /// the state when it has changed.
+    /// Takes in whether the board shows life. `may_begin`: the board has had no time yet to show any. Returns the state
+    /// after a change.
     pub fn board(&mut self, shows_life: bool, may_begin: bool) -> Option<State> {
         let state = match (shows_life, self.status.state) {
             (true, _) => State::Live,
@@ -151,13 +153,13 @@ impl Reporter {
         Some(state)
     }
 
-    /// The loop ends, and with it what the clients see.
+    /// The loop ends, and with it the clients' view of the board.
     pub fn end(&mut self, events: &Sender<Event>) {
         self.status.state = State::Dead;
         self.send(events);
     }
 
-    /// Somebody else has taken `motors` out of the servo report's mask; none: they are in it again.
+    /// Another host or a reset has taken `motors` out of the servo report's mask; none: all are in the mask again.
     pub fn taken_out(&mut self, motors: Motors) {
         let (level, text) = match motors.len() {
             0 => (Level::Info, "servo data: every motor is reported again".to_owned()),
@@ -186,12 +188,12 @@ impl Reporter {
         }
     }
 
-    /// The board was found reset.
+    /// The daemon has found the board reset.
     pub fn reset(&mut self) {
         self.log.tell(Level::Info, format_args!("the board was reset, or its memory cleared"));
     }
 
-    /// The port that command lines go through, and what has become of the last one.
+    /// The port that carries command lines, and its state.
     pub fn port(&mut self, port: CommandPort, state: CommandState) {
         if state == CommandState::Unknown || self.port_logged.replace((port, state)) == Some((port, state)) {
             return;
@@ -207,13 +209,13 @@ impl Reporter {
         }
     }
 
-    /// Whether the board says something else of itself than before.
+    /// Whether the board's identity differs from the last.
     #[must_use]
     pub fn is_new(&self, identity: &Identity) -> bool {
         self.identity.as_ref() != Some(identity)
     }
 
-    /// Who the board is, and how many motors are read from it.
+    /// The board's identity, and how many motors the daemon reads from it.
     pub fn identity(&mut self, identity: Identity, motors: usize) {
         let known = KnownIdentity {
             firmware: identity.firmware,
@@ -223,7 +225,7 @@ impl Reporter {
         };
         self.identity = Some(identity);
         if self.status.identity.replace(known) == Some(known) {
-            // A scale, say.
+            // The change is no news for the log, such as a scale.
             return;
         }
         if let (Some(board_type), Some(firmware)) = (&known.board_type, &known.firmware) {
@@ -239,14 +241,14 @@ impl Reporter {
         }
     }
 
-    /// Whether the board has said that it makes the servo report and the background report.
+    /// Whether the board has told that it makes the servo report and the background report.
     #[must_use]
     pub fn reports(&self) -> [bool; 2] {
         let is_on = |told: fn(&Identity) -> Option<u32>| self.identity.as_ref().and_then(told) == Some(1);
         [is_on(|identity| identity.servo_report), is_on(|identity| identity.background_report)]
     }
 
-    /// Where the board's M-variables point, and what follows for the functions.
+    /// The targets of the board's M-variables, and the resulting use of the functions.
     pub fn pointers(&mut self, outcome: Outcome, uses: &FunctionUse) {
         let follows = "pmacd uses the functions of its configuration into whose words none is known to point, though programs \
                        may keep data there";
@@ -273,7 +275,7 @@ impl Reporter {
         self.uses = *uses;
     }
 
-    /// The bus could not be reached.
+    /// The bus was out of reach.
     pub fn bus_error(&mut self, error: &dyn std::fmt::Display) {
         if !std::mem::replace(&mut self.bus_error, true) {
             error!("bus: {error}; further bus errors are only counted");

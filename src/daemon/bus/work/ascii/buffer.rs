@@ -1,6 +1,8 @@
-//! Whether a program buffer is open: a report of the board tells, or else the board is asked before a line that might enter it.
+//! Whether a program buffer is open: a report of the board tells, or the daemon asks the board before a line that might
+//! enter the buffer.
 //!
-//! Only callers' lines and our own questions wait for the answer. Control characters do not, nor what stores nothing.
+//! Only clients' lines and the daemon's own questions wait for the answer. Control characters and lines that store
+//! nothing do not wait.
 
 use std::time::{Duration, Instant};
 
@@ -14,11 +16,11 @@ use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::answer;
 
-/// The question, and what came of it.
+/// The question, and its answer.
 #[derive(Debug)]
 pub(super) struct BufferQuestion {
     not_before: Instant,
-    /// The number that the board has answered to it, or to the question what is addressed.
+    /// The number that the board has answered, to this question or to the question for the address.
     number: Option<i64>,
 }
 
@@ -34,7 +36,7 @@ impl BufferQuestion {
 }
 
 impl AsciiQueue {
-    /// What a report of the board, of this number, says of its program buffers, which others may open too; nothing while none
+    /// Takes in a report's word and number about program buffers, which others may open too; `None` while no report
     /// comes.
     pub fn see_buffer(&mut self, told: Option<(bool, u64)>) {
         match told {
@@ -53,7 +55,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// Asks the board which coordinate system is addressed, before somebody addresses another one beside who opened the rotary buffers.
+    /// Asks the board which coordinate system is addressed, before a sender other than the rotary buffers' opener
+    /// addresses another one.
     pub(super) fn ask_address(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         if self.ports.current_mut().begin(bus, b"&")? {
@@ -63,13 +66,13 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// The board has answered that, or not.
+    /// The board has answered the question for the address, or has not.
     pub(super) fn address_answered(&mut self) {
         let system = self.buffer_question.number.take();
         self.buffer.told_address(system.and_then(|system| u32::try_from(system).ok()));
     }
 
-    /// Addresses `system` again, before the next line of who opened the rotary buffers.
+    /// Addresses `system` again, before the next line of the rotary buffers' opener.
     pub(super) fn put_address_back(
         &mut self,
         bus: &mut impl Bus,
@@ -84,7 +87,8 @@ impl AsciiQueue {
         Ok(())
     }
 
-    /// The board has answered, or refused the question. Who does not know it is believed to have none open.
+    /// The board has answered, or refused the question. The daemon assumes that a board that does not know the question
+    /// has no buffer open.
     pub(super) fn buffer_answered(&mut self, result: Result<(), u16>, now: Instant) {
         match (self.buffer_question.number.take(), result) {
             (None, Err(error)) => self.buffer_unsaid(Unsaid::Refused(error), now),
@@ -96,7 +100,8 @@ impl AsciiQueue {
         }
     }
 
-    /// The board does not say. Lines must reach it all the same: an engineer could not even turn the report on.
+    /// The board does not say. Lines must reach it all the same: otherwise an engineer could not even turn the report
+    /// on.
     pub(super) fn buffer_unsaid(&mut self, why: Unsaid, now: Instant) {
         if self.buffer.is_not_said(why, now) {
             warn!(
@@ -106,12 +111,12 @@ impl AsciiQueue {
         }
     }
 
-    /// The board has not answered.
+    /// The board has not answered the question.
     pub(super) fn buffer_not_answered(&mut self, now: Instant) {
         self.buffer_question.not_before = now + BUFFER_AGAIN;
     }
 
-    /// How long a question of our own need not be asked because of a buffer: it would be a program line.
+    /// How long the daemon holds back its own questions because of a buffer, which would store them as program lines.
     pub(super) fn questions_barred_for(&self, now: Instant) -> Duration {
         let asked_again = self.buffer_question.not_before.saturating_duration_since(now);
         match (self.buffer.is_known(now), self.buffer.is_open()) {
@@ -121,8 +126,8 @@ impl AsciiQueue {
         }
     }
 
-    /// What is told of a line that the board has answered. Where a buffer was opened or closed between the last report and the
-    /// line, its acknowledgement says little.
+    /// The outcome of a line that the board has answered. If another sender opened or closed a buffer between the last
+    /// report and the line, the acknowledgement says little.
     pub(super) fn outcome_of(&mut self, line: &WaitingLine, result: Result<(), u16>) -> Outcome {
         let WaitingLine { line, writer, .. } = line;
         let line = &line.meaning;

@@ -31,32 +31,33 @@ use crate::device::Bus;
 use crate::function::line_port::PortError;
 use crate::protocol::{CommandState, answer};
 
-/// Lines that can be told from each other.
+/// How many probes the daemon can tell from each other.
 const CHECK_LINES: usize = 4;
-/// Those that ask for the handshake. I3 and I10 are the same in every family.
+/// The probes that ask for the handshake. I3 and I10 are the same in every family.
 const HANDSHAKE: [&[u8]; CHECK_LINES] =
     [b"I3 I10 I3", b"I3 I10 I10 I3", b"I3 I10 I10 I10 I3", b"I3 I10 I10 I10 I10 I3"];
-/// Those that ask whether a program buffer is open.
+/// The probes that ask whether a program buffer is open.
 const BUFFER: [&[u8]; CHECK_LINES] =
     [b"SIZE SIZE", b"SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE", b"SIZE SIZE SIZE SIZE SIZE"];
-/// More than the longest of them.
+/// Longer than the longest probe.
 pub(super) const LINE_MAX: usize = 32;
 /// I10 of a servo period of 1.2 µs, which is shorter than any board's.
 const LEAST_PERIOD: i64 = 10_000;
 /// The most lines of a reply.
 pub(super) const REPLY_LINES: usize = CHECK_LINES + 2;
-/// A board that has answered so many of them, but otherwise, answers them otherwise. It gets no other line: nobody could tell whose
-/// its replies are. A recording does, which may lack these answers.
+/// After this many probes with unexpected answers the daemon takes it that the board does not answer probes as
+/// expected. The board then gets no other line: the daemon could not tell to which line its replies belong. A
+/// recording, which may lack these answers, still gets lines.
 const CHECK_TRIES: u8 = 3;
 
-/// What the line asks for.
+/// The probe's question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asks {
     Handshake,
     Buffer,
 }
 
-/// What the board has answered to such a line, and which of them it was, from 0.
+/// The board's answer to a probe, and the probe's number, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct CheckAnswer {
     asks: Asks,
@@ -65,7 +66,7 @@ struct CheckAnswer {
     value: i64,
 }
 
-/// When the line is sent, and what the board said.
+/// The probe's due time, and the board's replies.
 #[derive(Debug)]
 pub(super) struct Check {
     not_before: Instant,
@@ -79,7 +80,7 @@ pub(super) struct Check {
     is_answered: bool,
     /// The error of the last such reply.
     error: Option<u16>,
-    /// How many probes the board answered otherwise.
+    /// How many probes the board answered unexpectedly.
     tries: u8,
     /// The command that was given up.
     given_up: Option<GivenUp>,
@@ -154,7 +155,7 @@ impl Check {
         self.lines += 1;
     }
 
-    /// The reply to a line of this kind, if the last values are one: ours, or a late one.
+    /// The last values as a reply to a probe, if they are one: to the last probe, or a late reply.
     fn answer(&self) -> Option<CheckAnswer> {
         let value = |back: usize| REPLY_LINES.checked_sub(1 + back).and_then(|index| self.values[index]);
         let last = value(0)?;
@@ -194,7 +195,7 @@ impl Check {
         self.answer().filter(own).map(|answer| answer.value)
     }
 
-    /// Sends the probe at once: nothing else is in doubt.
+    /// Makes the probe due `now`: nothing else is in doubt.
     pub(super) const fn go_at(&mut self, now: Instant) {
         self.not_before = now;
     }
@@ -231,7 +232,7 @@ impl Check {
 }
 
 impl AsciiQueue {
-    /// Sends the line.
+    /// Sends the probe.
     pub(super) fn begin_check(&mut self, bus: &mut impl Bus, poll: Poll<'_>) -> Result<(), PortError> {
         let now = poll.now;
         let is_closed = self.buffer.is_known(now) && !self.buffer.is_open();
@@ -267,14 +268,14 @@ impl AsciiQueue {
     /// A reply has ended: the probe's, or a late one.
     pub(super) fn end_check(&mut self, result: Result<(), u16>, now: Instant) {
         if self.check.own_answer().is_some() && result.is_err() {
-            // A program's, before the end of the reply.
+            // The error is a program's, before the end of the reply.
             return self.see_check(now);
         }
         let Some(value) = self.check.own_answer() else {
             self.identifier.late_answer();
             // A late reply to an earlier probe is no wrong answer.
             self.check.is_answered |= self.check.answer().is_none();
-            // An <ACK> may come behind it.
+            // An <ACK> may follow.
             self.check.error = result.err().or(self.check.error);
             self.check.forget_values();
             return self.see_check(now);
