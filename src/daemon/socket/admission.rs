@@ -1,10 +1,11 @@
-//! Who may connect: the places for connections are limited.
+//! Gives places to connections, whose number is limited.
 //!
-//! No user can take them all, not even root or the daemon's own user. The last eighth is for users who hold fewer than
-//! four, and half of it for those who may do more than observe. Every other user has a limit as well. Where a user has no place left,
-//! one of his own that is idle gives its place up: his next one may bring a stop. When all places are taken, so does one of somebody
-//! else that has asked nothing since it came. There are fewer places than descriptors, so clients
-//! can never take those that the daemon itself needs.
+//! No user can take all places, not even root or the daemon's own user. The last eighth is for users who hold fewer
+//! than four, and half of that eighth for users who may do more than observe. Every user except root and the daemon's
+//! own has a limit as well. If a user has no place left, an idle connection of that user gives up its place: the next
+//! connection may bring a stop. If all places are taken, another user's connection that has made no call since its
+//! arrival gives up its place, too. The daemon has fewer places than descriptors, so clients can never take the
+//! descriptors that the daemon itself needs.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -25,34 +26,34 @@ use crate::daemon::shared::trouble::Trouble;
 use crate::device::system::descriptors::descriptors_left;
 use crate::protocol::{CallError, Reply};
 
-/// How often the socket's path is looked at.
+/// How often the daemon checks the socket's path.
 const PATH_LOOK: Duration = Duration::from_secs(1);
 /// How long accepting pauses when the system has no more descriptors or memory.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-/// How often that is logged while it lasts.
+/// How often the log repeats that while it lasts.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 /// The most connections accepted in one go.
 const ACCEPT_MAX: usize = 64;
 /// A user who holds fewer than this gets a place of the reserve.
 const FEW: usize = 4;
-/// Descriptors that are kept for the daemon itself: interrupts that come back, the log.
+/// Descriptors kept for the daemon itself: interrupts that come back, the log.
 const DESCRIPTORS_KEPT: usize = 16;
-/// Descriptors of a connection: its own, and that of the process that made it.
+/// Descriptors of a connection: the socket's, and that of the process that connected.
 const OF_CONNECTION: usize = 2;
 
-/// How many places there are.
+/// The numbers of places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Places {
     all: usize,
     of_user: usize,
 }
 
-/// Why there is none.
+/// Why a connection gets no place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Full {
-    /// The user has as many as one may have.
+    /// The user has as many places as a user may have.
     User,
-    /// All places that this user may use are taken.
+    /// Other connections hold all places that this user may use.
     All,
 }
 
@@ -62,7 +63,7 @@ impl Places {
         Self { all, of_user: options.max_clients_per_user.min(all) }
     }
 
-    /// Whether there is room for one more connection, with `taken` places taken, `held` of them by the same user.
+    /// Checks that a place is free, with `taken` places taken, `held` of them by the same user.
     fn room(&self, taken: usize, held: usize, uid: Uid, role: Role) -> Result<(), Full> {
         let reserve = self.all / 8;
         let kept_from = match (held < FEW, role) {
@@ -84,15 +85,15 @@ fn is_trusted(uid: Uid) -> bool {
     uid.is_root() || uid == geteuid()
 }
 
-/// The listener, the places, and what is known of those who want one.
+/// The listener, the places, and the policy for new connections.
 pub(super) struct Admission {
     listener: Listener,
     policy: Policy,
     places: Places,
-    /// Until when nobody is accepted.
+    /// Until when the server accepts no connection.
     pause: Option<Instant>,
     said: Option<Instant>,
-    /// When to look again whether the socket's path leads to it.
+    /// When to check again that the socket's path leads to the listener.
     look: Instant,
     trouble: Trouble,
 }
@@ -123,18 +124,18 @@ impl Admission {
         })
     }
 
-    /// What to poll for.
+    /// The descriptor and the events to poll for.
     pub(super) fn interest(&self) -> PollFd<'_> {
         let flags = if self.pause.is_none() { PollFlags::POLLIN } else { PollFlags::empty() };
         PollFd::new(self.listener.as_fd(), flags)
     }
 
-    /// When the pause is over, or the socket's path is to be looked at.
+    /// When the pause is over, or the next check of the socket's path is due.
     pub(super) fn next_deadline(&self) -> Option<Instant> {
         Some(self.pause.map_or(self.look, |pause| pause.min(self.look)))
     }
 
-    /// Ends a pause whose time is over, and puts a socket that has lost its path there again.
+    /// Ends a pause whose time is over, and restores the path of a socket that has lost it.
     pub(super) fn expire(&mut self, now: Instant) {
         self.pause = self.pause.filter(|until| *until > now);
         if self.look <= now {
@@ -143,12 +144,12 @@ impl Admission {
         }
     }
 
-    /// A connection has ended, so there is a descriptor again.
+    /// A connection has ended, so a descriptor is free again.
     pub(super) fn resume(&mut self) {
         self.pause = None;
     }
 
-    /// Accepts connections that wait, some at a time, which leaves time for the clients that are there.
+    /// Accepts waiting connections, a limited number at a time, which leaves time for the connected clients.
     pub(super) fn accept(
         &mut self,
         clients: &mut Clients,
@@ -183,7 +184,8 @@ impl Admission {
         }
     }
 
-    /// Gives the connection a place, if there is one. Of the others, `holds` says whether a jog, a sequence or the like ends with it.
+    /// Gives the connection a place, if one is free or can be freed. `holds` tells whether a jog, a sequence or the
+    /// like ends with another connection.
     pub(super) fn admit(
         &self,
         mut client: Client,

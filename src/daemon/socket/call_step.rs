@@ -1,4 +1,4 @@
-//! How far a call is that waits for the board. The call owns what it needs to go on.
+//! The steps of a call that waits for the board. Each step owns the values that the call needs to go on.
 
 use std::time::Instant;
 
@@ -8,18 +8,18 @@ use super::jog_to::JogTo;
 use crate::daemon::motion::effect::LineEffect;
 use crate::function::variable_read::VariableEntry;
 
-/// What a call waits for.
+/// The event that a call waits for.
 #[derive(Debug)]
 pub(super) enum CallStep {
-    /// The lines of the board's reply, which its caller gets. A command line has this effect.
+    /// The lines of the board's reply, for the caller. A command line has this effect.
     Reply(LineEffect),
     /// A job, or the board's answer to a question about it.
     Job(Box<JobCall>),
     /// The board's answer which motor is addressed, or the line that jogs.
     JogTo(JogTo),
-    /// The board's answer what lies in a rotary buffer that this start would run.
+    /// The board's answer about the lines in a rotary buffer that this start would run.
     Start(Box<FirstStart>),
-    /// The board's answer whether it copies registers: then these are watched.
+    /// The board's answer whether it copies registers, before a watch of these.
     Watch(Vec<VariableEntry>),
     /// The board's servo counter, for which it was asked at this moment: the caller hears how many resets were found.
     Resets(Instant),

@@ -44,7 +44,7 @@ impl Clients {
         self.clients.get_mut(&id)
     }
 
-    /// Client `id` gets this `reply`, which is no refusal.
+    /// Notes that client `id` gets this `reply`, which is no refusal.
     pub(super) fn served(&mut self, id: u64, reply: Reply) -> Reply {
         if let Some(client) = self.get_mut(id) {
             client.was_served();
@@ -52,23 +52,24 @@ impl Clients {
         reply
     }
 
-    /// All motion is stopped, for this `reason`, by client `by` or by the daemon: what others have sent up to now begins nothing any more.
+    /// Client `by` or the daemon stops all motion, for this `reason`: no call that other clients have sent up to now
+    /// begins anything.
     pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>, by: u64) {
         let others = self.clients.iter_mut().filter(|(id, _)| **id != by);
         others.for_each(|(_, client)| client.outdate(reason));
     }
 
-    /// All of them.
+    /// All clients.
     pub(super) fn iter(&self) -> impl Iterator<Item = (u64, &Client)> {
         self.clients.iter().map(|(&id, client)| (id, client))
     }
 
-    /// How many there are.
+    /// How many clients are connected.
     pub(super) fn count(&self) -> usize {
         self.clients.len()
     }
 
-    /// How many there are of one user.
+    /// How many connections one user has.
     pub(super) fn held_by(&self, uid: Uid) -> usize {
         self.clients.values().filter(|client| client.peer().uid == uid).count()
     }
@@ -85,8 +86,8 @@ impl Clients {
         }
     }
 
-    /// Takes in what those who are `ready` have sent, and puts them into the order in which they are served: first who stops
-    /// the machine, then the users who have waited longest; of each, whoever was served last, when his user's time was over, comes later.
+    /// Reads the data of the `ready` clients, and sorts them for this round: first clients that stop the machine, then
+    /// the users that have waited longest. Within a user, the clients served before the user's time ran out come later.
     pub(super) fn begin_round(&mut self, ready: &mut [(u64, PollFlags)], now: Instant) {
         self.quotas.begin_round();
         for (id, _) in &*ready {
@@ -102,32 +103,33 @@ impl Clients {
         });
     }
 
-    /// Whether the user of client `id` has time left in this round; if not, the next one begins with that client.
+    /// Whether the user of client `id` has time left in this round; if not, the next round begins with that client.
     pub(super) fn has_time(&mut self, id: u64) -> bool {
         let Some(client) = self.clients.get(&id) else { return false };
         self.quotas.has_time(client.peer().uid, id, client.is_urgent())
     }
 
-    /// Client `id` was served for so long.
+    /// Books the `time` that the server spent on client `id`.
     pub(super) fn used(&mut self, id: u64, time: Duration) {
         if let Some(client) = self.clients.get(&id) {
             self.quotas.used(client.peer().uid, time);
         }
     }
 
-    /// Whether somebody did not come to the end of his calls.
+    /// Whether any client has calls left over.
     pub(super) fn has_more(&self) -> bool {
         self.clients.values().any(Client::has_more)
     }
 
-    /// Passes an unsolicited text on to those who stream them.
+    /// Passes an unsolicited text on to the clients that stream them.
     pub(super) fn pass_on(&mut self, text: &Unsolicited, now: Instant) {
         for client in self.clients.values_mut() {
             client.pass_on(text, now);
         }
     }
 
-    /// Sends his `reply`, which depends on whether he waits for the board, to everybody who waits for something and is not `deaf`.
+    /// Sends a `reply` to every client that waits and is not `deaf`. The reply depends on whether the client waits for
+    /// the board.
     pub(super) fn farewell<'a>(
         &mut self,
         reply: impl Fn(u64, bool) -> &'a Reply,
@@ -141,9 +143,10 @@ impl Clients {
         }
     }
 
-    /// Removes a connection, for one of user `newcomer`: if that helps (`of_others`), one that has asked nothing since it came, of a
-    /// user who holds more; else one of his own that is idle and `holds` nothing. Of these, one that has never asked anything goes
-    /// first, then the one that has asked nothing for the longest time.
+    /// Removes a connection in favour of user `newcomer`. If another user's place helps (`of_others`), removes a
+    /// connection that has made no call since its arrival, of a user with more connections. Otherwise removes an idle
+    /// connection of the newcomer's own that `holds` nothing: first one that has never made a call, then the one whose
+    /// last call is the oldest.
     pub(super) fn make_room(
         &mut self,
         newcomer: Uid,
@@ -167,7 +170,7 @@ impl Clients {
         self.clients.remove(&id).map(|client| client.peer())
     }
 
-    /// Gives those up who have stopped half-way for too long. Who they are.
+    /// Drops the clients that have stopped half-way for too long, and returns their peers.
     pub(super) fn drop_stalled(&mut self, now: Instant) -> Vec<Peer> {
         let patience = self.patience;
         let stalled = self.clients.values_mut().filter_map(|client| {
@@ -179,7 +182,7 @@ impl Clients {
         stalled.collect()
     }
 
-    /// Removes those for whom nothing is left to be done. Their numbers.
+    /// Removes the finished clients, and returns their numbers.
     pub(super) fn remove_finished(&mut self) -> Vec<u64> {
         let mut finished = Vec::new();
         self.clients.retain(|&id, client| {
@@ -192,7 +195,7 @@ impl Clients {
         finished
     }
 
-    /// When the first of them is given up if nothing happens.
+    /// When the server drops the first client if nothing happens.
     pub(super) fn next_deadline(&self) -> Option<Instant> {
         self.clients.values().filter_map(|client| client.patience_ends(self.patience)).min()
     }

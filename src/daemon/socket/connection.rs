@@ -1,6 +1,6 @@
-//! One client of the command socket: its buffers, what it waits for, and whether it is still there.
+//! One client of the command socket: its buffers, its wait, and whether it is still there.
 //!
-//! Nothing here blocks. Every buffer is bounded, and a client that stops half-way is dropped after a time.
+//! Nothing here blocks. Every buffer is bounded, and the server drops a client that stops half-way for too long.
 
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
@@ -18,14 +18,14 @@ use crate::daemon::shared::queue::{REASON_MAX, Text, Unsolicited};
 use crate::protocol::program_words::ASKS_FIRST;
 use crate::protocol::{BOARD, CALL_MAX, CallError, Inbox, Message, Reply, frame::TooLong, message::encode};
 
-/// No further call is begun while this much output waits, in bytes.
+/// The server begins no further call while this much output waits, in bytes.
 pub(super) const HIGH_WATER: usize = 64 * 1024;
 /// The longest call of an observer, in bytes. A watch of all 128 registers needs about 2 KiB.
 const OBSERVER_CALL_MAX: usize = 8 * 1024;
-/// What is looked at of that which a client has sent and that is unread, in bytes. Where there is more, all is meant up to when nothing
-/// is.
+/// How many unread bytes of a client the server looks at. If more are unread, all of them count as sent before the stop
+/// until the server has read everything.
 const UNREAD_MAX: usize = 256 * 1024;
-/// Unsolicited texts are counted as lost while this much output waits, in bytes.
+/// The server counts unsolicited texts as lost while this much output waits, in bytes.
 const STREAM_HIGH_WATER: usize = 256 * 1024;
 
 /// The methods that may stop the machine, or keep a jog held.
@@ -38,23 +38,23 @@ struct Named<'a> {
     method: Cow<'a, str>,
 }
 
-/// Whether `call` is one of these, whatever its parameters say.
+/// Whether `call` is to one of these methods, whatever its parameters.
 fn is_urgent(call: &[u8]) -> bool {
     let method = serde_json::from_slice(call).map(|Named { method }| method);
     let name = method.as_deref().ok().and_then(|method| method.strip_prefix(BOARD)?.strip_prefix('.'));
     name.is_some_and(|name| URGENT.contains(&name))
 }
 
-/// What a client waits for.
+/// The event that a client waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Waiting {
-    /// Nothing: its next call can begin.
+    /// Nothing: the client's next call can begin.
     Nothing,
     /// The board, whose answer `CallTable` awaits.
     Board,
-    /// Unsolicited texts. So many were dropped since the last one it got.
+    /// Unsolicited texts, with the number of texts lost since the client got the last.
     Messages(u64),
-    /// Nothing more: it watches variables as long as it stays.
+    /// Nothing more: the client watches variables as long as it stays.
     Watch,
 }
 
@@ -67,29 +67,29 @@ pub(super) struct Client {
     process: Option<OwnedFd>,
     role: Role,
     waiting: Waiting,
-    /// It has had its turn, and may have more calls to begin.
+    /// The client has had its turn, and may have more calls to begin.
     has_more: bool,
-    /// The time of its last call; before the first ([`Self::has_spoken`]), of its arrival.
+    /// The time of the last call; before the first call ([`Self::has_spoken`]), the time of the client's arrival.
     heard: Instant,
-    /// It has asked something.
+    /// The client has made a call.
     has_spoken: bool,
     inbox: Inbox,
     outbox: Vec<u8>,
     half_sent_since: Option<Instant>,
     stalled_since: Option<Instant>,
-    /// It will send no more.
+    /// The client will send no more.
     input_ended: bool,
-    /// It will read no more either.
+    /// The client will read no more either.
     hung_up: bool,
-    /// It ends as soon as its output is sent.
+    /// The connection ends as soon as its output is sent.
     closing: bool,
-    /// It was told to ask again, as functions are not used yet.
+    /// The server has told the client to ask again, as the daemon does not use the function yet.
     asks_again: bool,
-    /// All motion was stopped behind so many bytes of what it has sent, for this reason.
+    /// A stop of all motion came after this many of the client's bytes, for this reason.
     outdated: Option<(usize, Text<REASON_MAX>)>,
-    /// More than that lies unread, as much as it may be.
+    /// More bytes than that are unread, an unknown number.
     outdated_unread: bool,
-    /// Why the call that was taken last is among them.
+    /// The reason, if the last call taken was sent before the stop.
     call_outdated: Option<Text<REASON_MAX>>,
 }
 
@@ -123,12 +123,13 @@ impl Client {
         Self { process, ..self }
     }
 
-    /// What is readable once the process that connected has ended.
+    /// The descriptor that becomes readable once the process that connected has ended.
     pub(super) fn process(&self) -> Option<BorrowedFd<'_>> {
         self.process.as_ref().map(OwnedFd::as_fd)
     }
 
-    /// All motion is stopped, for this `reason`: what it has sent up to now, read or not, begins nothing any more.
+    /// A stop of all motion is under way, for this `reason`: no call that the client has sent up to now, read or not,
+    /// begins anything.
     pub(super) fn outdate(&mut self, reason: Text<REASON_MAX>) {
         let mut unread = vec![0; UNREAD_MAX];
         let flags = MsgFlags::MSG_PEEK | MsgFlags::MSG_DONTWAIT;
@@ -138,66 +139,67 @@ impl Client {
         self.outdated_unread = unread == UNREAD_MAX;
     }
 
-    /// Why the call that was taken last begins nothing: it was sent before all motion was stopped.
+    /// Why the last call taken begins nothing: the client sent it before a stop of all motion.
     pub(super) fn call_outdated(&self) -> Option<Text<REASON_MAX>> {
         self.call_outdated
     }
 
-    /// Whether the refusal `error` is worth a line of the log: not what it is told again and again while it waits for a
-    /// function.
+    /// Whether the refusal `error` is worth a line of the log. A refusal repeated while the client waits for a function
+    /// is not.
     pub(super) fn is_worth_telling(&mut self, error: &CallError) -> bool {
         let waits = matches!(error, CallError::Refused { reason } if reason.contains(ASKS_FIRST));
         let asked = std::mem::replace(&mut self.asks_again, waits);
         !(matches!(error, CallError::Busy) || asked && waits)
     }
 
-    /// It was told something else than a refusal.
+    /// The client got a reply that is no refusal.
     pub(super) fn was_served(&mut self) {
         self.asks_again = false;
     }
 
-    /// The other end.
+    /// The process at the other end.
     pub(super) fn peer(&self) -> Peer {
         self.peer
     }
 
-    /// What it may do.
+    /// The client's rights.
     pub(super) fn role(&self) -> Role {
         self.role
     }
 
-    /// From now on it waits for this.
+    /// From now on the client waits for this event.
     pub(super) fn wait_for(&mut self, what: Waiting) {
         self.waiting = what;
     }
 
-    /// Whether it waits for anything.
+    /// Whether the client waits for anything.
     pub(super) fn waits(&self) -> bool {
         self.waiting != Waiting::Nothing
     }
 
-    /// Whether it waits for the board.
+    /// Whether the client waits for the board.
     pub(super) fn waits_for_board(&self) -> bool {
         self.waiting == Waiting::Board
     }
 
-    /// Whether its next call may stop the machine, or keep a jog held: it is served before all others.
+    /// Whether the client's next call may stop the machine, or keep a jog held: the server serves such a client before
+    /// all others.
     pub(super) fn is_urgent(&self) -> bool {
         let call = || self.inbox.held().split(|byte| *byte == 0).next().unwrap_or_default();
         self.role >= Role::Stop && !self.waits() && is_urgent(call())
     }
 
-    /// Whether it has had its turn, and may have more calls to begin.
+    /// Whether the client has had its turn, and may have more calls to begin.
     pub(super) fn has_more(&self) -> bool {
         self.has_more
     }
 
-    /// Its turn is over.
+    /// Ends the client's turn.
     pub(super) fn yields(&mut self) {
         self.has_more = true;
     }
 
-    /// What to poll for; `None` when the poll has nothing more to tell.
+    /// The events to poll for; `None` after a hang-up.
     pub(super) fn interest(&self) -> Option<PollFlags> {
         let mut flags = PollFlags::empty();
         flags.set(PollFlags::POLLIN, !self.input_ended && !self.closing && !self.inbox.is_full());
@@ -206,7 +208,7 @@ impl Client {
         (!self.hung_up).then_some(flags)
     }
 
-    /// Reads what has arrived, as far as there is room.
+    /// Reads the bytes that have arrived, as far as the inbox has room.
     pub(super) fn receive(&mut self, now: Instant) {
         let mut chunk = [0; 8192];
         while !self.input_ended && !self.closing && !self.inbox.is_full() {
@@ -218,7 +220,7 @@ impl Client {
                         self.outdated_unread = false;
                     }
                     if count < chunk.len() && !self.hung_up {
-                        // That was all. The poll reports more.
+                        // All bytes are read. The poll reports later ones.
                         break;
                     }
                 }
@@ -238,17 +240,17 @@ impl Client {
         self.half_sent_since = half_sent.then(|| self.half_sent_since.unwrap_or(now));
     }
 
-    /// The other end is gone: replies go nowhere. What it has sent is still there; a process that was forked from it and has its
-    /// descriptor sends no more.
+    /// The other end is gone: replies go nowhere. Its bytes are still readable. A forked process that has its
+    /// descriptor can send no more.
     pub(super) fn hang_up(&mut self) {
-        // It fails where nobody has the descriptor any more.
+        // The shutdown fails if no process has the other descriptor any more.
         let _ = self.stream.shutdown(Shutdown::Both);
         self.hung_up = true;
         self.outbox.clear();
         self.stalled_since = None;
     }
 
-    /// Whether replies reach anybody.
+    /// Whether replies reach the client.
     pub(super) fn hears(&self) -> bool {
         !self.hung_up
     }
@@ -256,7 +258,7 @@ impl Client {
     /// The next call, if there is one and it may begin now.
     ///
     /// # Errors
-    /// [`TooLong`] when the stream cannot be followed further.
+    /// [`TooLong`] when a message has outgrown the limit: the server cannot follow the stream further.
     pub(super) fn next_call(&mut self, now: Instant) -> Result<Option<Vec<u8>>, TooLong> {
         self.has_more = false;
         if self.closing || self.waits() || self.outbox.len() > HIGH_WATER {
@@ -288,7 +290,7 @@ impl Client {
         }
     }
 
-    /// Passes an unsolicited text on, if it streams them; counts it as lost while too much waits to be fetched.
+    /// Passes an unsolicited text on, if the client streams them; counts the text as lost while too much output waits.
     pub(super) fn pass_on(&mut self, text: &Unsolicited, now: Instant) {
         let Waiting::Messages(lost) = &mut self.waiting else { return };
         if self.outbox.len() > STREAM_HIGH_WATER {
@@ -306,7 +308,7 @@ impl Client {
         }
     }
 
-    /// Bytes that wait to be sent.
+    /// How many bytes wait for the client to fetch them.
     pub(super) fn unsent(&self) -> usize {
         self.outbox.len()
     }
@@ -324,7 +326,7 @@ impl Client {
         }
         self.outbox.drain(..sent);
         if self.outbox.is_empty() && self.outbox.capacity() > HIGH_WATER {
-            // The memory of one long reply is not kept.
+            // Frees the memory of a long reply.
             self.outbox = Vec::new();
         }
         self.stalled_since = match self.stalled_since {
@@ -345,7 +347,7 @@ impl Client {
         let unheard = self.hung_up || self.outbox.is_empty();
         match self.waiting {
             _ if self.closing => unheard,
-            // The bus thread still answers its command.
+            // The bus thread still has to answer the client's command.
             Waiting::Board => false,
             Waiting::Messages(_) => self.hung_up,
             Waiting::Watch => self.hung_up || self.input_ended,
@@ -354,17 +356,19 @@ impl Client {
         }
     }
 
-    /// Whether it has not asked anything since it came, for `patience` at least.
+    /// Whether the client has made no call since its arrival, at least `patience` ago.
     pub(super) fn is_silent(&self, now: Instant, patience: Duration) -> bool {
         !self.has_spoken && now.duration_since(self.heard) >= patience
     }
 
-    /// Whether it has asked something, and when last, or when it came: who is less missed comes first.
+    /// Whether the client has made a call, and the time of its last call or arrival. The client whose place is needed
+    /// least sorts first.
     pub(super) fn last_heard(&self) -> (bool, Instant) {
         (self.has_spoken, self.heard)
     }
 
-    /// Whether nothing of it is under way: it waits for nothing, all it has sent is answered, and all answers are sent.
+    /// Whether nothing of the client is under way: it waits for nothing, the server has answered all its calls, and has
+    /// sent all answers.
     pub(super) fn is_idle(&self) -> bool {
         let nothing_here = self.inbox.held().is_empty() && self.outbox.is_empty() && !self.has_more;
         let flags = MsgFlags::MSG_PEEK | MsgFlags::MSG_DONTWAIT;
@@ -372,7 +376,8 @@ impl Client {
         !self.waits() && nothing_here && !has_unread()
     }
 
-    /// When to drop it if nothing happens: a message has been half sent, or output not fetched, for `patience`.
+    /// When to drop the client if nothing happens: it has left a message half sent, or output unfetched, for
+    /// `patience`.
     pub(super) fn patience_ends(&self, patience: Duration) -> Option<Instant> {
         let stalled = self.stalled_since.filter(|_| !matches!(self.waiting, Waiting::Messages(_)));
         let since = [self.half_sent_since, stalled].into_iter().flatten().min()?;
