@@ -1,14 +1,15 @@
-//! A gather: what is asked first, the lines that begin it, and what its end puts back.
+//! A gather: its first questions to the board, the lines that begin it, and the values that its end puts back.
 //!
-//! With I48=1 the first `GATHER` starts the servo report and the second one gathering; `ENDGATHER` undoes the latest one (DPRAM
-//! manual p. 14). So the number of `GATHER`s depends on whether the report runs, which its timer shows, and `ENDGATHER` is
-//! sent only where the board says that it gathers: sent once too often it ends everybody's servo data. A Turbo board reports without
-//! `GATHER` (Turbo User Manual p. 403), and its I5049 is the period of gathering alone.
-//! The period of gathering (I19) is the servo report's as well. It is put back, unless somebody has set another one
-//! meanwhile, or a reset has. While somebody has a program buffer open the line would enter that: it is sent when the buffer is
-//! closed, however long that takes, and nobody waits for it.
+//! With I48=1 the first `GATHER` starts the servo report and the second one gathering; `ENDGATHER` undoes the latest
+//! one (DPRAM manual p. 14). So the number of `GATHER`s depends on whether the report runs, which its timer shows, and
+//! the daemon sends `ENDGATHER` only if the board says that it gathers: one `ENDGATHER` too many ends the servo data
+//! for every client. A Turbo board reports without `GATHER` (Turbo User Manual p. 403), and its I5049 is the period of
+//! gathering alone. The period of gathering (I19) is the servo report's as well. The end puts I19 back, unless another
+//! sender or a reset has set another period meanwhile. While a program buffer is open the line would enter that buffer:
+//! the daemon sends the line once the buffer is closed, however long that takes, and no caller waits for it.
 //!
-//! While it gathers, the servo report tells whether the board still does. Where no report tells, the board is asked.
+//! During the gather, the servo report tells whether the board still gathers. If no report tells, the daemon asks the
+//! board.
 
 mod call;
 
@@ -31,21 +32,22 @@ use crate::mirror::GatherClock;
 use crate::protocol::board::GatherStopReply;
 use crate::protocol::{CallError, Reply, answer};
 
-/// How long a report that may run is waited for, beyond two of its periods.
+/// How long the script waits for a report that may run, beyond two of its periods.
 const REPORT_PAUSE: Duration = Duration::from_secs(1);
 /// How long the first `GATHER` may take to start the report, beyond two periods.
 const REPORT_START: Duration = Duration::from_secs(5);
-/// The longest time that two periods of the report may take: a report that comes seldom cannot be waited for.
+/// The longest time that two periods of the report may take: the script cannot wait for a report that comes more
+/// seldom.
 const LONGEST_REPORT: Duration = Duration::from_secs(30);
-/// How often to look whether the board still gathers, and whether it was reset.
+/// How often to check whether the board still gathers, and whether it was reset.
 const GATHER_LOOK: Duration = Duration::from_millis(500);
-/// How long the board may take to say that it gathers. One that is reset meanwhile answers nothing for a while.
+/// How long the board may take to say that it gathers. A board in a reset answers nothing for a while.
 const ASKING: Duration = Duration::from_secs(1);
 const CHECK_EVERY: Duration = Duration::from_secs(60);
-/// How long the end tries what is known not to have been sent.
+/// How long the end retries lines that the daemon has certainly not sent.
 const END_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What the latest `GATHER` has begun.
+/// The effect of the latest `GATHER`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Begun {
     Nothing,
@@ -53,25 +55,25 @@ enum Begun {
     Gathering,
 }
 
-/// What the end has to know.
+/// The state that the end needs.
 struct Gather<'a> {
     io: Io,
     family: &'static Family,
     owner: Peer,
-    /// `None` where nothing is begun, but what somebody began by hand is ended.
+    /// `None` if the script begins no gather but ends one that a user began by hand.
     call: Option<&'a GatherCall>,
     /// I48 is 1, on a board whose report GATHER starts.
     reports: bool,
-    /// I19 as it was found, and as it is at the end.
+    /// I19 before the gather, and at the end.
     period: Option<String>,
     period_sent: bool,
     begun: Begun,
     followed: bool,
-    /// Its owner has heard that it gathers.
+    /// The owner has heard that the board gathers.
     started: bool,
-    /// The resets that the latest check told of.
+    /// The number of resets at the latest check.
     resets: Option<u64>,
-    /// `ENDGATHER` was sent.
+    /// The daemon has sent `ENDGATHER`.
     ended: bool,
     failure: Option<CallError>,
     notes: Vec<String>,
@@ -86,7 +88,7 @@ pub fn gather(call: GatherCall, owner: Peer) -> Script {
     })
 }
 
-/// The script that ends what the board gathers, whoever began it: `owner` asks for that.
+/// The script that ends the board's gather, whoever began it, for `owner`.
 pub fn stop_gather(family: &'static Family, owner: Peer) -> Script {
     Script::new(Resource::Gather, "gather", move |io| async move {
         let mut gather = Gather::new(io.clone(), family, owner, None);
@@ -119,17 +121,17 @@ impl<'a> Gather<'a> {
     /// Begins the gather, and watches it.
     ///
     /// # Errors
-    /// Why there will be no gather, or what has ended it.
+    /// Why no gather begins, or why it has ended.
     async fn run(&mut self, call: &GatherCall) -> Result<(), CallError> {
         let i = &self.family.i;
         let check = self.io.check().await;
-        // Of a board that cannot be asked now, a later reset cannot be known from an earlier one.
+        // If the board cannot be asked now, the daemon cannot tell a later reset from an earlier one.
         self.resets = check.result.is_ok().then_some(check.resets);
         let check_due = self.io.now() + CHECK_EVERY;
         let report = self.io.line(&format!("I{}", i.servo_enable)).await.result?;
         self.reports = first(&report) == "1" && self.family.servo.start == ReportStart::Gather;
         if self.reports && !call.uses_report {
-            // A board that reports takes another number of GATHERs than one that does not.
+            // The number of GATHERs depends on whether the board reports.
             return Err(CallError::refused(format!(
                 "I{}=1, and gathering then takes the function `servo`, which is switched off: `functions` in the \
                  daemon's configuration leaves it out",
@@ -179,7 +181,7 @@ impl<'a> Gather<'a> {
         )))
     }
 
-    /// Sends a `GATHER` that begins this.
+    /// Sends a `GATHER` that `begins` this.
     async fn send_gather(&mut self, begins: Begun) -> Result<(), CallError> {
         let sent = self.io.line("GATHER").await;
         if !sent.outcome.is_unsent() {
@@ -188,17 +190,17 @@ impl<'a> Gather<'a> {
         sent.result.map(drop)
     }
 
-    /// Looks now and then whether the board still gathers, and whether it was reset.
+    /// Checks now and then whether the board still gathers, and whether it was reset.
     ///
     /// # Errors
-    /// What has ended the gather.
+    /// Why the gather has ended.
     async fn watch(&mut self, call: &GatherCall, mut check_due: Instant) -> Result<(), CallError> {
         let look = Request::Read { first: self.family.servo.timer.low, count: 1 };
         let mut was_seen = false;
         loop {
             let told = self.io.request(look.clone()).await.gathers;
             was_seen |= told == Some(true);
-            // Before that the report may be from before GATHER. A board that cannot be asked now tells nothing.
+            // Before that the report may date from before GATHER. A board that the daemon cannot ask now tells nothing.
             let gathers = if told.is_some() && was_seen {
                 told
             } else {
@@ -216,7 +218,7 @@ impl<'a> Gather<'a> {
             }
             match call.buffer.mode {
                 _ if !is_over => self.io.rest(GATHER_LOOK).await,
-                // The buffer is full, as it was asked for.
+                // The buffer is full, as the caller asked.
                 GatherMode::Stop => {
                     self.io.answer(Ok(Reply::done())).await;
                     self.io.asked().await;
@@ -226,7 +228,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// The end. What cannot be carried out is noted, and the end goes on.
+    /// The end. It notes the steps that fail, and goes on.
     async fn end(&mut self) -> Result<Reply, CallError> {
         let mut retry = EndRetry::new(END_PATIENCE, self.call.is_some());
         if self.begun != Begun::Nothing {
@@ -235,7 +237,7 @@ impl<'a> Gather<'a> {
         }
         while self.followed {
             let ended = self.io.job(Job::GatherEnd).await;
-            // A daemon that does not use the function any more follows nothing.
+            // A daemon that no longer uses the function follows no gather.
             let is_lost = matches!(ended.outcome, Outcome::Refused(_));
             self.followed = ended.outcome.is_unsent()
                 && !is_lost
@@ -249,11 +251,11 @@ impl<'a> Gather<'a> {
         self.result()
     }
 
-    /// Sends `ENDGATHER` if the board gathers. What is said of that in the end.
+    /// Sends `ENDGATHER` if the board gathers. Returns the note for the owner.
     async fn end_gather(&mut self, retry: &mut EndRetry) -> Option<String> {
         loop {
-            // What was started last is the report, by this gather: that is undone. A full buffer ends its gather, and so may somebody
-            // else: what ENDGATHER would end then is the servo report.
+            // If this gather has started only the report, ENDGATHER undoes that. A full buffer ends a gather, and so
+            // may another sender: ENDGATHER would then end the servo report.
             if self.begun == Begun::Gathering {
                 let asked = self.io.ask("???").await;
                 if may_ask_again(asked.outcome) && self.tries_again(retry, asked.outcome, false).await {
@@ -275,7 +277,7 @@ impl<'a> Gather<'a> {
                 }
             }
             let sent = self.io.line("ENDGATHER").await;
-            // Somebody may end the gather meanwhile.
+            // Another sender may end the gather meanwhile.
             if sent.outcome.is_unsent() && self.tries_again(retry, sent.outcome, false).await {
                 continue;
             }
@@ -285,7 +287,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Puts I19 back if it is still what this gather has set. What is said of that in the end.
+    /// Puts I19 back if it still has this gather's value. Returns the note for the owner.
     async fn put_back(&mut self, retry: &mut EndRetry) -> Option<String> {
         let period = format!("I{}", self.family.i.gather_period);
         let old = self.period.clone();
@@ -311,7 +313,7 @@ impl<'a> Gather<'a> {
                 return note;
             }
             let sent = self.io.line(&format!("{period}={old_text}")).await;
-            // Somebody may set another period meanwhile.
+            // Another sender may set another period meanwhile.
             if sent.outcome.is_unsent() && self.tries_again(retry, sent.outcome, true).await {
                 continue;
             }
@@ -319,13 +321,14 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Whether a step of the end, of I19 or of what comes before that, is tried again: after a rest, if it came out so.
+    /// Whether to try a step of the end again after this `outcome`; rests before. The step is that of I19 if
+    /// `is_period`, or an earlier one.
     async fn tries_again(&mut self, retry: &mut EndRetry, outcome: Outcome, is_period: bool) -> bool {
         let io = self.io.clone();
         retry.rests(&io, outcome, self.unfinished(is_period), || self.result()).await
     }
 
-    /// What an open program buffer keeps back.
+    /// The work that an open program buffer keeps back.
     fn unfinished(&self, is_period: bool) -> Option<String> {
         let period = self.family.i.gather_period;
         let ours = self.call.map_or(0, |call| call.buffer.period);
@@ -339,12 +342,12 @@ impl<'a> Gather<'a> {
         ))
     }
 
-    /// Whether the board, of which so many `resets` are known, was reset since the check before.
+    /// Whether the board, now with this count of `resets`, was reset since the last check.
     fn was_reset(&mut self, resets: u64) -> bool {
         self.resets.replace(resets).is_some_and(|before| before != resets)
     }
 
-    /// What has ended the gather: a reset of the board, or who did; what may have, where that is not known.
+    /// The cause of the gather's end: a reset of the board, or a client; possible causes, if the cause is unknown.
     fn was_ended(&self, was_reset: bool) -> String {
         match (was_reset, self.io.ended_by().as_deref()) {
             (true, Some(by)) => format!("the board was reset, which ended the gather: {by}"),
@@ -356,16 +359,16 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// Whether a gather that goes round and round is over, though nobody has said why.
+    /// Whether a gather that wraps round is over without a known cause.
     fn has_ended_early(&self) -> bool {
         let wraps = self.call.is_some_and(|call| call.buffer.mode == GatherMode::Wrap);
         wraps && self.started && self.failure.is_none()
     }
 
-    /// Whether the report comes so often that it can be waited for.
+    /// Checks that the report comes often enough to wait for it.
     ///
     /// # Errors
-    /// It does not.
+    /// The report comes too seldom.
     fn check_report_is_frequent(&self, call: &GatherCall) -> Result<(), CallError> {
         let two = self.two_periods(call);
         if !self.reports || two <= LONGEST_REPORT {
@@ -384,7 +387,7 @@ impl<'a> Gather<'a> {
         )))
     }
 
-    /// Two periods of the report: one may just have begun.
+    /// Two periods of the report: a period may just have begun.
     fn two_periods(&self, call: &GatherCall) -> Duration {
         let cycles = self.period.as_deref().and_then(answer::integer).unwrap_or(1);
         let cycles = u64::try_from(cycles.max(call.buffer.period.into())).unwrap_or(1);
@@ -429,7 +432,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// What the owner is told in the end.
+    /// The last reply to the owner.
     fn result(&mut self) -> Result<Reply, CallError> {
         let mut notes = std::mem::take(&mut self.notes);
         notes.extend(self.io.unfinished());
@@ -453,7 +456,7 @@ impl<'a> Gather<'a> {
     }
 }
 
-/// Whether a question that came out so may be asked again.
+/// Whether the daemon may ask a question with this outcome again.
 const fn may_ask_again(outcome: Outcome) -> bool {
     outcome.is_unsent() || matches!(outcome, Outcome::TimedOut)
 }

@@ -1,26 +1,27 @@
-//! A rotary stream: what lies in the board's rotary buffer is known first; then the set-up, and an end that leaves no
-//! half-fed program running.
+//! A rotary stream: first finds out which lines lie in the board's rotary buffer, then sets up the stream, and ends it
+//! without a half-fed program running.
 //!
-//! `OPEN BINARY ROTARY` lets the lines in and no text, so that others go on meanwhile (Software Reference p. 271). A board that answers
-//! it with an error gets `OPEN ROT`. While that is in force every line such as `I57=1` is a program statement, and B0 an axis move, so it
-//! comes last. The header of the buffer must not change under a transfer, so I57 is 0 meanwhile; Turbo boards have no I57, so that the
-//! rotary buffers must be closed then. After `CLOSE` the board takes nothing from the DPRAM any more.
+//! `OPEN BINARY ROTARY` lets the binary lines in and no text, so that other clients go on meanwhile (Software Reference
+//! p. 271). A board that answers it with an error gets `OPEN ROT`. While `OPEN ROT` is in force every line such as
+//! `I57=1` is a program statement, and B0 an axis move, so it comes last. The header of the buffer must not change
+//! under a transfer, so I57 is 0 meanwhile; Turbo boards have no I57, so the rotary buffers must be closed then. After
+//! `CLOSE` the board takes nothing more from the DPRAM.
 //!
 //! ABS, INC and FRAX before the first move go as on-line lines behind B0, which the board refuses while a program runs. They are modal
 //! in the coordinate system: nothing puts them back.
 //!
-//! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next stream:
-//! `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the coordinate system
-//! addressed. What has not left the DPRAM never runs: the set-up makes that buffer empty.
+//! Lines that an abort or an early end has left in the board's own rotary buffer would run before those of the next
+//! stream: `PR` counts them (Turbo Software Reference p. 286). `CLEAR` takes them away, after `OPEN ROT` and for the
+//! coordinate system addressed. Lines that have not left the DPRAM never run: the set-up empties that buffer.
 //!
-//! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs: with `Q`,
-//! after the moves already calculated (Software Reference, Q). Otherwise a machine would go on to wherever the last line that came through
-//! leaves it. In a feed hold those moves wait for `R` ("much like a %0 command", Software Reference p. 172), and the program
-//! with them: so the board is asked whether it has ended. What is said then is right too for a board whose `Q` ends a held
-//! program.
+//! A stream that ends before its program is whole in the board, whatever the reason, ends the program too, if it runs:
+//! with `Q`, after the moves already calculated (Software Reference, Q). Otherwise a machine would go on to the
+//! position of the last line that came through. In a feed hold those moves wait for `R` ("much like a %0 command",
+//! Software Reference p. 172), and the program with them: so the daemon asks the board whether the program has ended.
+//! The message then is also right for a board whose `Q` ends a held program.
 //!
-//! Whoever sends `CLOSE`, and a reset, close the rotary buffers too. `???` tells of
-//! them: open for text, or for binary lines (Software Reference p. 271, Turbo Software Reference p. 290).
+//! A `CLOSE` by any sender, and a reset, close the rotary buffers, too. `???` tells whether they are open for text, or
+//! for binary lines (Software Reference p. 271, Turbo Software Reference p. 290).
 
 mod call;
 mod count;
@@ -43,15 +44,15 @@ use crate::protocol::board::RotaryStartReply;
 use crate::protocol::calls::LeftLines;
 use crate::protocol::{CallError, Reply};
 
-/// How often to look for the first lines, which the program waits for to begin.
+/// How often to look for the first lines, before which the program cannot begin.
 const FIRST_LINES: Duration = Duration::from_millis(20);
-/// How long the owner, who has sent the last line, waits for `R` to go first.
+/// How long the owner, after its last line, waits until `R` has gone.
 const FINISH_WAITS: Duration = Duration::from_secs(1);
-/// A report of the board is never older, where one tells which programs run.
+/// The greatest age of a report that tells which programs run.
 const REPORTED: Duration = Duration::from_secs(1);
-/// What a board that refuses to open the rotary buffers may have.
+/// The hint for a board that refuses to open the rotary buffers.
 const STILL_OPEN: &str = "; is a program buffer open, or are the rotary buffers (CLOSE closes them)?";
-/// How often to look whether the program still runs.
+/// How often to check whether the program still runs.
 const PROGRAM_LOOK: Duration = Duration::from_millis(500);
 /// ^C, which asks for the status of eight coordinate systems, whatever buffer is open.
 const ALL_STATUS: u8 = 3;
@@ -59,29 +60,29 @@ const ALL_SYSTEMS: usize = 8;
 /// Words of a header.
 const HEADER_WORDS: usize = rotary_header::START + 1;
 
-/// A stream, as far as it is.
+/// The state of a stream.
 struct Rotary<'a> {
     io: Io,
     call: &'a RotaryCall,
     /// Lines in the board's own buffer before the stream.
     found: u64,
-    /// What the board has taken.
+    /// The lines that the board has taken.
     count: Count,
-    /// The transfer was switched; the rotary buffers were opened; the DPRAM's buffer was set up.
+    /// The daemon has switched the transfer, opened the rotary buffers, set up the DPRAM's buffer.
     switched: bool,
     opened: bool,
     set_up: bool,
-    /// The board takes `OPEN ROT` alone.
+    /// The board takes only `OPEN ROT`.
     opens_text: bool,
     /// The board has told that the rotary buffers are open.
     seen_open: bool,
     /// The owner has heard that lines can come.
     started: bool,
-    /// `R` was sent, or the program seen to run.
+    /// The daemon has sent `R`, or the board has shown the program running.
     runs: bool,
-    /// When `R` was sent.
+    /// When the daemon sent `R`.
     run_sent: Option<Instant>,
-    /// The owner has said that the program is whole, and waits for the answer until then.
+    /// The owner has said that the program is complete, and waits for the answer until then.
     answer_by: Option<Instant>,
     finished: bool,
     failure: Option<CallError>,
@@ -146,7 +147,7 @@ impl<'a> Rotary<'a> {
         self.feed().await
     }
 
-    /// Finds out what the board's own rotary buffer holds, and defines it first if that is asked for.
+    /// Finds out which lines the board's own rotary buffer holds; defines the buffer first if the call asks for that.
     async fn see_what_is_left(&mut self) -> Result<(), CallError> {
         let cs = self.call.coordinate_system;
         if let Some(longs) = self.call.define {
@@ -167,7 +168,7 @@ impl<'a> Rotary<'a> {
         Ok(())
     }
 
-    /// Ends the transfer, or, where no I-variable ends it, sees that the rotary buffers are closed.
+    /// Ends the transfer; if no I-variable ends it, checks that the rotary buffers are closed.
     async fn disable(&mut self) -> Result<(), CallError> {
         if self.has_switch() {
             let sent = self.io.line(&self.switch(0)).await;
@@ -183,7 +184,7 @@ impl<'a> Rotary<'a> {
         Ok(())
     }
 
-    /// Clears what is left in the board's own rotary buffer.
+    /// Clears the lines left in the board's own rotary buffer.
     async fn clear(&mut self) -> Result<(), CallError> {
         let cs = self.call.coordinate_system;
         self.send_open(OPEN_TEXT).await?;
@@ -202,7 +203,7 @@ impl<'a> Rotary<'a> {
         }
     }
 
-    /// Points to the rotary program, sends the modes, and makes the DPRAM's buffer empty.
+    /// Points to the rotary program, sends the modes, and empties the DPRAM's buffer.
     async fn set_up(&mut self) -> Result<(), CallError> {
         let cs = self.call.coordinate_system;
         let runs = format!(
@@ -221,7 +222,7 @@ impl<'a> Rotary<'a> {
         Ok(())
     }
 
-    /// Opens the rotary buffers for binary lines; for text where the board answers that with an error.
+    /// Opens the rotary buffers for binary lines; for text if the board answers that with an error.
     async fn open(&mut self) -> Result<(), CallError> {
         let opened = self.io.line(OPEN_BINARY).await;
         self.opened = !opened.outcome.is_unsent();
@@ -238,7 +239,7 @@ impl<'a> Rotary<'a> {
         told(opened, text, STILL_OPEN).map(drop)
     }
 
-    /// Looks how far the board is while lines come, and ends the owner's wait for his last one.
+    /// Follows the board while lines come, and ends the owner's wait after its last line.
     async fn feed(&mut self) -> Result<(), CallError> {
         loop {
             if self.io.take_asked() {
@@ -260,12 +261,14 @@ impl<'a> Rotary<'a> {
         }
     }
 
-    /// Whether the owner, who has sent all lines, hears of that only when `R` has gone: he may end the stream then.
+    /// Whether the owner, having sent all lines, gets its answer only after `R` has gone: the owner may end the stream
+    /// then.
     fn waits_for_run(&self) -> bool {
         self.call.run && !self.runs && self.answer_by.is_some_and(|by| self.io.now() < by)
     }
 
-    /// Looks once whether the program is to begin, and whether it still runs. How long to rest before the next look.
+    /// Checks once whether to begin the program, and whether it still runs. Returns how long to rest before the next
+    /// check.
     async fn look(&mut self) -> Result<Duration, CallError> {
         let fed = self.io.job(Job::RotaryState(self.call.buffer)).await;
         fed.result.map_err(|error| CallError::refused(format!("{error}; was the board reset?")))?;
@@ -278,7 +281,7 @@ impl<'a> Rotary<'a> {
                 self.begin_program().await?;
                 return Ok(PROGRAM_LOOK);
             }
-            // A line with an address would change what others have addressed.
+            // A line with an address would change the address of other senders.
             Some(systems) if !self.asks_all() => {
                 let runs = systems.contains(self.call.coordinate_system.into());
                 if runs || self.run_sent.is_none_or(|sent| self.io.now() >= sent + REPORTED) {
@@ -297,7 +300,7 @@ impl<'a> Rotary<'a> {
         Ok(PROGRAM_LOOK)
     }
 
-    /// Counts what is to run, and sends `R`.
+    /// Counts the lines that will run, and sends `R`.
     async fn begin_program(&mut self) -> Result<(), CallError> {
         let cs = self.call.coordinate_system;
         self.count.told = Some(self.lines_left("").await?);
@@ -310,7 +313,7 @@ impl<'a> Rotary<'a> {
         }
         let text = format!("&{cs}R");
         let sent = self.io.line(&text).await;
-        // What may have been carried out is ended by `Q`.
+        // If the board may have carried out `R`, the end sends `Q`.
         self.runs = !sent.outcome.is_unsent() && !matches!(sent.outcome, Outcome::Error(_));
         self.run_sent = Some(self.io.now());
         told(sent, &text, "").map(drop)
@@ -326,7 +329,7 @@ impl<'a> Rotary<'a> {
         self.is_running(&done.result.ok()?, index)
     }
 
-    /// The board's reply to a line; what the board said, with `hint`, if it refused the line.
+    /// Sends a line, and returns the board's reply; the board's error, with `hint`, if the board refused the line.
     async fn send(&self, text: &str, hint: &str) -> Result<Vec<String>, CallError> {
         told(self.io.line(text).await, text, hint)
     }
@@ -340,7 +343,7 @@ impl<'a> Rotary<'a> {
         format!("I{}={value}", self.call.family.i.rotary_enable.unwrap_or_default())
     }
 
-    /// Takes how far the board is. After a reset the last look counts.
+    /// Takes in the board's progress. After a reset the last progress counts.
     fn see(&mut self, state: Option<RotaryState>) {
         if let Some(state) = state {
             self.ahead = state.ahead_lines;
@@ -359,10 +362,10 @@ impl<'a> Rotary<'a> {
         reply.first().map(|status| reply_has(status, self.call.family.status.global, flag))
     }
 
-    /// Takes what the board tells of its program.
+    /// Takes in whether the board runs the program.
     ///
     /// # Errors
-    /// It does not run any more.
+    /// The program no longer runs.
     fn see_runs(&mut self, runs: bool) -> Result<(), CallError> {
         if self.runs && !runs && !self.call.may_stand {
             self.runs = false;
@@ -377,10 +380,10 @@ impl<'a> Rotary<'a> {
         Ok(())
     }
 
-    /// Takes what the board tells of its rotary buffers, if it does.
+    /// Takes in whether the board's rotary buffers are open, if the board tells.
     ///
     /// # Errors
-    /// The rotary buffers are not open any more: the board takes no more lines.
+    /// The rotary buffers are no longer open: the board takes no more lines.
     fn see_open(&mut self, open: Option<bool>) -> Result<(), CallError> {
         self.seen_open |= open == Some(true);
         if self.seen_open && open == Some(false) {
@@ -395,7 +398,7 @@ impl<'a> Rotary<'a> {
         Ok(())
     }
 
-    /// What becomes of the lines that were found.
+    /// Decides on the lines found in the buffers.
     fn decide_on_left(&self, header: &[u16]) -> Result<(), CallError> {
         let (cs, found) = (self.call.coordinate_system, self.found);
         let word = |index: usize| header.get(index).copied().unwrap_or_default();
@@ -435,18 +438,19 @@ impl<'a> Rotary<'a> {
         Some(reply_has(status, self.call.family.status.coordinate_system, "running_program"))
     }
 
-    /// Whether ^C has the coordinate system's status: on a board with more than it tells of, a line asks for it.
+    /// Whether the answer to ^C covers the coordinate system. On a board with more coordinate systems than that answer
+    /// covers, a line asks for the status.
     fn asks_all(&self) -> bool {
         self.call.family.coordinate_systems <= ALL_SYSTEMS
     }
 
-    /// The program is whole in the board: it runs to its end, and waits there.
+    /// Whether the board has the complete program, which then runs to its end, and waits there.
     fn is_whole(&self) -> bool {
         self.finished && self.ahead == 0 && self.io.ending().is_none() && self.failure.is_none()
     }
 }
 
-/// The reply to `line`; what the board said to it, with `hint`, if it refused it.
+/// The reply to `line`; the board's error, with `hint`, if the board refused the line.
 fn told(done: Done, line: &str, hint: &str) -> Result<Vec<String>, CallError> {
     done.result.map_err(|error| match error {
         CallError::Board { .. } => CallError::refused(format!("{line}: {error}{hint}")),
