@@ -1,11 +1,12 @@
 //! Where the board's own programs keep data in the DPRAM: every M-variable that points into it.
 //!
-//! Sites keep data of their own there, also where automatic functions have their words (pgpmac does on a Turbo board). So the board is
-//! asked for the definitions of all its M-variables, a few at a time, when nobody else has a line to send: at the start,
-//! after a reset, and after a line that defines one. What another host defines meanwhile is not noticed.
+//! Sites keep data of their own there, also in the words of automatic functions (pgpmac does on a Turbo board). So the
+//! daemon asks the board for the definitions of all M-variables, a few at a time, when no client has a line to send: at
+//! the start, after a reset, and after a line that defines an M-variable. The daemon does not notice definitions by
+//! another host meanwhile.
 //!
-//! Any of them may point anywhere, so nothing is known before the last is read. Those come first that are likely to point into
-//! the DPRAM: what they keep from use is told at once.
+//! Any M-variable may point anywhere, so the daemon has to read the last definition before it knows all. It first reads
+//! the M-variables that are likely to point into the DPRAM, and tells at once which functions these keep from use.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,28 +23,28 @@ use crate::map::word_use::{Definition, definition, m_variables};
 use crate::map::{Family, HostOffset};
 use crate::protocol::program_words::DefinitionsRead;
 
-/// Definitions asked for by one line: a longer reply would hold up other callers' lines, and a shorter one cost a slow board a
-/// question more.
+/// Definitions in one question: a longer reply would hold up other clients' lines, and a shorter one would cost a slow
+/// board more questions.
 const A_QUESTION: u16 = 50;
-/// So many at least, where the board has not answered a longer question in time.
+/// The fewest definitions in one question, after the board has not answered longer ones in time.
 const LEAST: u16 = 6;
-/// More than the longest definition.
+/// Longer than the longest definition.
 const DEFINITION_MAX: usize = 40;
 
-/// What the questions have come to.
+/// The outcome of the questions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The board has told of more that point into the DPRAM. The questions go on.
+    /// The board has told of more M-variables that point into the DPRAM. The questions go on.
     More,
     /// The board has told all its definitions: [`MemoryScan::words`] has them.
     Known,
-    /// The board does not tell them all.
+    /// The board does not tell all its definitions.
     Unknown,
-    /// The board has told them all, but what it says of some is no definition.
+    /// The board has answered for all M-variables, but some answers are no definitions.
     Unclear(Unclear),
 }
 
-/// What the board says of an M-variable, where that is no definition.
+/// The board's answer for an M-variable that is no definition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Unclear {
     /// The M-variable.
@@ -52,25 +53,25 @@ pub struct Unclear {
     pub text: Text<DEFINITION_MAX>,
 }
 
-/// Asks for the definitions, and keeps which words they point to.
+/// Asks for the definitions, and keeps the words that they point to.
 pub struct MemoryScan {
     family: &'static Family,
-    /// All M-variables, in the order in which they are asked for.
+    /// All M-variables, in the order of the questions.
     spans: Box<[Range<u16>]>,
-    /// The span that is asked for; all are when it is past the last.
+    /// The span under question; past the last span once all are asked.
     span: usize,
     /// The M-variable to ask for next.
     next: u16,
-    /// How many have been read.
+    /// How many definitions the daemon has read.
     read: u16,
-    /// Where a definition was found in the DPRAM, for the next start; bit 0 is the first block.
+    /// The blocks with a definition that points into the DPRAM, for the next start; bit 0 is the first block.
     found: u64,
     blocks: Arc<DefinitionBlocks>,
-    /// Definitions that one question asks for.
+    /// How many definitions one question asks for.
     size: u16,
-    /// Of each word of the DPRAM: the first M-variable that points to it, and 1; 0 where none does.
+    /// For each word of the DPRAM: the number of the first M-variable that points to it, plus 1; 0 if none does.
     pointers: Box<[u16]>,
-    /// Some were added since the last outcome.
+    /// The board has told of more pointers since the last outcome.
     has_more: bool,
     /// The first answer that is no definition.
     unclear: Option<Unclear>,
@@ -80,28 +81,28 @@ pub struct MemoryScan {
     /// Whether to begin again when the reply has come.
     again: bool,
     not_before: Instant,
-    /// When the first question was sent.
+    /// When the daemon sent the first question.
     begun: Option<Instant>,
-    /// How long what has been read took.
+    /// How long the definitions read so far took.
     took: Duration,
-    /// When a question was sent last, or the first could be.
+    /// When the daemon sent the last question, or could have sent the first.
     sent: Instant,
-    /// When the board answered a question of ours last, or the first could be asked; later, by the time that others held the
-    /// port.
+    /// When the board last answered a question of the daemon's, or the daemon could ask the first; later by the time
+    /// that others held the port.
     progress: Instant,
-    /// Until then that is counted.
+    /// Until when `progress` counts the others' time.
     seen: Instant,
-    /// The last question was refused, or not answered in time, or otherwise.
+    /// The board refused the last question, did not answer in time, or answered something else.
     has_failed: bool,
-    /// What came of the questions, until it is taken.
+    /// The outcome of the questions, until the loop takes it.
     outcome: Option<Outcome>,
-    /// Whether all are known, or not, is still to be told.
+    /// The scan has yet to tell whether all definitions are known.
     is_awaited: bool,
     wanted: bool,
 }
 
 impl MemoryScan {
-    /// Asks the board, of `family`, from `now` on, if that is `wanted`: first for the `blocks` in which a definition was found last
+    /// Asks the board, of `family`, from `now` on, if `wanted`: first for the `blocks` that had such a definition last
     /// time.
     #[must_use]
     pub fn new(family: &'static Family, wanted: bool, blocks: Arc<DefinitionBlocks>, now: Instant) -> Self {
@@ -134,13 +135,13 @@ impl MemoryScan {
         }
     }
 
-    /// Whether the board is asked at all.
+    /// Whether the daemon asks the board at all.
     #[must_use]
     pub const fn is_wanted(&self) -> bool {
         self.wanted
     }
 
-    /// How long nothing needs to be asked.
+    /// How long until the next question is due.
     #[must_use]
     pub fn due_in(&self, now: Instant) -> Duration {
         if self.wanted && !self.is_over() {
@@ -156,7 +157,7 @@ impl MemoryScan {
         self.due_in(now).is_zero() && now >= self.not_before.max(self.sent) + DEFINITIONS_PUT_OFF_AT_MOST
     }
 
-    /// How far the questions are.
+    /// The progress of the questions.
     #[must_use]
     pub fn progress(&self) -> DefinitionsRead {
         let (read, of) = (u32::from(self.read), u32::from(m_variables(self.family)));
@@ -168,8 +169,8 @@ impl MemoryScan {
         self.span >= self.spans.len()
     }
 
-    /// The line to send now, if any, and how long to wait for its reply. It asks for at most `most_lines` definitions, but at least
-    /// six. Tell with [`Self::sent`] if it was sent.
+    /// The line to send now, if any, and how long to wait for its reply. The line asks for at most `most_lines`
+    /// definitions, but at least six. The caller reports the sent line by [`Self::sent`].
     pub fn next_line(&mut self, most_lines: u16, now: Instant) -> Option<(Text<LINE_MAX>, Duration)> {
         if !self.due_in(now).is_zero() {
             return None;
@@ -185,14 +186,14 @@ impl MemoryScan {
         (self.next + self.size).min(end).saturating_sub(1)
     }
 
-    /// The line was sent.
+    /// The daemon has sent the line.
     pub fn sent(&mut self, now: Instant) {
         self.under_way = true;
         self.begun.get_or_insert(now);
         self.sent = now;
     }
 
-    /// The line was not answered because it was not sent after all: it is asked again.
+    /// The daemon did not send the line after all, and asks again.
     pub fn not_sent(&mut self) {
         self.under_way = false;
         self.restart();
@@ -250,7 +251,8 @@ impl MemoryScan {
         }
     }
 
-    /// The board did not answer, or not so. What it has told stands, and it is asked again, for fewer.
+    /// The board did not answer, or answered something else. Its earlier answers stand, and the daemon asks again, for
+    /// fewer definitions.
     pub fn failed(&mut self, now: Instant) {
         self.under_way = false;
         if self.again {
@@ -274,14 +276,14 @@ impl MemoryScan {
         self.has_more = false;
     }
 
-    /// A line of somebody's goes to the board. One that defines an M-variable changes what is known.
+    /// A client's line goes to the board. A line that defines an M-variable begins the questions anew.
     pub fn line_goes(&mut self, line: &Meaning, now: Instant) {
         if line.defines_m {
             self.begin_anew(now + DEFINITIONS_AFTER_LINE);
         }
     }
 
-    /// The board may have other definitions: they are asked for again, from `not_before` on.
+    /// The board may have other definitions: the daemon asks for them again, from `not_before` on.
     pub fn begin_anew(&mut self, not_before: Instant) {
         self.again = true;
         self.is_awaited = true;
@@ -303,14 +305,15 @@ impl MemoryScan {
         }
     }
 
-    /// The board answers other questions of ours: it will come to these, if it has not refused one.
+    /// The board answers other questions of the daemon's: it will come to these, unless the last of these failed.
     pub const fn is_answering(&mut self, now: Instant) {
         if !self.has_failed {
             self.progress = now;
         }
     }
 
-    /// It is `now`. The time since the last call does not count against the board if `others_hold` the port.
+    /// Counts the time until `now`. The time since the last call does not count against the board if `others_hold` the
+    /// port.
     pub fn pass(&mut self, others_hold: bool, now: Instant) {
         if others_hold {
             self.progress += now.saturating_duration_since(self.seen);
@@ -318,7 +321,7 @@ impl MemoryScan {
         self.seen = now;
     }
 
-    /// What has come out since the last call. Here `now` decides, too: who waits for the definitions need not wait for a
+    /// The outcome since the last call. `now` decides, too: callers that wait for the definitions need not wait for a
     /// board that does not tell them.
     pub fn take_outcome(&mut self, now: Instant) -> Option<Outcome> {
         if self.wanted && self.is_awaited && now >= self.progress + DEFINITIONS_NOT_TOLD {
@@ -327,7 +330,7 @@ impl MemoryScan {
         self.outcome.take()
     }
 
-    /// The words that M-variables point to, ascending, and the first M-variable that does.
+    /// The words that M-variables point to, ascending, each with the first M-variable that points to it.
     pub fn words(&self) -> impl Iterator<Item = (HostOffset, u16)> {
         let words = self.pointers.iter().enumerate().filter(|(_, number)| **number != 0);
         words.map(|(word, number)| (HostOffset::new(0).plus_words(word), number - 1))
