@@ -25,7 +25,7 @@ pub struct SimulatorError {
     reason: String,
 }
 
-/// A running simulator and its private directory. Drop ends the one and removes the other.
+/// A running simulator and its private directory. Drop ends the simulator and removes the directory.
 pub struct Simulator {
     child: Child,
     directory: PathBuf,
@@ -98,7 +98,8 @@ impl Simulator {
         self.directory.join("serial")
     }
 
-    /// How it ended, if it has: only this daemon ends it, so somebody else did, or it failed.
+    /// How the simulator ended, if it has. Only this daemon ends it in order, so another process did, or the simulator
+    /// failed.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         self.child.try_wait().ok().flatten()
     }

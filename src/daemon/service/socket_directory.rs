@@ -1,4 +1,5 @@
-//! The directory of the command socket: made where it is missing, and chosen where none was told.
+//! The directory of the command socket: the daemon makes a missing directory, and chooses a directory if the
+//! configuration names none.
 
 use std::fs::DirBuilder;
 use std::io;
@@ -13,11 +14,11 @@ use crate::daemon::exit::{Failure, NO_PERMISSION};
 use crate::daemon::socket::listener::DIRECTORY_MODE;
 use crate::protocol::socket_place::RUNTIME;
 
-/// The socket's path, in a directory that is there: the one that was `told`, else the first of the `usual` places that can be
-/// used. What is made belongs to `account`, the user that root becomes.
+/// The socket's path, in an existing directory: the path `told`, or else the first usable of the `usual` places. A
+/// directory that the daemon makes belongs to `account`, the user that root becomes.
 ///
 /// # Errors
-/// No place can be used; why, and what to do.
+/// No place is usable; why, and the cure.
 pub fn prepare(
     told: Option<&Path>,
     usual: &[PathBuf],
@@ -43,7 +44,7 @@ pub fn prepare(
     Err(Failure::new(NO_PERMISSION, reason))
 }
 
-/// Makes the directory of `path` where there is none, and sees whether a socket can be put into it.
+/// Makes the directory of `path` if it is missing, and checks that it can hold a socket.
 fn make(path: &Path, account: Option<&Account>) -> io::Result<()> {
     let Some(directory) = path.parent().filter(|directory| !directory.as_os_str().is_empty()) else {
         return Ok(());

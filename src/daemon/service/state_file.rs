@@ -12,12 +12,13 @@ use log::{debug, warn};
 
 use crate::daemon::shared::definition_blocks::BLOCK;
 
-/// Where the service manager tells the directory; the first of a list is taken (systemd.exec(5), `StateDirectory=`).
+/// The variable in which the service manager names the directory; the daemon takes the first of a list
+/// (systemd.exec(5), `StateDirectory=`).
 const DIRECTORY: &str = "STATE_DIRECTORY";
 /// More than the longest file.
 const LONGEST_STATE_FILE: u64 = 4096;
 
-/// The file, if there is a place for it.
+/// The file, if the service manager names a directory.
 #[derive(Debug, Clone)]
 pub struct StateFile {
     path: Option<PathBuf>,
@@ -32,7 +33,7 @@ impl StateFile {
         Self { path: first.map(|directory| directory.join(format!("{name}.m_variables"))) }
     }
 
-    /// The blocks; none where the file is missing or broken.
+    /// The blocks; none if the file is missing or broken.
     #[must_use]
     pub fn blocks(&self) -> u64 {
         let Some(path) = &self.path else { return 0 };
@@ -48,7 +49,7 @@ impl StateFile {
         }
     }
 
-    /// Writes the blocks. A disk may take long: a thread of its own waits for it.
+    /// Writes the blocks. A disk may take long: a separate thread waits for it.
     pub fn keep(&self, blocks: u64) {
         let Some(path) = self.path.clone() else { return };
         let write = move || {
@@ -75,7 +76,7 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
-/// The blocks that `text` lists by their first M-variables; `None` where it lists something else.
+/// The blocks that `text` lists by their first M-variables; `None` if `text` lists anything else.
 fn parse(text: &str) -> Option<u64> {
     let words = text.lines().filter(|line| !line.starts_with('#')).flat_map(str::split_ascii_whitespace);
     words.into_iter().try_fold(0, |blocks, word| {

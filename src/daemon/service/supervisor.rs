@@ -28,7 +28,7 @@ impl Signals {
     /// # Errors
     /// The system gives no descriptors.
     pub fn take() -> io::Result<Self> {
-        // A parent may have blocked them, and what is blocked is inherited.
+        // A parent may have blocked these signals, and a process inherits blocked signals.
         SigSet::from_iter([Signal::SIGTERM, Signal::SIGINT, Signal::SIGHUP]).thread_unblock()?;
         let (read, write) = UnixStream::pair()?;
         SignalDelivery::with_pipe(read, write, SignalOnly, [SIGTERM, SIGINT, SIGHUP]).map(Self)
@@ -92,7 +92,7 @@ impl Manager {
         self.send("STOPPING=1\nWATCHDOG=1\nSTATUS=stopping");
     }
 
-    /// Sends what is due: the status, and the watchdog notification.
+    /// Sends the status and the watchdog notification, if due.
     fn look(&mut self, pulse: &Pulse, now: Instant) {
         if self.notifier.is_none() {
             return;
