@@ -40,13 +40,13 @@ use crate::protocol::socket_place::socket_places;
 use crate::segment::{Publisher, end_on_bus_error};
 use crate::usage::usage_with;
 
-/// A replay in virtual time begins so long ago. What is longer goes on in real time.
+/// How long ago a replay in virtual time begins. A longer recording goes on in real time.
 const LONGEST_RECORDING: Duration = Duration::from_secs(24 * 3600);
 
 /// Files that pmacd opens: 15 to 20 of its own, 16 that it keeps back, and two for each of a few clients.
 const FEWEST_DESCRIPTORS: usize = 48;
 
-/// What is said when mapped memory is gone.
+/// The message when mapped memory is gone.
 const MEMORY_GONE: &str = "pmacd: SIGBUS, memory that was mapped is gone: perhaps somebody has truncated the segment in /dev/shm or the file \
     of the board's window, or the board has gone; pmacd ends, and its next start makes the segment again\n";
 
@@ -206,7 +206,7 @@ fn enough_descriptors() -> Result<(), Failure> {
     Err(Failure::new(exit::SYSTEM, reason))
 }
 
-/// The daemon's exit status, and its reason where that is not "as asked".
+/// The daemon's exit status, and its reason unless that is "as asked".
 fn how_it_ended(
     simulator_ended: Option<ExitStatus>,
     bus_thread_ended: bool,

@@ -94,7 +94,7 @@ pub(super) fn groups(named: impl IntoIterator<Item = (String, String)>) -> Resul
     Ok(())
 }
 
-/// The functions to use: those that are written, or every one that can be used on a board of `family`.
+/// The functions to use: the configuration's list, or every function that a board of `family` has.
 pub(super) fn functions(written: Option<Functions>, family: &Family) -> Result<Functions, Refusal> {
     let Some(functions) = written else { return Ok(Functions::all(family)) };
     match functions.impossible(family) {
@@ -105,7 +105,7 @@ pub(super) fn functions(written: Option<Functions>, family: &Family) -> Result<F
     }
 }
 
-/// The functions that are used although M-variables point into their words: each has to be one that is used.
+/// The functions to use although M-variables point into their words: each must be among the functions to use.
 pub(super) fn shared_functions(
     written: Option<Functions>,
     functions: &Functions,

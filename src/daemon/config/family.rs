@@ -1,36 +1,36 @@
-//! Which family the board is of, as the settings say it.
+//! The board's family, by the settings.
 
 use super::replay;
 use crate::device::{BoardSpec, Place, WindowSpec};
 use crate::map::{DEFAULT_FAMILY, Family, PMAC, TURBO2};
 
-/// Bytes of the DPRAM that such a board shows at a time.
+/// How many bytes of the DPRAM such a board shows at a time.
 const WINDOW: u32 = 0x4000;
 /// The end of the memory of ISA cards.
 const ISA_END: u64 = 0x10_0000;
 /// The configuration's word that has the daemon recognise the board.
 const AUTO: &str = "auto";
 
-/// How the family is known.
+/// The source of the family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FamilyKnown {
-    /// It is the default of a board that is a file, or the simulator's own.
+    /// The default of a board that is a file, or the simulator's own family.
     Assumed,
     /// The configuration says it.
     Written,
-    /// The board is to be recognised, before anything is written to it.
+    /// The daemon has yet to recognise the board, before it writes anything.
     Sought,
-    /// The board was recognised.
+    /// The daemon has recognised the board.
     Recognised,
-    /// The board could not be recognised: nothing is written to it.
+    /// The daemon could not recognise the board: it writes nothing to the board.
     Unknown,
 }
 
 /// The result of the look at the board: its family, if the words show it.
 pub type Recognised = Option<&'static Family>;
 
-/// The families that the board may be of, the likeliest first, and how that is known. `written` is the configuration's
-/// `family`, `seen` what the board was recognised as.
+/// The possible families of the board, the likeliest first, and their source. `written` is the configuration's
+/// `family`, `seen` the recognised family.
 ///
 /// # Errors
 /// The setting that is wrong, and why: an unknown family; a simulator of another family than is written, or with a DPRAM that
@@ -67,14 +67,15 @@ pub(super) fn candidates(
         (_, None, Some(Some(seen))) => Ok((vec![seen], FamilyKnown::Recognised)),
         (BoardSpec::File { .. }, ..) if !sought => Ok((vec![DEFAULT_FAMILY], FamilyKnown::Assumed)),
         (_, None, Some(None)) => Ok((vec![&PMAC, &TURBO2], FamilyKnown::Unknown)),
-        // One family of each generation: what only the other one knows is no mistake.
+        // One family of each generation: a setting that only the other family knows is no mistake.
         (_, None, None) => Ok((vec![&PMAC, &TURBO2], FamilyKnown::Sought)),
     }
 }
 
-/// `family` with as much DPRAM as `board` shows. A file is as long as its DPRAM. A VME board shows 16 KiB at a time, and an ISA board has a window of 16 KiB unless
-/// it is set up otherwise (Turbo User Manual pp. 399, 400): what lies behind that is another card's. Every function lies in
-/// them. A length that is written says that more is shown.
+/// `family` with as much DPRAM as `board` shows. A file is as long as its DPRAM. A VME board shows 16 KiB at a time,
+/// and an ISA board has a window of 16 KiB unless it is set up otherwise (Turbo User Manual pp. 399, 400): the memory
+/// behind that belongs to another card. All functions lie in these 16 KiB. A length in the configuration says that the
+/// board shows more.
 fn in_window(board: &BoardSpec, family: &'static Family) -> &'static Family {
     match board {
         BoardSpec::Window(WindowSpec { place, length: None, .. }) if is_small(place) => {

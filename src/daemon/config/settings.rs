@@ -81,7 +81,7 @@ pub struct ConfigFile {
     host_port: Option<HostPortTable>,
     /// The automatic functions in use.
     functions: Option<Functions>,
-    /// Those that are used although M-variables of the board point into their words.
+    /// The functions that the daemon uses although M-variables of the board point into their words.
     shared_functions: Option<Functions>,
     #[serde(default)]
     servo: ServoTable,
@@ -154,7 +154,7 @@ pub struct Settings {
     pub segment_group: Option<String>,
     /// The board's family.
     pub family: &'static Family,
-    /// How that is known.
+    /// The source of the family.
     pub family_known: FamilyKnown,
     /// Firmware, for a board that cannot be asked.
     pub firmware: Option<String>,
@@ -208,7 +208,7 @@ impl SettingsError {
         Self { text, typed: false }
     }
 
-    /// Whether the command line is wrong, and not the file.
+    /// Whether the fault is in the command line, not in the file.
     #[must_use]
     pub const fn is_typed(&self) -> bool {
         self.typed
@@ -230,10 +230,10 @@ impl Settings {
         Self::decide_for(options, None)
     }
 
-    /// As [`Settings::decide`], of a board that was looked at.
+    /// As [`Settings::decide`], after a look at the board.
     ///
     /// # Errors
-    /// As [`Settings::decide`]; some settings are none of a board of this family.
+    /// As [`Settings::decide`]; or a board of this family lacks some of the settings.
     pub fn decide_seen(options: &Options, seen: Recognised) -> Result<Self, SettingsError> {
         Self::decide_for(options, Some(seen))
     }
@@ -365,7 +365,7 @@ fn read(path: &Path) -> Result<String, SettingsError> {
     let refuse = |why: String| {
         Err(SettingsError::of_file(format!("the configuration {} is refused: {why}", path.display())))
     };
-    // To open a FIFO would otherwise wait for somebody who writes to it.
+    // Otherwise the opening of a FIFO would wait for a writer.
     let mut open = File::options();
     let file = open.read(true).custom_flags(OFlag::O_NONBLOCK.bits()).open(path).map_err(fail)?;
     let there = file.metadata().map_err(fail)?;
