@@ -1,8 +1,9 @@
-//! What somebody else has changed on the board: another host on the serial port or on the bus, or a program that runs there.
+//! Finds changes on the board that did not come through this daemon: by another host on the serial port or on the bus,
+//! or by a program of the board.
 //!
-//! The daemon asks for a few I-variables again and again, and forgets those that a command line through it may set. One that is
-//! not what it was, and was not forgotten, was changed by somebody else. A change that is undone before the next question is
-//! not seen.
+//! The daemon asks for a few I-variables again and again, and forgets the values that a command line through it may
+//! set. If a remembered value differs, another host or a program has changed it. The daemon misses a change that is
+//! undone before the next question.
 
 use std::time::Instant;
 
@@ -16,11 +17,11 @@ struct Told {
     variable: u16,
     value: u32,
     at: Instant,
-    /// What it was before somebody else changed it, and when the board told that last.
+    /// The value before the change, and when the board last told that value.
     before: Option<(u32, Instant)>,
 }
 
-/// The variables that are asked for.
+/// The variables that the daemon asks for.
 #[derive(Debug)]
 pub struct ChangeWatch {
     told: [Option<Told>; CHANGES],
@@ -29,7 +30,7 @@ pub struct ChangeWatch {
 }
 
 impl ChangeWatch {
-    /// Nothing was told yet of a board of `family`.
+    /// A watch without answers yet, for a board of `family`.
     #[must_use]
     pub fn new(family: &Family) -> Self {
         let i = &family.i;
@@ -50,7 +51,7 @@ impl ChangeWatch {
         told.at = now;
     }
 
-    /// A line goes to the board through the daemon: what it may set is known anew from the next answer on.
+    /// A line goes to the board through the daemon: forgets the variables that the line may set, until the next answer.
     pub fn line_goes(&mut self, line: &Meaning) {
         if line.resets {
             return self.forget();
@@ -64,12 +65,12 @@ impl ChangeWatch {
         }
     }
 
-    /// The board was reset, or is another one.
+    /// The board was reset or replaced: forgets all answers.
     pub fn forget(&mut self) {
         self.told = [None; CHANGES];
     }
 
-    /// What somebody else has changed.
+    /// The changes that did not come through this daemon.
     #[must_use]
     pub fn changes(&self) -> [Option<Change>; CHANGES] {
         self.told.map(|told| {

@@ -1,4 +1,4 @@
-//! What is asked of a board to know who it is.
+//! The questions that identify a board.
 
 use std::ops::RangeInclusive;
 
@@ -8,26 +8,26 @@ use crate::map::{Family, IVariables};
 use crate::protocol::LINE_MAX;
 use crate::segment::Identity;
 
-/// The I-variable of the serial handshake, which says how a reply ends, in every family.
+/// The I-variable of the serial handshake, which sets how a reply ends, in every family.
 const HANDSHAKE: u16 = 3;
-/// Those of PLC programs and of the errors that are reported.
+/// The I-variables of PLC programs and of error reports.
 pub(super) const PLC_CONTROL: u16 = 5;
 pub(super) const ERROR_REPORT: u16 = 6;
 
-/// What is asked, in order. Each question is one line; each value of its reply is one reply line.
+/// The questions in order. Each question is one line; each value of its reply is one reply line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Question {
-    /// What the board is.
+    /// The board's type.
     Type,
-    /// Its firmware.
+    /// The board's firmware.
     Version,
-    /// The I-variables that say what is reported and switched on.
+    /// The I-variables for the board's reports and for the functions switched on.
     Reports(Vec<(u16, Tells)>),
     /// Ix07, Ix08, Ix09, Ix60 of these motors, one after the other.
     Scales(RangeInclusive<usize>),
 }
 
-/// What the value of an I-variable says.
+/// The meaning of an I-variable's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tells {
     /// I10.
@@ -40,11 +40,11 @@ pub(super) enum Tells {
     ServoInBackground,
     /// The background report is on.
     BackgroundReport,
-    /// The highest motor that is reported.
+    /// The highest motor in the report.
     Reported,
     /// 3: the control panel is the DPRAM's.
     Panel,
-    /// 1: the variable tables are used.
+    /// 1: the board uses the variable tables.
     Variables,
     /// How replies end (I3); only watched here.
     Handshake,
@@ -54,8 +54,8 @@ pub(super) enum Tells {
     ErrorReport,
 }
 
-/// The questions for a board of `family`. No line is longer than the board takes: the motors' scales are asked in as many
-/// lines as that needs.
+/// The questions for a board of `family`. No line is longer than the board takes: the motors' scales take as many lines
+/// as that needs.
 pub(super) fn questions(family: &Family) -> Vec<Question> {
     let i = &family.i;
     let reports = [
@@ -71,7 +71,7 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
     ];
     let reports = reports.into_iter().filter_map(|(number, meaning)| Some((number?, meaning)));
     let mut questions = vec![Question::Type, Question::Version, Question::Reports(reports.collect())];
-    // One part of a line is enough: that a board puts two together is known of some families alone.
+    // A line must fit into one part: only some families are known to join two parts.
     let limit = (family.ascii.command_bytes - 1).min(LINE_MAX);
     let mut first = 1;
     for motor in 1..=family.motors {
@@ -81,13 +81,13 @@ pub(super) fn questions(family: &Family) -> Vec<Question> {
         }
     }
     questions.push(Question::Scales(first..=family.motors));
-    // By themselves: old captures have no answer to these.
+    // In a question of their own: old captures have no answer to these.
     questions
         .push(Question::Reports(vec![(PLC_CONTROL, Tells::PlcControl), (ERROR_REPORT, Tells::ErrorReport)]));
     questions
 }
 
-/// Takes note of the answer to `TYPE`. It tells the family, within the generation that is known.
+/// Takes note of the answer to `TYPE`. The answer tells the family, within the known generation.
 pub(super) fn note_type(identity: &mut Identity, answer: &[u8]) {
     let family = identity.family.and_then(Family::by_number);
     let answer = Text::from_bytes(answer);
@@ -105,7 +105,7 @@ impl Question {
         }
     }
 
-    /// The same in two questions, of half as many motors each.
+    /// The question split in two, with half of the motors each.
     pub(super) fn halves(&self) -> Option<[Self; 2]> {
         let Self::Scales(motors) = self else { return None };
         let (first, last) = (*motors.start(), *motors.end());
@@ -113,7 +113,7 @@ impl Question {
         (first < last).then(|| [Self::Scales(first..=middle), Self::Scales(middle + 1..=last)])
     }
 
-    /// The line that asks it.
+    /// The line that asks the question.
     pub(super) fn line(&self) -> String {
         match self {
             Self::Type => "TYPE".to_owned(),

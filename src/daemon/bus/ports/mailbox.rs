@@ -1,10 +1,11 @@
-//! The mailbox circuit of a VME board with what belongs to it: registers, the port in them, its two interrupts, the page.
+//! The mailbox circuit of a VME board: its registers, the port in them, the two interrupts, the page.
 //!
-//! The port's state is in its interrupts alone ([`crate::function::mailbox`]), so without them nothing is begun. They
-//! come on two descriptors: v is looked at first, because PMAC raised v-1 before it; what is seen of v-1 after
-//! that is then never older.
+//! Only the interrupts tell the port's state ([`crate::function::mailbox`]), so the daemon begins nothing without them.
+//! They come on two descriptors. The daemon reads v first, because PMAC raises v-1 before v: its later reading of v-1
+//! is then never older.
 //!
-//! The daemon asks the board for I58 here, too, whichever way lines go ([`MailboxDriver::ask`]). Meanwhile no line is begun.
+//! The daemon asks the board for I58 here, too, whichever port carries lines ([`MailboxDriver::ask`]). Meanwhile it
+//! begins no line.
 
 use std::os::fd::BorrowedFd;
 use std::time::Instant;
@@ -20,7 +21,7 @@ use crate::function::mailbox::{MailboxPort, MailboxSignal};
 use crate::map::mailbox;
 use crate::protocol::answer;
 
-/// A question of the daemon's, whichever way lines go.
+/// A question of the daemon's, whichever port carries lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MailboxQuestion {
     /// For the variable that enables the DPRAM's port (I58).
@@ -29,24 +30,24 @@ pub enum MailboxQuestion {
     Buffer,
 }
 
-/// What the board has answered to such a question.
+/// The board's answer to such a question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MailboxAnswer {
     question: MailboxQuestion,
-    /// A number; `None`: nothing that is understood.
+    /// The number; `None` if the answer is no number.
     pub value: Option<i64>,
 }
 
 /// The circuit.
 pub struct MailboxDriver {
     config: MailboxConfig,
-    /// Its registers.
+    /// The circuit's registers.
     pub registers: Counted<Box<dyn ByteBus>>,
-    /// The port in them.
+    /// The port in the registers.
     pub port: MailboxPort,
     taken: Option<InterruptLink>,
     reply: Option<InterruptLink>,
-    /// The question under way, the number that has come so far, and until when the board may answer.
+    /// The question under way, its answer so far, and until when the board may answer.
     asked: Option<(MailboxAnswer, Instant)>,
     answer: Option<MailboxAnswer>,
 }
@@ -64,7 +65,7 @@ fn open(
 }
 
 impl MailboxDriver {
-    /// Opens the registers and, where they can be opened only now, the interrupts. The board takes lines of at most
+    /// Opens the registers and, if they can be opened only now, the interrupts. The board takes lines of at most
     /// `line_limit` characters.
     ///
     /// # Errors
@@ -101,19 +102,19 @@ impl MailboxDriver {
         opened.map(|bus| self.registers.replace(bus))
     }
 
-    /// When command lines go this way.
+    /// When command lines go through the mailbox.
     #[must_use]
     pub fn when(&self) -> MailboxUse {
         self.config.when
     }
 
-    /// The page that brings the DPRAM into reach, where that is needed.
+    /// The page that brings the DPRAM into reach, if one is configured.
     #[must_use]
     pub fn page(&self) -> Option<u8> {
         self.config.page
     }
 
-    /// Writes the page, where one is configured. At most 1 write.
+    /// Writes the page, if one is configured. At most 1 write.
     ///
     /// # Errors
     /// When the register cannot be reached.
@@ -124,7 +125,7 @@ impl MailboxDriver {
         Ok(())
     }
 
-    /// Makes the port ready: at start, and after every reset of the board, which forgets what it was allowed to send.
+    /// Makes the port ready: at start, and after every reset of the board, which erases the permission to send.
     ///
     /// # Errors
     /// When the registers cannot be reached.
@@ -156,7 +157,7 @@ impl MailboxDriver {
         self.asked.is_some()
     }
 
-    /// What the board has answered to `question`, once.
+    /// The board's answer to `question`, once.
     pub fn take_answer(&mut self, question: MailboxQuestion) -> Option<MailboxAnswer> {
         self.answer.take_if(|answer| answer.question == question)
     }
@@ -165,7 +166,7 @@ impl MailboxDriver {
         self.asked.is_none() && self.is_connected()
     }
 
-    /// Keeps what belongs to the daemon's question; gives back what does not.
+    /// Keeps an event that belongs to the daemon's question; gives any other event back.
     fn see_answer(
         &mut self,
         event: Option<AsciiEvent>,
@@ -193,26 +194,26 @@ impl MailboxDriver {
         Ok(None)
     }
 
-    /// Whether both interrupts are there to tell where PMAC is.
+    /// Whether both interrupts are connected, which tell PMAC's progress.
     #[must_use]
     pub fn is_connected(&self) -> bool {
         [&self.taken, &self.reply].iter().all(|link| link.as_ref().is_some_and(InterruptLink::is_connected))
     }
 
-    /// What becomes readable when an interrupt comes.
+    /// The descriptors that become readable when an interrupt comes.
     #[must_use]
     pub fn descriptors(&self) -> [Option<BorrowedFd<'_>>; 2] {
         [&self.taken, &self.reply].map(|link| link.as_ref().and_then(InterruptLink::descriptor))
     }
 
-    /// Connects what is not connected, when it is time to try.
+    /// Connects the interrupts that are not connected, when a try is due.
     pub fn tend(&mut self, now: Instant) {
         for link in [&mut self.taken, &mut self.reply].into_iter().flatten() {
             link.tend(now);
         }
     }
 
-    /// Takes the interrupts that wait and tells the port; gives their number.
+    /// Takes the waiting interrupts and tells the port; returns their number.
     pub fn take_interrupts(&mut self, now: Instant) -> u32 {
         let [reply, taken] = [&mut self.reply, &mut self.taken]
             .map(|link| link.as_mut().map_or(0, |link| link.take(now).interrupts));
