@@ -1,12 +1,12 @@
 //! A sequence of command lines: a download, a restore, a backup, a set-up.
 //!
-//! The lines come in batches. Each is sent when the board has answered the one before, and its reply is told. A line
-//! that fails ends the sequence, unless it goes on after lines that the board refuses. A buffer that its lines have opened
-//! is closed at the end, whatever the end is.
+//! The lines come in batches. The daemon sends each line once the board has answered the line before, and tells the
+//! owner the reply. A line that fails ends the sequence, unless the owner lets the sequence go on after lines that the
+//! board refuses. Every end closes a buffer that the sequence's lines have opened.
 //!
-//! Where no buffer of its own is open, it has the daemon check now and then, and at its beginning and end, that the board has
-//! not been reset: what the lines before have set is gone then. The first check is a question as well whether somebody has
-//! a program buffer open.
+//! While no buffer of its own is open, the sequence has the daemon check now and then, and at its beginning and end,
+//! that the board was not reset: a reset erases the effect of earlier lines. The first check also finds out whether
+//! another sender has a program buffer open.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use crate::protocol::board::{LineFailure, LineOutcome, RunLinesReply};
 use crate::protocol::cut_off;
 use crate::protocol::{CallError, RUN_LINES_MAX, Reply, calls, check_line};
 
-/// How often `CLOSE` is tried at the end, while it is known not to have been sent, and how long after the last try.
+/// How often the end tries `CLOSE` while the daemon has certainly not sent it, and the pause between tries.
 const CLOSE_TRIES: u32 = 3;
 const CLOSE_AGAIN: Duration = Duration::from_millis(100);
 /// Lines after which a check is due.
@@ -32,10 +32,11 @@ const AT_END_MAX: usize = 8;
 /// The longest name of a sequence.
 const NAME_MAX: usize = 20;
 
-/// What is said of a line of a buffer that the board has refused to open.
+/// The error for a line of a buffer that the board has refused to open.
 const NOT_OPENED: &str =
     "not sent, it would have been carried out at once: the board has not opened its program buffer";
-/// No program buffer is open that would take the line. `LEARN` and what belongs into another kind of buffer get it too.
+/// No program buffer is open that would take the line. `LEARN` and lines for another kind of buffer get this error,
+/// too.
 const NO_BUFFER: u16 = 5;
 
 /// Lines to send, and how.
@@ -51,17 +52,17 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Every line that it may send.
+    /// Every line that the batch may send.
     pub fn all_lines(&self) -> impl Iterator<Item = &Line> {
         self.lines.iter().chain(self.at_end.iter().flatten())
     }
 
-    /// What kind of sequence it is of: `download`.
+    /// The kind of its sequence: `download`.
     pub fn kind(&self) -> &str {
         &self.kind
     }
 
-    /// Whether its caller means what it does to everybody.
+    /// Whether the caller has confirmed the batch's effect on every user.
     pub const fn confirmed(&self) -> bool {
         self.confirmed
     }
@@ -69,7 +70,7 @@ impl Batch {
     /// The batch that `call` asks for.
     ///
     /// # Errors
-    /// What is wrong with it; nothing is sent then.
+    /// The fault in the call; the daemon sends nothing then.
     pub fn of(call: calls::RunLines) -> Result<Self, CallError> {
         let calls::RunLines { kind, lines, timeout_ms, keep_going, at_end, last, confirmed } = call;
         let is_name =
@@ -101,13 +102,13 @@ impl Batch {
         })
     }
 
-    /// Whether it only ends its sequence.
+    /// Whether the batch only ends its sequence.
     pub fn only_ends(&self) -> bool {
         self.lines.is_empty() && self.last
     }
 }
 
-/// `lines` as they are sent.
+/// Checks `lines`, and returns them in the form to send.
 fn checked(lines: &[String]) -> Result<VecDeque<Line>, CallError> {
     let checked = lines.iter().map(|line| {
         check_line(line)
@@ -117,19 +118,19 @@ fn checked(lines: &[String]) -> Result<VecDeque<Line>, CallError> {
     checked.collect()
 }
 
-/// A sequence of lines, as far as it is.
+/// The state of a sequence of lines.
 #[derive(Default)]
 struct Lines {
     io: Io,
     kind: String,
     batch: Batch,
-    /// The number of the line that is sent next, or is under way.
+    /// The number of the line to send next, or under way.
     number: u64,
     taken: u64,
-    /// What its lines have opened.
+    /// The buffer that the lines have opened.
     buffer: OpenBuffer,
-    /// The board has refused the line that was to open it. An error may follow what opened it: it counts as open until that is
-    /// known.
+    /// The board has refused the line that was to open the buffer. The error may come from a later command of the line:
+    /// the buffer counts as open until the board tells.
     open_refused: bool,
     /// Lines are left out up to the next that opens or closes a buffer: theirs was not opened.
     leaves_out: bool,
