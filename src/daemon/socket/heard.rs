@@ -1,4 +1,4 @@
-//! What became of a command, and what its caller is told of that.
+//! The outcome of a command, and the reply to its caller.
 
 use std::time::Instant;
 
@@ -10,22 +10,22 @@ use crate::protocol::{CallError, CommandPort, answer};
 /// The longest reply of the board that is collected, in bytes.
 pub(super) const COLLECT_MAX: usize = 1024 * 1024;
 
-/// What became of a command.
+/// The outcome of a command.
 #[derive(Debug)]
 pub(super) struct Heard {
-    /// Whose it was.
+    /// The command's caller.
     pub caller: Caller,
     /// How long its caller waits.
     pub deadline: Instant,
-    /// How it ended.
+    /// How the command ended.
     pub outcome: Outcome,
     /// The lines of the board's reply.
     pub lines: Vec<String>,
     /// The reply was longer than [`COLLECT_MAX`], and is not whole.
     pub is_overlong: bool,
-    /// The bus thread has not answered, or did not get it.
+    /// The bus thread has not answered, or did not get the command.
     pub is_given_up: bool,
-    /// Whether the log says that it was asked for.
+    /// Whether the log has an entry for the request.
     pub is_logged: bool,
 }
 
@@ -50,7 +50,7 @@ impl Heard {
         Ok(self.remarks())
     }
 
-    /// The board's answers to a question about what is done, or refused, already.
+    /// The board's answers to a question about a job that is already done or refused.
     pub(super) fn remarks(self) -> Option<Vec<String>> {
         let is_done = self.outcome == Outcome::Done;
         is_done.then(|| self.lines.iter().map(|line| answer::text(line).to_owned()).collect())

@@ -1,4 +1,4 @@
-//! Who may ask the board for what.
+//! The rights of clients: which calls each role may make.
 //!
 //! Whoever may connect to the socket may observe. Groups named in the settings raise a user to stop, operate or engineer;
 //! root and the daemon's own user are engineers.
@@ -15,7 +15,7 @@ use super::peer_groups::peer_groups;
 pub use crate::daemon::shared::peer::Peer;
 use crate::protocol::control;
 
-/// What a peer may do; each role includes those before it.
+/// The rights of a peer; each role includes the roles before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     /// Look: information, words of the DPRAM, watched registers, texts that programs send.
@@ -51,7 +51,7 @@ impl Role {
 pub struct Characters(u32);
 
 impl Characters {
-    /// Those that `names` name, as `^R`.
+    /// The characters that `names` lists, as `^R`.
     ///
     /// # Errors
     /// The place of the first that is none, or that engineers alone may send, and why.
@@ -84,7 +84,7 @@ impl Characters {
     }
 }
 
-/// `^A ^K ^O ^Q ^R ^S`: what stops, runs and steps every program.
+/// `^A ^K ^O ^Q ^R ^S`: the characters that stop, run and step every program.
 impl Default for Characters {
     fn default() -> Self {
         let characters =
@@ -102,14 +102,14 @@ pub struct Roles {
     pub operate: Vec<String>,
     /// Members are engineers.
     pub engineer: Vec<String>,
-    /// What operators may send.
+    /// The control characters that operators may send.
     pub operate_characters: Characters,
 }
 
 /// A group in the settings cannot be looked up.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
-    /// The system does not know it.
+    /// The system does not know the group.
     #[error("group {0:?} does not exist; create it or correct the settings")]
     NoSuchGroup(String),
     /// The group data base cannot be read.
@@ -117,7 +117,7 @@ pub enum PolicyError {
     Lookup {
         /// The group.
         group: String,
-        /// What the system said.
+        /// The system's error.
         source: nix::Error,
     },
 }
@@ -133,7 +133,7 @@ impl PolicyError {
 /// The number of the group called `name`.
 ///
 /// # Errors
-/// [`PolicyError`] when the system does not know it.
+/// [`PolicyError`] when the system does not know the group.
 pub fn group_id(name: &str) -> Result<Gid, PolicyError> {
     match Group::from_name(name) {
         Ok(Some(group)) => Ok(group.gid),
@@ -160,7 +160,7 @@ impl Policy {
         Ok(Self { stop: all(&roles.stop)?, operate: all(&roles.operate)?, engineer: all(&roles.engineer)? })
     }
 
-    /// What `peer` at the other end of `stream` may do: by its groups when it connected, primary and others.
+    /// The role of `peer` at the other end of `stream`: by its groups when it connected, primary and others.
     #[must_use]
     pub fn role_of(&self, peer: &Peer, stream: &UnixStream) -> Role {
         if peer.uid.is_root() || peer.uid == geteuid() {

@@ -1,4 +1,4 @@
-//! Who gets the trace of the daemon's bus accesses: one client at a time, as long as it takes them.
+//! Gives the trace of the daemon's bus accesses to one client at a time, as long as that client takes them.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,14 +10,14 @@ use crate::device::Trace;
 use crate::protocol::CallError;
 use crate::protocol::board::TraceReply;
 
-/// Accesses that one reply holds at most.
+/// The most accesses in one reply.
 const ACCESSES_A_REPLY: usize = 4096;
 
-/// The trace, and who has it.
+/// The trace, and the client that has it.
 pub(super) struct Tracing {
     trace: Arc<Trace>,
     owner: Option<Owner>,
-    /// The client whose trace ended because it called nothing, until it has heard so.
+    /// The client whose trace ended because it made no call, until it has heard of the end.
     silent: Option<u64>,
 }
 
@@ -25,26 +25,26 @@ struct Owner {
     client: u64,
     peer: Peer,
     until: Instant,
-    /// What had been dropped before.
+    /// How many accesses were dropped before.
     dropped: u64,
 }
 
 impl Tracing {
-    /// Nobody has it.
+    /// A trace that no client has.
     pub(super) fn new(trace: Arc<Trace>) -> Self {
         Self { trace, owner: None, silent: None }
     }
 
-    /// Whether a call of `caller` would begin one.
+    /// Whether a client's call would begin a trace.
     pub(super) fn is_free(&self) -> bool {
         self.owner.is_none()
     }
 
-    /// The accesses since the caller's call before. The first call begins; when it is to `end`, what is left is handed over, and
-    /// an empty reply is the last.
+    /// The accesses since the caller's last call. The first call begins; when it is to `end`, what is left is handed
+    /// over, and an empty reply is the last.
     ///
     /// # Errors
-    /// Somebody else has it, or the caller's own has ended meanwhile.
+    /// Another client has the trace, or the caller's own has ended meanwhile.
     pub(super) fn take(&mut self, caller: Caller, end: bool, now: Instant) -> Result<TraceReply, CallError> {
         if self.silent.take_if(|client| *client == caller.client).is_some() {
             // One that began silently again would hide how much is missing between.
@@ -115,7 +115,7 @@ impl Tracing {
         self.owner.take_if(is_over).inspect(|_| self.trace.end())
     }
 
-    /// When it ends if nobody calls.
+    /// When the trace ends if its client does not call.
     pub(super) fn next_end(&self) -> Option<Instant> {
         self.owner.as_ref().map(|owner| owner.until)
     }
