@@ -1,8 +1,9 @@
-//! What the end of a sequence of lines puts back.
+//! The lines that the end of a sequence puts back.
 //!
-//! A line `NAME=VALUE` puts back a variable: the board is asked what it is after each line that sets it, and again at the end.
-//! It is put back where it still is what the sequence has set, and left alone where somebody has set another value meanwhile.
-//! While somebody has a program buffer open the line would enter that: it is sent when the buffer is closed.
+//! A line `NAME=VALUE` puts back a variable: the daemon asks the board for its value after each line that sets it, and
+//! again at the end. The end puts the variable back if it still has the sequence's value, and leaves it alone if
+//! another sender has set another value meanwhile. While a program buffer is open the line would enter that buffer: the
+//! daemon sends the line once the buffer is closed.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -13,16 +14,16 @@ use super::{Done, Request};
 use crate::daemon::shared::queue::{Line, Outcome};
 use crate::protocol::{CallError, Reply, answer};
 
-/// How long what is known not to have been sent is tried.
+/// How long the end retries lines that the daemon has certainly not sent.
 const PUT_BACK_TRIED: Duration = Duration::from_secs(10);
 
 /// A line of the end.
 #[derive(Debug)]
 struct Entry {
     line: Line,
-    /// The variable that it puts back, and its value.
+    /// The variable that the line puts back, and its value.
     variable: Option<(String, String)>,
-    /// What the board has said of the variable after the sequence had set it.
+    /// The board's value of the variable after the sequence had set it.
     ours: Option<String>,
     is_set: bool,
 }
@@ -37,8 +38,8 @@ impl Entry {
         self.variable.as_ref().is_some_and(|(_, old)| self.ours.as_ref() == Some(old))
     }
 
-    /// Sends the line; one that puts back a variable where that is still as the sequence has set it. What is said of that in the end,
-    /// and how the step came out that may be tried again.
+    /// Sends the line. A line that puts back a variable goes only if the variable still has the sequence's value.
+    /// Returns the note for the owner, and the outcome of a step that may be tried again.
     async fn carry_out(&self, io: &Io) -> (Option<String>, Option<Outcome>) {
         if let Some((name, old)) = &self.variable {
             let asked = io.ask(name).await;
@@ -76,7 +77,7 @@ fn variable_of(line: &Line) -> Option<(String, String)> {
     is_name.then(|| (name.to_ascii_uppercase(), value.trim().to_owned()))
 }
 
-/// The lines of the end that have not been carried out.
+/// The lines of the end that the board has not carried out.
 #[derive(Debug, Default)]
 pub(super) struct PutBack {
     entries: VecDeque<Entry>,
@@ -110,13 +111,13 @@ impl PutBack {
         }
     }
 
-    /// What is to be asked after the lines so far.
+    /// The question to the board after the lines so far.
     pub(super) fn question(&self) -> Option<Request> {
         let (name, _) = self.entries.iter().find(|entry| entry.is_set)?.variable.as_ref()?;
         Some(Request::Ask(Line::of(name)))
     }
 
-    /// The answer to that. Where there is none, what is found at the end counts as set by the sequence.
+    /// Takes the answer to that question. Without an answer, the value found at the end counts as set by the sequence.
     pub(super) fn learn(&mut self, done: &Done) {
         if let Some(entry) = self.entries.iter_mut().find(|entry| entry.is_set) {
             entry.is_set = false;
@@ -137,7 +138,7 @@ impl PutBack {
             if let Some(outcome) = may_go.filter(|_| entry.variable.is_some() && !entry.is_back())
                 && retry.rests(io, outcome, self.unfinished(kind), || result(self.notes.clone())).await
             {
-                // Somebody may have set another value meanwhile: the board is asked again.
+                // Another sender may have set another value meanwhile: asks the board again.
                 continue;
             }
             self.notes.extend(note);
@@ -148,12 +149,12 @@ impl PutBack {
         }
     }
 
-    /// What could not be done.
+    /// The notes on steps that failed.
     pub(super) fn notes(&self) -> Vec<String> {
         self.notes.clone()
     }
 
-    /// What waits for an open program buffer, of a sequence of this kind.
+    /// The work of a sequence of this `kind` that waits for an open program buffer.
     fn unfinished(&self, kind: &str) -> Option<String> {
         let kept = self.entries.iter().filter(|entry| !entry.is_back()).filter_map(|entry| {
             let (name, old) = entry.variable.as_ref()?;

@@ -1,8 +1,10 @@
-//! A start of which it is not known what lies in the rotary buffers that it would run: the questions that come before it.
+//! Asks what is left in the rotary buffers before a start would run it.
 //!
-//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Turbo Software Reference p. 286). A board that had an
-//! error for a buffer with lines in it would run them, as without the question. The address that `&n` changes is everybody's (User
-//! Manual p. 29), so each line puts it back; after an error nobody knows how much of the line was carried out, and another line does.
+//! `PR` tells how many lines are left, and is an error where no rotary buffer is defined (Turbo Software Reference p.
+//! 286). If a board answered an error for a buffer with lines in it, the board would run them anyway; the question
+//! loses nothing. All senders share the address that `&n` changes (User Manual p. 29), so each line puts it back. After
+//! an error the daemon does not know how much of the line the board has carried out, so another line puts the address
+//! back.
 
 use super::methods::Ask;
 use crate::daemon::motion::leftovers::start_anyway;
@@ -11,20 +13,20 @@ use crate::daemon::shared::queue::{LINE_MAX, Outcome, Text};
 use crate::map::Systems;
 use crate::protocol::{CallError, answer};
 
-/// A start that waits for what the board says.
+/// A start that waits for the board's answers.
 #[derive(Debug)]
 pub(super) struct FirstStart {
-    /// What was asked for.
+    /// The client's request.
     pub ask: Ask,
     /// The coordinate systems to ask about, from the one whose question is under way on.
     systems: Systems,
     addressed: Option<usize>,
-    /// The address has to be put back.
+    /// The daemon has to put the address back.
     is_astray: bool,
 }
 
 impl FirstStart {
-    /// Asks what is addressed.
+    /// Asks which coordinate system is addressed.
     pub(super) const QUESTION: &str = "&";
 
     /// `ask` starts the programs of `systems`, and maybe others.
@@ -32,7 +34,7 @@ impl FirstStart {
         Self { ask, systems, addressed: None, is_astray: false }
     }
 
-    /// Takes the board's answer. The coordinate system that it is about, and how many lines are left there.
+    /// Takes the board's answer. Returns the coordinate system of the answer, and how many lines are left there.
     ///
     /// # Errors
     /// The board did not say.
@@ -68,8 +70,8 @@ impl FirstStart {
         }
     }
 
-    /// Why it is not started: the board did not say what is left, for this `reason`. It can be started by the panel where it
-    /// `has_panel`.
+    /// Why the daemon does not start the programs: the board did not say what is left, for this `reason`. `has_panel`:
+    /// the refusal names the panel, too, as a way to start them.
     pub(super) fn unknown(&self, reason: &CallError, has_panel: bool) -> CallError {
         let cs = self.systems.bits().trailing_zeros() + 1;
         CallError::refused(format_args!(

@@ -1,6 +1,7 @@
-//! The methods of the command socket: who may call each, which function of the board it needs, and what a call of it means.
+//! The methods of the command socket: the role that each needs, the board's function that it needs, and the meaning of
+//! a call.
 //!
-//! Everything is checked here, before anything reaches the bus thread.
+//! All checks happen here, before anything reaches the bus thread.
 
 use std::time::Duration;
 
@@ -28,7 +29,7 @@ use crate::protocol::{
     check_line, control, parameters,
 };
 
-/// What a call asks of the bus thread.
+/// A call's request to the bus thread.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Ask {
@@ -38,24 +39,25 @@ pub enum Ask {
         line: Line,
         /// How long the board may take.
         timeout: Duration,
-        /// It is a question, which enters no program buffer.
+        /// The line is a question, which must enter no program buffer.
         question: bool,
-        /// It belongs into the buffer that its process has open, or opens it; or into none, not even that.
+        /// `true`: the line belongs into the buffer that the caller's process has open, or opens that buffer. `false`:
+        /// the line belongs into no buffer, not even that one.
         into_buffer: Option<bool>,
-        /// A jog without an end that it begins ends with the connection.
+        /// A jog without an end that the line begins ends with the connection.
         while_connected: bool,
-        /// So does the caller's silence for so long.
+        /// The caller's silence for this long ends the jog, too.
         silence: Option<Duration>,
-        /// The caller knows what it does to others, or to the machine.
+        /// The caller has confirmed the line's effect on others, or on the machine.
         confirmed: bool,
     },
     /// Send a control character.
     Control {
         /// The character, 1 to 31.
         character: u8,
-        /// One that stops all motion leaves the lines that wait where they are.
+        /// A character that stops all motion leaves the waiting lines in their queue.
         keeps_lines: bool,
-        /// The programs that it starts.
+        /// The programs that the character starts.
         starts: Starts,
     },
     /// Read words of the DPRAM.
@@ -70,7 +72,7 @@ pub enum Ask {
 }
 
 impl Ask {
-    /// Send `line` by hand, as one that nothing more is said of.
+    /// Send `line` by hand, without further options.
     pub(super) const fn line(line: Line) -> Self {
         Self::Send {
             line,
@@ -92,7 +94,7 @@ impl Ask {
         }
     }
 
-    /// The programs that it starts. What a line starts is with who types it.
+    /// The programs that the request starts. For lines, the sender answers for the start.
     pub(super) fn starts(&self) -> Starts {
         match self {
             Self::Control { starts, .. } | Self::Job(JobCall { starts, .. }) => *starts,
@@ -101,13 +103,13 @@ impl Ask {
     }
 }
 
-/// What is to be done about a call.
+/// The server's action for a call.
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "a few at a time, and soon over")]
 pub enum Action {
     /// Answer at once.
     Reply(Reply),
-    /// Tell what is known of the board, and the caller's role.
+    /// Tell the daemon's knowledge of the board, and the caller's role.
     Info,
     /// Ask the bus thread.
     Ask(Ask),
@@ -117,22 +119,22 @@ pub enum Action {
     Stream,
     /// Jog a motor to a position.
     JogTo(JogTo),
-    /// Stop this by command line; the audit log says what was asked.
+    /// Stop this target by command line; the text is the request for the audit log.
     StopByLine(Target, String),
     /// Renew the caller's lease on a jog.
     Renew,
-    /// Tell whether jogs go on that end with the caller, or with his silence.
+    /// Tell whether jogs go on that end with the caller, or with the caller's silence.
     RenewJogs,
-    /// Hand over what the bus thread has read and written; keep no more of it if that is to end.
+    /// Hand over the trace of the bus thread's accesses; `true` ends the trace.
     Trace(bool),
     /// Ask the board whether it was reset.
     CheckReset,
-    /// Begin a sequence, or go on with the one that the caller has.
+    /// Begin a sequence, or go on with the caller's sequence.
     Sequence(SequenceCall),
 }
 
 impl Action {
-    /// Whether it stops something, and does nothing else.
+    /// Whether the action only stops something.
     pub(super) fn stops(&self) -> bool {
         match self {
             Self::StopByLine(..) => true,
@@ -142,7 +144,8 @@ impl Action {
         }
     }
 
-    /// Whether it begins something: moves a machine, or changes what the board holds. What asks, stops or goes on does not.
+    /// Whether the action begins something: moves a machine, or changes the board's memory. Questions, stops and
+    /// continuations begin nothing.
     pub(super) fn begins(&self) -> bool {
         match self {
             Self::Ask(Ask::Send { question, .. }) => !question,
@@ -161,7 +164,7 @@ impl Action {
         }
     }
 
-    /// Whether it may set something in motion.
+    /// Whether the action may set something in motion.
     pub(super) fn may_move(&self) -> bool {
         match self {
             Self::Ask(Ask::Control { character, .. }) => matches!(*character, control::RUN | control::STEP),
@@ -176,9 +179,9 @@ impl Action {
 struct Method {
     name: &'static str,
     role: Role,
-    /// The function of the board that it needs, if it needs one.
+    /// The function of the board that the method needs, if any.
     function: Option<Function>,
-    /// What a call means.
+    /// Gives the action of a call.
     parse: fn(&Call, &Info) -> Result<Action, CallError>,
 }
 
@@ -191,7 +194,7 @@ const fn method(
     Method { name, role, function, parse }
 }
 
-/// So many values of variables one line of an observer asks for: a longer reply would hold up other callers' lines.
+/// The most values of variables that an observer's line may ask for: a longer reply would hold up other clients' lines.
 const OBSERVER_VALUES: u32 = 50;
 
 /// Every method, in the order of the interface's definition.
@@ -287,7 +290,7 @@ const METHODS: [Method; 26] = {
     ]
 };
 
-/// A request to the control panel. What it would stop is stopped by command line where the panel is not used.
+/// A request to the control panel. If the daemon does not use the panel, it carries out stops by command line.
 fn panel(call: &Call, info: &Info) -> Result<Action, CallError> {
     let Err(why_not) = needs(Function::Panel, info) else {
         return job(call, info, |call, family| jobs::panel(call, false, family));
@@ -308,7 +311,7 @@ fn job<P: DeserializeOwned>(
     parse(parameters(call)?, info.family()).map(|call| Action::Ask(Ask::Job(call)))
 }
 
-/// A sequence that begins: its owner has to hear of it.
+/// The beginning of a sequence: the owner has to get the reply.
 fn answered(call: &Call, sequence: SequenceCall) -> Result<Action, CallError> {
     match call.oneway {
         Some(true) => Err(CallError::invalid("oneway", "false: the owner must hear how it goes")),
@@ -316,12 +319,12 @@ fn answered(call: &Call, sequence: SequenceCall) -> Result<Action, CallError> {
     }
 }
 
-/// Whether command lines can be sent.
+/// Checks that the daemon may send command lines.
 fn needs_lines(info: &Info) -> Result<(), CallError> {
     needs(Function::Ascii, info)
 }
 
-/// Whether `function` is used.
+/// Checks that the daemon uses `function`.
 fn needs(function: Function, info: &Info) -> Result<(), CallError> {
     info.why_not(function).map_or(Ok(()), |reason| Err(CallError::Refused { reason }))
 }
@@ -331,10 +334,10 @@ fn streams(call: &Call, action: Action) -> Result<Action, CallError> {
     if call.more == Some(true) { Ok(action) } else { Err(CallError::ExpectedMore) }
 }
 
-/// Finds out what `call` by a caller of `role` means; operators may send `characters`.
+/// The action of `call` by a caller of `role`; operators may send `characters`.
 ///
 /// # Errors
-/// What to answer instead.
+/// The answer instead.
 pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) -> Result<Action, CallError> {
     let Some((interface, name)) = call.interface_and_method() else {
         return Err(CallError::invalid("method", "an interface and a method, with a dot between"));
@@ -353,7 +356,7 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
     };
     method.function.map_or(Ok(()), |function| needs(function, info))?;
     if role < method.role {
-        // What it would take, if that can be told.
+        // The role that the call would need, if its action is known.
         let action = (method.parse)(call, info).ok();
         let needed = action.map(|action| role_of(&action, characters, info.family()));
         let needed = needed.map_or(method.role, |needed| needed.max(method.role));
@@ -367,9 +370,9 @@ pub fn parse_call(call: &Call, role: Role, characters: Characters, info: &Info) 
     Ok(action)
 }
 
-/// The role that an action needs by what it is about: to stop a machine takes less than to move it; the texts between an
-/// engineer and the board may be passwords, and to read a register of the hardware can have an effect. An M-variable may be such a
-/// register.
+/// The role that an action needs by its effect: to stop a machine takes less than to move it; the texts between an
+/// engineer and the board may be passwords, and to read a register of the hardware can have an effect. An M-variable
+/// may be such a register.
 fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
     let is_for_engineers = match action {
         Action::Ask(Ask::Control { character, .. }) => return characters.role_for(*character),
@@ -381,7 +384,7 @@ fn role_of(action: &Action, characters: Characters, family: &Family) -> Role {
         Action::Ask(Ask::Send { line, .. }) => !(1..=OBSERVER_VALUES).contains(&line.meaning.asks_for_values),
         Action::Ask(Ask::Read { first, count }) => family.ascii.has_text_in(*first, *count),
         Action::Watch(entries) => {
-            // Where a function block lies, the board alone knows.
+            // Only the board knows where a function block lies.
             let is_block = |entry: &VariableEntry| entry.kind == VariableKind::Special;
             let is_open =
                 |entry: &VariableEntry| family.is_memory(entry.address) && !family.holds_text(entry.address);
