@@ -2,8 +2,9 @@
 //! nobody is at the daemon's socket.
 
 use pmac_gateway::board::Place;
+use pmac_gateway::client::Client;
 use pmac_gateway::packet::{DATA_MAX, HEADER, Packet, REPLY_MAX};
-use pmac_gateway::session::{Answer, Rules, Session};
+use pmac_gateway::session::{Rules, Session};
 use pmac_gateway::texts::Texts;
 
 /// Nobody listens there.
@@ -19,10 +20,11 @@ pub fn body(data: &[u8]) {
         version: (who & 2 != 0).then(|| "1.94".to_owned()),
         texts: Texts::default(),
     };
-    let mut session = match who & 4 {
+    let session = match who & 4 {
         0 => Session::new("fuzzer".to_owned(), rules),
         _ => Session::again("fuzzer".to_owned(), rules, None),
     };
+    let mut client = Client::new(session);
     let mut bytes = Vec::new();
     for piece in rest.chunks(usize::from(*piece).max(1)) {
         bytes.extend_from_slice(piece);
@@ -36,14 +38,16 @@ pub fn body(data: &[u8]) {
                 Ok(Some((packet, taken))) => {
                     assert!((HEADER..=HEADER + DATA_MAX).contains(&taken) && taken <= bytes.len());
                     bytes.drain(..taken);
-                    match session.answer(&packet) {
-                        Answer::Reply(reply) => assert!((1..=REPLY_MAX).contains(&reply.len()), "{packet:?}"),
-                        Answer::End(why) => {
+                    match client.answer(&packet) {
+                        Ok(reply) => assert!((1..=REPLY_MAX).contains(&reply.len()), "{packet:?}"),
+                        Err(why) => {
                             assert!(!why.is_empty());
                             return;
                         }
                     }
-                    assert_eq!(session.renews_in(), None, "nothing can be open");
+                    if client.renew().is_err() {
+                        return;
+                    }
                 }
             }
         }

@@ -69,6 +69,18 @@ impl Failure {
     }
 }
 
+/// Why a client's connection ends with it.
+impl From<Failure> for String {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Refused { why: Some(why), .. } | Failure::Unanswered(why) | Failure::Gone(why) => why,
+            Failure::Refused { code, .. } => {
+                format!("a request that has no room for an error met ERR{code:03}")
+            }
+        }
+    }
+}
+
 impl From<CommandError> for Failure {
     fn from(error: CommandError) -> Self {
         let why = error.to_string();
@@ -320,6 +332,15 @@ impl Board {
         Ok(self.ask(|connection| connection.control(character))?)
     }
 
+    /// The board's family.
+    ///
+    /// # Errors
+    /// [`Failure`].
+    pub fn family(&mut self) -> Result<&'static Family, Failure> {
+        let family = self.ask(Connection::info)?.family;
+        Family::by_name(&family).map_err(|error| Failure::unsent(NOT_NOW, error.to_string()))
+    }
+
     /// Reads `count` bytes of the DPRAM, but not where command lines and responses lie: they are others', too, and may be passwords.
     ///
     /// # Errors
@@ -327,8 +348,7 @@ impl Board {
     pub fn read(&mut self, first: u16, count: usize) -> Result<Vec<u8>, Failure> {
         let skipped = usize::from(first & 1);
         let words = (skipped + count).div_ceil(2);
-        let family = self.ask(Connection::info)?.family;
-        let family = Family::by_name(&family).map_err(|error| Failure::unsent(NOT_NOW, error.to_string()))?;
+        let family = self.family()?;
         if family.ascii.has_text_in(HostOffset::new(u32::from(first & !1)), words) {
             return Err(Failure::unsent(NO_RIGHT, "command lines and responses lie there, of others, too"));
         }

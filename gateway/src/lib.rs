@@ -1,9 +1,9 @@
 //! PMAC's Ethernet protocol in front of a board that has no Ethernet port: what `pmac-gateway` is made of.
 //!
 //! ```text
-//! client ⇄ tcp, udp → packet → session → text, memory → board ⇒ pmacd        (⇒ = process boundary)
-//!                                 │         └ addressed
-//!                                 └ texts ⇐ pmacd
+//! client ⇄ tcp, udp → packet → client → session → text, memory → board ⇒ pmacd        (⇒ = process boundary)
+//!                                └ window  │         └ addressed
+//!                                          └ texts ⇐ pmacd
 //! ```
 //!
 //! The protocol is that of the UMAC Turbo CPU/Communications manual, chapter "Ethernet Protocol", as the clients in use speak it.
@@ -15,6 +15,7 @@
 
 mod addressed;
 pub mod board;
+pub mod client;
 pub mod journal;
 mod memory;
 pub mod options;
@@ -27,3 +28,4 @@ pub mod tcp;
 mod text;
 pub mod texts;
 pub mod udp;
+mod window;

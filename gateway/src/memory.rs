@@ -2,13 +2,13 @@
 
 use crate::board::{self, Failure};
 use crate::packet::{Packet, REPLY_MAX, Request};
-use crate::session::{DONE, READ_ONLY, REFUSAL, REFUSED, Session};
+use crate::session::{DONE, READ_ONLY, Session};
 
 /// A long word of the DPRAM.
 const LONG: usize = 4;
 
 /// The bytes that `packet` writes, of each its value and the bits to change; `None` if it is not what it should be.
-fn written(packet: &Packet) -> Option<Vec<(u8, u8)>> {
+pub(crate) fn written(packet: &Packet) -> Option<Vec<(u8, u8)>> {
     let data = packet.data.as_slice();
     match packet.request {
         Request::SetMem if (1..=REPLY_MAX).contains(&data.len()) => {
@@ -35,20 +35,10 @@ impl Session {
         if packet.request == Request::GetMem {
             return self.read(packet);
         }
-        let done = match written(packet) {
+        match written(packet) {
             _ if self.rules.read_only => Err(Failure::unsent(board::NO_RIGHT, READ_ONLY)),
-            Some(bytes) => self.board.write(packet.value, &bytes),
+            Some(bytes) => self.board.write(packet.value, &bytes).map(|()| vec![DONE]),
             None => Err(Failure::unsent(board::UNKNOWN, format!("{:?} has other data", packet.request))),
-        };
-        match done {
-            Ok(()) => Ok(vec![DONE]),
-            Err(Failure::Refused { why, .. }) => {
-                if let Some(why) = why {
-                    self.tell(REFUSAL, &why);
-                }
-                Ok(vec![REFUSED])
-            }
-            Err(gone) => Err(gone),
         }
     }
 
@@ -57,13 +47,7 @@ impl Session {
         if !(1..=REPLY_MAX).contains(&count) {
             return Err(Failure::Gone(format!("GetMem reads 1 to {REPLY_MAX} bytes, not {count}")));
         }
-        match self.board.read(packet.value, count) {
-            // Whatever came instead of the bytes would be taken for them.
-            Err(Failure::Refused { why, .. }) => {
-                Err(Failure::Gone(why.unwrap_or_else(|| "GetMem cannot be carried out now".to_owned())))
-            }
-            read => read,
-        }
+        self.board.read(packet.value, count)
     }
 }
 

@@ -70,6 +70,13 @@ impl<K: Ord + Clone, T> Places<K, T> {
         }
     }
 
+    /// The client `key` keeps his place for so long a silence from now on, and has asked nothing.
+    pub fn keeps(&self, key: &K, gives_way: Option<Duration>) {
+        if let Some(place) = self.taken().get_mut(key) {
+            place.gives_way = gives_way;
+        }
+    }
+
     /// The client `key` leaves.
     pub fn leave(&self, key: &K) {
         self.taken().remove(key);

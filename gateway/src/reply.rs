@@ -150,6 +150,16 @@ impl Pending {
         self.cut(found)
     }
 
+    /// The lines of data without what I3 puts around them.
+    pub fn into_lines(self) -> Vec<Vec<u8>> {
+        let mut bytes = Vec::from(self.bytes);
+        bytes.retain(|byte| ![LF, ACK].contains(byte));
+        let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == CR).map(<[u8]>::to_vec).collect();
+        // Behind the last CR is nothing.
+        lines.pop();
+        lines
+    }
+
     /// The next line: up to a CR, an ACK or an LF.
     pub fn take_line(&mut self) -> Vec<u8> {
         let found = self.bytes.iter().take(REPLY_MAX).position(|byte| [CR, ACK, LF].contains(byte));

@@ -1,10 +1,12 @@
 //! One client: what he is answered to each request.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use log::info;
 use pmac_dpram::format::Visible;
 use pmac_dpram::language::password::without_password;
+use pmac_dpram::map::Family;
 use pmac_dpram::protocol::control;
 
 use crate::addressed::{Addressed, Doubt};
@@ -13,11 +15,10 @@ use crate::journal::MOTION;
 use crate::packet::{Packet, Request};
 use crate::reply::{Handshake, Pending};
 use crate::texts::Texts;
+use crate::window::Reply;
 
 /// One byte that says: done.
 pub(crate) const DONE: u8 = b'@';
-/// One byte that says: not done. Where more stood, a client that reads one byte would take the rest for the next answer.
-pub(crate) const REFUSED: u8 = 0x07;
 /// What a client is told who may only look.
 pub(crate) const READ_ONLY: &str = "this gateway only reads (--read-only)";
 /// How the log calls what was not done.
@@ -41,14 +42,8 @@ pub struct Rules {
     pub texts: Texts,
 }
 
-/// What a client is answered.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answer {
-    /// These bytes, at once.
-    Reply(Vec<u8>),
-    /// Nothing: his connection ends, for this reason.
-    End(String),
-}
+/// What a client is answered, or why his connection ends instead.
+pub type Answer = Result<Vec<u8>, String>;
 
 /// What a client is on his port, besides what he has not fetched.
 #[derive(Debug, Clone, Copy, Default)]
@@ -66,6 +61,8 @@ pub struct Session {
     peer: String,
     /// Whether he is gone, as far as that can be seen without reading what he has sent.
     is_gone: Box<dyn Fn() -> bool + Send>,
+    /// The address that he has for this program.
+    own_address: Option<IpAddr>,
     pub(crate) rules: Rules,
     pub(crate) board: Board,
     pub(crate) port: Port,
@@ -89,6 +86,7 @@ impl Session {
         Self {
             peer,
             is_gone: Box::new(|| false),
+            own_address: None,
             rules,
             board,
             port: Port::default(),
@@ -105,6 +103,12 @@ impl Session {
     #[must_use]
     pub fn watching(self, is_gone: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_gone: Box::new(is_gone), ..self }
+    }
+
+    /// The same client, who has reached this program at `own_address`.
+    #[must_use]
+    pub fn reached_at(self, own_address: Option<IpAddr>) -> Self {
+        Self { own_address, ..self }
     }
 
     /// Looks whether somebody is there, while motors jog for him: a request may have hundreds of lines.
@@ -179,37 +183,87 @@ impl Session {
                 Ok(vec![DONE])
             }
             Request::ControlResponse => self.control_response(value),
-            Request::SendControl => self.control_response(value).map(|reply| match reply.first() {
-                Some(&REFUSED) => vec![REFUSED],
-                _ => vec![DONE],
-            }),
+            Request::SendControl => self.control_response(value).map(|_| vec![DONE]),
             Request::WriteBuffer => self.write_buffer(&packet.data),
             Request::WriteError => Ok(self.write_error.to_vec()),
             Request::GetMem | Request::SetMem | Request::SetBit | Request::SetBits => self.memory(packet),
+            Request::IpAddress if upload => self.ip_address(),
             Request::Port | Request::FirmwareDownload | Request::IpAddress => {
-                let why = format!("{request:?} is always refused");
-                self.tell(REFUSAL, &why);
-                // A byte would be taken for what is asked for.
-                if upload { Err(Failure::Gone(why)) } else { Ok(vec![REFUSED]) }
+                Err(Failure::Gone(format!("{request:?} is always refused")))
             }
         };
         match answer {
-            Ok(bytes) => Answer::Reply(bytes),
-            Err(Failure::Gone(why) | Failure::Unanswered(why)) => {
-                self.port.has_lost_buffer |= was_in_buffer;
-                Answer::End(why)
-            }
-            Err(Failure::Refused { code, lines, why, .. }) => {
+            // The answers to other requests have no room for an error: the client would take it for what he has asked for.
+            Err(Failure::Refused { code, lines, why, .. })
+                if matches!(request, Request::GetResponse | Request::ControlResponse) =>
+            {
                 self.refused(code, &lines, why.as_deref());
-                let reply = self.pending.take();
-                // Its answer is one byte, whatever has become of it.
-                Answer::Reply(if request == Request::SendControl { vec![REFUSED] } else { reply })
+                Ok(self.pending.take())
+            }
+            answer => answer.map_err(|failure| {
+                self.port.has_lost_buffer |= was_in_buffer;
+                failure.into()
+            }),
+        }
+    }
+
+    /// Carries out a line of the client's window; `None` where the board need not answer it.
+    ///
+    /// # Errors
+    /// Why his connection ends.
+    pub(crate) fn line_of_window(&mut self, text: &[u8]) -> Result<Option<Reply>, String> {
+        let was_in_buffer = self.board.is_in_buffer();
+        // What is to be fetched of other lines stays apart.
+        let others = std::mem::take(&mut self.pending);
+        let mut parts = text.trim_ascii_end().split(|byte| matches!(byte, b'\r' | b'\n'));
+        let done = parts.try_for_each(|part| self.one_text(part));
+        let mut lines = std::mem::replace(&mut self.pending, others).into_lines();
+        match done {
+            Ok(()) => Ok(Some(Reply { lines, error: None })),
+            Err(Failure::Refused { code, lines: more, why, .. }) => {
+                if let Some(why) = why {
+                    self.tell(REFUSAL, &why);
+                }
+                lines.extend(more.into_iter().map(String::into_bytes));
+                Ok(Some(Reply { lines, error: Some(code) }))
+            }
+            Err(Failure::Unanswered(why)) => {
+                self.tell("no answer", &why);
+                Ok(None)
+            }
+            Err(Failure::Gone(why)) => {
+                self.port.has_lost_buffer |= was_in_buffer;
+                Err(why)
             }
         }
     }
 
+    /// The address at which the client has reached this program.
+    fn ip_address(&self) -> Result<Vec<u8>, Failure> {
+        match self.own_address.map(|address| address.to_canonical()) {
+            Some(IpAddr::V4(address)) => Ok(address.octets().to_vec()),
+            other => Err(Failure::Gone(format!("his way here has no address of four bytes ({other:?})"))),
+        }
+    }
+
+    /// The same client with a connection to `pmacd` of its own, for what does not wait for the line that this one is at.
+    pub(crate) fn beside(&self) -> Self {
+        let beside = Self::new(self.peer.clone(), self.rules.clone());
+        Self { port: self.port, says_whom: self.says_whom, ..beside }
+    }
+
+    /// What was done `beside` counts for this client.
+    pub(crate) fn joins(&mut self, beside: &Self) {
+        self.has_moved |= beside.has_moved;
+    }
+
+    /// The board's family.
+    pub(crate) fn family(&mut self) -> Result<&'static Family, Failure> {
+        self.board.family()
+    }
+
     /// Empties what there is to be fetched, texts of the board's programs, too.
-    fn flush(&mut self) {
+    pub(crate) fn flush(&mut self) {
         self.pending.clear();
         self.next_text = self.rules.texts.end();
     }

@@ -13,9 +13,10 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use pmac_dpram::format::Visible;
 
+use crate::client::Client;
 use crate::packet::Packet;
 use crate::places::{Places, Taken};
-use crate::session::{Answer, Rules, Session};
+use crate::session::{Rules, Session};
 
 /// The most clients. Less than the connections that `pmacd` gives one user.
 pub const CLIENTS_MAX: usize = 40;
@@ -90,8 +91,10 @@ fn begin(
     let run = move || {
         let why = match stream.try_clone() {
             Ok(to_client) => {
+                let own_address = stream.local_addr().ok().map(|address| address.ip());
                 let is_gone = move || has_ended(&to_client);
-                attend(&own, id, stream, Session::new(peer.to_string(), rules).watching(is_gone))
+                let session = Session::new(peer.to_string(), rules).watching(is_gone).reached_at(own_address);
+                attend(&own, id, stream, Client::new(session))
             }
             Err(error) => Some(error.to_string()),
         };
@@ -130,7 +133,7 @@ fn has_ended(stream: &TcpStream) -> bool {
 }
 
 /// Answers a client until he leaves, or why he has to.
-fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Session) -> Option<String> {
+fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut client: Client) -> Option<String> {
     let (mut bytes, mut chunk) = (Vec::new(), [0; 2048]);
     let mut half_since = None;
     loop {
@@ -141,15 +144,15 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Sessio
                 half_since = None;
                 // Nobody has his place while he is answered.
                 clients.asks(&id, None, Instant::now());
-                match session.answer(&packet) {
-                    Answer::Reply(reply) => {
+                match client.answer(&packet) {
+                    Ok(reply) => {
                         if let Err(error) = send(&mut stream, &reply) {
                             return Some(format!("he does not fetch his answer: {error}"));
                         }
                     }
-                    Answer::End(why) => return Some(why),
+                    Err(why) => return Some(why),
                 }
-                clients.asks(&id, session.gives_way(), Instant::now());
+                clients.asks(&id, client.gives_way(), Instant::now());
                 continue;
             }
             Ok(None) => {}
@@ -157,9 +160,15 @@ fn attend(clients: &Clients, id: u64, mut stream: TcpStream, mut session: Sessio
         if !bytes.is_empty() && half_since.get_or_insert_with(Instant::now).elapsed() >= PATIENCE {
             return Some("he has sent half a request".to_owned());
         }
-        session.renew();
+        let was_at_work = client.is_at_work();
+        if let Err(why) = client.renew() {
+            return Some(why);
+        }
+        if was_at_work {
+            clients.keeps(&id, client.gives_way());
+        }
         let half = (!bytes.is_empty()).then_some(LOOK);
-        if let Err(error) = stream.set_read_timeout(session.renews_in().or(half)) {
+        if let Err(error) = stream.set_read_timeout(client.renews_in().or(half)) {
             return Some(error.to_string());
         }
         match stream.read(&mut chunk) {

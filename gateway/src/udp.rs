@@ -4,7 +4,7 @@
 //! what he has open; whom he addressed and what his port is like is remembered.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::net::{SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -13,9 +13,10 @@ use std::time::{Duration, Instant};
 use log::{info, warn};
 use pmac_dpram::format::Visible;
 
+use crate::client::Client;
 use crate::packet::{DATA_MAX, HEADER, Packet};
 use crate::places::{Places, Taken};
-use crate::session::{Answer, Port, Rules, Session};
+use crate::session::{Port, Rules, Session};
 
 /// The most clients.
 pub const CLIENTS_MAX: usize = 8;
@@ -133,15 +134,15 @@ fn hand_over(
         Taken::Full => return Err(format!("{CLIENTS_MAX} clients are served already")),
     }
     let port = clients.known().comes(peer, number);
-    let session = Session::again(format!("{peer} (UDP)"), rules.clone(), port);
+    let session = Session::again(format!("{peer} (UDP)"), rules.clone(), port).reached_at(own_address(peer));
     let (socket, own) = (Arc::clone(socket), Arc::clone(clients));
     let run = move || {
-        let mut session = session;
+        let mut served = Client::new(session);
         let client = (peer, number);
-        if let Some(why) = attend(&own, &socket, client, &requests, &mut session) {
+        if let Some(why) = attend(&own, &socket, client, &requests, &mut served) {
             info!("{peer} (UDP): without an answer: {}", Visible(why));
         }
-        own.known().leaves(peer, number, session.into_port());
+        own.known().leaves(peer, number, served.into_port());
         own.places.leave(&number);
     };
     let started = thread::Builder::new().name("udp".to_owned()).spawn(run);
@@ -152,30 +153,47 @@ fn hand_over(
     started.map(drop).map_err(|error| error.to_string())
 }
 
+/// The address of this machine on the way to `peer`: the socket may listen at all of them.
+fn own_address(peer: SocketAddr) -> Option<IpAddr> {
+    let any: IpAddr =
+        if peer.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
+    let way = UdpSocket::bind((any, 0)).ok()?;
+    way.connect(peer).ok()?;
+    Some(way.local_addr().ok()?.ip())
+}
+
 /// Answers a client until he has long been silent, or why he gets no answer.
 fn attend(
     clients: &Clients,
     socket: &UdpSocket,
     (peer, number): (SocketAddr, u64),
     requests: &Receiver<Packet>,
-    session: &mut Session,
+    served: &mut Client,
 ) -> Option<String> {
     let mut last = Instant::now();
     loop {
-        match requests.recv_timeout(session.renews_in().unwrap_or(LOOK)) {
+        match requests.recv_timeout(served.renews_in().unwrap_or(LOOK)) {
             Ok(packet) => {
                 clients.places.asks(&number, None, Instant::now());
-                match session.answer(&packet) {
+                match served.answer(&packet) {
                     // An answer may get lost; the client asks again.
-                    Answer::Reply(reply) => drop(socket.send_to(&reply, peer)),
-                    Answer::End(why) => return Some(why),
+                    Ok(reply) => drop(socket.send_to(&reply, peer)),
+                    Err(why) => return Some(why),
                 }
                 last = Instant::now();
-                clients.places.asks(&number, session.gives_way().map(|_| SILENT), last);
+                clients.places.asks(&number, served.gives_way().map(|_| SILENT), last);
             }
             Err(RecvTimeoutError::Disconnected) => return None,
             Err(RecvTimeoutError::Timeout) if last.elapsed() >= KEPT => return None,
-            Err(RecvTimeoutError::Timeout) => session.renew(),
+            Err(RecvTimeoutError::Timeout) => {
+                let was_at_work = served.is_at_work();
+                if let Err(why) = served.renew() {
+                    return Some(why);
+                }
+                if was_at_work {
+                    clients.places.keeps(&number, served.gives_way().map(|_| SILENT));
+                }
+            }
         }
     }
 }

@@ -246,26 +246,43 @@ fn who_only_reads_changes_nothing() {
     assert!(client.line("#1?PVF P1").ends_with("\r\x06"));
     assert_eq!(client.request(0xC0, 0xC4, 11, 0), b"\x07ERR002\r", "^K");
     assert!(client.request(0xC0, 0xC4, 16, 0).ends_with(b"\r"), "^P");
-    assert_eq!(client.ask(&packet(0x40, 0xB5, 0x1000, 0, 2, &[1, 2])), b"\x07", "SETMEM");
     assert_eq!(client.ask(&packet(0x40, 0xC6, 0, 0, 5, b"P1=5\0")), [1, 0, 2, 0x80]);
+    for (request, value, data) in [(0xB5, 0x1100, &[1, 2][..]), (0xB6, 11, &[])] {
+        let length = u16::try_from(data.len()).unwrap();
+        assert_eq!(
+            site.client().ask(&packet(0x40, request, value, 0, length, data)),
+            [0; 0],
+            "{request:02X}"
+        );
+    }
     assert_eq!((site.ask("I3..6"), site.ask("P1")), (before, vec!["0".to_owned()]));
     assert!(!site.log("pmac-gateway").contains("J+"), "nothing has moved");
 }
 
 #[test]
-fn what_is_no_request_ends_the_connection_and_what_is_refused_does_not() {
-    let site = Site::new(&[]);
+fn a_refusal_that_a_client_would_not_notice_ends_its_connection_alone() {
+    let site = Site::of("turbo2", &[]);
     let mut client = site.client();
-    assert_eq!(client.ask(&packet(0x40, 0xCB, 1, 0, 3, b"abc")), b"\x07", "firmware");
-    assert_eq!(client.ask(&packet(0x40, 0xE0, 0, 0, 4, &[10, 0, 0, 1])), b"\x07", "another address");
-    assert_eq!(client.request(0x40, 0xBE, 0, 0), b"\x07", "a byte to the host port");
-    assert_eq!(client.line("P0"), "0\r\x06");
-    // A byte would be taken for the one that was asked for.
-    for request in [0xBE, 0xE0] {
-        let mut client = site.client();
-        client.stream.write_all(&packet(0xC0, request, 0, 0, 0, &[])).unwrap();
-        assert!(client.is_ended(), "{request:02X}");
+    let owned = packet(0xC0, 0xB5, 0x006A, 0, 2, &[1, 2]);
+    let refused = [
+        (packet(0x40, 0xCB, 1, 0, 3, b"abc"), "FirmwareDownload is always refused"),
+        (packet(0x40, 0xE0, 0, 0, 4, &[10, 0, 0, 1]), "IpAddress is always refused"),
+        (packet(0x40, 0xBE, 0, 0, 0, &[]), "Port is always refused"),
+        (packet(0xC0, 0xBE, 0, 0, 1, &[]), "Port is always refused"),
+        (packet(0x40, 0xB6, 0x15, 0, 0, &[]), "a buffer is a client's own only if"),
+        (owned, "$006A"),
+    ];
+    for (request, why) in refused {
+        let mut refused = site.client();
+        let peer = refused.stream.local_addr().unwrap();
+        assert_eq!(refused.ask(&request), [0; 0], "{why}");
+        wait_until("the log to say why, once", || {
+            let log = site.log("pmac-gateway");
+            let mut told = log.lines().filter(|line| line.contains(&peer.to_string()));
+            told.next().is_some_and(|line| line.contains(why)) && told.next().is_none()
+        });
     }
+    assert_eq!(client.line("P0"), "0\r\x06");
     let mut other = site.client();
     other.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
     assert!(other.is_ended());
@@ -290,8 +307,11 @@ fn a_buffer_is_opened_by_a_line_and_by_no_character() {
     let (mut one, mut two) = (site.client(), site.client());
     for character in [0x15, 0x0C] {
         assert_eq!(one.request(0xC0, 0xC4, character, 0), b"\x07ERR001\r");
-        let [answer] = one.request(0x40, 0xB6, character, 0)[..] else { panic!("its answer is one byte") };
-        assert_ne!(answer, b'@');
+        assert_eq!(
+            site.client().request(0x40, 0xB6, character, 0),
+            [0; 0],
+            "its answer has no room for an error"
+        );
     }
     assert_eq!(two.line("P1=4 P1=P1+1"), "\x06");
     assert_eq!(site.ask("P1"), ["5"]);

@@ -8,3 +8,4 @@ mod roles;
 mod site;
 mod strangers;
 mod texts;
+mod window;
