@@ -270,7 +270,7 @@ fn a_refusal_that_a_client_would_not_notice_ends_its_connection_alone() {
         (packet(0x40, 0xBE, 0, 0, 0, &[]), "Port is always refused"),
         (packet(0xC0, 0xBE, 0, 0, 1, &[]), "Port is always refused"),
         (packet(0x40, 0xB6, 0x15, 0, 0, &[]), "a buffer is a client's own only if"),
-        (owned, "$006A"),
+        (owned, "0x006A (X:$06001A) belongs to the servo area"),
     ];
     for (request, why) in refused {
         let mut refused = site.client();

@@ -84,7 +84,9 @@ impl Site {
         let log = |program: &str| File::create(path(&format!("{program}.log"))).unwrap();
         let interrupt = format!("unix:{}", path("irq"));
         let memory = path("dpram");
-        let options = ["--memory", &memory, "--interrupt", &interrupt, "--dpram-startup", "--family", family];
+        let control = format!("unix:{}", path("control"));
+        let options = ["--memory", &memory, "--interrupt", &interrupt, "--control", &control];
+        let own = &[&["--dpram-startup", "--family", family], own].concat();
         let simulator = program("pmac-sim").args(options).args(own).stderr(log("pmac-sim")).spawn().unwrap();
         wait_until("the simulator", || directory.path().join("irq").exists());
         let config = format!("board = \"file:{memory},irq={interrupt}\"\nfamily = \"{family}\"\n{more}");
@@ -153,6 +155,15 @@ impl Site {
     /// The answer of the board itself, beside the gateway.
     pub fn ask(&self, line: &str) -> Vec<String> {
         self.connection().send(line, PATIENCE).unwrap()
+    }
+
+    /// Has the simulator do something: a line of its control socket.
+    pub fn simulate(&self, line: &str) {
+        let mut control = BufReader::new(UnixStream::connect(self.directory.path().join("control")).unwrap());
+        control.get_mut().write_all(format!("{line}\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        control.read_line(&mut answer).unwrap();
+        assert_eq!(answer.trim(), "ok", "{line}");
     }
 
     /// What a program has logged.

@@ -2,7 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use super::site::{Client, Site, packet, wait_until};
+use pmac_dpram::client::Board;
+use pmac_dpram::map::HostOffset;
+
+use super::site::{Client, Setup, Site, packet, wait_until};
 
 /// Where the words are: those of a Turbo's window, and of a PMAC's.
 const TURBO: Place = Place { flag: 0x0E9C, response: 0x0F40 };
@@ -103,11 +106,10 @@ fn a_beamlines_program_commands_by_its_window_as_at_a_board() {
         assert_eq!(driver.line("#1J^20000"), (vec![], 0x0006));
         // ^A in two bytes, while the motor moves.
         driver.control(&[1, 0]);
-        wait_until("the motor to stand", || {
-            let at = || site.ask("#1P")[0].parse::<f64>().unwrap();
-            let (one, two) = (at(), at());
-            one == two && one < 19000.0
-        });
+        let mut board = Board::attach(site.name()).unwrap();
+        wait_until("the motor to stand", || stands(&mut board));
+        let at: f64 = site.ask("#1P")[0].parse().unwrap();
+        assert!(at < 19000.0, "{family}: {at}");
         assert!(site.log("pmac-gateway").contains(": ^A"), "{}", site.log("pmac-gateway"));
         // A report of ^P: a line of data, and the acknowledgement.
         driver.control(&[16, 0]);
@@ -127,7 +129,7 @@ fn windows_of_two_clients_know_nothing_of_each_other() {
     assert_eq!(one.rest(), (vec!["1".to_owned()], 6));
     assert_eq!(one.line("#"), (vec!["2".to_owned()], 6), "whom it addressed is its own");
     // The board's own words are another user's.
-    let (_, words) = site.connection().read(pmac_dpram::map::HostOffset::new(0x0EA0), 1).unwrap();
+    let (_, words) = site.connection().read(HostOffset::new(0x0EA0), 1).unwrap();
     assert_ne!(words, [u16::from_le_bytes(*b"#\0")]);
     // Lines by the other way are the same client's, and their replies stay apart.
     assert_eq!(one.client.ask(&packet(0x40, 0xB0, 0, 0, 2, b"P1")), b"@");
@@ -152,35 +154,66 @@ fn a_reply_of_many_lines_comes_line_by_line_and_a_cancel_ends_it() {
     assert_eq!(driver.line("P1=8"), (vec![], 6), "nothing of it comes any more");
 }
 
-/// A Turbo whose programs' variables take seconds to list, and a client who has them listed.
-fn site_at_work(load: impl FnOnce(&mut Driver)) -> (Site, Driver) {
-    let site = Site::of("turbo2", &[]);
-    let mut driver = Driver::new(&site, TURBO);
-    assert_eq!(driver.line("#1J^2000000"), (vec![], 6));
-    load(&mut driver);
-    (site, driver)
+/// How a client sends a line, or a stop.
+type Sends = fn(&mut Driver);
+
+/// By the words of its window, and by the requests for lines and control characters.
+const LINES: [Sends; 2] = [
+    |driver| driver.load(QUESTION),
+    |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB0, 0, 0, 6, QUESTION.as_bytes())), b"@"),
+];
+const STOPS: [Sends; 2] = [
+    |driver| driver.control(&[1, 0]),
+    |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB6, 1, 0, 0, &[])), b"@"),
+];
+const QUESTION: &str = "P0..49";
+
+/// Whether the first motor stands: its position in two servo reports that are some cycles apart.
+fn stands(board: &mut Board) -> bool {
+    let mut servo = || board.snapshot().unwrap().servo.unwrap();
+    let one = servo();
+    let mut two = servo();
+    while two.servo_timer < one.servo_timer + 20 {
+        two = servo();
+    }
+    one.data.motors[0].actual_position == two.data.motors[0].actual_position
 }
 
 #[test]
 fn a_line_is_acknowledged_at_once_and_a_stop_does_not_wait_for_it() {
-    let by_line: fn(&mut Driver) =
-        |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB0, 0, 0, 8, b"I0..8191")), b"@");
-    let by_window: fn(&mut Driver) = |driver| driver.load("I0..8191");
-    for (load, stop) in [
-        (by_line, packet(0x40, 0xB6, 1, 0, 0, &[])),
-        (by_line, packet(0xC0, 0xB5, TURBO.flag + 2, 0, 2, &[1, 0])),
-        (by_window, packet(0xC0, 0xB5, TURBO.flag + 2, 0, 2, &[1, 0])),
-        (by_window, packet(0x40, 0xB6, 1, 0, 0, &[])),
-    ] {
-        let (site, mut driver) = site_at_work(load);
-        assert_eq!(driver.client.request(0xC0, 0xC2, 0, 2), [0, 0], "nothing is there to be fetched yet");
-        assert_eq!(driver.client.ask(&stop), b"@");
-        assert_eq!(driver.client.request(0xC0, 0xC2, 0, 2), [0, 0], "the line is at work yet");
-        // An aborted motor stands, and its command with it.
-        wait_until("the motor to stand", || {
-            let at = || site.ask("#1P")[0].parse::<f64>().unwrap();
-            at() == at()
-        });
+    for (way, line) in LINES.iter().enumerate() {
+        for (stopped, stop) in STOPS.iter().enumerate() {
+            // A daemon without questions of its own, which a slow board would not answer in time.
+            let site =
+                Site::set_up(Setup { family: "turbo2", config: "ask_board = false", ..Setup::default() });
+            let mut board = Board::attach(site.name()).unwrap();
+            let mut driver = Driver::new(&site, TURBO);
+            assert_eq!(driver.line("#1J^2000000"), (vec![], 6));
+            wait_until("motion", || !stands(&mut board));
+            // The reply takes ten seconds, and the line is acknowledged at once.
+            site.simulate("fault ascii_slow_lines 200ms");
+            line(&mut driver);
+            wait_until("the board to have the line", || {
+                let (_, words) = site.connection().read(HostOffset::new(u32::from(TURBO.flag)), 4).unwrap();
+                words[..2] == [0; 2] && words[2..] == [*b"P0", *b".."].map(u16::from_le_bytes)
+            });
+            assert!(!stands(&mut board));
+            stop(&mut driver);
+            wait_until("the motor to stand", || stands(&mut board));
+            let (_, end) = site.connection().read(HostOffset::new(u32::from(TURBO.response)), 1).unwrap();
+            assert_ne!(end, [6], "the board is at the line yet");
+            assert_eq!(driver.client.request(0xC0, 0xC2, 0, 2), [0, 0], "nothing is there to be fetched yet");
+            site.simulate("fault ascii_slow_lines off");
+            match (way, stopped) {
+                (0, _) => assert_eq!(driver.rest(), (vec!["0".to_owned(); 50], 6)),
+                (_, 0) => {
+                    wait_until("the reply", || driver.client.request(0xC0, 0xC2, 0, 2) == [1, 0]);
+                    assert_eq!(driver.client.get_buffer(), [&b"0\r".repeat(50)[..], b"\x06"].concat());
+                }
+                // What sends a control character empties what there is to be fetched, and what comes of the line, too.
+                _ => assert_eq!(driver.client.get_buffer(), [0]),
+            }
+        }
     }
 }
 
