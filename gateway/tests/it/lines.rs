@@ -26,7 +26,7 @@ fn a_line_is_sent_first_and_its_reply_fetched_later() {
     assert_eq!(client.request(0xC0, 0xC2, 0, 2), [0, 0], "nothing is ready");
     assert_eq!(client.get_buffer(), [0]);
     assert_eq!(client.ask(&packet(0x40, 0xB0, 0, 0, 5, b"P1 P2")), b"@");
-    assert_eq!(client.request(0xC0, 0xC2, 0, 2), [1, 0]);
+    wait_until("the reply", || client.request(0xC0, 0xC2, 0, 2) == [1, 0]);
     assert_eq!(client.request(0xC0, 0xB1, 0, 0), b"25\r");
     assert_eq!(client.get_buffer(), b"50\r\x06");
     client.ask(&packet(0x40, 0xB0, 0, 0, 3, b"UUU"));
