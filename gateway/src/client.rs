@@ -27,6 +27,20 @@ pub struct Client {
     window: Option<Window>,
 }
 
+/// Whether `packet` is a control character, alone, which goes to the board at once: all but ^X, which does not go there.
+fn is_control(packet: &Packet) -> bool {
+    let goes =
+        |byte: &u8| (1..32).contains(byte) && !matches!(*byte, b'\t' | b'\r' | b'\n' | control::CANCEL);
+    match packet.request {
+        Request::ControlResponse | Request::SendControl => packet.value != u16::from(control::CANCEL),
+        Request::SendLine | Request::GetResponse => {
+            let text = packet.data.split(|byte| *byte == 0).next().unwrap_or_default().trim_ascii_end();
+            !text.is_empty() && text.iter().all(goes)
+        }
+        _ => false,
+    }
+}
+
 /// A line at work.
 struct Work {
     /// `None` once its end is known.
@@ -68,8 +82,30 @@ impl Client {
     /// # Errors
     /// Why his connection ends.
     pub fn answer(&mut self, packet: &Packet) -> Answer {
-        self.follow(false)?;
+        let followed = self.follow(false);
+        match (followed, packet.request) {
+            (Ok(()), _) => self.carry_out(packet),
+            // A stop goes to the board, though the connection ends for the line before it.
+            (Err(why), _) if is_control(packet) => {
+                self.current()?.answer(packet)?;
+                Err(why)
+            }
+            (Err(why), Request::SetMem) => {
+                self.put(packet)?;
+                self.look_for_control()?;
+                Err(why)
+            }
+            (Err(why), _) => Err(why),
+        }
+    }
+
+    fn carry_out(&mut self, packet: &Packet) -> Answer {
         match (packet.request, &mut self.work) {
+            (request, Some(work)) if is_control(packet) => {
+                // What sends a line leaves what there is to be fetched.
+                work.is_dropped |= !work.is_windows && request != Request::SendLine;
+                work.beside.answer(packet)
+            }
             (Request::SendLine, _) => {
                 let packet = packet.clone();
                 self.begin(false, move |session| session.answer(&packet).map(|_| None))?;
@@ -78,12 +114,6 @@ impl Client {
             (Request::GetMem, _) => self.read(packet),
             (Request::SetMem | Request::SetBit | Request::SetBits, _) => self.write(packet),
             (Request::ReadReady, Some(_)) => Ok(vec![0, 0]),
-            (Request::ControlResponse | Request::SendControl, Some(work))
-                if packet.value != u16::from(control::CANCEL) =>
-            {
-                work.is_dropped |= !work.is_windows;
-                work.beside.answer(packet)
-            }
             _ => {
                 self.follow(true)?;
                 self.current()?.answer(packet)
@@ -121,10 +151,10 @@ impl Client {
         let has_ended = |work: &mut Work| waits || work.thread.as_ref().is_none_or(JoinHandle::is_finished);
         let Some(mut work) = self.work.take_if(has_ended) else { return Ok(()) };
         let (mut session, done) = work.end()?;
-        session.joins(&work.beside);
         if work.is_dropped && !work.is_windows {
             session.flush();
         }
+        session.joins(&mut work.beside);
         self.session = Some(session);
         if let (Some(reply), Some(window), false) = (done?, &mut self.window, work.is_dropped) {
             window.respond(reply);
@@ -143,6 +173,16 @@ impl Client {
 
     /// What the board does with what the client has written into his window.
     fn look(&mut self) -> Result<(), String> {
+        self.look_for_control()?;
+        if self.work.is_none()
+            && let Some(line) = self.window()?.take_line()
+        {
+            self.begin(true, move |session| session.line_of_window(&line))?;
+        }
+        Ok(())
+    }
+
+    fn look_for_control(&mut self) -> Result<(), String> {
         let window = self.window()?;
         match window.take_control() {
             Some(control::CANCEL) => {
@@ -156,11 +196,6 @@ impl Client {
                 self.window()?.report(lines);
             }
             None => {}
-        }
-        if self.work.is_none()
-            && let Some(line) = self.window()?.take_line()
-        {
-            self.begin(true, move |session| session.line_of_window(&line))?;
         }
         Ok(())
     }
@@ -194,20 +229,28 @@ impl Client {
 
     /// Writes bytes of the DPRAM; those of the window go there.
     fn write(&mut self, packet: &Packet) -> Answer {
+        if !self.put(packet)? {
+            return self.current()?.answer(packet);
+        }
+        self.look()?;
+        Ok(vec![DONE])
+    }
+
+    /// Writes bytes of the window, if `packet` has only such.
+    fn put(&mut self, packet: &Packet) -> Result<bool, String> {
         let first = u32::from(packet.value);
         let bytes = written(packet).unwrap_or_default();
         let last = first + u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         let window = self.window()?;
         if bytes.is_empty() || (first..last).any(|offset| window.byte(offset).is_none()) {
-            return self.current()?.answer(packet);
+            return Ok(false);
         }
         for (offset, (value, mask)) in (first..).zip(bytes) {
             if let Some(byte) = window.byte(offset) {
                 *byte = *byte & !mask | value & mask;
             }
         }
-        self.look()?;
-        Ok(vec![DONE])
+        Ok(true)
     }
 
     /// Whether a line is at work.

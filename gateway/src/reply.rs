@@ -87,6 +87,11 @@ impl Pending {
         self.bytes.len() > UNFETCHED_MAX
     }
 
+    /// Adds what `other` has.
+    pub(crate) fn append(&mut self, other: Self) {
+        self.bytes.extend(other.bytes);
+    }
+
     /// Adds data lines of the board.
     pub fn lines(&mut self, lines: &[String], handshake: Handshake) {
         for line in lines {

@@ -252,9 +252,10 @@ impl Session {
         Self { port: self.port, says_whom: self.says_whom, ..beside }
     }
 
-    /// What was done `beside` counts for this client.
-    pub(crate) fn joins(&mut self, beside: &Self) {
+    /// What was done `beside` counts for this client, and its replies stand behind his.
+    pub(crate) fn joins(&mut self, beside: &mut Self) {
         self.has_moved |= beside.has_moved;
+        self.pending.append(std::mem::take(&mut beside.pending));
     }
 
     /// The board's family.

@@ -18,8 +18,9 @@ use crate::packet::Packet;
 use crate::places::{Places, Taken};
 use crate::session::{Rules, Session};
 
-/// The most clients. Less than the connections that `pmacd` gives one user.
-pub const CLIENTS_MAX: usize = 40;
+/// The most clients. Each has two connections to `pmacd` while it stops something beside a line, and those by UDP, too: `pmacd` gives
+/// a user 64.
+pub const CLIENTS_MAX: usize = 22;
 /// How long a client may take for a request that he has begun, and for fetching an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How often a client is looked after who has sent half a request.

@@ -162,9 +162,11 @@ const LINES: [Sends; 2] = [
     |driver| driver.load(QUESTION),
     |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB0, 0, 0, 6, QUESTION.as_bytes())), b"@"),
 ];
-const STOPS: [Sends; 2] = [
+const STOPS: [Sends; 4] = [
     |driver| driver.control(&[1, 0]),
     |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB6, 1, 0, 0, &[])), b"@"),
+    |driver| assert_eq!(driver.client.line("\x01"), "\x06"),
+    |driver| assert_eq!(driver.client.ask(&packet(0x40, 0xB0, 0, 0, 2, b"\x01\r")), b"@"),
 ];
 const QUESTION: &str = "P0..49";
 
@@ -206,11 +208,13 @@ fn a_line_is_acknowledged_at_once_and_a_stop_does_not_wait_for_it() {
             site.simulate("fault ascii_slow_lines off");
             match (way, stopped) {
                 (0, _) => assert_eq!(driver.rest(), (vec!["0".to_owned(); 50], 6)),
-                (_, 0) => {
+                (_, 0 | 3) => {
                     wait_until("the reply", || driver.client.request(0xC0, 0xC2, 0, 2) == [1, 0]);
                     assert_eq!(driver.client.get_buffer(), [&b"0\r".repeat(50)[..], b"\x06"].concat());
+                    let of_stop: &[u8] = if stopped == 3 { &[6] } else { &[0] };
+                    assert_eq!(driver.client.get_buffer(), of_stop, "behind the line's");
                 }
-                // What sends a control character empties what there is to be fetched, and what comes of the line, too.
+                // What sends a control character alone, or asks, empties what there is to be fetched, and what comes of the line, too.
                 _ => assert_eq!(driver.client.get_buffer(), [0]),
             }
         }
