@@ -5,6 +5,7 @@ mod fuzz_corpus;
 mod hostile;
 mod lines;
 mod roles;
+mod scan;
 mod site;
 mod strangers;
 mod texts;
