@@ -19,8 +19,8 @@ use crate::decode::{BackgroundData, ServoData, TooShort};
 use crate::map::user_word::UserWord;
 use crate::protocol::socket_place;
 use crate::segment::{
-    Condition, DIRECTORY, Identity, RegionId, RegionInfo, Sample, SegmentError, SegmentName, Subscriber,
-    WaitOutcome,
+    Condition, Cursor, DIRECTORY, Identity, RegionId, RegionInfo, Sample, SegmentError, SegmentName,
+    Subscriber, WaitOutcome,
 };
 
 /// How long a wait sleeps before it looks whether a new daemon has appeared.
@@ -76,11 +76,11 @@ impl Snapshot {
     }
 }
 
-/// A stretch of past servo data.
+/// A stretch of past data.
 #[derive(Debug, Clone, PartialEq)]
-pub struct History {
+pub struct History<T = ServoData> {
     /// The samples that the segment still has, oldest first.
-    pub samples: Vec<View<ServoData>>,
+    pub samples: Vec<View<T>>,
     /// How many samples of the stretch asked for were overwritten already. Exact.
     pub lost: u64,
     /// The number to ask for next.
@@ -297,15 +297,26 @@ impl Board {
     pub fn history(&mut self, since: u64, most: usize) -> Result<History, ClientError> {
         let condition = self.refresh()?;
         let decoder = self.identified()?.decoder()?.clone();
+        let cursor = self.subscriber.cursor(RegionId::Servo, since)?;
+        self.follow(cursor, most, condition, |region, words| Ok(decoder.servo(region, words)?))
+    }
+
+    /// The samples from `cursor` on, at most `most`, each decoded by `decode`.
+    fn follow<T>(
+        &mut self,
+        mut cursor: Cursor,
+        most: usize,
+        condition: Condition,
+        decode: impl Fn(&RegionInfo, &[u16]) -> Result<T, ClientError>,
+    ) -> Result<History<T>, ClientError> {
         let Self { subscriber, sample, .. } = self;
-        let region = subscriber.region(RegionId::Servo)?;
-        let mut cursor = subscriber.cursor(RegionId::Servo, since)?;
+        let region = subscriber.region(cursor.region())?;
         let mut readings = Vec::new();
         while readings.len() < most && subscriber.next(&mut cursor, sample)? {
-            readings.push(Reading::new(sample, decoder.servo(&region, sample.words())?));
+            readings.push(Reading::new(sample, decode(&region, sample.words())?));
         }
         let moment = Moment::now(subscriber, condition);
-        let region = subscriber.region(RegionId::Servo)?;
+        let region = subscriber.region(cursor.region())?;
         let samples = readings.into_iter().map(|reading| moment.view(&region, reading)).collect();
         Ok(History { samples, lost: cursor.lost(), next: cursor.position() })
     }

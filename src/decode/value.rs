@@ -19,6 +19,19 @@ pub enum Value {
     Float(f64),
 }
 
+impl Value {
+    /// As a number with 53 bits, which hold every value but a large one of 64 bits.
+    #[must_use]
+    pub const fn number(self) -> f64 {
+        match self {
+            Self::Word(value) => value as f64,
+            Self::Long(value) => value as f64,
+            Self::Fixed(value) => value as f64,
+            Self::Float(value) => value,
+        }
+    }
+}
+
 /// Decodes the words of a location, from its offset on; `None` if there are fewer than [`Space::words`].
 #[must_use]
 pub fn value(space: Space, words: &[u16], float48: Float48Layout) -> Option<Value> {

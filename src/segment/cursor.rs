@@ -54,8 +54,10 @@ impl Cursor {
         Err(reader.overrun())
     }
 
+    /// The region that it follows.
     #[inline(always)]
-    pub(super) fn region(&self) -> RegionId {
+    #[must_use]
+    pub fn region(&self) -> RegionId {
         self.region
     }
 

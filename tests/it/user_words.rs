@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use pmac_dpram::client::{Board, UserData, View};
 use pmac_dpram::decode::Value;
+use pmac_dpram::table::Table;
 
 use crate::support::VirtualSite;
 
@@ -196,4 +197,52 @@ fn m_variables_that_point_into_the_user_area_become_tables_that_the_daemon_takes
     }
     let mut board = reader(&site);
     site.wait_until("the value", || values(&mut board, "M202") == Some(vec![Value::Fixed(-5)]));
+}
+
+/// A word under a guard that stays odd has no number, and the guard is one of the words.
+#[test]
+fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
+    let guard = "guard = 'Y:$DA0F'\n";
+    let config = "[[user]]\nname = 'count'\naddress = '$DA10'\nformat = 'DP'\nunit = 'part'\nrate_hz = 'servo'\n\
+                  [[user]]\nname = 'pair'\naddress = '$DA11'\nformat = 'Y'\ncount = 2\n";
+    let held = format!("[[user]]\nname = 'held'\naddress = '$DA13'\nformat = 'DP'\n{guard}");
+    let site = VirtualSite::configured(&[], &format!("{config}{held}"));
+    site.wait_for_live_servo();
+    site.wait_until("the board's scales", || site.has_scales());
+    for line in [
+        "M10->Y:$DA0F,0,16",
+        "M11->DP:$DA10",
+        "M12->Y:$DA11,0,16",
+        "M13->Y:$DA12,0,16",
+        "M10=1",
+        "M11=0",
+        "M12=5",
+        "M13=6",
+        "OPEN PLC 1 CLEAR",
+        "M11=M11+1",
+        "CLOSE",
+        "I5=2",
+        "ENABLE PLC 1",
+    ] {
+        site.ask(line);
+    }
+    let log = |options: &[&str]| {
+        let ran = site.run_slowly(&[&["log", "-o", "-", "--seconds", "0.2"], options].concat());
+        assert!(ran.stderr.contains(" lost=0 "), "{ran:?}");
+        Table::parse(ran.stdout.as_bytes()).unwrap()
+    };
+    let table = log(&["--motors", "1"]);
+    let column = |name: &str| table.column(name).unwrap();
+    let counts = column("user.count");
+    assert!(counts.is_sorted() && counts.last() > counts.first(), "{counts:?}");
+    for (name, value) in [("user.pair[1]", 5.0), ("user.pair[2]", 6.0)] {
+        assert!(column(name).iter().all(|found| *found == value), "{name}");
+    }
+    assert!(column("user.held").iter().all(|value| value.is_nan()));
+    assert_eq!(table.fields[table.index("user.count").unwrap()].unit, "part");
+    let table = log(&["--fields", "user.count,velocity", "--motors", "1"]);
+    let names: Vec<&str> = table.fields[5..].iter().map(|field| &*field.name).collect();
+    assert_eq!(names, ["1.velocity", "user.count"]);
+    let ran = site.run(&["log", "-o", "-", "--fields", "user.other"]);
+    assert!(ran.code == Some(2) && ran.stderr.contains("\"other\"; there are: count, pair, held"), "{ran:?}");
 }

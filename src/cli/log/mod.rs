@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `row` | the columns of a line; [`crate::table::csv`] writes it as text |
 //! | `files`, `series` | one file or a series of them; a full disk |
+//! | `words` | the columns of the site's own words |
 //! | `trigger` | when to begin, and the rows from before it |
 //! | `wait` | the waits of a log, and the notes about them |
 
@@ -12,6 +13,7 @@ mod row;
 mod series;
 mod trigger;
 mod wait;
+mod words;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -23,6 +25,7 @@ use self::files::{Files, Pauses, Rotation, RowMeaning, Tally};
 use self::row::{LogRows, TIME};
 use self::trigger::{Before, Condition};
 use self::wait::{LongWait, SAY_AFTER, Silence};
+use self::words::Words;
 use crate::cli::args::values::{bytes, number, seconds, table_path};
 use crate::cli::console::{Interrupt, is_stdout, note};
 use crate::cli::context::{Context, Failure, Verdict};
@@ -49,8 +52,8 @@ pub struct Log {
     /// Only these motors, as 1,2 [default: all reported motors]
     #[arg(long, value_name = "N,N", value_delimiter = ',', value_parser = number())]
     motors: Vec<u8>,
-    /// Only these fields, named as in `motors --json` [default: commanded_position, actual_position, following_error, velocity,
-    /// servo_status]. While the board has not told the scales, as after a reset, an update is a row without values and
+    /// Only these fields, named as in `motors --json`, and user.NAME for a word of `watch user` [default: commanded_position,
+    /// actual_position, following_error, velocity, servo_status, all words]. While the board has not told the scales, as after a reset, an update is a row without values and
     /// counts as missed
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
@@ -98,6 +101,7 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         end_ns: end_ns.filter(|_| options.trigger.is_none()),
         before: options.trigger.as_ref().map(|_| Before::new(options.before.as_nanos() as u64)),
         output: None,
+        words: Words::new(&mut board, &options.fields)?,
         servo_period_ns: None,
         can_tell: true,
         scales: LongWait::default(),
@@ -113,13 +117,16 @@ pub fn run(context: &mut Context, options: &Log) -> Result<Verdict, Failure> {
         let up_ns = board.subscriber().now_ns().saturating_sub(board.subscriber().header().created_ns);
         let may_tell = identity.board_type.is_some() || Duration::from_nanos(up_ns) < ASKED;
         run.can_tell = may_tell && lacks_scales(&identity, &options.motors);
-        let mut came = false;
+        let mut steps = Vec::new();
         // Read the clock first: an update that comes while the log takes updates must not count as missing.
         let (now_ns, has_ended) = (board.subscriber().now_ns(), run.stop.came());
         let stale = follower.advance(&mut board, |step| {
-            came = true;
-            run.take(step)
+            steps.push(step);
+            Ok::<_, Failure>(())
         })?;
+        run.words.advance(&mut board)?;
+        let came = !steps.is_empty();
+        steps.into_iter().try_for_each(|step| run.take(step))?;
         if let Some(output) = &mut run.output {
             output.files.tend()?;
         }
@@ -146,6 +153,7 @@ struct Logging<'a> {
     before: Option<Before>,
     /// Since the first update.
     output: Option<Output>,
+    words: Words,
     servo_period_ns: Option<f64>,
     /// Whether the board may still tell its scales: `pmacd` asks for them, or has just begun.
     can_tell: bool,
@@ -222,7 +230,7 @@ impl Logging<'_> {
 
     fn update(&mut self, update: &View<ServoData>) -> Result<(), Failure> {
         if self.output.is_none() {
-            let rows = planned(self.options, update, self.servo_period_ns)?;
+            let rows = planned(self.options, update, self.servo_period_ns, &self.words)?;
             if self.waits_for_scales(&rows.unscaled(&update.data)) {
                 // The time counts from the first row.
                 self.end_ns = self.end_ns.and_then(|_| end_after(self.options, update.time_ns));
@@ -232,20 +240,20 @@ impl Logging<'_> {
         }
         let Some(Output { rows, files }) = &mut self.output else { return Ok(()) };
         if rows.lacks_scales(&update.data) {
-            let row = rows.unscaled_update(update);
+            let row = rows.unscaled_update(update, &mut self.words);
             let Some(before) = &mut self.before else { return files.row(row, RowMeaning::Unscaled) };
             before.keep(update.time_ns, RowMeaning::Unscaled, row);
             return Ok(());
         }
         let Some(before) = &mut self.before else {
-            return files.row(rows.update(update), RowMeaning::Update);
+            return files.row(rows.update(update, &mut self.words), RowMeaning::Update);
         };
         if !self.options.trigger.as_ref().is_some_and(|trigger| trigger.is_met(&update.data)) {
-            before.keep(update.time_ns, RowMeaning::Update, rows.update(update));
+            before.keep(update.time_ns, RowMeaning::Update, rows.update(update, &mut self.words));
             return Ok(());
         }
         note(format_args!("triggered at update {}", update.sequence));
-        rows.update(update);
+        rows.update(update, &mut self.words);
         let trigger = rows.zero();
         for (meaning, mut row) in before.take() {
             row[TIME] -= trigger;
@@ -253,7 +261,7 @@ impl Logging<'_> {
         }
         self.before = None;
         self.end_ns = end_after(self.options, update.time_ns);
-        files.row(rows.update(update), RowMeaning::Update)
+        files.row(rows.update(update, &mut self.words), RowMeaning::Update)
     }
 }
 
@@ -273,9 +281,14 @@ fn end_after(options: &Log, began_ns: u64) -> Option<u64> {
 }
 
 /// The rows: the user's motors and fields, by their places in the first update.
-fn planned(options: &Log, first: &View<ServoData>, servo_period_ns: Option<f64>) -> Result<LogRows, Failure> {
+fn planned(
+    options: &Log,
+    first: &View<ServoData>,
+    servo_period_ns: Option<f64>,
+    words: &Words,
+) -> Result<LogRows, Failure> {
     let motors: Vec<usize> = options.motors.iter().map(|motor| usize::from(*motor)).collect();
-    let rows = LogRows::new(first, &motors, &options.fields, servo_period_ns)?;
+    let rows = LogRows::new(first, &motors, &options.fields, servo_period_ns)?.with(words);
     if let Some(mistake) = options.trigger.as_ref().and_then(|trigger| trigger.mistake(&first.data)) {
         return Err(Failure::Request(mistake));
     }

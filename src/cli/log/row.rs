@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::words::{PREFIX, Words};
 use crate::cli::context::Failure;
 use crate::client::{Gap, View};
 use crate::decode::{Quantity, ServoData};
@@ -27,6 +28,8 @@ struct Column {
 pub struct LogRows {
     clock: SampleClock,
     columns: Vec<Column>,
+    /// The fields of the site's own words, behind the columns.
+    words: Vec<Field>,
     /// The servo timer and the host's time at time 0.
     zero: (u64, u64),
     /// The host's time, and the row's, at the update before.
@@ -68,12 +71,19 @@ impl LogRows {
         Ok(Self {
             clock,
             columns,
+            words: Vec::new(),
             zero,
             last: None,
             last_timer: first.servo_timer,
             has_paused: false,
             row: Vec::new(),
         })
+    }
+
+    /// The same rows with `words` behind the columns.
+    pub fn with(mut self, words: &Words) -> Self {
+        self.words = words.fields().cloned().collect();
+        self
     }
 
     /// The fields of the table.
@@ -86,7 +96,8 @@ impl LogRows {
             Field::new("missed", "", FieldKind::Integer),
             Field::new("lost", "", FieldKind::Integer),
         ];
-        own.into_iter().chain(self.columns.iter().map(|column| column.field.clone())).collect()
+        let columns = self.columns.iter().map(|column| column.field.clone());
+        own.into_iter().chain(columns).chain(self.words.iter().cloned()).collect()
     }
 
     /// The names of the columns of which `update` has no value.
@@ -114,20 +125,21 @@ impl LogRows {
         scaled.peek().is_some() && scaled.all(|column| column.number(update).is_nan())
     }
 
-    /// The row of an update.
-    pub fn update(&mut self, update: &View<ServoData>) -> &[f64] {
+    /// The row of an update, with `words` as they were then.
+    pub fn update(&mut self, update: &View<ServoData>, words: &mut Words) -> &[f64] {
         let unix_s = update.realtime_ns as f64 / 1e9;
         let time = self.time(update);
         self.row.clear();
         self.row.extend([update.sequence as f64, time, unix_s, 0.0, 0.0]);
         let Self { row, columns, .. } = self;
         row.extend(columns.iter().map(|column| column.number(&update.data)));
+        row.extend(words.at(update.time_ns));
         row
     }
 
     /// The row of an update with unknown scales: the update's number and times, counted as missed, and without values.
-    pub fn unscaled_update(&mut self, update: &View<ServoData>) -> &[f64] {
-        self.update(update);
+    pub fn unscaled_update(&mut self, update: &View<ServoData>, words: &mut Words) -> &[f64] {
+        self.update(update, words);
         self.gap(Gap { missed: 1, ..Gap::default() })
     }
 
@@ -140,7 +152,7 @@ impl LogRows {
 
     /// The row of the updates missing after the last update: with that update's number and times, and without values.
     pub fn gap(&mut self, gap: Gap) -> &[f64] {
-        self.row.resize(OWN + self.columns.len(), f64::NAN);
+        self.row.resize(OWN + self.columns.len() + self.words.len(), f64::NAN);
         self.row[GAP].copy_from_slice(&[gap.missed as f64, gap.lost as f64]);
         self.row[OWN..].fill(f64::NAN);
         &self.row
@@ -209,7 +221,8 @@ fn columns(first: &ServoData, number: usize, fields: &[String]) -> Result<Vec<Co
         let names: Vec<_> = motor.names().collect();
         Failure::Request(format!("the servo report has no {name:?}; it has {}", names.join(", ")))
     };
-    fields.iter().map(|name| column(name).ok_or_else(|| unknown(name))).collect()
+    let fields = fields.iter().filter(|name| !name.starts_with(PREFIX));
+    fields.map(|name| column(name).ok_or_else(|| unknown(name))).collect()
 }
 
 impl Column {

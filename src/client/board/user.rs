@@ -2,12 +2,12 @@
 //!
 //! Names, formats and units come from the segment, so a reader needs neither the configuration nor the socket.
 
-use super::{Board, ClientError, Reading};
+use super::{Board, ClientError, History, Reading};
 use crate::client::view::View;
 use crate::decode::{Value, user::values};
 pub use crate::map::user_word::UserWord;
 use crate::segment::payload::user;
-use crate::segment::{RegionId, SegmentError};
+use crate::segment::{RegionId, RegionInfo, SegmentError};
 
 /// The words of one moment.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,8 +44,36 @@ impl Board {
         self.judged(&super::Moment::now(&self.subscriber, condition), RegionId::User, reading)
     }
 
+    /// Their names, places and units; empty where the configuration names none.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn user_words(&mut self) -> Result<Vec<UserWord>, ClientError> {
+        self.refresh()?;
+        Ok(self.table()?.unwrap_or_default())
+    }
+
+    /// Samples of the words from number `since` on, at most `most`, as [`Board::history`]; none where the configuration names none.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn user_history(&mut self, since: u64, most: usize) -> Result<History<UserData>, ClientError> {
+        let condition = self.refresh()?;
+        let Some(words) = self.table()? else {
+            return Ok(History { samples: Vec::new(), lost: 0, next: since });
+        };
+        let cursor = self.subscriber.cursor(RegionId::User, since)?;
+        self.follow(cursor, most, condition, |region, payload| decode(&words, region, payload))
+    }
+
     /// Copies and decodes the latest sample.
     pub(super) fn read_user(&mut self) -> Result<Option<Reading<UserData>>, ClientError> {
+        let Some(words) = self.table()? else { return Ok(None) };
+        self.read(RegionId::User, |region, payload| decode(&words, region, payload))
+    }
+
+    /// The words of the configuration, decoded once for each segment.
+    fn table(&mut self) -> Result<Option<Vec<UserWord>>, ClientError> {
         let generation = self.subscriber.generation();
         let words = match self.user_words.take().filter(|(known, _)| *known == generation) {
             Some((_, words)) => words,
@@ -55,16 +83,17 @@ impl Board {
                 None => return Ok(None),
             },
         };
-        let reading = self.read(RegionId::User, |region, payload| {
-            let corrupt = SegmentError::Corrupt { region: region.id, sequence: region.published };
-            let split = user::split(&words, payload).ok_or(corrupt)?;
-            let words = words.iter().zip(split).map(|(word, words)| UserValues {
-                word: *word,
-                values: words.map(|words| values(word, words)),
-            });
-            Ok(UserData { words: words.collect() })
-        });
-        self.user_words = Some((generation, words));
-        reading
+        self.user_words = Some((generation, words.clone()));
+        Ok(Some(words))
     }
+}
+
+fn decode(words: &[UserWord], region: &RegionInfo, payload: &[u16]) -> Result<UserData, ClientError> {
+    let corrupt = SegmentError::Corrupt { region: region.id, sequence: region.published };
+    let split = user::split(words, payload).ok_or(corrupt)?;
+    let words = words
+        .iter()
+        .zip(split)
+        .map(|(word, words)| UserValues { word: *word, values: words.map(|words| values(word, words)) });
+    Ok(UserData { words: words.collect() })
 }
