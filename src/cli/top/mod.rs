@@ -44,7 +44,7 @@ use tty::{Input, Tty};
 
 #[derive(Debug, Args)]
 pub struct Top {
-    /// Registers, as for variable watch, and I-, M-, P- and Q-variables, which top asks by command line (role engineer)
+    /// Registers, as for variable watch, and I-, M-, P- and Q-variables, which top asks by command line (M: role engineer)
     #[arg(value_name = "NAME")]
     pub watches: Vec<String>,
     /// The most pictures a second; 2.5 at least

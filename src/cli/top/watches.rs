@@ -1,6 +1,6 @@
 //! The registers and variables whose values `top` shows.
 //!
-//! PMAC copies registers in its background (I55=1). The program asks for variables by command line, which needs the
+//! PMAC copies registers in its background (I55=1). The program asks for variables by command line, for M-variables with the
 //! role engineer.
 
 use std::time::Duration;
@@ -108,7 +108,8 @@ fn ask(context: &Context, names: &[String]) -> Result<Vec<Found>, Failure> {
     let is_of_system = |name: &String| name.starts_with(['Q', 'q']);
     let mut connection = context.connection()?;
     let system = match names.iter().any(is_of_system) {
-        true => connection.question("&", VARIABLES_WITHIN)?.into_iter().next(),
+        // Only an engineer may ask this. The values come without it.
+        true => connection.question("&", VARIABLES_WITHIN).ok().and_then(|said| said.into_iter().next()),
         false => None,
     };
     let answers = ask_variables(&mut connection, names, VARIABLES_WITHIN)?;

@@ -8,10 +8,10 @@ use super::rooms::Rooms;
 use super::{Picture, put, rows, trace};
 use crate::cli::console::table::wrapped;
 use crate::cli::show::coordinates::{self, Overrides};
-use crate::cli::show::motors;
+use crate::cli::show::{motors, user};
 use crate::cli::top::trace::WINDOW;
-use crate::client::Staleness;
 use crate::client::number::{NOT_READ, fixed};
+use crate::client::{Staleness, View};
 use crate::format::Visible;
 
 /// Columns that a narrow screen can do without, the least important first.
@@ -121,18 +121,26 @@ impl Picture<'_> {
         rows
     }
 
-    /// The values, as many a line as fit, and why some are not known.
+    /// The site's own words and the watched values, as many a line as fit, and why some are not known.
     fn watches(&self, width: usize) -> Vec<(String, Style)> {
-        let Some(answer) = self.answer else { return Vec::new() };
+        let words = self.snapshot.ok().and_then(|snapshot| snapshot.user.as_ref());
+        let is_live = words.is_some_and(View::is_fresh);
+        let values = words.iter().flat_map(|view| &view.data.words).map(|values| {
+            let value = if is_live { user::text(values) } else { NOT_READ.to_owned() };
+            format!("{}={value}", &values.word.name[..])
+        });
+        let watched = self.answer.map(|answer| &answer.watched);
+        let asked = watched.iter().flat_map(|watched| &watched.values);
+        let asked = asked.map(|(name, value)| format!("{name}={value}"));
         let mut lines: Vec<String> = Vec::new();
-        for (name, value) in &answer.watched.values {
-            let text = format!("{name}={value}");
+        for text in values.chain(asked) {
             match lines.last_mut().filter(|line| line.chars().count() + 2 + text.chars().count() <= width) {
                 Some(line) => *line += &format!("  {text}"),
                 None => lines.push(text),
             }
         }
-        let fault = answer.watched.fault.iter().map(|fault| (format!("watch: {fault}"), self.look.alarm()));
+        let fault = watched.and_then(|watched| watched.fault.as_ref());
+        let fault = fault.map(|fault| (format!("watch: {fault}"), self.look.alarm()));
         wrap(lines.into_iter().map(|line| (line, Style::new())).chain(fault), width)
     }
 

@@ -14,10 +14,12 @@ use crate::cli::top::hand::Told;
 use crate::cli::top::state::{Page, ScreenState};
 use crate::cli::top::trace::Traces;
 use crate::cli::top::watches::Watched;
-use crate::client::{Snapshot, Staleness, View, identity};
-use crate::decode::{Image, Quantity};
+use crate::client::number::NOT_READ;
+use crate::client::{Snapshot, Staleness, UserData, UserValues, View, identity};
+use crate::decode::{self, Image, Quantity};
 use crate::format::{Float48Layout, WordOrder, fixed48, int24, split32};
-use crate::map::{Family, PMAC, TURBO2, block_fields};
+use crate::map::user_word::UserWord;
+use crate::map::{Family, HostOffset, PMAC, Space, TURBO2, TypedAddress, block_fields};
 use crate::segment::{Identity, UserUnit};
 
 /// The data of a picture.
@@ -224,6 +226,36 @@ fn what_is_not_live_says_so_and_why() {
     let mut board = Board::of(&PMAC, 8);
     board.now += Duration::from_secs(5);
     assert_eq!(said(&board), "pmacd has not answered for 5 s");
+}
+
+#[test]
+fn words_of_the_site_stand_before_the_watches_and_old_ones_have_no_value() {
+    let word = |name: &str, space, count| UserWord {
+        name: name.into(),
+        unit: "mm".into(),
+        location: TypedAddress { space, offset: HostOffset::new(0x2840) },
+        bits: None,
+        signed: true,
+        count,
+        guard: None,
+    };
+    let one = UserValues { word: word("count", Space::Dp, 1), values: Some(vec![decode::Value::Long(-7)]) };
+    let pair = vec![decode::Value::Word(1), decode::Value::Word(2)];
+    let two = UserValues { word: word("pair", Space::Y, 2), values: Some(pair) };
+    let held = UserValues { word: word("held", Space::Dp, 1), values: None };
+    let mut board = Board::of(&PMAC, 8);
+    let user = &mut board.snapshot.as_mut().unwrap().user;
+    *user = Some(view(UserData { words: vec![one, two, held] }));
+    let shown = |board: &Board, line: &str| {
+        let screen = board.screen(80, 24);
+        assert!(screen.iter().any(|shown| shown == line), "{screen:#?}");
+    };
+    shown(&board, "count=-7  pair=1 2  held=not whole  P1=5");
+    board.snapshot.as_mut().unwrap().user.as_mut().unwrap().stale =
+        Some(Staleness::NoUpdates { age_ns: 2_000_000_000 });
+    shown(&board, &format!("count={NOT_READ}  pair={NOT_READ}  held={NOT_READ}  P1=5"));
+    board.answer = None;
+    shown(&board, &format!("count={NOT_READ}  pair={NOT_READ}  held={NOT_READ}"));
 }
 
 #[test]
