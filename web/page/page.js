@@ -88,6 +88,15 @@ function systems(state) {
   }));
 }
 
+function words(state) {
+  const old = state.user && state.user.fresh ? '' : 'old';
+  const own = state.words || [];
+  by('own').hidden = own.length === 0;
+  rows('words', own.map(({ name, value, unit }) => [
+    cell(name, 'text'), cell(value === null ? 'not whole' : [value].flat().join(' '), old), cell(unit || '', 'text'),
+  ]));
+}
+
 function list(id, entries) {
   by(id).replaceChildren(...entries.flatMap(([term, text]) => {
     const [dt, dd] = [document.createElement('dt'), document.createElement('dd')];
@@ -120,6 +129,7 @@ function show(state) {
   by('reason').textContent = state.reason || '';
   motors(state);
   systems(state);
+  words(state);
   health(state);
   scope.offer(state.motors || []);
 }
@@ -134,6 +144,7 @@ events.onmessage = (event) => {
 events.onerror = () => {
   const old = (part) => (part ? { ...part, fresh: false } : part);
   const why = 'pmac-web does not answer: what is shown is old';
-  last = { ...last, condition: 'disconnected', reason: why, servo: old(last.servo), background: old(last.background) };
+  last = { ...last, condition: 'disconnected', reason: why, servo: old(last.servo), background: old(last.background),
+    user: old(last.user) };
   show(last);
 };

@@ -3,7 +3,7 @@
 use prometheus::{Encoder, GaugeVec, Opts, Registry, TEXT_FORMAT, TextEncoder};
 use prometheus::{IntCounter, IntGauge};
 
-use pmac_dpram::client::{Board, ClientError, Motor, Snapshot, identity};
+use pmac_dpram::client::{Board, ClientError, Motor, Snapshot, UserValues, identity};
 use pmac_dpram::decode::Quantity;
 use pmac_dpram::format::Visible;
 use pmac_dpram::map::DEFAULT_FAMILY;
@@ -99,7 +99,8 @@ fn add(registry: &Registry, place: &Place) -> Result<(), Box<dyn std::error::Err
     }
     info(registry, board.name().as_str(), &snapshot)?;
     motors(registry, &snapshot)?;
-    systems(registry, &snapshot)
+    systems(registry, &snapshot)?;
+    words(registry, &snapshot)
 }
 
 fn gauge(registry: &Registry, name: &str, help: &str, value: i64) -> prometheus::Result<()> {
@@ -180,6 +181,20 @@ fn systems(registry: &Registry, snapshot: &Snapshot) -> Result<(), Box<dyn std::
         }
         if let Some(remaining) = system.lines_remaining {
             lines.with_label_values(&label).set(remaining.into());
+        }
+    }
+    Ok(())
+}
+
+/// The site's own words; of a name with several values each with its number, from 1.
+fn words(registry: &Registry, snapshot: &Snapshot) -> Result<(), Box<dyn std::error::Error>> {
+    let Some(view) = snapshot.user.as_ref().filter(|view| view.is_fresh()) else { return Ok(()) };
+    let help = "A word of the site's own programs, in its unit.";
+    let gauges = gauges(registry, "pmac_user", help, &["name", "index", "unit"])?;
+    for UserValues { word, values } in &view.data.words {
+        for (index, value) in values.iter().flatten().enumerate() {
+            let index = if word.count == 1 { String::new() } else { (index + 1).to_string() };
+            gauges.with_label_values(&[&word.name[..], &index, &word.unit[..]]).set(value.number());
         }
     }
     Ok(())

@@ -27,6 +27,8 @@ pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
         Motor::activated(Motor::all(&servo.data, background, identity, known.unwrap_or(DEFAULT_FAMILY)))
     });
     let motors: Vec<Value> = motors.iter().map(motor).collect();
+    let words = snapshot.user.iter().flat_map(|view| &view.data.words);
+    let words: Vec<Value> = words.map(|values| values.document(known.unwrap_or(DEFAULT_FAMILY))).collect();
     let systems = snapshot.background.as_ref().map(|view| &view.data.coordinate_systems);
     let subscriber = board.subscriber();
     let (condition, header, now_ns) = (subscriber.condition(), subscriber.header(), subscriber.now_ns());
@@ -54,8 +56,10 @@ pub fn of(board: &mut Board) -> Result<Arc<str>, ClientError> {
         "global_flags": global_flags(servo.map(|view| &view.data), background),
         "servo": stamp(snapshot.servo.as_ref()),
         "background": stamp(snapshot.background.as_ref()),
+        "user": stamp(snapshot.user.as_ref()),
         "motors": motors,
         "coordinate_systems": systems,
+        "words": words,
         "regions": regions,
         "counters": counters,
     })))

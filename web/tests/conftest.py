@@ -14,6 +14,19 @@ from board_of_processes import PROGRAMS
 from site_of_processes import Site
 
 NAMED = '[[motor]]\nnumber = 1\nname = "AZ"\nunit = "deg"\ncounts_per_unit = 1000\n'
+WORDS = """
+[[user]]
+name = "count"
+address = "$DA10"
+format = "DP"
+unit = "part"
+
+[[user]]
+name = "pair"
+address = "$DA11"
+format = "Y"
+count = 2
+"""
 # Motor 1 goes to and fro for ever.
 PROGRAM = ["&1#1->1000X", "OPEN PROG 5 CLEAR", "LINEAR INC TA100 TS50 TM300", "WHILE (1=1)", "X2", "X-2", "ENDWHILE", "CLOSE"]
 
@@ -60,8 +73,9 @@ def shown(**options):
 
 @pytest.fixture(scope="module")
 def moving():
-    """A classic board whose motor 1 has a name and moves."""
-    for own in shown(configuration=NAMED):
+    """A classic board whose motor 1 has a name and moves, and whose programs have words."""
+    for own in shown(configuration=NAMED + WORDS):
+        own.send("M200->DP:$DA10", "M201->Y:$DA11,0,16", "M202->Y:$DA12,0,16", "M200=-7 M201=5 M202=6")
         own.send(*PROGRAM, "&1B5R")
         yield own
 

@@ -41,6 +41,22 @@ def test_metrics_begin_with_pmac_and_are_well_formed(moving):
         assert (checked.returncode, checked.stdout, checked.stderr) == (0, "", "")
 
 
+def test_words_of_the_sites_programs_have_names_units_and_numbers(moving):
+    until(lambda: 'pmac_user{index="",name="count",unit="part"} -7' in moving.get("/metrics"), "the words")
+    text = moving.get("/metrics")
+    assert 'pmac_user{index="1",name="pair",unit=""} 5\npmac_user{index="2",name="pair",unit=""} 6\n' in text
+
+
+def test_the_state_has_the_words_of_the_sites_programs(moving):
+    words = [("count", -7, "part"), ("pair", [5, 6], None)]
+
+    def state():
+        return json.loads(moving.get("/state"))
+
+    until(lambda: [(word["name"], word["value"], word["unit"]) for word in state()["words"]] == words, "the words")
+    assert state()["user"]["fresh"]
+
+
 def test_an_escape_sequence_in_the_boards_type_is_seen_in_its_label(board):
     site = board.site
     recording = site.directory / "recording"

@@ -39,6 +39,7 @@ def test_motors_systems_and_health_are_shown(moving, browser):
     assert len(motors) == 8
     assert motors[0].startswith("#1 AZ ") and " deg " in motors[0] and "timed-move" in motors[0], motors[0]
     assert len(rows(browser, "systems")) == 8 and "running-program" in rows(browser, "systems")[0]
+    assert rows(browser, "words") == ["count -7 part", "pair 5 6 "]
     assert "servo data" in text(browser, "#health") and "missed" in text(browser, "#counters")
     first = rows(browser, "motors")[0]
     until(lambda: rows(browser, "motors")[0] != first, "another position")
@@ -98,5 +99,6 @@ def test_old_data_say_so_and_the_page_comes_back(board, browser):
 def test_a_turbo_board_has_its_motors(turbo, browser):
     open_page(browser, turbo)
     until(lambda: len(rows(browser, "motors")) == 32, "32 motors")
+    assert not browser.find_element(By.ID, "own").is_displayed(), "words that no configuration names"
     assert "turbo2" in text(browser, "#board")
     assert len(rows(browser, "systems")) == 16

@@ -33,21 +33,7 @@ impl Live for Words<'_> {
 
     fn document(&self) -> Json {
         let family = self.family();
-        let words = self.all().iter().map(|UserValues { word, values }| {
-            let value = match values.as_deref() {
-                None => Json::Null,
-                Some([one]) if word.count == 1 => json!(one),
-                Some(all) => json!(all),
-            };
-            json!({
-                "name": &word.name[..],
-                "value": value,
-                "unit": if word.unit.is_empty() { Json::Null } else { json!(&word.unit[..]) },
-                "address": word.location.pmac_address(family).to_string(),
-                "bits": word.bits,
-            })
-        });
-        let words: Vec<Json> = words.collect();
+        let words: Vec<Json> = self.all().iter().map(|values| values.document(family)).collect();
         json!({ "user": stamp(self.0.user.as_ref(), self.0.stale), "words": words })
     }
 

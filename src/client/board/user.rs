@@ -2,9 +2,12 @@
 //!
 //! Names, formats and units come from the segment, so a reader needs neither the configuration nor the socket.
 
+use serde_json::{Value as Json, json};
+
 use super::{Board, ClientError, History, Reading};
 use crate::client::view::View;
 use crate::decode::{Value, user::values};
+use crate::map::Family;
 pub use crate::map::user_word::UserWord;
 use crate::segment::payload::user;
 use crate::segment::{RegionId, RegionInfo, SegmentError};
@@ -23,6 +26,26 @@ pub struct UserValues {
     pub word: UserWord,
     /// As many as the configuration says; `None` where the board was writing them whenever the daemon read.
     pub values: Option<Vec<Value>>,
+}
+
+impl UserValues {
+    /// As JSON: name, value or values, unit and place.
+    #[must_use]
+    pub fn document(&self, family: &Family) -> Json {
+        let Self { word, values } = self;
+        let value = match values.as_deref() {
+            None => Json::Null,
+            Some([one]) if word.count == 1 => json!(one),
+            Some(all) => json!(all),
+        };
+        json!({
+            "name": &word.name[..],
+            "value": value,
+            "unit": if word.unit.is_empty() { Json::Null } else { json!(&word.unit[..]) },
+            "address": word.location.pmac_address(family).to_string(),
+            "bits": word.bits,
+        })
+    }
 }
 
 impl UserData {
