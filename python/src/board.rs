@@ -214,6 +214,12 @@ impl Board {
         Ok(units.filter_map(|(unit, motor)| Some((motor, told(unit.as_ref()?)))).collect())
     }
 
+    /// The unit of each of the site's own words, by name, and how many values it has.
+    fn words(&self, py: Python<'_>) -> PyResult<BTreeMap<String, (String, usize)>> {
+        let words = self.read(py, |client| client.user_words())?;
+        Ok(words.iter().map(|word| (word.name.to_string(), (word.unit.to_string(), word.count))).collect())
+    }
+
     /// The board's identity, as the board has told `pmacd`.
     fn identity(&self, py: Python<'_>) -> PyResult<Identity> {
         let told = self.read(py, |client| client.identity())?;

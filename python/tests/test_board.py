@@ -454,3 +454,18 @@ def test_variables_are_read_and_watched(site):
     with pytest.raises(pmac_dpram.PmacError):
         board.read("NONSENSE")
     assert board.snapshot().user == {}
+
+
+def test_words_of_the_sites_programs_have_values_by_name(new_site):
+    words = [("count", "DP", "unit = 'part'"), ("pair", "Y", "count = 2"), ("held", "DP", "guard = 'Y:$DA0F'")]
+    places = zip(words, ("$DA10", "$DA11", "$DA13"))
+    table = "[[user]]\nname = '{}'\nformat = '{}'\n{}\naddress = '{}'\n"
+    site = new_site(configuration="".join(table.format(*word, place) for word, place in places))
+    board = site.connect()
+    assert board.words() == {"count": ("part", 1), "pair": ("", 2), "held": ("", 1)}
+    board.command("M200->DP:$DA10 M201->Y:$DA11,0,16 M202->Y:$DA12,0,16 M203->DP:$DA13 M204->Y:$DA0F,0,16")
+    board.command("M200=-70000 M201=5 M202=6 M203=3 M204=0")
+    site.until(lambda: board.snapshot().user == {"count": -70000, "pair": [5, 6], "held": 3}, "the words")
+    board.command("M204=1")
+    site.until(lambda: board.snapshot().user["held"] is None, "a word that is not whole")
+    assert board.snapshot().user["count"] == -70000
