@@ -14,6 +14,7 @@ from .commands import Commands
 from .gather import Gather
 from .motors import Acting, Motor
 from .records import motor_of, shortened
+from .words import Word
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +48,7 @@ class Server:
         ]
         for motor in self._motors:
             motor.preset(snapshot.motor[motor.number])
+        self._words = [Word(prefix, name, unit, count) for name, (unit, count) in self._board.words().items()]
         self._blocks = Blocks(prefix, found, updates)
         states = ["Live", ("Stale", alarm.INVALID_ALARM), ("Gone", alarm.INVALID_ALARM)]
         self._state = builder.mbbIn(f"{prefix}CONN", *states, initial_value=GONE)
@@ -96,6 +98,8 @@ class Server:
                 motor.invalidate(alarm.UDF_ALARM)
             else:
                 motor.show(reported, snapshot)
+        for word in self._words:
+            word.show(snapshot)
 
     def _down(self, state, error):
         """Makes everything INVALID, once, until it is live or down in another way."""
@@ -103,7 +107,7 @@ class Server:
             return
         self._told = type(error)
         status = alarm.COMM_ALARM if state == GONE else alarm.TIMEOUT_ALARM
-        for shown in [*self._motors, self._blocks]:
+        for shown in [*self._motors, *self._words, self._blocks]:
             shown.invalidate(status)
         self._say(state, str(error))
 

@@ -61,6 +61,25 @@ def with_aioca(coroutine):
 PREFIX = "TEST:"
 # Motor 2 has a unit of its own, the others are in counts.
 MOTOR_2 = '[[motor]]\nnumber = 2\nname = "azimuth"\nunit = "deg"\ncounts_per_unit = 1000\n'
+WORDS = """
+[[user]]
+name = "count"
+address = "$DA10"
+format = "DP"
+unit = "part"
+
+[[user]]
+name = "pair.of"
+address = "$DA11"
+format = "Y"
+count = 2
+
+[[user]]
+name = "held"
+address = "$DA13"
+format = "DP"
+guard = "Y:$DA0F"
+"""
 
 
 class Ioc:
@@ -105,7 +124,7 @@ class Ioc:
 @pytest.fixture(scope="session")
 def site():
     with tempfile.TemporaryDirectory(dir="/dev/shm") as directory:
-        site = Site(directory, configuration=MOTOR_2)
+        site = Site(directory, configuration=MOTOR_2 + WORDS)
         yield site
         site.close()
 

@@ -4,9 +4,9 @@ import os
 import signal
 import sys
 
-from conftest import MOTOR_2, addresses
+from conftest import MOTOR_2, WORDS, addresses
 
-READINGS = ("M1:RBV", "M1:FERR", "M1:STAT", "M1:DMOV", "M2:RBV", "UPDATE", "M1:POS", "TABLE", "MISSED", "CONN")
+READINGS = ("M1:RBV", "M1:FERR", "M1:STAT", "M1:DMOV", "M2:RBV", "UPDATE", "M1:POS", "TABLE", "MISSED", "CONN", "USER:pair:of")
 
 
 def test_a_killed_daemon_makes_everything_invalid_and_a_new_one_live(site, ioc):
@@ -58,13 +58,13 @@ def test_without_background_reports_the_state_is_not_guessed(site, ioc):
 
 def test_a_daemon_with_other_units_is_not_believed(site, ioc):
     site.kill_daemon()
-    site.configure(MOTOR_2.replace("1000", "2000"))
+    site.configure(MOTOR_2.replace("1000", "2000") + WORDS)
     try:
         site.start_daemon()
         site.until(lambda: "units" in ioc.value("WHY") and ioc.is_invalid("M2:RBV", "TABLE"), "the refusal")
     finally:
         site.kill_daemon()
-        site.configure(MOTOR_2)
+        site.configure(MOTOR_2 + WORDS)
         site.start_daemon()
     ioc.until_live()
 
