@@ -1,5 +1,8 @@
 //! `[[user]]`: words that the site's own programs write into the DPRAM, read by anybody from the segment.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt as _;
+use std::process::Command;
 use std::time::Duration;
 
 use pmac_dpram::client::{Board, UserData, View};
@@ -7,6 +10,7 @@ use pmac_dpram::decode::Value;
 use pmac_dpram::table::Table;
 
 use crate::support::VirtualSite;
+use crate::support::rig::Ran;
 
 /// Where nobody listens: a reader of the segment needs no socket.
 const NO_SOCKET: &str = "/nonexistent/pmac.sock";
@@ -245,4 +249,43 @@ fn a_log_has_a_column_for_each_word_as_it_was_last_read_before_the_update() {
     assert_eq!(names, ["1.velocity", "user.count"]);
     let ran = site.run(&["log", "-o", "-", "--fields", "user.other"]);
     assert!(ran.code == Some(2) && ran.stderr.contains("\"other\"; there are: count, pair, held"), "{ran:?}");
+}
+
+#[test]
+#[ignore = "needs root, to be another user"]
+fn as_root_a_stranger_sees_words_and_variables_and_sets_and_moves_nothing() {
+    let config = "socket_mode = \"0666\"\n[[user]]\nname = 'count'\naddress = '$DA10'\nformat = 'DP'\n";
+    let site = VirtualSite::configured(&[], config);
+    site.wait_for_live_servo();
+    for line in ["M200->DP:$DA10", "M200=-7", "P1=5", "Q2=6"] {
+        site.ask(line);
+    }
+    let program = site.path("pmacctl");
+    std::fs::copy(env!("CARGO_BIN_EXE_pmacctl"), &program).unwrap();
+    for path in [program.parent().unwrap(), &program] {
+        std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
+    }
+    let stranger = |arguments: &[&str]| -> Ran {
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]).arg(&program);
+        command.args(["--name", &site.name, "--socket"]).arg(site.socket()).args(arguments);
+        command.output().unwrap().into()
+    };
+    site.wait_until("the word", || stranger(&["watch", "user", "--count", "1"]).stdout.contains(" count=-7"));
+    let ran = stranger(&["send", "P1 Q2 I122"]);
+    assert_eq!((ran.code, &*ran.stdout), (Some(0), "5\n6\n32\n"), "{ran:?}");
+    let ran = stranger(&["variable", "watch", "P1", "Q2", "--count", "1"]);
+    assert!(ran.code == Some(0) && ran.stdout.contains("P1=5"), "{ran:?}");
+    for line in ["P1=9", "M200", "M200=9", "#1J+", "P1 Q2=9", "I100=0", "OPEN PROG 7 CLEAR", "ENABLE PLC 1"] {
+        let ran = stranger(&["send", line]);
+        assert!(ran.code == Some(1) && ran.stderr.contains("not permitted"), "{line}: {ran:?}");
+    }
+    // Nor does a question enter the buffer that another user has open.
+    site.ask("OPEN PROG 7 CLEAR");
+    assert_eq!(stranger(&["send", "P1"]).code, Some(1));
+    site.ask("X10");
+    site.ask("CLOSE");
+    let listed = site.ask("LIST PROG 7").join(" ");
+    assert!(listed.starts_with("X10") && !listed.contains("P1"), "{listed}");
+    assert_eq!(site.ask("P1 Q2 I100"), ["5", "6", "1"]);
 }
