@@ -1,6 +1,6 @@
 //! `pmacctl setup user`: `[[user]]` tables for pmacd's configuration, from the M-variables that point into the DPRAM's user area.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 
 use serde_json::json;
 
@@ -23,11 +23,17 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
     for line in &unclear {
         note(format_args!("not told: {line}"));
     }
-    let own = found.into_iter().filter(|pointer| {
+    let mut tables = Vec::new();
+    for pointer in found {
         let end = pointer.at.space.words() - 1;
-        [0, end].iter().all(|word| function_of(&layout, pointer.at.offset.plus_words(*word)).is_none())
-    });
-    let mut tables: Vec<Word> = own.filter_map(|pointer| Word::of(&pointer, family)).collect();
+        let function =
+            [0, end].iter().find_map(|word| function_of(&layout, pointer.at.offset.plus_words(*word)));
+        match (function, Word::of(&pointer, family)) {
+            (None, Some(word)) => tables.push(word),
+            (None, None) => left_out(&pointer, "its bits lie above the 16 that the DPRAM has of a word"),
+            (Some(function), _) => left_out(&pointer, format_args!("the words are those of {function}")),
+        }
+    }
     if tables.len() > USER_WORDS {
         note(format_args!(
             "{} M-variables point there, and pmacd takes {USER_WORDS} words: the first are printed",
@@ -47,6 +53,10 @@ pub fn run(context: &mut Context) -> Result<Verdict, Failure> {
         note("no M-variable points into the user area of the DPRAM");
     }
     Ok((!tables.is_empty()).into())
+}
+
+fn left_out(pointer: &Pointer, why: impl Display) {
+    note(format_args!("left out: M{}->{}: {why}", pointer.number, pointer.text));
 }
 
 fn layout(

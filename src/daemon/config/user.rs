@@ -88,8 +88,15 @@ fn word(table: &UserTable, family: &Family) -> Result<UserWord, (&'static str, S
         count,
         guard: guard.map_err(|text| ("guard", text))?,
     };
-    if word.place(count - 1).plus_words(location.space.words()).bytes() > family.length {
+    let end = word.place(count - 1).plus_words(location.space.words());
+    if end.bytes() > family.length {
         return Err(("count", format!("{count} values from {} on leave the DPRAM", table.address)));
+    }
+    if word.guard.is_some_and(|guard| (location.offset..end).contains(&guard)) {
+        return Err((
+            "guard",
+            "the guard lies in the value's own words: give it a word of its own".to_owned(),
+        ));
     }
     Ok(word)
 }
@@ -229,6 +236,7 @@ mod tests {
             (table("y", "$DA10", "DP", "unit = 'a b'"), "unit", "without blanks"),
             (table("y", "$DA10", "DP", "guard = 'DP:$DA0F'"), "guard", "one word of 16 bits"),
             (table("y", "$DA10", "DP", "guard = 'Y:$C000'"), "guard", "lies outside"),
+            (table("y", "$DA10", "DP", "guard = 'X:$DA10'"), "guard", "a word of its own"),
             (table("y", "$DA10", "DP", "rate_hz = 0"), "rate_hz", "write 0.1 to 1000, or \"servo\""),
             (table("y", "$DA10", "DP", "rate_hz = 'fast'"), "rate_hz", "or \"servo\""),
         ] {

@@ -12,7 +12,7 @@ mod first_starts;
 mod jobs;
 mod jogging;
 mod motion;
-mod panel_silent;
+mod panel_off;
 mod replies;
 mod sequencing;
 mod starting;

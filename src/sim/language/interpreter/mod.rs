@@ -2,7 +2,7 @@
 //!
 //! The interpreter executes the commands of a line from left to right as it parses them. The first error ends the line:
 //! the commands to its left are done, the rest is not parsed. But before the first command acts, the interpreter looks
-//! for a word that is no command. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such pair for
+//! for a word that is no command, as far as the first assignment or command with operands. `#n` and `&n` stay in force for later lines. PMAC and PMAC2 have one such pair for
 //! all ports, so the ports share one [`Interpreter`]; on Turbo each port has its own ([`super::ports`]).
 
 mod assign;
