@@ -11,6 +11,9 @@ use crate::segment::{BlockPlace, Publisher, RegionId, RegionSpec, RegionState, S
 const STALE_NS: u64 = 1_000_000_000;
 /// How soon to read words again that the board was writing.
 const AGAIN_NS: u64 = 200_000;
+/// For so long the daemon reads words again that the board is writing: a site whose program has stopped with an odd guard
+/// costs no more of the bus.
+const AGAIN_FOR_NS: u64 = 10_000_000;
 /// Samples in the ring where each servo update brings one.
 const SERVO_SLOTS: u32 = 4096;
 
@@ -115,14 +118,16 @@ impl UserMirror {
         Ok(())
     }
 
-    /// Reads the words and publishes them. If the board is just writing some, it reads all of them again soon, for half a period.
+    /// Reads the words and publishes them. If the board is just writing some, it reads all of them again soon, for half a period at most.
     ///
     /// # Errors
     /// When the bus cannot be reached.
     pub fn poll(&mut self, bus: &mut impl Bus, publisher: &mut Publisher, now: u64) -> Result<(), BusError> {
         let period = self.rate.period_ns();
         let whole = self.reader.poll(bus)?;
-        if whole.count_ones() as usize != self.reader.words().len() && now < self.planned_ns + period / 2 {
+        if whole.count_ones() as usize != self.reader.words().len()
+            && now < self.planned_ns + (period / 2).min(AGAIN_FOR_NS)
+        {
             self.due_ns = now + AGAIN_NS;
             return Ok(());
         }

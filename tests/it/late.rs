@@ -225,6 +225,34 @@ fn abort_drops_the_lines_that_wait_whosever_they_are() {
     }
 }
 
+#[test]
+fn nothing_starts_behind_an_abort_that_came_while_the_board_was_asked_about_the_start() {
+    let site = board();
+    for line in ["I2=3", "&1#1->X", "OPEN PROG 5 CLEAR", "LINEAR INC TM60000 X9000000", "CLOSE", "&1B5"] {
+        site.ask(line);
+    }
+    let mut stopping = Raw::at(&site.socket());
+    let mut refused = 0;
+    for moment in 1..=20 {
+        assert_eq!(site.pmacctl(&["abort"]).0, 0);
+        site.ask("#1J/");
+        site.control("fault ascii_slow 300ms");
+        let mut client = Raw::at(&site.socket());
+        client.call("Panel", json!({"action": "start", "numbers": [1]}));
+        site.run_for(Duration::from_millis(50 * moment));
+        stopping.call("SendControl", json!({"character": "^A"}));
+        assert_eq!(stopping.receive().unwrap().get("error"), None);
+        site.control("fault ascii_slow off");
+        let reply = client.receive().unwrap();
+        refused += usize::from(reply.get("error").is_some());
+        site.run_for(Duration::from_secs(1));
+        let speed: f64 = site.ask("#1V")[0].parse().unwrap();
+        assert!(speed.abs() < 0.1, "abort after {} ms: {reply}, {speed}", 50 * moment);
+    }
+    assert!(refused > 3, "{refused}");
+    site.assert_no_violations();
+}
+
 /// One connection has one call under way; the others lie unread.
 #[test]
 fn what_was_sent_before_an_abort_is_not_begun_after_it() {

@@ -13,7 +13,7 @@ use crate::daemon::shared::job::Job;
 use crate::daemon::shared::open_buffer::Writer;
 use crate::daemon::shared::queue::{Command, Line, Origin, Outcome, Ticket};
 use crate::daemon::socket::audit;
-use crate::daemon::socket::call_step::CallStep;
+use crate::daemon::socket::call_step::{CallStep, CommandPart};
 use crate::daemon::socket::call_table::{Caller, Ended, Then};
 use crate::daemon::socket::connection::{Client, Waiting};
 use crate::daemon::socket::heard::{Heard, reply_lines};
@@ -166,14 +166,14 @@ impl Service {
                 }
                 // In an open buffer the line may be a part of a program.
                 let is_closed = self.info.board().open_buffer.is_none();
-                let is_question = is_closed && line.meaning.only_asks_for_variables;
+                // A client below the role of engineer enters nothing into a program buffer.
+                let role = self.clients.get(caller.client).map(Client::role);
+                let question = question || role.is_some_and(|role| role < Role::Engineer);
+                let is_question = (is_closed || question) && line.meaning.only_asks_for_variables;
                 let sends = format!("sends {:?}", without_password(&line));
                 let audit = audit::entry(caller.peer, sends, is_question);
                 let origin = Origin::of(caller.peer.uid.as_raw(), &line, false);
                 let account = caller.peer.account();
-                // A client below the role of engineer enters nothing into a program buffer.
-                let role = self.clients.get(caller.client).map(Client::role);
-                let question = question || role.is_some_and(|role| role < Role::Engineer);
                 let writer = match (question, into_buffer) {
                     (true, _) => Writer::Question,
                     (false, Some(true)) => Writer::IntoBuffer(account),
@@ -280,6 +280,12 @@ impl Service {
         {
             let Peer { uid, pid, .. } = caller.peer;
             self.audit.tell(uid, format_args!("refused that of uid {uid} pid {pid}: {why}"), now);
+        }
+        // A client has stopped all motion since the daemon asked this question: nothing begins behind it.
+        if step.part() == CommandPart::Before
+            && let Outcome::Dropped(reason) = outcome
+        {
+            return self.answer(caller, Err(CallError::refused(reason)), now);
         }
         let reply = match step {
             CallStep::Reply(effect) => self.reply_to_line(effect, heard, now).map(Some),

@@ -40,8 +40,6 @@ impl Service {
     pub(super) fn start_step(&mut self, mut start: Box<FirstStart>, heard: Heard, now: Instant) -> Answered {
         let Heard { caller, outcome, .. } = heard;
         match (start.take(outcome, heard.lines(now)), outcome) {
-            // A client has stopped all motion: the start does not begin either.
-            (Err(dropped), Outcome::Dropped(_)) => return Err(dropped),
             (Err(reason), _) => return Err(start.unknown(&reason, self.uses(Function::Panel))),
             (Ok(Some((system, _))), Outcome::Error(error)) => self.leftovers.refused(system, error),
             (Ok(Some((system, left))), _) => self.leftovers.find(system, left),
