@@ -71,7 +71,7 @@ declare! {
         ascii_deaf: Switch, "lines and control characters in the DPRAM are not taken";
         ascii_no_reply: Switch, "lines are taken and executed, but no response comes";
         ascii_slow: Cycles, "each line takes so long";
-        ascii_late_ack: Cycles, "the closing `<ACK>` comes so late";
+        ascii_late_ack: Cycles, "the closing ACK comes so late";
         ascii_slow_lines: Cycles, "each line of a reply comes so late";
         ascii_late_cancel: Cycles, "^X clears the words of the port so late, with whatever the host has put there by then";
         ascii_no_size: Switch, "SIZE is answered with an error";
