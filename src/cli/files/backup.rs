@@ -271,7 +271,7 @@ impl Report<'_> {
             };
             note(format_args!("{}:{}: {what}", self.file, entry.line));
             self.errors.push((entry, failure.message.clone()));
-            ran?;
+            ran.inspect_err(|_| note(left(taken, lines.len(), &[])))?;
             let over = board.finish()?;
             self.reset(&over, first, &owners, &lines);
             note(left(taken, lines.len(), &over.notes));
