@@ -8,9 +8,9 @@ use pmac_dpram::decode::{
 };
 use pmac_dpram::map::FAMILIES;
 use pmac_dpram::map::status::StatusTable;
+use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyAttributeError, PyKeyError};
 use pyo3::prelude::*;
-use pyo3::IntoPyObjectExt;
 use pyo3::types::PyDict;
 
 /// The board's reports at one moment. The servo report is always there; the values of a missing background report are

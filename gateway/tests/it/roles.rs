@@ -37,7 +37,8 @@ fn as_root_d2_a_gateway_asks_with_the_role_engineer_and_not_without() {
         command.arg(&copy).args(ours.get_args()).stdin(Stdio::null()).stderr(Stdio::piped());
         let mut gateway = command.spawn().unwrap();
         let (mut client, _log) = listening(&mut gateway);
-        assert_eq!(client.line("P1"), answer, "groups {groups:?}");
+        assert_eq!(client.line("P1"), "0\r\x06", "any role asks for values");
+        assert_eq!(client.line("#1P"), answer, "groups {groups:?}");
         assert_eq!(client.line("P1=5"), "\x07ERR002\r", "it only reads");
         gateway.kill().unwrap();
         gateway.wait().unwrap();
